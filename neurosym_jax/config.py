@@ -1,0 +1,126 @@
+"""Frozen configurations and their JSON form: the only place a hyper-parameter has a default.
+
+The defaults are those of the published SGAN checkpoints, which are not those of SGAN's own
+command line. A configuration read from JSON is refused if it has a field we do not know or a
+format we cannot read, so that a typo never trains or evaluates a different model.
+"""
+
+import dataclasses
+import json
+import types
+import typing
+from typing import Any, Literal, TypeVar
+
+from neurosym_jax.errors import InputError
+
+__all__ = ["FORMAT", "DiscriminatorConfig", "GeneratorConfig", "from_json", "to_json"]
+
+FORMAT = 1
+
+PoolingName = Literal["none", "pool_net", "social"]
+
+
+@dataclasses.dataclass(frozen=True)
+class GeneratorConfig:
+    """Architecture of a trajectory generator.
+
+    Lengths are in time steps, `neighborhood_size` in metres, everything else counts units.
+    """
+
+    obs_len: int = 8
+    pred_len: int = 8
+    embedding_dim: int = 16
+    encoder_h_dim: int = 32
+    decoder_h_dim: int = 32
+    mlp_dim: int = 64
+    pooling: PoolingName = "pool_net"
+    bottleneck_dim: int = 8
+    pool_hidden_dim: int = 512
+    pool_every_timestep: bool = False
+    neighborhood_size: float = 2.0
+    grid_size: int = 8
+    noise_dim: int = 8
+    noise_type: Literal["gaussian", "uniform"] = "gaussian"
+    noise_mix_type: Literal["global", "ped"] = "global"
+
+    def __post_init__(self):
+        """Refuse, in words, what the networks cannot be built from."""
+        for name in ("obs_len", "pred_len", "embedding_dim", "encoder_h_dim", "decoder_h_dim"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} must be at least 1, not {getattr(self, name)}")
+        if not 0 <= self.noise_dim < self.decoder_h_dim:
+            raise InputError(
+                f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
+                f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
+            )
+        if self.pooling == "none" and self.pool_every_timestep:
+            raise InputError("pool_every_timestep needs a pooling other than 'none'")
+        if self.pooling == "social" and self.bottleneck_dim != self.encoder_h_dim:
+            raise InputError(
+                "social pooling returns a hidden state: bottleneck_dim must equal encoder_h_dim "
+                f"({self.encoder_h_dim}), not {self.bottleneck_dim}"
+            )
+
+    @property
+    def needs_context_mlp(self) -> bool:
+        """Whether a multi-layer perceptron stands between the encoder and the decoder."""
+        return (
+            self.noise_dim > 0
+            or self.pooling != "none"
+            or self.encoder_h_dim != self.decoder_h_dim
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class DiscriminatorConfig:
+    """Architecture of a trajectory discriminator: `local` scores h, `global` scores pooled h."""
+
+    kind: Literal["global", "local"] = "global"
+    embedding_dim: int = 16
+    h_dim: int = 48
+    mlp_dim: int = 64
+    pool_hidden_dim: int = 512
+
+
+Config = TypeVar("Config")
+
+
+def to_json(config: Any) -> dict[str, Any]:
+    """The plain dictionary form of a configuration, with its format version."""
+    return {"format": FORMAT, **dataclasses.asdict(config)}
+
+
+def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "config") -> Config:
+    """Build `cls` from its JSON form (a dictionary or text).
+
+    Raises:
+        InputError: naming `source` and the field, for an unknown format, an unknown field, or a
+            value of the wrong type.
+    """
+    try:
+        data = json.loads(data) if isinstance(data, str) else dict(data)
+    except json.JSONDecodeError as error:
+        raise InputError(f"{source}: not JSON ({error})") from None
+    version = data.pop("format", None)
+    if version != FORMAT:
+        raise InputError(f"{source}: format {version!r} is not the format {FORMAT} of this version")
+    hints = typing.get_type_hints(cls)
+    for name, value in data.items():
+        if name not in hints:
+            raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
+        if not _fits(value, hints[name]):
+            raise InputError(f"{source}: {name} = {value!r} does not fit {hints[name]}")
+    return cls(**data)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    origin = typing.get_origin(hint)
+    if origin is Literal:
+        return value in typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(value, option) for option in typing.get_args(hint))
+    if hint is float:
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    return not isinstance(hint, type) or isinstance(value, hint)

@@ -1,0 +1,128 @@
+"""The Scene: what a model sees of one moment, and the only unit a model function knows.
+
+A scene holds the people who are present together over an observation window. It is a pytree, so
+`jax.vmap` adds a leading scene axis where a batch is wanted; nothing here or in a model knows about
+batches. It is not a recording (see `data.tracks`) and not a dataset (see `data.windows`).
+
+Positions are centred and displacements taken in float64 on the host before the cast to float32, so
+map or UTM coordinates lose no precision.
+"""
+
+import zlib
+
+import numpy as np
+from flax import struct
+from jax.typing import ArrayLike
+
+from neurosym_jax.errors import InputError
+
+__all__ = ["Scene", "make_scene", "pad_scene", "scene_identity", "to_world"]
+
+
+@struct.dataclass
+class Scene:
+    """One moment of N agents; every array may carry leading axes added by `stack` or `vmap`."""
+
+    observed: ArrayLike
+    """[N, obs_len, 2] positions in metres, relative to `origin`."""
+    displacement: ArrayLike
+    """[N, obs_len, 2] step from the previous position in metres; the first step is zero."""
+    valid: ArrayLike
+    """[N] bool; False is padding and nothing else."""
+    identity: ArrayLike
+    """[2] uint32 (recording digest, start frame); with a seed it determines the noise."""
+    origin: ArrayLike
+    """[2] float64 metres, the scene's centre in the caller's frame; only the host uses it."""
+    future: ArrayLike | None = None
+    """[N, pred_len, 2] positions in metres relative to `origin`, where known; never a model's."""
+
+
+def scene_identity(recording: str, frame: int) -> np.ndarray:
+    """[2] uint32 that names a scene independently of how scenes are batched or ordered."""
+    return np.array([zlib.crc32(recording.encode()), frame % 2**32], np.uint32)
+
+
+def make_scene(
+    observed: ArrayLike,
+    future: ArrayLike | None = None,
+    *,
+    recording: str = "",
+    frame: int = 0,
+    dtype: type = np.float32,
+) -> Scene:
+    """A scene from world positions.
+
+    Args:
+        observed: [N, obs_len, 2] metres in any frame.
+        future: [N, pred_len, 2] metres in the same frame, where known.
+        recording: name of the recording, part of the scene's identity.
+        frame: start frame within the recording, the rest of its identity.
+        dtype: floating type of the model's arrays.
+
+    Raises:
+        InputError: for a wrong shape or a coordinate that is not finite.
+    """
+    observed = _checked("observed", observed)
+    if len(observed) == 0:
+        raise InputError("observed: a scene needs at least one agent")
+    origin = centre(observed[:, -1])
+    if future is not None:
+        future = _checked("future", future)
+        if len(future) != len(observed):
+            raise InputError(
+                f"future has {len(future)} agents but observed has {len(observed)}"
+            )
+        future = (future - origin).astype(dtype)
+    return Scene(
+        observed=(observed - origin).astype(dtype),
+        displacement=displacements(observed).astype(dtype),
+        valid=np.ones(len(observed), bool),
+        identity=scene_identity(recording, frame),
+        origin=origin,
+        future=future,
+    )
+
+
+def centre(positions: np.ndarray) -> np.ndarray:
+    """Centre of the bounding box of `positions [N, 2]`: the same for any order of the agents."""
+    return (positions.min(axis=0) + positions.max(axis=0)) / 2
+
+
+def displacements(positions: np.ndarray) -> np.ndarray:
+    """Steps between `positions [..., T, 2]`, same shape; the first is zero, as SGAN has it."""
+    steps = np.zeros_like(positions)
+    steps[..., 1:, :] = positions[..., 1:, :] - positions[..., :-1, :]
+    return steps
+
+
+def pad_scene(scene: Scene, agents: int) -> Scene:
+    """The same scene with `agents` slots; the slots added are not valid and hold zeros."""
+    extra = agents - len(np.asarray(scene.valid))
+    if extra < 0:
+        raise InputError(f"a scene of {agents - extra} agents does not fit {agents} slots")
+
+    def pad(array):
+        array = np.asarray(array)
+        return np.pad(array, [(0, extra)] + [(0, 0)] * (array.ndim - 1))
+
+    return scene.replace(
+        observed=pad(scene.observed),
+        displacement=pad(scene.displacement),
+        valid=pad(scene.valid),
+        future=None if scene.future is None else pad(scene.future),
+    )
+
+
+def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:
+    """Positions `[..., 2]` of a scene's own frame in the caller's frame, float64 metres."""
+    return np.asarray(positions, np.float64) + np.asarray(scene.origin, np.float64)
+
+
+def _checked(name: str, positions: ArrayLike) -> np.ndarray:
+    positions = np.asarray(positions, np.float64)
+    if positions.ndim != 3 or positions.shape[2] != 2:
+        raise InputError(f"{name} must be [agents, steps, 2], not {list(positions.shape)}")
+    if not np.isfinite(positions).all():
+        agent, step, _ = np.argwhere(~np.isfinite(positions))[0]
+        raise InputError(f"{name}: agent {agent}, step {step} is not finite")
+    return positions
