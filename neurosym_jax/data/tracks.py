@@ -1,0 +1,180 @@
+"""The track table: who was where and when, between every reader and the windows.
+
+A reader (CSV, ETH/UCY, THOR, bags, simulation) ends in `Tracks`, and windows begin with them. The
+table keeps the recording's own clock in seconds and its own world frame in metres; it is not a
+scene (see `scene`), it knows no observation length, and nothing in it is a model's input yet.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neurosym_jax.errors import InputError
+
+__all__ = ["SNAP", "Tracks", "make_tracks", "resample"]
+
+SNAP = 1e-6
+"""Seconds: a source stamp this near a grid point is on it, so that clocks written in decimals,
+accumulated, or counted from 1970 meet the grid in spite of rounding. At a run this is 10 um."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Tracks:
+    """One recording's points, R rows sorted by (id, stamp); build with `make_tracks`."""
+
+    recording: str
+    """Name of the recording, for messages and for the identity of its scenes."""
+    stamp: np.ndarray
+    """[R] float64 seconds on the recording's clock."""
+    id: np.ndarray
+    """[R] int64 agent."""
+    position: np.ndarray
+    """[R, 2] float64 metres in the recording's frame."""
+    imputed: np.ndarray
+    """[R] bool; True where the point was interpolated across a gap, not observed."""
+
+
+def make_tracks(
+    recording: str,
+    stamp: ArrayLike,
+    id: ArrayLike,
+    position: ArrayLike,
+    imputed: ArrayLike | None = None,
+) -> Tracks:
+    """Checked tracks, from rows in any order.
+
+    Args:
+        recording: name of the recording.
+        stamp: [R] seconds.
+        id: [R] whole numbers.
+        position: [R, 2] metres.
+        imputed: [R] bool; None says that every point was observed.
+
+    Returns:
+        The rows sorted by (id, stamp), in arrays of their own.
+
+    Raises:
+        InputError: naming the recording, the first row at fault (counted from 0, in the caller's
+            order) and the reason: no rows, shapes that differ, a number that is not finite, an id
+            that is not whole, or an agent seen twice at one stamp.
+    """
+    times = np.asarray(stamp, np.float64)
+    points = np.asarray(position, np.float64)
+    ids = np.asarray(id)
+    flags = np.zeros(times.shape, bool) if imputed is None else np.asarray(imputed, bool)
+    rows = times.shape[0] if times.ndim == 1 else -1
+    for name, array, shape in (
+        ("stamp", times, (rows,)),
+        ("id", ids, (rows,)),
+        ("position", points, (rows, 2)),
+        ("imputed", flags, (rows,)),
+    ):
+        if array.shape != shape:
+            wanted = "[rows]" if rows < 0 else list(shape)
+            raise InputError(f"{recording}: {name} must be {wanted}, not {list(array.shape)}")
+    if rows == 0:
+        raise InputError(f"{recording}: no rows")
+    _refuse(recording, ~np.isfinite(times), "the stamp is not finite")
+    _refuse(recording, ~np.isfinite(points).all(axis=1), "the position is not finite")
+    ids = _whole(recording, ids)
+
+    order = np.lexsort((times, ids))
+    ids, times = ids[order], times[order]
+    again = np.flatnonzero((ids[1:] == ids[:-1]) & (times[1:] == times[:-1]))
+    if len(again):
+        first, second = order[again[0]], order[again[0] + 1]
+        raise InputError(
+            f"{recording}: row {second}: agent {ids[again[0]]} is seen at {times[again[0]]} s "
+            f"in row {first} already"
+        )
+    return Tracks(recording, times, ids, points[order], flags[order])
+
+
+def resample(
+    tracks: Tracks, period: float, max_gap: float = 1.0, start: float | None = None
+) -> Tracks:
+    """Every agent's track on the one grid `start + n * period`, n = 0, 1, ..., linearly between.
+
+    A grid point within `SNAP` of a source point takes that point's position and flag bit for bit;
+    any other lies between two of the agent's source points at most `max_gap` apart. So nothing is
+    extrapolated, and a longer gap splits a track: no points inside it, the same id on both sides.
+    Stamps are always the grid's own, equal between agents.
+
+    A point is imputed where it was interpolated inside a gap longer than 1.5 times the median step
+    between consecutive points of an agent (one median, over all agents of the recording), or from
+    a point that is imputed itself. Plain changes of rate are hence not imputation; a frame that
+    the tracker lost is.
+
+    Args:
+        tracks: R rows.
+        period: seconds between grid points.
+        max_gap: seconds; the longest gap that is filled.
+        start: seconds, the grid's first point; the recording's first stamp if None. What lies
+            before it is left out.
+
+    Raises:
+        InputError: for a period, gap or start that is not a usable number, or where no point of
+            the recording can be put on the grid.
+    """
+    name = tracks.recording
+    if not (np.isfinite(period) and period > 2 * SNAP):
+        raise InputError(f"{name}: the period must be more than {2 * SNAP} s, not {period}")
+    if not max_gap >= 0:
+        raise InputError(f"{name}: max_gap must not be negative, not {max_gap}")
+    start = float(tracks.stamp.min()) if start is None else float(start)
+    if not np.isfinite(start):
+        raise InputError(f"{name}: the start of the grid must be finite, not {start}")
+
+    stamp, position = tracks.stamp, tracks.position
+    nearest = np.rint((stamp - start) / period)
+    on_grid = np.abs(stamp - (start + nearest * period)) <= SNAP
+    place = np.where(on_grid, nearest, (stamp - start) / period)
+
+    # Row i serves the grid points from its own place up to, not including, the next row's; where
+    # no next row follows closely enough it serves only the point that it lies on.
+    step = np.diff(stamp)
+    same = np.diff(tracks.id) == 0
+    joined = np.append(same & (step <= max_gap + 2 * SNAP), False)
+    first = np.ceil(place)
+    last = np.where(joined, np.append(first[1:], 0.0), np.floor(place) + 1)
+    first, last = np.maximum(first, 0), np.maximum(last, 0)
+    count = (last - first).astype(np.int64)
+    if not count.any():
+        raise InputError(f"{name}: no point lies on or between the points of the grid")
+
+    row = np.repeat(np.arange(len(stamp)), count)
+    before = np.cumsum(count) - count
+    grid = first[row] + (np.arange(len(row)) - before[row])
+    grid_stamp = start + grid * period
+    exact = grid == place[row]
+    after = np.where(exact, row, row + 1)
+
+    span = np.where(exact, 1.0, stamp[after] - stamp[row])
+    weight = np.clip((grid_stamp - stamp[row]) / span, 0.0, 1.0)[:, None]
+    between = (1 - weight) * position[row] + weight * position[after]
+    lost = np.append(same & (step > 1.5 * np.median(step[same])), False) if same.any() else joined
+    return Tracks(
+        recording=name,
+        stamp=grid_stamp,
+        id=tracks.id[row],
+        position=np.where(exact[:, None], position[row], between),
+        imputed=tracks.imputed[row] | tracks.imputed[after] | (lost[row] & ~exact),
+    )
+
+
+def _refuse(recording: str, at_fault: np.ndarray, reason: str) -> None:
+    if at_fault.any():
+        raise InputError(f"{recording}: row {np.flatnonzero(at_fault)[0]}: {reason}")
+
+
+def _whole(recording: str, ids: np.ndarray) -> np.ndarray:
+    """`ids` as int64; CSV readers give floats, which are taken where they are whole numbers."""
+    if ids.dtype.kind in "iu":
+        return ids.astype(np.int64)
+    if ids.dtype.kind != "f":
+        raise InputError(f"{recording}: id must be whole numbers, not {ids.dtype}")
+    # Above 2**53 neighbouring ids share one float.
+    whole = np.isfinite(ids) & (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
+    _refuse(recording, ~whole, "the id is not a whole number")
+    return ids.astype(np.int64)
