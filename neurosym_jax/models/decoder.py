@@ -1,0 +1,95 @@
+"""The LSTM decoder: a first hidden state to `pred_len` displacements, each fed back in.
+
+Without pooling inside the loop the chain hidden -> displacement -> embedding -> gates is affine, so
+after the first step it is one matrix, added to the recurrent one. The fold changes results by float
+rounding only.
+"""
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+from jax import Array
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.lstm import LSTMParameters, lstm_update
+from neurosym_jax.models.pooling import make_pooling
+
+__all__ = ["Decoder"]
+
+
+class Decoder(nn.Module):
+    """Unrolls one scene's forecast, pooling at every predicted step if the config says so."""
+
+    config: GeneratorConfig
+
+    def setup(self):
+        """Declare embedding, LSTM, output layer and, where used, pooling and its perceptron."""
+        config = self.config
+        self.spatial_embedding = Affine(2, config.embedding_dim)
+        self.lstm = LSTMParameters(config.embedding_dim, config.decoder_h_dim)
+        self.hidden2pos = Affine(config.decoder_h_dim, 2)
+        if config.pool_every_timestep:
+            self.pooling = make_pooling(config, config.decoder_h_dim)
+            self.mlp = Perceptron(
+                (
+                    config.decoder_h_dim + config.bottleneck_dim,
+                    config.mlp_dim,
+                    config.decoder_h_dim,
+                )
+            )
+
+    def __call__(self, hidden: Array, position: Array, displacement: Array, valid: Array) -> Array:
+        """Forecast displacements.
+
+        Args:
+            hidden: [N, decoder_h_dim] first hidden state; the cell state starts at zero.
+            position: [N, 2] last observed position, metres.
+            displacement: [N, 2] last observed displacement, metres.
+            valid: [N] bool.
+
+        Returns:
+            [N, pred_len, 2] displacements, metres.
+        """
+        if self.config.pool_every_timestep:
+            return self._pooled(hidden, position, displacement, valid)
+        return self._folded(hidden, displacement)
+
+    def _folded(self, hidden: Array, displacement: Array) -> Array:
+        kernel, bias = self.lstm.after(self.spatial_embedding)
+        recurrent = self.lstm.recurrent_kernel
+        feedback = recurrent + self.hidden2pos.kernel @ kernel
+        feedback_bias = bias + self.hidden2pos.bias @ kernel
+
+        def step(state, _):
+            hidden, cell = lstm_update(state[0] @ feedback + feedback_bias, state[1])
+            return (hidden, cell), hidden
+
+        gates = displacement @ kernel + bias + hidden @ recurrent
+        first = lstm_update(gates, jnp.zeros_like(hidden))
+        _, rest = jax.lax.scan(step, first, length=self.config.pred_len - 1)
+        states = jnp.concatenate([first[0][None], rest])
+        return jnp.moveaxis(self.hidden2pos(states), 0, 1)
+
+    def _pooled(self, hidden: Array, position: Array, displacement: Array, valid: Array) -> Array:
+        unroll = nn.scan(
+            Decoder._pooled_step,
+            variable_broadcast="params",
+            split_rngs={"params": False},
+            in_axes=nn.broadcast,
+            length=self.config.pred_len,
+        )
+        state = (hidden, jnp.zeros_like(hidden), position, displacement)
+        _, displacements = unroll(self, state, valid)
+        return jnp.moveaxis(displacements, 0, 1)
+
+    def _pooled_step(self, state: tuple[Array, ...], valid: Array):
+        hidden, cell, position, displacement = state
+        kernel, bias = self.lstm.after(self.spatial_embedding)
+        gates = displacement @ kernel + bias + hidden @ self.lstm.recurrent_kernel
+        hidden, cell = lstm_update(gates, cell)
+        displacement = self.hidden2pos(hidden)
+        position = position + displacement
+        pooled = self.pooling(hidden, position, valid)
+        hidden = self.mlp(jnp.concatenate([hidden, pooled], axis=-1))
+        return (hidden, cell, position, displacement), displacement

@@ -1,0 +1,42 @@
+"""The discriminator of SGAN, for one scene: how real is each agent's whole trajectory?"""
+
+import jax.numpy as jnp
+from flax import linen as nn
+from jax import Array
+
+from neurosym_jax.config import DiscriminatorConfig
+from neurosym_jax.models.layers import Perceptron
+from neurosym_jax.models.lstm import Encoder
+from neurosym_jax.models.pooling import HiddenPooling
+
+__all__ = ["Discriminator"]
+
+
+class Discriminator(nn.Module):
+    """LSTM over observation and future; `global` scores pooled states, `local` the agent's own."""
+
+    config: DiscriminatorConfig
+
+    def setup(self):
+        """Declare encoder, pooling (global only) and classifier."""
+        config = self.config
+        self.encoder = Encoder(config.embedding_dim, config.h_dim)
+        if config.kind == "global":
+            self.pooling = HiddenPooling(
+                config.embedding_dim, config.h_dim, config.pool_hidden_dim, config.h_dim
+            )
+        self.classifier = Perceptron((config.h_dim, config.mlp_dim, 1))
+
+    def __call__(self, positions: Array, displacement: Array, valid: Array) -> Array:
+        """Scores `[N]`, at least 0 because the last layer too ends in ReLU.
+
+        Args:
+            positions: [N, T, 2] metres, observation and future.
+            displacement: [N, T, 2] metres, the first step zero.
+            valid: [N] bool.
+        """
+        hidden = self.encoder(displacement)
+        if self.config.kind == "global":
+            # The released code pools at the trajectory's first position, not its last.
+            hidden = self.pooling(hidden, positions[:, 0], valid)
+        return jnp.squeeze(self.classifier(hidden), -1)

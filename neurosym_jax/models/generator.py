@@ -1,0 +1,64 @@
+"""The generator of SGAN, for one scene and one noise vector.
+
+`encode` (LSTM, pooling, context) does not depend on the noise, so best-of-k encodes once and maps
+`decode` over k noises. Scenes in a batch and samples are axes that `jax.vmap` adds (see
+`forecast`).
+"""
+
+import jax.numpy as jnp
+from flax import linen as nn
+from jax import Array
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.models.decoder import Decoder
+from neurosym_jax.models.layers import Perceptron
+from neurosym_jax.models.lstm import Encoder
+from neurosym_jax.models.pooling import make_pooling
+from neurosym_jax.scene import Scene
+
+__all__ = ["Generator"]
+
+
+class Generator(nn.Module):
+    """LSTM encoder, pooling over neighbours, noise, LSTM decoder (Gupta et al., CVPR 2018)."""
+
+    config: GeneratorConfig
+
+    def setup(self):
+        """Declare the parts that the config asks for."""
+        config = self.config
+        self.encoder = Encoder(config.embedding_dim, config.encoder_h_dim)
+        self.pooling = make_pooling(config, config.encoder_h_dim)
+        if config.needs_context_mlp:
+            pooled = config.bottleneck_dim if self.pooling else 0
+            self.context_mlp = Perceptron(
+                (
+                    config.encoder_h_dim + pooled,
+                    config.mlp_dim,
+                    config.decoder_h_dim - config.noise_dim,
+                )
+            )
+        self.decoder = Decoder(config)
+
+    def __call__(self, scene: Scene, noise: Array) -> Array:
+        """One forecast of `scene`: `[N, pred_len, 2]` displacements in metres.
+
+        `noise` is `[noise_dim]` where it is global to the scene, else `[N, noise_dim]`.
+        """
+        return self.decode(self.encode(scene), scene, noise)
+
+    def encode(self, scene: Scene) -> Array:
+        """What is known before the noise: `[N, decoder_h_dim - noise_dim]`."""
+        context = self.encoder(scene.displacement)
+        if self.pooling:
+            pooled = self.pooling(context, scene.observed[:, -1], scene.valid)
+            context = jnp.concatenate([context, pooled], axis=-1)
+        return self.context_mlp(context) if self.config.needs_context_mlp else context
+
+    def decode(self, context: Array, scene: Scene, noise: Array) -> Array:
+        """Forecast displacements `[N, pred_len, 2]` from `context` and one noise."""
+        noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
+        hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
+        return self.decoder(
+            hidden, scene.observed[:, -1], scene.displacement[:, -1], scene.valid
+        )

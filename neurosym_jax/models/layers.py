@@ -1,0 +1,62 @@
+"""Affine layers and the ReLU perceptron, initialised as SGAN initialises them.
+
+Kernels are [in, out]. The layers expose `kernel` and `bias`, because a chain of affine layers is
+folded into one matrix where that saves work (see `decoder` and `pooling`); the parameters, and so
+what an optimiser sees, stay those of the unfolded layers.
+"""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+from jax import Array
+
+__all__ = ["Affine", "Perceptron", "uniform_within"]
+
+kaiming_normal = nn.initializers.variance_scaling(2.0, "fan_in", "normal")
+
+
+def uniform_within(bound: float) -> nn.initializers.Initializer:
+    """Initialiser drawing from U(-bound, bound), torch's default for LSTMs and biases."""
+
+    def initialise(key, shape, dtype=jnp.float32):
+        return jax.random.uniform(key, shape, dtype, -bound, bound)
+
+    return initialise
+
+
+class Affine(nn.Module):
+    """`x @ kernel + bias`; Kaiming-normal kernel, bias uniform within 1/sqrt(inputs)."""
+
+    inputs: int
+    outputs: int
+
+    def setup(self):
+        """Declare `kernel [inputs, outputs]` and `bias [outputs]`."""
+        self.kernel = self.param("kernel", kaiming_normal, (self.inputs, self.outputs))
+        self.bias = self.param("bias", uniform_within(self.inputs**-0.5), (self.outputs,))
+
+    def __call__(self, x: Array) -> Array:
+        """`[..., inputs]` to `[..., outputs]`."""
+        return x @ self.kernel + self.bias
+
+
+class Perceptron(nn.Module):
+    """Affine layers, each followed by ReLU, the last included: SGAN's `make_mlp`."""
+
+    sizes: Sequence[int]
+    """Inputs, hidden sizes and outputs."""
+
+    def setup(self):
+        """Declare `layer_0`, `layer_1`, ..."""
+        self.layers = [
+            Affine(inputs, outputs, name=f"layer_{index}")
+            for index, (inputs, outputs) in enumerate(zip(self.sizes, self.sizes[1:]))
+        ]
+
+    def __call__(self, x: Array) -> Array:
+        """`[..., sizes[0]]` to `[..., sizes[-1]]`, all non-negative."""
+        for layer in self.layers:
+            x = nn.relu(layer(x))
+        return x
