@@ -10,13 +10,22 @@ map or UTM coordinates lose no precision.
 
 import zlib
 
+import jax.numpy as jnp
 import numpy as np
 from flax import struct
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["Scene", "make_scene", "pad_scene", "scene_identity", "to_world"]
+__all__ = [
+    "Scene",
+    "displacements",
+    "make_scene",
+    "model_dtype",
+    "pad_scene",
+    "scene_identity",
+    "to_world",
+]
 
 
 @struct.dataclass
@@ -48,7 +57,6 @@ def make_scene(
     *,
     recording: str = "",
     frame: int = 0,
-    dtype: type = np.float32,
 ) -> Scene:
     """A scene from world positions.
 
@@ -57,7 +65,6 @@ def make_scene(
         future: [N, pred_len, 2] metres in the same frame, where known.
         recording: name of the recording, part of the scene's identity.
         frame: start frame within the recording, the rest of its identity.
-        dtype: floating type of the model's arrays.
 
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.
@@ -66,6 +73,7 @@ def make_scene(
     if len(observed) == 0:
         raise InputError("observed: a scene needs at least one agent")
     origin = centre(observed[:, -1])
+    dtype = model_dtype()
     if future is not None:
         future = _checked("future", future)
         if len(future) != len(observed):
@@ -81,6 +89,11 @@ def make_scene(
         origin=origin,
         future=future,
     )
+
+
+def model_dtype() -> np.dtype:
+    """float32, or float64 where jax runs with x64 enabled."""
+    return np.dtype(jnp.result_type(float))
 
 
 def centre(positions: np.ndarray) -> np.ndarray:

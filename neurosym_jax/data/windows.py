@@ -1,0 +1,113 @@
+"""Cut recordings into windows of people who are present together: SGAN's windows, exactly.
+
+A window spans `obs_len + pred_len` consecutive stamps of its recording (gaps in time included, as in
+SGAN) and holds the agents seen at every one of them. Windows are stored agent by agent, without
+padding; `data.batching` makes padded scenes of them.
+"""
+
+import dataclasses
+import zlib
+from collections.abc import Iterable
+
+import numpy as np
+
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.errors import InputError
+
+__all__ = ["Windows", "cut_windows"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Windows:
+    """Windows of one or more recordings: A agent windows, grouped into S scenes."""
+
+    position: np.ndarray
+    """[A, obs_len + pred_len, 2] float64 metres in the recording's frame."""
+    agent: np.ndarray
+    """[A] int64 agent ids."""
+    bounds: np.ndarray
+    """[S + 1] int64; scene s holds the agent windows `bounds[s]:bounds[s + 1]`."""
+    identity: np.ndarray
+    """[S, 2] uint32 (recording digest, index of the first stamp)."""
+    obs_len: int
+    """Observed steps; the rest is the future."""
+
+    @property
+    def scenes(self) -> int:
+        """Number of scenes."""
+        return len(self.bounds) - 1
+
+    @property
+    def agents(self) -> int:
+        """Number of agent windows, the sum over scenes of their agents."""
+        return len(self.position)
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """[S] agents per scene."""
+        return np.diff(self.bounds)
+
+
+def cut_windows(
+    recordings: Iterable[Tracks],
+    obs_len: int,
+    pred_len: int,
+    *,
+    skip: int = 1,
+    min_agents: int = 2,
+) -> Windows:
+    """All windows of `recordings`, in order of recording, start stamp and agent id.
+
+    Args:
+        recordings: track tables whose unique stamps are the time steps.
+        obs_len: observed steps.
+        pred_len: steps to forecast.
+        skip: a window starts at every `skip`-th stamp.
+        min_agents: scenes with fewer agents are dropped; SGAN keeps scenes of at least 2.
+
+    Raises:
+        InputError: when no recording is long enough, or nobody stays for a whole window.
+    """
+    recordings = list(recordings)
+    parts = [_cut(tracks, obs_len + pred_len, skip, min_agents) for tracks in recordings]
+    sizes = np.concatenate([sizes for _, _, sizes, _ in parts]) if parts else np.zeros(0, int)
+    if len(sizes) == 0:
+        raise InputError(_why_none(recordings, obs_len + pred_len, min_agents))
+    return Windows(
+        position=np.concatenate([position for position, *_ in parts]),
+        agent=np.concatenate([agent for _, agent, *_ in parts]),
+        bounds=np.concatenate([[0], np.cumsum(sizes)]),
+        identity=np.concatenate([identity for *_, identity in parts]),
+        obs_len=obs_len,
+    )
+
+
+def _cut(tracks: Tracks, length: int, skip: int, min_agents: int):
+    """One recording's (position, agent, sizes, identity)."""
+    _, step = np.unique(tracks.stamp, return_inverse=True)
+    # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
+    # `length - 1` steps are all there.
+    last = np.arange(length - 1, len(step))
+    first = last - (length - 1)
+    whole = (tracks.id[first] == tracks.id[last]) & (step[last] - step[first] == length - 1)
+    first = first[whole & (step[first] % skip == 0)]
+    first = first[np.argsort(step[first], kind="stable")]
+
+    starts, sizes = np.unique(step[first], return_counts=True)
+    enough = sizes >= min_agents
+    first = first[np.repeat(enough, sizes)]
+    position = tracks.position[first[:, None] + np.arange(length)]
+    identity = np.empty((int(enough.sum()), 2), np.uint32)
+    identity[:, 0] = zlib.crc32(tracks.recording.encode())
+    identity[:, 1] = starts[enough]
+    return position, tracks.id[first], sizes[enough], identity
+
+
+def _why_none(recordings: list[Tracks], length: int, min_agents: int) -> str:
+    if not recordings:
+        return "no recordings to cut windows from"
+    names = ", ".join(tracks.recording for tracks in recordings[:3])
+    longest = max(len(np.unique(tracks.stamp)) for tracks in recordings)
+    if longest < length:
+        return f"{names}: too few frames: {longest} where a window needs {length}"
+    return f"{names}: no {length} consecutive frames have at least {min_agents} people throughout"
