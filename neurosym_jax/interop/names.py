@@ -1,0 +1,210 @@
+"""torch's parameter names and shapes of SGAN's networks against ours.
+
+One table of layers (torch's prefix, our path, kind, sizes), yielded for a configuration; both
+directions and the checks for missing, unexpected and misshapen arrays derive from it. Our kernels
+are `[in, out]`, torch's weights `[out, in]`; the LSTM's gates are i, f, g, o in both. It reads no
+file and builds no network.
+"""
+
+import itertools
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.errors import InputError
+
+__all__ = [
+    "discriminator_params_from_torch",
+    "discriminator_params_to_torch",
+    "generator_params_from_torch",
+    "generator_params_to_torch",
+]
+
+
+class _Layer(NamedTuple):
+    """One row of the table: torch's prefix, our path, the kind of layer, its sizes."""
+
+    torch: str
+    ours: str
+    kind: str
+    inputs: int
+    outputs: int
+
+
+class _Leaf(NamedTuple):
+    """One array: its two names, and our shape; torch's array is ours transposed."""
+
+    torch: str
+    ours: str
+    shape: tuple[int, ...]
+
+
+def generator_params_from_torch(
+    state: Mapping[str, Any], config: GeneratorConfig
+) -> dict[str, Any]:
+    """Our nested float32 parameters from torch's flat state dict of arrays.
+
+    Raises:
+        InputError: naming the tensors that `config` needs and `state` lacks, those that it has
+            and the network does not, and those of another shape.
+    """
+    return _from_torch(state, _generator_layers(config), "generator")
+
+
+def generator_params_to_torch(
+    params: Mapping[str, Any], config: GeneratorConfig
+) -> dict[str, np.ndarray]:
+    """The inverse of `generator_params_from_torch`, with the same errors by our names."""
+    return _to_torch(params, _generator_layers(config), "generator")
+
+
+def discriminator_params_from_torch(
+    state: Mapping[str, Any], config: DiscriminatorConfig
+) -> dict[str, Any]:
+    """As `generator_params_from_torch`, for the discriminator."""
+    return _from_torch(state, _discriminator_layers(config), "discriminator")
+
+
+def discriminator_params_to_torch(
+    params: Mapping[str, Any], config: DiscriminatorConfig
+) -> dict[str, np.ndarray]:
+    """As `generator_params_to_torch`, for the discriminator."""
+    return _to_torch(params, _discriminator_layers(config), "discriminator")
+
+
+def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
+    pooled = 0 if c.pooling == "none" else c.bottleneck_dim
+    yield _Layer("encoder.encoder", "encoder/lstm", "lstm", c.embedding_dim, c.encoder_h_dim)
+    yield _Layer(
+        "encoder.spatial_embedding", "encoder/spatial_embedding", "dense", 2, c.embedding_dim
+    )
+    yield _Layer("decoder.decoder", "decoder/lstm", "lstm", c.embedding_dim, c.decoder_h_dim)
+    if c.pool_every_timestep:
+        yield from _pooling_layers("decoder.pool_net", "decoder/pooling", c, c.decoder_h_dim)
+        widths = (c.decoder_h_dim + pooled, c.mlp_dim, c.decoder_h_dim)
+        yield from _mlp_layers("decoder.mlp", "decoder/mlp", widths)
+    yield _Layer(
+        "decoder.spatial_embedding", "decoder/spatial_embedding", "dense", 2, c.embedding_dim
+    )
+    yield _Layer("decoder.hidden2pos", "decoder/hidden2pos", "dense", c.decoder_h_dim, 2)
+    yield from _pooling_layers("pool_net", "pooling", c, c.encoder_h_dim)
+    if c.needs_context_mlp:
+        widths = (c.encoder_h_dim + pooled, c.mlp_dim, c.decoder_h_dim - c.noise_dim)
+        yield from _mlp_layers("mlp_decoder_context", "context_mlp", widths)
+
+
+def _pooling_layers(torch: str, ours: str, c: GeneratorConfig, h_dim: int) -> Iterable[_Layer]:
+    if c.pooling == "pool_net":
+        sizes = (c.embedding_dim, h_dim, c.pool_hidden_dim, c.bottleneck_dim)
+        yield from _pool_net_layers(torch, ours, *sizes)
+    elif c.pooling == "social":
+        yield from _mlp_layers(f"{torch}.mlp_pool", f"{ours}/mlp", (c.grid_size**2 * h_dim, h_dim))
+
+
+def _discriminator_layers(c: DiscriminatorConfig) -> Iterable[_Layer]:
+    yield _Layer("encoder.encoder", "encoder/lstm", "lstm", c.embedding_dim, c.h_dim)
+    yield _Layer(
+        "encoder.spatial_embedding", "encoder/spatial_embedding", "dense", 2, c.embedding_dim
+    )
+    yield from _mlp_layers("real_classifier", "classifier", (c.h_dim, c.mlp_dim, 1))
+    if c.kind == "global":
+        sizes = (c.embedding_dim, c.h_dim, c.pool_hidden_dim, c.h_dim)
+        yield from _pool_net_layers("pool_net", "pooling", *sizes)
+
+
+def _pool_net_layers(
+    torch: str, ours: str, embedding_dim: int, h_dim: int, hidden_dim: int, out_dim: int
+) -> Iterable[_Layer]:
+    yield _Layer(
+        f"{torch}.spatial_embedding", f"{ours}/spatial_embedding", "dense", 2, embedding_dim
+    )
+    widths = (embedding_dim + h_dim, hidden_dim, out_dim)
+    yield from _mlp_layers(f"{torch}.mlp_pre_pool", f"{ours}/mlp", widths)
+
+
+def _mlp_layers(torch: str, ours: str, widths: tuple[int, ...]) -> Iterable[_Layer]:
+    # torch numbers the ReLU between two layers as well, hence 0, 2, ...
+    for i, (inputs, outputs) in enumerate(itertools.pairwise(widths)):
+        yield _Layer(f"{torch}.{2 * i}", f"{ours}/layer_{i}", "dense", inputs, outputs)
+
+
+def _leaves(layers: Iterable[_Layer]) -> Iterable[_Leaf]:
+    for torch, ours, kind, inputs, outputs in layers:
+        gates = 4 * outputs
+        names = {
+            "dense": {
+                ("weight", "kernel"): (inputs, outputs),
+                ("bias", "bias"): (outputs,),
+            },
+            "lstm": {
+                ("weight_ih_l0", "input_kernel"): (inputs, gates),
+                ("weight_hh_l0", "recurrent_kernel"): (outputs, gates),
+                ("bias_ih_l0", "input_bias"): (gates,),
+                ("bias_hh_l0", "recurrent_bias"): (gates,),
+            },
+        }
+        for (theirs, name), shape in names[kind].items():
+            yield _Leaf(f"{torch}.{theirs}", f"{ours}/{name}", shape)
+
+
+def _from_torch(state: Mapping[str, Any], layers: Iterable[_Layer], what: str) -> dict[str, Any]:
+    leaves = list(_leaves(layers))
+    arrays = _checked(state, {leaf.torch: leaf.shape[::-1] for leaf in leaves}, what)
+    params: dict[str, Any] = {}
+    for leaf in leaves:
+        *scope, name = leaf.ours.split("/")
+        node = params
+        for part in scope:
+            node = node.setdefault(part, {})
+        node[name] = np.ascontiguousarray(arrays[leaf.torch].T)
+    return params
+
+
+def _to_torch(
+    params: Mapping[str, Any], layers: Iterable[_Layer], what: str
+) -> dict[str, np.ndarray]:
+    leaves = list(_leaves(layers))
+    arrays = _checked(_flat(params), {leaf.ours: leaf.shape for leaf in leaves}, what)
+    return {leaf.torch: np.ascontiguousarray(arrays[leaf.ours].T) for leaf in leaves}
+
+
+def _flat(params: Mapping[str, Any], scope: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in params.items():
+        inner = isinstance(value, Mapping)
+        flat |= _flat(value, f"{scope}{name}/") if inner else {f"{scope}{name}": value}
+    return flat
+
+
+def _checked(
+    arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]], what: str
+) -> dict[str, np.ndarray]:
+    """The arrays as float32, once their names and shapes are exactly `shapes`."""
+    # A damaged file may hold anything at all under a tensor's name: that has no shape.
+    shaped = {name: getattr(array, "shape", None) for name, array in arrays.items()}
+    found = {k: shape if isinstance(shape, tuple) else () for k, shape in shaped.items()}
+    faults = {
+        "missing": [repr(name) for name in shapes if name not in found],
+        "unexpected": [repr(name) for name in found if name not in shapes],
+        "of another shape": [
+            f"{name!r} is {list(found[name])}, not {list(shape)}"
+            for name, shape in shapes.items()
+            if name in found and found[name] != shape
+        ],
+    }
+    if any(faults.values()):
+        words = (f"{fault}: {_listed(names)}" for fault, names in faults.items() if names)
+        raise InputError(
+            f"the {what}'s parameters do not fit its configuration: " + "; ".join(words)
+        )
+    values = {name: np.asarray(array) for name, array in arrays.items()}
+    if wrong := [repr(name) for name, array in values.items() if array.dtype.kind != "f"]:
+        raise InputError(f"the {what}'s parameters are not floating point: {_listed(wrong)}")
+    return {name: array.astype(np.float32) for name, array in values.items()}
+
+
+def _listed(names: list[str], most: int = 6) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

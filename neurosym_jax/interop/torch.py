@@ -1,0 +1,198 @@
+"""SGAN checkpoints of torch, in and out, without torch.
+
+It maps the arguments of SGAN's training to configurations and ties the two halves together: how a
+`.pt` file is laid out is `interop.pickles`'s, what its tensors are called `interop.names`'s. It
+builds no network.
+"""
+
+import dataclasses
+import os
+from collections import OrderedDict
+from collections.abc import Mapping
+from typing import Any
+
+from neurosym_jax.config import FORMAT, DiscriminatorConfig, GeneratorConfig, from_json
+from neurosym_jax.errors import InputError
+from neurosym_jax.interop.names import (
+    discriminator_params_from_torch,
+    discriminator_params_to_torch,
+    generator_params_from_torch,
+    generator_params_to_torch,
+)
+from neurosym_jax.interop.pickle_writer import write_torch_file
+from neurosym_jax.interop.pickles import read_torch_file
+
+__all__ = [
+    "TorchCheckpoint",
+    "discriminator_params_from_torch",
+    "discriminator_params_to_torch",
+    "export_torch_checkpoint",
+    "generator_params_from_torch",
+    "generator_params_to_torch",
+    "load_torch_checkpoint",
+]
+
+TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
+SAME_NAME_ARGUMENTS = (
+    *("obs_len", "pred_len", "embedding_dim", "mlp_dim", "bottleneck_dim", "noise_type"),
+    *("noise_mix_type", "pool_every_timestep", "neighborhood_size", "grid_size"),
+)
+RENAMED_ARGUMENTS = {"encoder_h_dim": "encoder_h_dim_g", "decoder_h_dim": "decoder_h_dim_g"}
+# SGAN's evaluation script reads these as well: what its networks were built and data cut with.
+EXPORTED_ARGUMENTS = {
+    "num_layers": 1,
+    "dropout": 0.0,
+    "batch_norm": False,
+    "delim": "tab",
+    "skip": 1,
+    "batch_size": 64,
+    "loader_num_workers": 4,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class TorchCheckpoint:
+    """What a torch checkpoint holds, in our terms."""
+
+    config: GeneratorConfig
+    params: dict[str, Any]
+    """The generator's parameters: nested dictionaries of float32 arrays."""
+    discriminator: tuple[DiscriminatorConfig, dict[str, Any]] | None
+    """The discriminator's configuration and parameters, where the file has them."""
+    scene: str | None
+    """The dataset it was trained to be tested on (`eth`, `zara1`, ...), where the file says."""
+    arguments: dict[str, Any]
+    """Every argument of the training that is a number, a string, None or a tuple of them."""
+
+
+def load_torch_checkpoint(path: str | os.PathLike) -> TorchCheckpoint:
+    """The checkpoint that SGAN, or `export_torch_checkpoint`, wrote to `path`.
+
+    Published files hold `g_state` and `args`; those of a training run hold more. The generator
+    is always `g_state`, which SGAN's own evaluation uses, never `g_best_state`.
+
+    Raises:
+        InputError: naming `path` and what is missing or wrong: an unreadable, damaged or foreign
+            file, an argument, a tensor.
+    """
+    contents = read_torch_file(path)
+    try:
+        if not isinstance(contents, dict):
+            raise InputError("holds no dictionary: not a checkpoint of SGAN")
+        state, given = (contents.get(key) for key in ("g_state", "args"))
+        if not isinstance(state, dict) or not isinstance(given, dict):
+            missing = "g_state" if not isinstance(state, dict) else "args"
+            raise InputError(f"has no {missing}: not a checkpoint of SGAN, or one without weights")
+        arguments = {k: v for k, v in given.items() if isinstance(k, str) and _is_plain(v)}
+        config = _generator_config(arguments)
+        discriminator = None
+        if (d_state := contents.get("d_state")) is not None:
+            if not isinstance(d_state, dict):
+                raise InputError("d_state is not a state dict")
+            d_config = _discriminator_config(arguments)
+            discriminator = d_config, discriminator_params_from_torch(d_state, d_config)
+        scene = arguments.get("dataset_name")
+        return TorchCheckpoint(
+            config=config,
+            params=generator_params_from_torch(state, config),
+            discriminator=discriminator,
+            scene=scene if isinstance(scene, str) else None,
+            arguments=arguments,
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def export_torch_checkpoint(
+    path: str | os.PathLike,
+    config: GeneratorConfig,
+    params: Mapping[str, Any],
+    *,
+    scene: str | None = None,
+    discriminator: tuple[DiscriminatorConfig, Mapping[str, Any]] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write a `.pt` that `torch.load(path, weights_only=True)` opens and SGAN's code can build.
+
+    Raises:
+        InputError: when `path` exists and `overwrite` is False, or cannot be written; when a
+            parameter is missing, unexpected or misshapen; when SGAN's arguments cannot express
+            the configuration.
+    """
+    arguments: dict[str, Any] = {
+        **EXPORTED_ARGUMENTS,
+        **{name: getattr(config, name) for name in SAME_NAME_ARGUMENTS},
+        **{theirs: getattr(config, ours) for ours, theirs in RENAMED_ARGUMENTS.items()},
+        "noise_dim": (config.noise_dim,),
+        "pooling_type": TORCH_POOLING[config.pooling],
+        "dataset_name": scene,
+    }
+    contents: dict[str, Any] = {
+        "g_state": OrderedDict(generator_params_to_torch(params, config)),
+        "args": arguments,
+    }
+    pool_hidden_dims = {config.pool_hidden_dim} if config.pooling == "pool_net" else set()
+    if discriminator is not None:
+        d_config, d_params = discriminator
+        contents["d_state"] = OrderedDict(discriminator_params_to_torch(d_params, d_config))
+        arguments |= {"d_type": d_config.kind, "encoder_h_dim_d": d_config.h_dim}
+        if (d_config.embedding_dim, d_config.mlp_dim) != (config.embedding_dim, config.mlp_dim):
+            raise InputError(
+                "SGAN has one embedding_dim and one mlp_dim for generator and discriminator, "
+                f"but they are {config.embedding_dim}, {config.mlp_dim} "
+                f"and {d_config.embedding_dim}, {d_config.mlp_dim}"
+            )
+        if d_config.kind == "global":
+            pool_hidden_dims.add(d_config.pool_hidden_dim)
+    if pool_hidden_dims - {512}:
+        raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {max(pool_hidden_dims)}")
+    write_torch_file(path, contents, overwrite=overwrite)
+
+
+def _generator_config(arguments: Mapping[str, Any]) -> GeneratorConfig:
+    _require(arguments, *SAME_NAME_ARGUMENTS, *RENAMED_ARGUMENTS.values())
+    _require(arguments, "noise_dim", "pooling_type")
+    # Dropout is not asked about: it acts in training only and has no weights.
+    if arguments.get("batch_norm"):
+        raise InputError(
+            "args: batch_norm is on, and networks with batch normalisation are not ours"
+        )
+    if (layers := arguments.get("num_layers", 1)) != 1:
+        raise InputError(f"args: num_layers is {layers!r}, and only LSTMs of one layer are ours")
+    noise = arguments["noise_dim"]
+    if isinstance(noise, tuple | list):
+        noise = noise[0] if noise else 0
+    fields = {name: arguments[name] for name in SAME_NAME_ARGUMENTS}
+    fields |= {ours: arguments[theirs] for ours, theirs in RENAMED_ARGUMENTS.items()}
+    fields["pool_every_timestep"] = bool(fields["pool_every_timestep"])
+    fields["noise_dim"] = 0 if noise is None else noise
+    named = {theirs: ours for ours, theirs in TORCH_POOLING.items()}
+    pooling = str(arguments["pooling_type"] or "none").lower()
+    if pooling not in named:
+        raise InputError(f"args: pooling_type {pooling!r} is none of {', '.join(named)}")
+    fields["pooling"] = named[pooling]
+    return from_json(GeneratorConfig, {"format": FORMAT, **fields}, "args")
+
+
+def _discriminator_config(arguments: Mapping[str, Any]) -> DiscriminatorConfig:
+    _require(arguments, "d_type", "encoder_h_dim_d")
+    fields = {
+        "kind": arguments["d_type"],
+        "h_dim": arguments["encoder_h_dim_d"],
+        "embedding_dim": arguments["embedding_dim"],
+        "mlp_dim": arguments["mlp_dim"],
+    }
+    return from_json(DiscriminatorConfig, {"format": FORMAT, **fields}, "args")
+
+
+def _require(arguments: Mapping[str, Any], *names: str) -> None:
+    if missing := [name for name in names if name not in arguments]:
+        raise InputError(f"args: {', '.join(missing)} missing or not a plain value")
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, tuple | list):
+        return all(not isinstance(part, tuple | list) and _is_plain(part) for part in value)
+    # Python refuses to print integers of thousands of digits, which a damaged file may hold.
+    is_number = isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**63)
+    return value is None or is_number or isinstance(value, str)
