@@ -76,7 +76,7 @@ def make_tracks(
     if rows == 0:
         raise InputError(f"{recording}: no rows")
     _refuse(recording, ~np.isfinite(times), "the stamp is not finite")
-    _refuse(recording, ~np.isfinite(points).all(axis=1), "the position is not finite")
+    _refuse(recording, (~np.isfinite(points)).any(axis=1), "the position is not finite")
     ids = _whole(recording, ids)
 
     order = np.lexsort((times, ids))
@@ -152,7 +152,8 @@ def resample(
 
     span = np.where(exact, 1.0, stamp[after] - stamp[row])
     weight = np.clip((grid_stamp - stamp[row]) / span, 0.0, 1.0)[:, None]
-    between = (1 - weight) * position[row] + weight * position[after]
+    # In this form a person who stands still stays exactly still, as QTC's zero symbols need.
+    between = position[row] + weight * (position[after] - position[row])
     lost = np.append(same & (step > 1.5 * np.median(step[same])), False) if same.any() else joined
     return Tracks(
         recording=name,
@@ -163,9 +164,10 @@ def resample(
     )
 
 
-def _refuse(recording: str, at_fault: np.ndarray, reason: str) -> None:
-    if at_fault.any():
-        raise InputError(f"{recording}: row {np.flatnonzero(at_fault)[0]}: {reason}")
+def _refuse(recording: str, at_fault: ArrayLike, reason: str) -> None:
+    rows = np.flatnonzero(at_fault)
+    if len(rows):
+        raise InputError(f"{recording}: row {rows[0]}: {reason}")
 
 
 def _whole(recording: str, ids: np.ndarray) -> np.ndarray:

@@ -1,0 +1,175 @@
+"""The track table: what it refuses, and what resampling may and may not invent."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
+from neurosym_jax.errors import InputError
+
+FAST = settings(max_examples=50, deadline=None)
+
+
+def one(stamp, x=None, id=1, **kwargs):
+    """One agent who walks along x."""
+    stamp = np.asarray(stamp, float)
+    x = stamp if x is None else np.asarray(x, float)
+    position = np.stack([x, np.zeros_like(x)], -1)
+    return make_tracks("r", stamp, np.full(len(stamp), id), position, **kwargs)
+
+
+@st.composite
+def tracks(draw):
+    """A few agents with steps and gaps of all sizes, rows shuffled."""
+    start = draw(st.sampled_from([0.0, -3.7, 1.6e9]))
+    stamp, ids = [], []
+    for agent in range(draw(st.integers(1, 3))):
+        ticks = draw(st.lists(st.integers(0, 400), min_size=1, max_size=25, unique=True))
+        stamp += [start + 0.03 * tick for tick in ticks]
+        ids += [agent * 7 - 5] * len(ticks)
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+    order = rng.permutation(len(ids))
+    flags = rng.random(len(ids)) < 0.2
+    points = rng.normal(size=(len(ids), 2)) * 4
+    return make_tracks("r", np.array(stamp)[order], np.array(ids)[order], points, flags)
+
+
+def assert_same(left: Tracks, right: Tracks):
+    assert_array_equal(left.stamp, right.stamp)
+    assert_array_equal(left.id, right.id)
+    assert_array_equal(left.position, right.position)
+    assert_array_equal(left.imputed, right.imputed)
+
+
+def test_rows_are_sorted_by_agent_then_time_and_owned():
+    position = np.array([[0.0, 0], [1, 1], [2, 2]])
+    table = make_tracks("r", [2.0, 1.0, 0.0], [1.0, 1.0, 5.0], position, [1, 0, 0])
+    assert_array_equal(table.id, [1, 1, 5])
+    assert_array_equal(table.stamp, [1, 2, 0])
+    assert_array_equal(table.position[:, 0], [1, 0, 2])
+    assert_array_equal(table.imputed, [False, True, False])
+    assert table.id.dtype == np.int64
+    assert table.stamp.dtype == table.position.dtype == np.float64
+    position[:] = 9
+    assert table.position.max() == 2
+
+
+@pytest.mark.parametrize(
+    ("stamp", "id", "position", "message"),
+    [
+        ([0, 1], [1, 1], [[0, 0], [0, np.nan]], "hall: row 1: the position is not finite"),
+        ([0, np.inf], [1, 1], [[0, 0], [0, 0]], "hall: row 1: the stamp is not finite"),
+        ([3, 0, 3], [1, 1, 1], np.zeros((3, 2)), "hall: row 2: agent 1 is seen at 3.0 s in row 0"),
+        ([0, 1], [1, 1.5], np.zeros((2, 2)), "hall: row 1: the id is not a whole number"),
+        ([0, 1], [1, np.nan], np.zeros((2, 2)), "hall: row 1: the id is not a whole number"),
+        ([0, 1], ["a", "b"], np.zeros((2, 2)), "hall: id must be whole numbers"),
+        ([0, 1], [1], np.zeros((2, 2)), r"hall: id must be \[2\], not \[1\]"),
+        ([0, 1], [1, 1], np.zeros((2, 3)), r"hall: position must be \[2, 2\], not \[2, 3\]"),
+        ([[0, 1]], [1, 1], np.zeros((2, 2)), r"hall: stamp must be \[rows\], not \[1, 2\]"),
+        ([], [], np.zeros((0, 2)), "hall: no rows"),
+    ],
+)
+def test_refusals_name_recording_row_and_reason(stamp, id, position, message):
+    with pytest.raises(InputError, match=message):
+        make_tracks("hall", stamp, id, position)
+
+
+def test_interpolates_linearly_and_marks_only_the_lost_frames():
+    table = one([0, 0.1, 0.2, 0.3, 0.9, 1.0, 1.1], x=[0, 1, 2, 3, 9, 10, 11])
+    grid = resample(table, 0.15)
+    np.testing.assert_allclose(grid.position[:, 0], np.arange(8) * 1.5, atol=1e-12)
+    assert_array_equal(grid.stamp, np.arange(8) * 0.15)
+    # 0.45, 0.6 and 0.75 lie in the gap; 0.9 is a source point; 0.15 lies in an ordinary step.
+    assert_array_equal(np.flatnonzero(grid.imputed), [3, 4, 5])
+
+
+def test_a_longer_gap_splits_a_track():
+    grid = resample(one([0, 0.5, 1.0, 2.5, 3.0, 4.0]), 0.5, max_gap=1.0)
+    assert_array_equal(grid.stamp, [0, 0.5, 1.0, 2.5, 3.0, 3.5, 4.0])
+    assert_array_equal(grid.id, 1)
+
+
+def test_decimal_and_accumulated_clocks_meet_the_grid():
+    walked = np.random.default_rng(0).normal(size=500)
+    for stamp in (np.cumsum(np.full(500, 0.1)), 1.7e9 + np.round(np.arange(500) * 0.1, 3)):
+        grid = resample(one(stamp, walked), 0.4)
+        assert_array_equal(grid.position[:, 0], walked[::4])
+        assert not grid.imputed.any()
+
+
+def test_agents_share_the_grid_of_the_recording():
+    table = make_tracks("r", [0.3, 1.1, 0.0, 0.8], [1, 1, 2, 2], np.zeros((4, 2)))
+    grid = resample(table, 0.4)
+    assert_array_equal(grid.stamp, [0.4, 0.8, 0.0, 0.4, 0.8])
+    assert_array_equal(resample(table, 0.4, start=0.5).stamp, [0.5, 0.9, 0.5])
+
+
+def test_standing_still_stays_exactly_still():
+    grid = resample(one([0, 0.7, 1.3], x=[0.1, 0.1, 0.1]), 0.1)
+    assert_array_equal(grid.position[:, 0], 0.1)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (0.0, 1.0, None),
+        (np.nan, 1.0, None),
+        (0.4, -1.0, None),
+        (0.4, 1.0, np.nan),
+        (0.4, 1.0, 99.0),
+    ],
+)
+def test_resample_refuses(arguments):
+    with pytest.raises(InputError, match="r: "):
+        resample(one([0, 1, 2]), *arguments)
+
+
+@FAST
+@given(tracks(), st.floats(0.05, 1.0), st.floats(0.0, 1.5), st.floats(-0.5, 0.5))
+def test_properties_against_an_agent_by_agent_reference(table, period, max_gap, shift):
+    start = table.stamp.min() + shift
+    try:
+        grid = resample(table, period, max_gap, start)
+    except InputError:
+        grid = Tracks("r", np.zeros(0), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0, bool))
+    slack = max_gap + 2 * SNAP
+    expected = []
+    for agent in np.unique(table.id):
+        rows = table.id == agent
+        stamp, position = table.stamp[rows], table.position[rows]
+        for n in range(int((stamp[-1] - start) / period) + 2):
+            point = start + n * period
+            near = np.abs(stamp - point) <= SNAP
+            after = np.searchsorted(stamp, point)
+            if near.any():
+                expected.append((agent, point, *position[near][0]))
+            elif 0 < after < len(stamp) and stamp[after] - stamp[after - 1] <= slack:
+                where = [np.interp(point, stamp, position[:, axis]) for axis in (0, 1)]
+                expected.append((agent, point, *where))
+    assert len(grid.id) == len(expected)
+    found = np.column_stack([grid.id, grid.stamp, grid.position]).reshape(-1, 4)
+    wanted = np.array(expected).reshape(-1, 4)
+    assert_array_equal(found[:, :2], wanted[:, :2])
+    np.testing.assert_allclose(found[:, 2:], wanted[:, 2:], atol=1e-4)
+
+
+@FAST
+@given(tracks(), st.floats(0.05, 1.0), st.floats(0.0, 1.5))
+def test_what_is_on_the_grid_comes_back_bit_for_bit(table, period, max_gap):
+    once = resample(table, period, max_gap)
+    assert_same(resample(once, period, max_gap=0.0, start=table.stamp.min()), once)
+
+
+def test_a_million_rows_in_a_moment():
+    agents, points = 2000, 500
+    stamp = np.tile(np.arange(points) * 0.1, agents)
+    position = np.random.default_rng(0).normal(size=(agents * points, 2))
+    table = make_tracks("r", stamp, np.repeat(np.arange(agents), points), position)
+    begin = time.process_time()
+    grid = resample(table, 0.4)
+    assert time.process_time() - begin < 2.0
+    assert len(grid.id) == agents * points // 4
