@@ -65,9 +65,7 @@ class GeneratorConfig:
     def needs_context_mlp(self) -> bool:
         """Whether a multi-layer perceptron stands between the encoder and the decoder."""
         return (
-            self.noise_dim > 0
-            or self.pooling != "none"
-            or self.encoder_h_dim != self.decoder_h_dim
+            self.noise_dim > 0 or self.pooling != "none" or self.encoder_h_dim != self.decoder_h_dim
         )
 
 

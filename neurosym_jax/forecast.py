@@ -1,8 +1,7 @@
-"""From a scene to k sampled futures: the noise, and the mapping of a generator over it.
+"""From scenes to k sampled futures: the forecasters, and where scenes gain their batch axis.
 
-A forecast's noise is a function of (seed, scene identity, sample index) and, where noise is per
-agent, of the agent's slot: it does not depend on how scenes are batched, padded or ordered, nor on
-how many samples are asked for.
+A forecaster is written for one scene, `one(params, scene, noise)`; `batch` maps it over padded
+scenes. Equal forecasters are equal to `jax.jit`, so they share compiled programs.
 """
 
 import dataclasses
@@ -19,9 +18,105 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
+from neurosym_jax.noise import NoiseSpec, draw_noise
 from neurosym_jax.scene import Scene, make_scene, pad_scene, to_world
 
-__all__ = ["GeneratorForecast", "Model", "forecast_scene", "predict", "sample_noise", "scene_key"]
+__all__ = ["Forecaster", "GeneratorForecaster", "Model", "predict"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Forecaster:
+    """A forecast of one scene, as a function of parameters, scene and noise."""
+
+    pred_len: int
+
+    @property
+    def noise(self) -> NoiseSpec:
+        """The noise it wants; the default is none, a deterministic forecast."""
+        return NoiseSpec()
+
+    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """`[k, N, pred_len, 2]` metres relative to the scene's origin.
+
+        `noise` is `[k, dim]`, or `[k, N, dim]` where the spec says per agent.
+        """
+        raise TypeError(f"{type(self).__name__} does not say how it forecasts a scene")
+
+    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> Array:
+        """`[k, B, N, pred_len, 2]`; `scenes` and `noise [k, B, ...]` have a scene axis."""
+        return _over_scenes(self, params, scenes, noise)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _over_scenes(forecaster: Forecaster, params, scenes, noise):
+    return jax.vmap(forecaster.one, in_axes=(None, 0, 1), out_axes=1)(params, scenes, noise)
+
+
+@dataclasses.dataclass(frozen=True)
+class GeneratorForecaster(Forecaster):
+    """A `Generator`: encoding and pooling once, then one decoding for each noise."""
+
+    pred_len: int = dataclasses.field(init=False)
+    config: GeneratorConfig
+
+    def __post_init__(self):
+        """Take the horizon from the config."""
+        object.__setattr__(self, "pred_len", self.config.pred_len)
+
+    @property
+    def noise(self) -> NoiseSpec:
+        """As the config says."""
+        config = self.config
+        return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
+
+    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """See `Forecaster.one`."""
+        return _decode(self.config, params, _encode(self.config, params, scene), scene, noise)
+
+    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> Array:
+        """See `Forecaster.batch`.
+
+        What does not look at neighbours treats all slots of the batch as the agents of one scene:
+        the program then has the same shape for every bucket and is compiled once.
+        """
+        if self.config.pool_every_timestep:
+            return super().batch(params, scenes, noise)
+        slots = jax.tree.map(_merge_axes, scenes.replace(identity=None))
+        if self.config.pooling == "none":
+            context = _encode_slots(self.config, params, slots)
+        else:
+            context = _merge_axes(_encode_scenes(self.config, params, scenes))
+        noise = np.asarray(noise)
+        if not self.noise.per_agent:
+            noise = np.repeat(noise, scenes.valid.shape[1], axis=1)
+        else:
+            noise = noise.reshape(noise.shape[0], -1, noise.shape[-1])
+        forecast = _decode_slots(self.config, params, context, slots, noise)
+        return np.asarray(forecast).reshape(len(noise), *scenes.valid.shape, self.pred_len, 2)
+
+
+def _merge_axes(array: ArrayLike) -> np.ndarray:
+    """`[B, N, ...]` to `[B * N, ...]`, on the host."""
+    array = np.asarray(array)
+    return array.reshape(-1, *array.shape[2:])
+
+
+def _encode(config: GeneratorConfig, params: Any, scene: Scene) -> Array:
+    return Generator(config).apply(params, scene, method="encode")
+
+
+def _decode(config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array):
+    decode = functools.partial(Generator(config).apply, params, context, scene, method="decode")
+    return scene.observed[:, -1, None] + jnp.cumsum(jax.vmap(decode)(noise), axis=-2)
+
+
+_encode_slots = jax.jit(_encode, static_argnums=0)
+_decode_slots = jax.jit(_decode, static_argnums=0)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _encode_scenes(config, params, scenes):
+    return jax.vmap(functools.partial(_encode, config), in_axes=(None, 0))(params, scenes)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,62 +128,10 @@ class Model:
     scene: str | None = None
     """The benchmark scene left out of its training, where known."""
 
-
-def scene_key(key: Array, identity: Array) -> Array:
-    """The scene's own random key: `key` folded with `identity [2]`; `key` is not consumed."""
-    return jax.random.fold_in(jax.random.fold_in(key, identity[0]), identity[1])
-
-
-def sample_noise(config: GeneratorConfig, key: Array, samples: int, agents: int) -> Array:
-    """Noise for one scene, from the scene's own key.
-
-    Returns:
-        [samples, noise_dim] where noise is global to the scene, else [samples, agents, noise_dim].
-        Sample s (and slot n) does not depend on how many samples (and slots) there are.
-    """
-
-    def draw(key: Array) -> Array:
-        if config.noise_type == "gaussian":
-            return jax.random.normal(key, (config.noise_dim,))
-        return jax.random.uniform(key, (config.noise_dim,), minval=-1.0, maxval=1.0)
-
-    split = jax.vmap(jax.random.fold_in, in_axes=(None, 0))
-    keys = split(key, jnp.arange(samples))
-    if config.noise_mix_type == "global":
-        return jax.vmap(draw)(keys)
-    slots = jax.vmap(split, in_axes=(0, None))(keys, jnp.arange(agents))
-    return jax.vmap(jax.vmap(draw))(slots)
-
-
-def forecast_scene(
-    config: GeneratorConfig, params: Any, scene: Scene, key: Array, samples: int
-) -> Array:
-    """`[samples, N, pred_len, 2]` positions in metres relative to the scene's origin.
-
-    `key` is the evaluation's, the same for every scene; encoding and pooling are done once.
-    """
-    generator = Generator(config)
-    noise = sample_noise(config, scene_key(key, scene.identity), samples, scene.valid.shape[0])
-    context = generator.apply(params, scene, method="encode")
-    decode = functools.partial(generator.apply, params, context, scene, method="decode")
-    displacement = jax.vmap(decode)(noise)
-    return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
-
-
-@dataclasses.dataclass(frozen=True)
-class GeneratorForecast:
-    """`forecast_scene` for a fixed config: equal configs are equal functions to `jax.jit`."""
-
-    config: GeneratorConfig
-
-    def __call__(self, params: Any, scene: Scene, key: Array, samples: int) -> Array:
-        """See `forecast_scene`."""
-        return forecast_scene(self.config, params, scene, key, samples)
-
-
-@functools.partial(jax.jit, static_argnums=(0, 4))
-def _forecast_jitted(config, params, scene, key, samples):
-    return forecast_scene(config, params, scene, key, samples)
+    @property
+    def forecaster(self) -> GeneratorForecaster:
+        """The forecaster of this model's parameters."""
+        return GeneratorForecaster(self.config)
 
 
 def predict(
@@ -103,7 +146,7 @@ def predict(
     """Forecast one scene in the caller's own frame.
 
     Args:
-        model: see `load_model`.
+        model: see `checkpoint.load_model`.
         observed: [N, obs_len, 2] metres.
         samples: number of futures.
         seed: with `recording` and `frame`, determines the noise.
@@ -120,6 +163,14 @@ def predict(
     agents, steps = scene.observed.shape[:2]
     if steps != model.config.obs_len:
         raise InputError(f"observed has {steps} steps; the model observes {model.config.obs_len}")
-    padded = pad_scene(scene, int(bucket_of(agents)))
-    forecast = _forecast_jitted(model.config, model.params, padded, jax.random.key(seed), samples)
+    slots = int(bucket_of(agents))
+    padded = pad_scene(scene, slots).replace(origin=None)
+    forecaster = model.forecaster
+    noise = draw_noise(forecaster.noise, seed, padded.identity[None], samples, slots)
+    forecast = _one_scene(forecaster, model.params, padded, noise[:, 0])
     return to_world(np.asarray(forecast)[:, :agents], scene)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _one_scene(forecaster: Forecaster, params, scene, noise):
+    return forecaster.one(params, scene, noise)

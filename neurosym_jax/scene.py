@@ -77,9 +77,7 @@ def make_scene(
     if future is not None:
         future = _checked("future", future)
         if len(future) != len(observed):
-            raise InputError(
-                f"future has {len(future)} agents but observed has {len(observed)}"
-            )
+            raise InputError(f"future has {len(future)} agents but observed has {len(observed)}")
         future = (future - origin).astype(dtype)
     return Scene(
         observed=(observed - origin).astype(dtype),

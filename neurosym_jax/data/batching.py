@@ -17,6 +17,9 @@ __all__ = ["BUCKETS", "Batch", "bucket_of", "make_batches"]
 BUCKETS = (4, 8, 16, 32, 64)
 """Agents per padded scene; beyond the last, powers of two."""
 
+SLOTS = 256
+"""Agent slots of a batch: with 20 samples the decoder then works in the second-level cache."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Batch:
@@ -36,7 +39,7 @@ def bucket_of(agents: np.ndarray | int) -> np.ndarray:
     return np.where(agents <= BUCKETS[-1], small, large)
 
 
-def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
+def make_batches(windows: Windows, slots: int = SLOTS) -> list[Batch]:
     """All scenes of `windows`, each in exactly one batch.
 
     Args:

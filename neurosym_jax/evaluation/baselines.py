@@ -1,18 +1,18 @@
 """Constant velocity, plain and sampled: the forecasts every model has to beat.
 
 Schöller et al., "What the Constant Velocity Model Can Teach Us About Pedestrian Motion Prediction"
-(RA-L 2020). Both have the signature of `forecast.GeneratorForecast` and need no parameters.
+(RA-L 2020).
 """
 
 import dataclasses
 import math
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.forecast import scene_key
+from neurosym_jax.forecast import Forecaster
+from neurosym_jax.noise import NoiseSpec
 from neurosym_jax.scene import Scene
 
 __all__ = ["HEADING_STD", "ConstantVelocity", "ConstantVelocitySampled"]
@@ -22,31 +22,27 @@ HEADING_STD = math.radians(25.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstantVelocity:
-    """Everybody repeats the last observed step: one forecast, whatever `samples` says."""
+class ConstantVelocity(Forecaster):
+    """Everybody repeats the last observed step: one forecast."""
 
-    pred_len: int
-
-    def __call__(self, params: Any, scene: Scene, key: Array, samples: int) -> Array:
-        """`[1, N, pred_len, 2]` metres relative to the scene's origin."""
-        del params, key, samples
-        return _extrapolate(scene.observed[:, -1], scene.displacement[:, -1], self.pred_len)[None]
+    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """`[k, N, pred_len, 2]`, the same for every sample; `params` is not used."""
+        step = jnp.broadcast_to(scene.displacement[:, -1], (len(noise), *scene.valid.shape, 2))
+        return _extrapolate(scene.observed[:, -1], step, self.pred_len)
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstantVelocitySampled:
+class ConstantVelocitySampled(Forecaster):
     """Constant velocity, each agent's heading turned by its own Gaussian angle in each sample."""
 
-    pred_len: int
+    @property
+    def noise(self) -> NoiseSpec:
+        """One standard normal number for each agent."""
+        return NoiseSpec(dim=1, per_agent=True)
 
-    def __call__(self, params: Any, scene: Scene, key: Array, samples: int) -> Array:
-        """`[samples, N, pred_len, 2]` metres relative to the scene's origin."""
-        del params
-        key = scene_key(key, scene.identity)
-        fold = jax.vmap(jax.random.fold_in, in_axes=(None, 0))
-        slots = jnp.arange(scene.valid.shape[0])
-        keys = jax.vmap(fold, in_axes=(0, None))(fold(key, jnp.arange(samples)), slots)
-        angle = HEADING_STD * jax.vmap(jax.vmap(jax.random.normal))(keys)
+    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """`[k, N, pred_len, 2]`; `params` is not used."""
+        angle = HEADING_STD * noise[..., 0]
         cos, sin = jnp.cos(angle), jnp.sin(angle)
         x, y = scene.displacement[:, -1, 0], scene.displacement[:, -1, 1]
         step = jnp.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
@@ -54,6 +50,6 @@ class ConstantVelocitySampled:
 
 
 def _extrapolate(position: Array, step: Array, pred_len: int) -> Array:
-    """`position [N, 2]` moved by 1 .. pred_len times `step [..., N, 2]`: [..., N, pred_len, 2]."""
+    """`position [N, 2]` moved by 1 .. pred_len times `step [k, N, 2]`: [k, N, pred_len, 2]."""
     steps = jnp.arange(1, pred_len + 1, dtype=position.dtype)
     return position[:, None] + steps[:, None] * step[..., None, :]

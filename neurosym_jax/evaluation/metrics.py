@@ -5,6 +5,7 @@ agent have its own, which is what most later papers report. The two are not comp
 always computed. The minima of ADE and of FDE are taken independently, as SGAN does.
 """
 
+import jax
 import jax.numpy as jnp
 from flax import struct
 from jax import Array
@@ -77,11 +78,16 @@ def collisions(forecast: Array, valid: Array) -> Array:
     Returns:
         [k, N] bool.
     """
-    offset = forecast[:, :, None] - forecast[:, None, :]
-    start, move = offset[..., :-1, :], jnp.diff(offset, axis=-2)
-    # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
-    length = (move**2).sum(-1)
-    t = jnp.clip(-(start * move).sum(-1) / jnp.where(length > 0, length, 1), 0, 1)
-    nearest = ((start + t[..., None] * move) ** 2).sum(-1).min(axis=-1)
+
+    def one_sample(forecast: Array) -> Array:
+        offset = forecast[:, None] - forecast[None, :]
+        start, move = offset[..., :-1, :], jnp.diff(offset, axis=-2)
+        # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
+        length = (move**2).sum(-1)
+        t = jnp.clip(-(start * move).sum(-1) / jnp.where(length > 0, length, 1), 0, 1)
+        nearest = ((start + t[..., None] * move) ** 2).sum(-1).min(axis=-1)
+        return ((nearest < COLLISION_DISTANCE**2) & pairs).any(axis=-1)
+
     pairs = valid[:, None] & valid[None, :] & ~jnp.eye(len(valid), dtype=bool)
-    return ((nearest < COLLISION_DISTANCE**2) & pairs).any(axis=-1)
+    # Sample by sample, so that memory follows N^2 and not k N^2.
+    return jax.lax.map(one_sample, forecast)

@@ -62,13 +62,13 @@ class Decoder(nn.Module):
         feedback_bias = bias + self.hidden2pos.bias @ kernel
 
         def step(state, _):
-            hidden, cell = lstm_update(state[0] @ feedback + feedback_bias, state[1])
-            return (hidden, cell), hidden
+            gates, cell = state
+            hidden, cell = lstm_update(gates, cell)
+            return (hidden @ feedback + feedback_bias, cell), hidden
 
         gates = displacement @ kernel + bias + hidden @ recurrent
-        first = lstm_update(gates, jnp.zeros_like(hidden))
-        _, rest = jax.lax.scan(step, first, length=self.config.pred_len - 1)
-        states = jnp.concatenate([first[0][None], rest])
+        state = (gates, jnp.zeros_like(hidden))
+        _, states = jax.lax.scan(step, state, length=self.config.pred_len)
         return jnp.moveaxis(self.hidden2pos(states), 0, 1)
 
     def _pooled(self, hidden: Array, position: Array, displacement: Array, valid: Array) -> Array:

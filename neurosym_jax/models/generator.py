@@ -59,6 +59,4 @@ class Generator(nn.Module):
         """Forecast displacements `[N, pred_len, 2]` from `context` and one noise."""
         noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
         hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
-        return self.decoder(
-            hidden, scene.observed[:, -1], scene.displacement[:, -1], scene.valid
-        )
+        return self.decoder(hidden, scene.observed[:, -1], scene.displacement[:, -1], scene.valid)

@@ -66,7 +66,9 @@ class SocialPooling(nn.Module):
         agents = positions.shape[0]
         half = self.neighborhood_size / 2
         offset = positions[None, :, :] - positions[:, None, :]
-        inside = (jnp.abs(offset) < half).all(axis=-1) & valid[None, :] & ~jnp.eye(agents, dtype=bool)
+        inside = (
+            (jnp.abs(offset) < half).all(axis=-1) & valid[None, :] & ~jnp.eye(agents, dtype=bool)
+        )
         scaled = (jnp.stack([offset[..., 0], -offset[..., 1]], -1) + half) / (2 * half)
         column, row = jnp.moveaxis(jnp.floor(scaled * self.grid_size), -1, 0)
         cell = jnp.where(inside, column + self.grid_size * row, -1)
@@ -81,6 +83,4 @@ def make_pooling(config: GeneratorConfig, h_dim: int) -> nn.Module | None:
         return None
     if config.pooling == "social":
         return SocialPooling(h_dim, config.grid_size, config.neighborhood_size)
-    return HiddenPooling(
-        config.embedding_dim, h_dim, config.pool_hidden_dim, config.bottleneck_dim
-    )
+    return HiddenPooling(config.embedding_dim, h_dim, config.pool_hidden_dim, config.bottleneck_dim)

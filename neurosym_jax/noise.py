@@ -1,0 +1,84 @@
+"""Noise as a function of (seed, scene, sample, slot): the same however scenes are batched.
+
+Each scene, or each agent slot where noise is per agent, has its own stream of random numbers, and a
+sample's numbers do not depend on how many samples are asked for. The last is a property of jax's
+partitionable threefry (element i of an array depends on i alone); the tests hold it down.
+"""
+
+import dataclasses
+import functools
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+__all__ = ["NoiseSpec", "draw_noise", "scene_noise"]
+
+CHUNK = 256
+"""Streams drawn in one call, so that one compiled program serves any number of scenes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class NoiseSpec:
+    """What noise a forecaster wants for each sample; `dim` 0 says that it is deterministic."""
+
+    dim: int = 0
+    per_agent: bool = False
+    distribution: Literal["gaussian", "uniform"] = "gaussian"
+    """Standard normal, or uniform on [-1, 1)."""
+
+
+def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
+    """Noise of one scene; `key` is the run's, the same for every scene, and is not consumed.
+
+    Args:
+        spec: dimension, distribution, and whether noise is per agent.
+        key: the run's random key.
+        identity: [2] uint32, see `Scene.identity`.
+        samples: k.
+        agents: N slots.
+
+    Returns:
+        [k, dim] where noise is global to the scene, else [k, N, dim].
+    """
+    if not spec.per_agent:
+        return _stream(spec, key, identity, jnp.uint32(0), samples)
+    slots = jnp.arange(agents, dtype=jnp.uint32)
+    return jax.vmap(lambda slot: _stream(spec, key, identity, slot, samples), out_axes=1)(slots)
+
+
+def draw_noise(
+    spec: NoiseSpec, seed: int, identity: np.ndarray, samples: int, agents: int
+) -> np.ndarray:
+    """`scene_noise` of B scenes, `identity [B, 2]`: [k, B, dim] or [k, B, N, dim] on the host."""
+    scenes = len(identity)
+    slots = agents if spec.per_agent else 1
+    identity = np.repeat(identity, slots, axis=0)
+    slot = np.tile(np.arange(slots, dtype=np.uint32), scenes)
+    padding = -len(slot) % CHUNK
+    identity, slot = np.pad(identity, [(0, padding), (0, 0)]), np.pad(slot, (0, padding))
+    key = jax.random.key(seed)
+    parts = [
+        _streams(spec, key, identity[at : at + CHUNK], slot[at : at + CHUNK], samples)
+        for at in range(0, len(slot), CHUNK)
+    ]
+    noise = np.concatenate([np.asarray(part) for part in parts], axis=1)[:, : scenes * slots]
+    shape = (samples, scenes, agents) if spec.per_agent else (samples, scenes)
+    return noise.reshape(*shape, spec.dim)
+
+
+def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:
+    """[k, dim] numbers of one stream."""
+    for part in (identity[0], identity[1], slot):
+        key = jax.random.fold_in(key, part)
+    if spec.distribution == "gaussian":
+        return jax.random.normal(key, (samples, spec.dim))
+    return jax.random.uniform(key, (samples, spec.dim), minval=-1.0, maxval=1.0)
+
+
+@functools.partial(jax.jit, static_argnums=(0, 4))
+def _streams(spec, key, identity, slot, samples):
+    draw = functools.partial(_stream, spec, key, samples=samples)
+    return jax.vmap(draw, out_axes=1)(identity, slot)
