@@ -96,19 +96,19 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
             value of the wrong type.
     """
     try:
-        data = json.loads(data) if isinstance(data, str) else dict(data)
+        fields: dict[str, Any] = json.loads(data) if isinstance(data, str) else dict(data)
     except json.JSONDecodeError as error:
         raise InputError(f"{source}: not JSON ({error})") from None
-    version = data.pop("format", None)
+    version = fields.pop("format", None)
     if version != FORMAT:
         raise InputError(f"{source}: format {version!r} is not the format {FORMAT} of this version")
     hints = typing.get_type_hints(cls)
-    for name, value in data.items():
+    for name, value in fields.items():
         if name not in hints:
             raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
         if not _fits(value, hints[name]):
             raise InputError(f"{source}: {name} = {value!r} does not fit {hints[name]}")
-    return cls(**data)
+    return cls(**fields)
 
 
 def _fits(value: Any, hint: Any) -> bool:

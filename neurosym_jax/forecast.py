@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import ArrayLike
+from jax.typing import ArrayLike
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import bucket_of
@@ -42,7 +42,7 @@ class Forecaster:
         """
         raise TypeError(f"{type(self).__name__} does not say how it forecasts a scene")
 
-    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> Array:
+    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> ArrayLike:
         """`[k, B, N, pred_len, 2]`; `scenes` and `noise [k, B, ...]` have a scene axis."""
         return _over_scenes(self, params, scenes, noise)
 
@@ -73,7 +73,7 @@ class GeneratorForecaster(Forecaster):
         """See `Forecaster.one`."""
         return _decode(self.config, params, _encode(self.config, params, scene), scene, noise)
 
-    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> Array:
+    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> ArrayLike:
         """See `Forecaster.batch`.
 
         What does not look at neighbours treats all slots of the batch as the agents of one scene:
@@ -101,13 +101,14 @@ def _merge_axes(array: ArrayLike) -> np.ndarray:
     return array.reshape(-1, *array.shape[2:])
 
 
-def _encode(config: GeneratorConfig, params: Any, scene: Scene) -> Array:
+def _encode(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
     return Generator(config).apply(params, scene, method="encode")
 
 
 def _decode(config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array):
     decode = functools.partial(Generator(config).apply, params, context, scene, method="decode")
-    return scene.observed[:, -1, None] + jnp.cumsum(jax.vmap(decode)(noise), axis=-2)
+    displacement: Any = jax.vmap(decode)(noise)
+    return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
 
 
 _encode_slots = jax.jit(_encode, static_argnums=0)
@@ -127,6 +128,15 @@ class Model:
     params: dict[str, Any]
     scene: str | None = None
     """The benchmark scene left out of its training, where known."""
+
+    @property
+    def name(self) -> str:
+        """What kind of model this is."""
+        return {
+            "none": "SGAN, no pooling",
+            "pool_net": "SGAN",
+            "social": "SGAN, social pooling",
+        }[self.config.pooling]
 
     @property
     def forecaster(self) -> GeneratorForecaster:

@@ -16,10 +16,10 @@ _COMPILE_EVENTS = (
 _compiled = 0.0
 
 
-def _count(event: str, duration: float, **_: object) -> None:
+def _count(event: str, duration_secs: float, **kwargs: str | int) -> None:
     global _compiled
     if event in _COMPILE_EVENTS:
-        _compiled += duration
+        _compiled += duration_secs
 
 
 jax.monitoring.register_event_duration_secs_listener(_count)

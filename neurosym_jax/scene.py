@@ -9,6 +9,7 @@ map or UTM coordinates lose no precision.
 """
 
 import zlib
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,21 +29,23 @@ __all__ = [
 ]
 
 
-@struct.dataclass
-class Scene:
-    """One moment of N agents; every array may carry leading axes added by `stack` or `vmap`."""
+class Scene(struct.PyTreeNode):
+    """One moment of N agents; arrays are numpy's on the host and jax's inside a model.
 
-    observed: ArrayLike
+    Every array may carry leading axes: a batch is a Scene too.
+    """
+
+    observed: Any
     """[N, obs_len, 2] positions in metres, relative to `origin`."""
-    displacement: ArrayLike
+    displacement: Any
     """[N, obs_len, 2] step from the previous position in metres; the first step is zero."""
-    valid: ArrayLike
+    valid: Any
     """[N] bool; False is padding and nothing else."""
-    identity: ArrayLike
+    identity: Any
     """[2] uint32 (recording digest, start frame); with a seed it determines the noise."""
-    origin: ArrayLike
+    origin: Any
     """[2] float64 metres, the scene's centre in the caller's frame; only the host uses it."""
-    future: ArrayLike | None = None
+    future: Any = None
     """[N, pred_len, 2] positions in metres relative to `origin`, where known; never a model's."""
 
 

@@ -1,7 +1,12 @@
+"""Strict numerics for every test, and the folder of real data where there is one."""
+
 import os
 from pathlib import Path
 
+import jax
 import pytest
+
+jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,13 @@ of a bucket is filled up with empty scenes (no valid agent).
 
 import dataclasses
 
+import jax
 import numpy as np
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import Scene, displacements, model_dtype
 
-__all__ = ["BUCKETS", "Batch", "bucket_of", "make_batches"]
+__all__ = ["BUCKETS", "SLOTS", "Batch", "bucket_of", "make_batches", "single_scene"]
 
 BUCKETS = (4, 8, 16, 32, 64)
 """Agents per padded scene; beyond the last, powers of two."""
@@ -52,6 +53,21 @@ def make_batches(windows: Windows, slots: int = SLOTS) -> list[Batch]:
         for bucket in np.unique(buckets)
         for batch in _bucket_batches(windows, np.flatnonzero(buckets == bucket), bucket, slots)
     ]
+
+
+def single_scene(windows: Windows, index: int) -> Scene:
+    """Scene `index` of `windows` alone, padded to its bucket, exactly as in its batch."""
+    window = slice(*windows.bounds[index : index + 2])
+    position = windows.position[window]
+    alone = Windows(
+        position=position,
+        agent=windows.agent[window],
+        bounds=np.array([0, len(position)]),
+        identity=windows.identity[index : index + 1],
+        obs_len=windows.obs_len,
+    )
+    (batch,) = make_batches(alone, slots=1)
+    return jax.tree.map(lambda array: array[0], batch.scene)
 
 
 def _bucket_batches(windows: Windows, chosen: np.ndarray, bucket: int, slots: int) -> list[Batch]:

@@ -12,7 +12,7 @@ import numpy as np
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["PERIOD", "SCENES", "is_eth_ucy", "read_recordings", "read_text", "read_split"]
+__all__ = ["PERIOD", "SCENES", "is_eth_ucy", "read_split", "read_text", "text_files"]
 
 PERIOD = 0.4
 """Seconds between consecutive frames of the benchmark."""
@@ -132,16 +132,12 @@ def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
             raise InputError(f"{missing[0]}: missing, and scene {scene} needs it")
     else:
         held_out = {f"{name}_{split}.txt" for name in SCENES[scene]}
-        paths = [path for path in _text_files(folder / split) if path.name not in held_out]
+        paths = [path for path in text_files(folder / split) if path.name not in held_out]
     return [read_text(path) for path in paths]
 
 
-def read_recordings(path: Path) -> list[Tracks]:
-    """Read a text file, or every `.txt` and `.csv` file of a folder in order of name."""
-    return [read_text(file) for file in ([path] if path.is_file() else _text_files(path))]
-
-
-def _text_files(folder: Path) -> list[Path]:
+def text_files(folder: Path) -> list[Path]:
+    """Every `.txt` and `.csv` file of a folder, in order of name; there must be one."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such file or folder")
     paths = sorted(path for path in folder.iterdir() if path.suffix in {".txt", ".csv"})

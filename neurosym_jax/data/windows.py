@@ -1,7 +1,7 @@
 """Cut recordings into windows of people who are present together: SGAN's windows, exactly.
 
-A window spans `obs_len + pred_len` consecutive stamps of its recording (gaps in time included, as in
-SGAN) and holds the agents seen at every one of them. Windows are stored agent by agent, without
+A window spans `obs_len + pred_len` consecutive stamps of its recording (gaps in time included, as
+in SGAN) and holds the agents seen at every one of them. Windows are stored agent by agent, without
 padding; `data.batching` makes padded scenes of them.
 """
 

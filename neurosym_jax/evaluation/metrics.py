@@ -5,6 +5,8 @@ agent have its own, which is what most later papers report. The two are not comp
 always computed. The minima of ADE and of FDE are taken independently, as SGAN does.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from flax import struct
@@ -16,23 +18,22 @@ COLLISION_DISTANCE = 0.2
 """Metres between two people's centres under which they collide."""
 
 
-@struct.dataclass
-class SceneErrors:
+class SceneErrors(struct.PyTreeNode):
     """Sums over one scene's valid agents; divide by agents for means."""
 
-    agents: Array
+    agents: Any
     """[] number of valid agents."""
-    joint_ade: Array
+    joint_ade: Any
     """[] metres, minimum over samples of the agents' summed time-mean error."""
-    joint_fde: Array
+    joint_fde: Any
     """[] metres, the same of the error at the last step."""
-    marginal_ade: Array
+    marginal_ade: Any
     """[] metres, sum over agents of each one's minimum over samples."""
-    marginal_fde: Array
+    marginal_fde: Any
     """[] metres, the same of the error at the last step."""
-    horizon: Array
+    horizon: Any
     """[pred_len] metres, agents' summed error at each step in the sample of best joint ADE."""
-    colliding: Array
+    colliding: Any
     """[] mean over samples of the number of agents that collide with another."""
 
 

@@ -76,7 +76,7 @@ class Decoder(nn.Module):
             Decoder._pooled_step,
             variable_broadcast="params",
             split_rngs={"params": False},
-            in_axes=nn.broadcast,
+            in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
             length=self.config.pred_len,
         )
         state = (hidden, jnp.zeros_like(hidden), position, displacement)
@@ -90,6 +90,7 @@ class Decoder(nn.Module):
         hidden, cell = lstm_update(gates, cell)
         displacement = self.hidden2pos(hidden)
         position = position + displacement
+        assert self.pooling is not None  # the config refuses per-step pooling of the kind none
         pooled = self.pooling(hidden, position, valid)
         hidden = self.mlp(jnp.concatenate([hidden, pooled], axis=-1))
         return (hidden, cell, position, displacement), displacement

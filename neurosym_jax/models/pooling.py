@@ -77,7 +77,7 @@ class SocialPooling(nn.Module):
         return self.mlp(grid.reshape(agents, -1))
 
 
-def make_pooling(config: GeneratorConfig, h_dim: int) -> nn.Module | None:
+def make_pooling(config: GeneratorConfig, h_dim: int) -> HiddenPooling | SocialPooling | None:
     """The pooling that `config` names, for hidden states of size `h_dim`."""
     if config.pooling == "none":
         return None

@@ -1,0 +1,104 @@
+"""Models on disk: our folders (Orbax) and, read through `interop`, torch's files.
+
+A model's folder holds `config.json` (format version, generator, scene left out of training, digest
+of the parameters), `params/` (Orbax) and a card for people. This is the only importer of Orbax,
+which is imported when a folder is first read or written.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from neurosym_jax.config import FORMAT, GeneratorConfig, from_json, to_json
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecast import Model
+
+__all__ = ["digest", "load_model", "save_model", "shipped_models"]
+
+CONFIG = "config.json"
+
+
+def digest(tree: Any) -> str:
+    """SHA-256 of a tree's paths, shapes, types and bytes.
+
+    Orbax restores some flipped bits without noticing.
+    """
+    sha = hashlib.sha256()
+    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
+        array = np.ascontiguousarray(leaf)
+        sha.update(f"{jax.tree_util.keystr(path)} {array.dtype} {array.shape}".encode())
+        sha.update(array.tobytes())
+    return sha.hexdigest()
+
+
+def save_model(folder: Path, model: Model) -> None:
+    """Write `model` as a new folder.
+
+    Raises:
+        InputError: when something is already there.
+    """
+    from orbax.checkpoint import v1 as ocp
+
+    if folder.exists():
+        raise InputError(f"{folder}: already there, and nothing is overwritten")
+    params = jax.tree.map(np.asarray, model.params)
+    folder.mkdir(parents=True)
+    ocp.save(str((folder / "params").absolute()), params)
+    config = {
+        "format": FORMAT,
+        "generator": {k: v for k, v in to_json(model.config).items() if k != "format"},
+        "scene": model.scene,
+        "sha256": digest(params),
+    }
+    # Last, so that a folder with a config is whole.
+    (folder / CONFIG).write_text(json.dumps(config, indent=2) + "\n")
+
+
+def load_model(path: Path) -> Model:
+    """Read a model's folder, or a torch checkpoint file of SGAN.
+
+    Raises:
+        InputError: for anything that is not such a thing, is damaged, or has another format.
+    """
+    if path.is_file():
+        from neurosym_jax.interop.torch import load_torch_checkpoint
+
+        checkpoint = load_torch_checkpoint(path)
+        return Model(checkpoint.config, {"params": checkpoint.params}, checkpoint.scene)
+    if not path.exists():
+        raise InputError(f"{path}: no such checkpoint")
+    if not (path / CONFIG).is_file():
+        raise InputError(f"{path}: not a model's folder: it has no {CONFIG}")
+    source = str(path / CONFIG)
+    try:
+        data = json.loads((path / CONFIG).read_text())
+        fields = {"format", "generator", "scene", "sha256"}
+        if not isinstance(data, dict) or set(data) != fields:
+            raise InputError(f"{source}: must have exactly the fields {', '.join(sorted(fields))}")
+        generator = {"format": data["format"], **data["generator"]}
+    except (json.JSONDecodeError, UnicodeDecodeError, TypeError) as error:
+        raise InputError(f"{source}: not a model's configuration ({error})") from None
+    config = from_json(GeneratorConfig, generator, source)
+    params = _restore(path / "params")
+    if digest(params) != data["sha256"]:
+        raise InputError(f"{path}: damaged: the parameters do not match the digest in {CONFIG}")
+    return Model(config, params, data["scene"])
+
+
+def _restore(folder: Path) -> Any:
+    from orbax.checkpoint import v1 as ocp
+
+    try:
+        return ocp.load(str(folder.absolute()))
+    except Exception as error:  # Orbax and its storage raise many kinds for a damaged folder
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{folder}: the parameters cannot be read ({reason[:200]})") from None
+
+
+def shipped_models(folder: Path) -> list[Path]:
+    """The models' folders under `folder`, in order of name; none where it does not exist."""
+    return sorted(path.parent for path in folder.glob(f"*/{CONFIG}"))

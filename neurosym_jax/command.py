@@ -1,0 +1,32 @@
+"""From a command line to a call: options are a dataclass, bad input is one line, not a trace."""
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import tyro
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.runtime import enable_compilation_cache
+
+__all__ = ["run_command"]
+
+Options = TypeVar("Options")
+
+
+def run_command(
+    options: type[Options],
+    action: Callable[[Options], object],
+    arguments: Sequence[str] | None = None,
+    prog: str | None = None,
+) -> None:
+    """Parse `options` from the command line, call `action`, exit.
+
+    The exit status is what `action` returns where that is a number, else 0; 2 for bad input.
+    """
+    enable_compilation_cache()
+    try:
+        status = action(tyro.cli(options, args=arguments, prog=prog))
+    except InputError as error:
+        sys.exit(f"error: {error}")
+    sys.exit(status if isinstance(status, int) else 0)

@@ -1,0 +1,113 @@
+"""Where the recordings of a named scene come from: the embedded simulations, ETH/UCY, or a user.
+
+A source names its scenes and hands out their recordings. It reads lazily and once.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Literal, cast
+
+from neurosym_jax.data import eth_ucy, synthetic
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.errors import InputError
+
+__all__ = ["EthUcy", "Files", "Source", "Split", "Synthetic", "open_source"]
+
+Split = Literal["train", "val", "test"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Source:
+    """Named scenes and their recordings."""
+
+    scenes: tuple[str, ...]
+
+    def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
+        """Recordings of one split of `scene`.
+
+        Raises:
+            InputError: for a scene that the source does not have, or files that cannot be read.
+        """
+        if scene not in self.scenes:
+            raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
+        return self._read(scene, split)
+
+    def files(self, names: Sequence[str]) -> list[Tracks]:
+        """Recordings chosen by path, or by file name without ending among the source's files.
+
+        Raises:
+            InputError: for a name that is neither.
+        """
+        known = {path.stem: path for path in self._paths()}
+        paths = [Path(name) if Path(name).is_file() else known.get(name) for name in names]
+        for name, path in zip(names, paths):
+            if path is None:
+                among = ", ".join(sorted(known)) or "nothing"
+                raise InputError(f"{name}: no such file, nor a recording among {among}")
+        return [eth_ucy.read_text(path) for path in paths if path is not None]
+
+    def _read(self, scene: str, split: Split) -> list[Tracks]:
+        raise TypeError(f"{type(self).__name__} does not say how it reads a scene")
+
+    def _paths(self) -> Iterable[Path]:
+        return ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Synthetic(Source):
+    """The robot paper's two scenarios, simulated; each split has seeds of its own."""
+
+    scenes: tuple[str, ...] = ("all-forward", "cross-path")
+
+    def _read(self, scene: str, split: Split) -> list[Tracks]:
+        seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
+        scenario = cast(synthetic.Scenario, scene)
+        return [synthetic.synthetic_tracks(scenario, seed) for seed in seeds]
+
+
+@dataclasses.dataclass(frozen=True)
+class EthUcy(Source):
+    """ETH/UCY with its leave-one-out splits."""
+
+    folder: Path = Path()
+    scenes: tuple[str, ...] = tuple(eth_ucy.SCENES)
+
+    def _read(self, scene: str, split: Split) -> list[Tracks]:
+        return eth_ucy.read_split(self.folder, scene, split)
+
+    def _paths(self) -> Iterable[Path]:
+        return sorted(self.folder.glob("*/*.txt"))
+
+
+@dataclasses.dataclass(frozen=True)
+class Files(Source):
+    """A user's text files; each is a scene of its own, named after the file."""
+
+    paths: tuple[Path, ...] = ()
+
+    def _read(self, scene: str, split: Split) -> list[Tracks]:
+        if split != "test":
+            raise InputError(f"{scene}: a single file has no {split} split")
+        return [eth_ucy.read_text(path) for path in self.paths if path.stem == scene]
+
+    def _paths(self) -> Iterable[Path]:
+        return self.paths
+
+
+@functools.cache
+def open_source(data: Path | None) -> Source:
+    """The source at `data`: ETH/UCY as SGAN arranges it, a text file or a folder of them.
+
+    With None, the embedded simulations.
+    """
+    if data is None:
+        return Synthetic()
+    if eth_ucy.is_eth_ucy(data):
+        return EthUcy(folder=data)
+    paths = (data,) if data.is_file() else tuple(eth_ucy.text_files(data))
+    names = [path.stem for path in paths]
+    if len(set(names)) < len(names):
+        raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
+    return Files(scenes=tuple(names), paths=paths)

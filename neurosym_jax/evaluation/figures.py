@@ -1,0 +1,76 @@
+"""The figures of an evaluation: forecasts over the truth, the fan of samples, errors by horizon."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from neurosym_jax.data.eth_ucy import PERIOD
+from neurosym_jax.evaluation.cases import TestSet
+from neurosym_jax.scene import Scene, to_world
+
+__all__ = ["Shown", "draw_figures"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Shown:
+    """What one row of the table contributes to its test set's figures."""
+
+    test_set: TestSet
+    model: str
+    scene: Scene
+    """The example, padded, with its truth."""
+    forecast: np.ndarray
+    """[k, N, pred_len, 2] metres relative to the example's origin."""
+    horizon: np.ndarray
+    """[pred_len] mean error in metres over the whole test set."""
+
+
+def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
+    """Three figures for each test set; figures of the same name are replaced."""
+    from neurosym_jax.plotting import (
+        plot_fan,
+        plot_forecasts,
+        plot_horizon_errors,
+        save_figure,
+    )
+
+    paths = []
+    for test in dict.fromkeys(item.test_set for item in shown):
+        members = [item for item in shown if item.test_set == test]
+        names = _unique([item.model for item in members])
+        scene = members[0].scene
+        present = np.asarray(scene.valid)
+        observed, truth = (
+            to_world(part, scene)[present] for part in (scene.observed, scene.future)
+        )
+        best = {
+            name: _best(to_world(item.forecast, scene)[:, present], truth)
+            for name, item in zip(names, members)
+        }
+        fan = to_world(members[-1].forecast, scene)[:, present]
+        title = f"{test.scene}, {test.obs_len} + {test.pred_len} steps"
+        where = folder / f"{test.scene}_{test.obs_len}_{test.pred_len}"
+        horizons = {name: item.horizon for name, item in zip(names, members)}
+        for kind, figure in {
+            "forecasts": plot_forecasts(observed, truth, best, f"{title}: best of k"),
+            "fan": plot_fan(observed, truth, fan, f"{title}: {names[-1]}"),
+            "horizon": plot_horizon_errors(horizons, PERIOD, title),
+        }.items():
+            paths.append(save_figure(figure, where.with_name(f"{where.name}_{kind}.png")))
+    return paths
+
+
+def _best(forecast: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """The sample [N, pred_len, 2] of `forecast [k, N, pred_len, 2]` with least joint ADE."""
+    error = np.linalg.norm(forecast - truth, axis=-1).mean(axis=(1, 2))
+    return forecast[error.argmin()]
+
+
+def _unique(names: Sequence[str]) -> list[str]:
+    """The names, numbered where one occurs again."""
+    return [
+        name if names.count(name) == 1 else f"{name} ({names[: index + 1].count(name)})"
+        for index, name in enumerate(names)
+    ]
