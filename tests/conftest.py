@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 import pytest
 
-jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_debug_nans", True)
 
 
 @pytest.fixture(scope="session")
