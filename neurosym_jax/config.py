@@ -17,7 +17,16 @@ __all__ = ["FORMAT", "DiscriminatorConfig", "GeneratorConfig", "from_json", "to_
 
 FORMAT = 1
 
-PoolingName = Literal["none", "pool_net", "social"]
+PoolingName = Literal[
+    "none", "pool_net", "social", "as_described", "neurosym_ros", "neurosym_ijcnn"
+]
+"""Without pooling; SGAN's; S-LSTM's grid; and NeuroSyM in its three variants."""
+
+SYMBOLIC: tuple[PoolingName, ...] = ("as_described", "neurosym_ros", "neurosym_ijcnn")
+"""The poolings that weight a pair's interaction by alpha."""
+
+WeightingName = Literal["cnd", "cnd_shipped", "ones", "zeros"]
+"""How alpha follows from a pair's symbols, see `symbolic.weighting`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +51,8 @@ class GeneratorConfig:
     noise_dim: int = 8
     noise_type: Literal["gaussian", "uniform"] = "gaussian"
     noise_mix_type: Literal["global", "ped"] = "global"
+    weighting: WeightingName | None = None
+    """Of NeuroSyM only, where it defaults to the papers' `cnd`."""
 
     def __post_init__(self):
         """Refuse, in words, what the networks cannot be built from."""
@@ -55,11 +66,25 @@ class GeneratorConfig:
             )
         if self.pooling == "none" and self.pool_every_timestep:
             raise InputError("pool_every_timestep needs a pooling other than 'none'")
+        if self.symbolic and self.pool_every_timestep:
+            raise InputError(
+                f"pool_every_timestep with {self.pooling}: NeuroSyM weights observed steps; symbols "
+                "of predicted steps are not defined"
+            )
+        if self.weighting is not None and not self.symbolic:
+            raise InputError(f"pooling {self.pooling!r} has no symbols for a weighting to weight")
+        if self.weighting is None and self.symbolic:
+            object.__setattr__(self, "weighting", "cnd")
         if self.pooling == "social" and self.bottleneck_dim != self.encoder_h_dim:
             raise InputError(
                 "social pooling returns a hidden state: bottleneck_dim must equal encoder_h_dim "
                 f"({self.encoder_h_dim}), not {self.bottleneck_dim}"
             )
+
+    @property
+    def symbolic(self) -> bool:
+        """Whether this is NeuroSyM."""
+        return self.pooling in SYMBOLIC
 
     @property
     def needs_context_mlp(self) -> bool:

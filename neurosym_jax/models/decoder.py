@@ -90,7 +90,6 @@ class Decoder(nn.Module):
         hidden, cell = lstm_update(gates, cell)
         displacement = self.hidden2pos(hidden)
         position = position + displacement
-        assert self.pooling is not None  # the config refuses per-step pooling of the kind none
         pooled = self.pooling(hidden, position, valid)
         hidden = self.mlp(jnp.concatenate([hidden, pooled], axis=-1))
         return (hidden, cell, position, displacement), displacement

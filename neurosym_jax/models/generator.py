@@ -1,4 +1,4 @@
-"""The generator of SGAN, for one scene and one noise vector.
+"""The generator of SGAN and NeuroSyM, for one scene and one noise vector.
 
 `encode` (LSTM, pooling, context) does not depend on the noise, so best-of-k encodes once and maps
 `decode` over k noises. Scenes in a batch and samples are axes that `jax.vmap` adds (see
@@ -28,9 +28,10 @@ class Generator(nn.Module):
         """Declare the parts that the config asks for."""
         config = self.config
         self.encoder = Encoder(config.embedding_dim, config.encoder_h_dim)
-        self.pooling = make_pooling(config, config.encoder_h_dim)
+        if config.pooling != "none":
+            self.pooling = make_pooling(config, config.encoder_h_dim)
         if config.needs_context_mlp:
-            pooled = config.bottleneck_dim if self.pooling else 0
+            pooled = 0 if config.pooling == "none" else config.bottleneck_dim
             self.context_mlp = Perceptron(
                 (
                     config.encoder_h_dim + pooled,
@@ -40,18 +41,22 @@ class Generator(nn.Module):
             )
         self.decoder = Decoder(config)
 
-    def __call__(self, scene: Scene, noise: Array) -> Array:
+    def __call__(self, scene: Scene, noise: Array, alpha: Array | None = None) -> Array:
         """One forecast of `scene`: `[N, pred_len, 2]` displacements in metres.
 
-        `noise` is `[noise_dim]` where it is global to the scene, else `[N, noise_dim]`.
+        `noise` is `[noise_dim]` where it is global to the scene, else `[N, noise_dim]`; `alpha` is
+        NeuroSyM's weight of each pair and step, `[N, N, obs_len]`.
         """
-        return self.decode(self.encode(scene), scene, noise)
+        return self.decode(self.encode(scene, alpha), scene, noise)
 
-    def encode(self, scene: Scene) -> Array:
+    def encode(self, scene: Scene, alpha: Array | None = None) -> Array:
         """What is known before the noise: `[N, decoder_h_dim - noise_dim]`."""
         context = self.encoder(scene.displacement)
-        if self.pooling:
-            pooled = self.pooling(context, scene.observed[:, -1], scene.valid)
+        if self.config.pooling != "none":
+            if self.config.symbolic:
+                pooled = self.pooling(context, scene.observed, scene.valid, alpha)
+            else:
+                pooled = self.pooling(context, scene.observed[:, -1], scene.valid)
             context = jnp.concatenate([context, pooled], axis=-1)
         return self.context_mlp(context) if self.config.needs_context_mlp else context
 

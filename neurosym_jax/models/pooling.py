@@ -5,14 +5,20 @@ valid agents contribute. An agent is among its own neighbours in `HiddenPooling`
 maximum is never over nothing.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.symbolic_pooling import SYMBOLIC_POOLINGS
 
-__all__ = ["HiddenPooling", "SocialPooling", "make_pooling"]
+__all__ = ["HiddenPooling", "Pooling", "SocialPooling", "make_pooling"]
+
+Pooling = Any
+"""A module of this file, or of `symbolic_pooling` with alpha as a fourth argument."""
 
 
 class HiddenPooling(nn.Module):
@@ -77,10 +83,11 @@ class SocialPooling(nn.Module):
         return self.mlp(grid.reshape(agents, -1))
 
 
-def make_pooling(config: GeneratorConfig, h_dim: int) -> HiddenPooling | SocialPooling | None:
-    """The pooling that `config` names, for hidden states of size `h_dim`."""
-    if config.pooling == "none":
-        return None
+def make_pooling(config: GeneratorConfig, h_dim: int) -> Pooling:
+    """The pooling that `config` names, for hidden states of size `h_dim`; there must be one."""
     if config.pooling == "social":
         return SocialPooling(h_dim, config.grid_size, config.neighborhood_size)
-    return HiddenPooling(config.embedding_dim, h_dim, config.pool_hidden_dim, config.bottleneck_dim)
+    sizes = (config.embedding_dim, h_dim, config.pool_hidden_dim, config.bottleneck_dim)
+    if config.pooling == "pool_net":
+        return HiddenPooling(*sizes)
+    return SYMBOLIC_POOLINGS[config.pooling](config.obs_len, *sizes)

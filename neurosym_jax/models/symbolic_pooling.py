@@ -1,0 +1,127 @@
+"""NeuroSyM's pooling: SGAN's, with the pair's relative history weighted step by step by alpha.
+
+Three variants, told apart in `docs/symbols.md`: the papers' (`as_described`), the robot package's
+(`neurosym_ros`) and the earlier release's with its defects (`neurosym_ijcnn`). alpha is an argument,
+so that any weighting can be tried and differentiated through. It pools the encoder's states, once.
+"""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+from flax import linen as nn
+from jax import Array
+
+from neurosym_jax.models.layers import Affine, Perceptron
+
+__all__ = ["SYMBOLIC_POOLINGS", "IjcnnPooling", "RosPooling", "SymbolicPooling"]
+
+
+class SymbolicPooling(nn.Module):
+    """As described: each step's `Dense(X_j(t) - X_i(t))` times `alpha_ij(t)`, beside h_j.
+
+    The first layer of the pair perceptron is linear in `[alpha dx, alpha dy, alpha]` of each step,
+    so the embedding folds into it: 3 inputs a step instead of `embedding_dim`.
+    """
+
+    obs_len: int
+    embedding_dim: int
+    h_dim: int
+    hidden_dim: int
+    bottleneck_dim: int
+
+    def setup(self):
+        """Declare the embedding, shared over time, and the pair perceptron."""
+        self.spatial_embedding = Affine(2, self.embedding_dim)
+        width = self.obs_len * self.embedding_dim
+        self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
+
+    def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
+        """Social vectors `[N, bottleneck_dim]`.
+
+        Args:
+            hidden: [N, H] encoder states.
+            observed: [N, obs_len, 2] metres.
+            valid: [N] bool.
+            alpha: [N, N, obs_len] weight of j's step for i.
+        """
+        first, second = self.mlp.layers
+        of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
+        of_steps = of_steps.reshape(self.obs_len, self.embedding_dim, self.hidden_dim)
+        # [3, obs_len, hidden_dim]: what alpha dx, alpha dy and alpha of each step contribute.
+        dense = self.spatial_embedding
+        embedding = jnp.concatenate([dense.kernel, dense.bias[None]])
+        folded = jnp.einsum("ce,teh->cth", embedding, of_steps)
+        offset = observed[None] - observed[:, None]
+        inputs = jnp.concatenate([alpha * offset[..., 0], alpha * offset[..., 1], alpha], axis=-1)
+        of_pair = inputs @ folded.reshape(3 * self.obs_len, self.hidden_dim)
+        of_neighbour = hidden @ of_hidden + first.bias
+        pairs = nn.relu(second(nn.relu(of_pair + of_neighbour[None])))
+        return jnp.where(valid[None, :, None], pairs, 0).max(axis=1)
+
+
+class RosPooling(nn.Module):
+    """The robot package: one Linear over the whole flattened history, then alpha by step.
+
+    Block t of its output, `embedding_dim` channels, is multiplied by `alpha_ij(t)`, but mixes all
+    steps. The Linear splits into per-agent parts because the history is a difference.
+    """
+
+    obs_len: int
+    embedding_dim: int
+    h_dim: int
+    hidden_dim: int
+    bottleneck_dim: int
+
+    def setup(self):
+        """Declare the embedding of the history and the pair perceptron."""
+        width = self.obs_len * self.embedding_dim
+        self.spatial_embedding = Affine(2 * self.obs_len, width)
+        self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
+
+    def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
+        """Social vectors `[N, bottleneck_dim]`; arguments as in `SymbolicPooling`."""
+        first, second = self.mlp.layers
+        agents = observed.shape[0]
+        of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
+        own = observed.reshape(agents, -1) @ self.spatial_embedding.kernel
+        embedded = own[None] - own[:, None] + self.spatial_embedding.bias
+        embedded = embedded.reshape(agents, agents, self.obs_len, self.embedding_dim)
+        weighted = (embedded * alpha[..., None]).reshape(agents, agents, -1)
+        of_neighbour = hidden @ of_hidden + first.bias
+        pairs = nn.relu(second(nn.relu(weighted @ of_steps + of_neighbour[None])))
+        return jnp.where(valid[None, :, None], pairs, 0).max(axis=1)
+
+
+class IjcnnPooling(nn.Module):
+    """The earlier release: its relative history is identically zero, so nothing depends on i.
+
+    What is left of the embedding is its bias, times a row of alpha that the released collation
+    picked for agent j; everybody gets the same maximum over j.
+    """
+
+    obs_len: int
+    embedding_dim: int
+    h_dim: int
+    hidden_dim: int
+    bottleneck_dim: int
+
+    def setup(self):
+        """Declare the embedding (of which only the bias acts) and the perceptron."""
+        self.spatial_embedding = Affine(2, self.embedding_dim)
+        width = self.obs_len * self.embedding_dim
+        self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
+
+    def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
+        """Social vectors `[N, bottleneck_dim]`, every row the same; `alpha [N, obs_len]`."""
+        embedded = alpha[..., None] * self.spatial_embedding.bias
+        each = self.mlp(jnp.concatenate([embedded.reshape(len(hidden), -1), hidden], axis=-1))
+        highest = jnp.where(valid[:, None], each, 0).max(axis=0)
+        return jnp.broadcast_to(highest, each.shape)
+
+
+SYMBOLIC_POOLINGS: dict[str, Callable[..., nn.Module]] = {
+    "as_described": SymbolicPooling,
+    "neurosym_ros": RosPooling,
+    "neurosym_ijcnn": IjcnnPooling,
+}
+"""By the config's name; each is built from (obs_len, embedding, h, hidden, bottleneck) sizes."""
