@@ -62,7 +62,7 @@ class ParityRow:
     max_abs: float | None = None
     """Largest absolute difference, in the output's own unit; NaN where ours is not finite."""
     max_rel: float | None = None
-    """`max_abs` relative to the largest magnitude in torch's output: single elements may be near 0."""
+    """`max_abs` over torch's largest magnitude; single elements may be next to nothing."""
     ok: bool | None = None
     skipped: str | None = None
     """Why nothing was compared."""
