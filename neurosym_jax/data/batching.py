@@ -13,7 +13,15 @@ import numpy as np
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import Scene, displacements, model_dtype
 
-__all__ = ["BUCKETS", "SLOTS", "Batch", "bucket_of", "make_batches", "single_scene"]
+__all__ = [
+    "BUCKETS",
+    "SLOTS",
+    "Batch",
+    "bucket_of",
+    "gather_scenes",
+    "make_batches",
+    "single_scene",
+]
 
 BUCKETS = (4, 8, 16, 32, 64)
 """Agents per padded scene; beyond the last, powers of two."""
@@ -48,72 +56,61 @@ def make_batches(windows: Windows, slots: int = SLOTS) -> list[Batch]:
         slots: agent slots in a batch; a scene larger than this is a batch of its own.
     """
     buckets = bucket_of(windows.sizes)
-    return [
-        batch
-        for bucket in np.unique(buckets)
-        for batch in _bucket_batches(windows, np.flatnonzero(buckets == bucket), bucket, slots)
-    ]
+    batches = []
+    for bucket in np.unique(buckets):
+        chosen = np.flatnonzero(buckets == bucket)
+        size = max(1, slots // bucket)
+        for at in range(0, len(chosen), size):
+            index = np.full(size, -1)
+            part = chosen[at : at + size]
+            index[: len(part)] = part
+            batches.append(Batch(gather_scenes(windows, part, int(bucket), size), index))
+    return batches
 
 
 def single_scene(windows: Windows, index: int) -> Scene:
     """Scene `index` of `windows` alone, padded to its bucket, exactly as in its batch."""
-    window = slice(*windows.bounds[index : index + 2])
-    position = windows.position[window]
-    alone = Windows(
-        position=position,
-        agent=windows.agent[window],
-        bounds=np.array([0, len(position)]),
-        identity=windows.identity[index : index + 1],
-        obs_len=windows.obs_len,
-    )
-    (batch,) = make_batches(alone, slots=1)
-    return jax.tree.map(lambda array: array[0], batch.scene)
+    slots = int(bucket_of(windows.sizes[index]))
+    return jax.tree.map(lambda array: array[0], gather_scenes(windows, np.array([index]), slots))
 
 
-def _bucket_batches(windows: Windows, chosen: np.ndarray, bucket: int, slots: int) -> list[Batch]:
-    per_batch = max(1, slots // bucket)
-    count = -(-len(chosen) // per_batch) * per_batch
+def gather_scenes(
+    windows: Windows, chosen: np.ndarray, slots: int, count: int | None = None
+) -> Scene:
+    """The scenes `chosen` (indices, repeats allowed), each padded to `slots` agent slots.
+
+    Returns:
+        A Scene whose arrays have a leading axis of `count` scenes (default: as many as chosen);
+        those beyond the chosen are empty, with no valid agent.
+    """
+    count = len(chosen) if count is None else count
     sizes = windows.sizes[chosen]
     scene = np.repeat(np.arange(len(chosen)), sizes)
     slot = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    source = np.repeat(windows.bounds[chosen], sizes) + slot
-
-    position = windows.position[source]
-    origin = _origins(position[:, windows.obs_len - 1], sizes)
+    position = windows.position[np.repeat(windows.bounds[chosen], sizes) + slot]
+    last = position[:, windows.obs_len - 1]
+    origin = np.zeros((count, 2))
+    origin[: len(chosen)] = _origins(last, sizes)
     step = displacements(position[:, : windows.obs_len])
     position = position - origin[scene, None]
 
     def padded(rows: np.ndarray) -> np.ndarray:
-        out = np.zeros((count, bucket, *rows.shape[1:]), model_dtype())
+        out = np.zeros((count, slots, *rows.shape[1:]), model_dtype())
         out[scene, slot] = rows
         return out
 
-    observed = padded(position[:, : windows.obs_len])
-    future = padded(position[:, windows.obs_len :])
-    displacement = padded(step)
-    valid = np.zeros((count, bucket), bool)
+    valid = np.zeros((count, slots), bool)
     valid[scene, slot] = True
-    index = np.full(count, -1)
-    index[: len(chosen)] = chosen
     identity = np.zeros((count, 2), np.uint32)
     identity[: len(chosen)] = windows.identity[chosen]
-    origins = np.zeros((count, 2))
-    origins[: len(chosen)] = origin
-
-    return [
-        Batch(
-            Scene(
-                observed=observed[part],
-                displacement=displacement[part],
-                valid=valid[part],
-                identity=identity[part],
-                origin=origins[part],
-                future=future[part],
-            ),
-            index[part],
-        )
-        for part in (slice(at, at + per_batch) for at in range(0, count, per_batch))
-    ]
+    return Scene(
+        observed=padded(position[:, : windows.obs_len]),
+        displacement=padded(step),
+        valid=valid,
+        identity=identity,
+        origin=origin,
+        future=padded(position[:, windows.obs_len :]),
+    )
 
 
 def _origins(last: np.ndarray, sizes: np.ndarray) -> np.ndarray:
