@@ -28,5 +28,6 @@ def run_command(
     try:
         status = action(tyro.cli(options, args=arguments, prog=prog))
     except InputError as error:
-        sys.exit(f"error: {error}")
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
     sys.exit(status if isinstance(status, int) else 0)

@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from neurosym_jax.errors import InputError
+
 __all__ = ["NoiseSpec", "draw_noise", "scene_noise"]
 
 CHUNK = 256
@@ -52,7 +54,13 @@ def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agen
 def draw_noise(
     spec: NoiseSpec, seed: int, identity: np.ndarray, samples: int, agents: int
 ) -> np.ndarray:
-    """`scene_noise` of B scenes, `identity [B, 2]`: [k, B, dim] or [k, B, N, dim] on the host."""
+    """`scene_noise` of B scenes, `identity [B, 2]`: [k, B, dim] or [k, B, N, dim] on the host.
+
+    Raises:
+        InputError: for a seed that is not in [0, 2**32), which jax would silently wrap.
+    """
+    if not 0 <= seed < 2**32:
+        raise InputError(f"the seed must lie in [0, 2**32), not {seed}")
     scenes = len(identity)
     slots = agents if spec.per_agent else 1
     identity = np.repeat(identity, slots, axis=0)
@@ -73,9 +81,11 @@ def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: 
     """[k, dim] numbers of one stream."""
     for part in (identity[0], identity[1], slot):
         key = jax.random.fold_in(key, part)
+    # Always float32: under x64 the default type would be float64, which has other numbers.
+    shape, dtype = (samples, spec.dim), jnp.float32
     if spec.distribution == "gaussian":
-        return jax.random.normal(key, (samples, spec.dim))
-    return jax.random.uniform(key, (samples, spec.dim), minval=-1.0, maxval=1.0)
+        return jax.random.normal(key, shape, dtype)
+    return jax.random.uniform(key, shape, dtype, minval=-1.0, maxval=1.0)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 4))

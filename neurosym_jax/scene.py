@@ -5,7 +5,9 @@ A scene holds the people who are present together over an observation window. It
 batches. It is not a recording (see `data.tracks`) and not a dataset (see `data.windows`).
 
 Positions are centred and displacements taken in float64 on the host before the cast to float32, so
-map or UTM coordinates lose no precision.
+map or UTM coordinates lose no precision. Both are rounded to 10 nm there, which takes away what
+float64 itself loses far from the origin: a scene moved by thousands of kilometres has the same
+numbers, and ties (a neighbour on a grid line, somebody standing) stay ties.
 """
 
 import zlib
@@ -24,9 +26,13 @@ __all__ = [
     "make_scene",
     "model_dtype",
     "pad_scene",
+    "relative_positions",
     "scene_identity",
     "to_world",
 ]
+
+DECIMALS = 8
+"""Of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
 
 
 class Scene(struct.PyTreeNode):
@@ -81,9 +87,9 @@ def make_scene(
         future = _checked("future", future)
         if len(future) != len(observed):
             raise InputError(f"future has {len(future)} agents but observed has {len(observed)}")
-        future = (future - origin).astype(dtype)
+        future = relative_positions(future, origin).astype(dtype)
     return Scene(
-        observed=(observed - origin).astype(dtype),
+        observed=relative_positions(observed, origin).astype(dtype),
         displacement=displacements(observed).astype(dtype),
         valid=np.ones(len(observed), bool),
         identity=scene_identity(recording, frame),
@@ -102,10 +108,15 @@ def centre(positions: np.ndarray) -> np.ndarray:
     return (positions.min(axis=0) + positions.max(axis=0)) / 2
 
 
+def relative_positions(positions: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """`positions [..., 2]` relative to `origin`, in float64 and rounded to 10 nm."""
+    return np.round(positions - origin, DECIMALS)
+
+
 def displacements(positions: np.ndarray) -> np.ndarray:
-    """Steps between `positions [..., T, 2]`, same shape; the first is zero, as SGAN has it."""
+    """Steps between `positions [..., T, 2]`, rounded to 10 nm; the first is zero, as in SGAN."""
     steps = np.zeros_like(positions)
-    steps[..., 1:, :] = positions[..., 1:, :] - positions[..., :-1, :]
+    steps[..., 1:, :] = np.round(positions[..., 1:, :] - positions[..., :-1, :], DECIMALS)
     return steps
 
 

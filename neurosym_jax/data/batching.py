@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.scene import Scene, displacements, model_dtype
+from neurosym_jax.scene import Scene, displacements, model_dtype, relative_positions
 
 __all__ = [
     "BUCKETS",
@@ -92,7 +92,7 @@ def gather_scenes(
     origin = np.zeros((count, 2))
     origin[: len(chosen)] = _origins(last, sizes)
     step = displacements(position[:, : windows.obs_len])
-    position = position - origin[scene, None]
+    position = relative_positions(position, origin[scene, None])
 
     def padded(rows: np.ndarray) -> np.ndarray:
         out = np.zeros((count, slots, *rows.shape[1:]), model_dtype())

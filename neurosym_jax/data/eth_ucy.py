@@ -26,6 +26,9 @@ SCENES = {
 }
 """Recordings that each of the benchmark's five scenes tests on."""
 
+FAR = 1e9
+"""Metres; farther than any map's coordinates."""
+
 DECIMALS = 4
 """SGAN rounds coordinates to this many decimals."""
 
@@ -53,6 +56,11 @@ def read_text(path: Path, period: float = PERIOD) -> Tracks:
             raise InputError(
                 f"{path}: row {fraction[0] + 1}: {name} {rows[fraction[0], column]} is not whole"
             )
+    for columns, limit in ((slice(0, 2), 2.0**53), (slice(2, 4), FAR)):
+        row, column = np.nonzero(np.abs(rows[:, columns]) > limit)
+        if len(row):
+            value = rows[row[0], columns][column[0]]
+            raise InputError(f"{path}: row {row[0] + 1}: {value} is too large")
     return make_tracks(
         Path(path).stem,
         stamp=frame / step * period,
@@ -93,12 +101,13 @@ def _malformed(path: Path, text: str) -> str:
             continue
         number += 1
         if len(fields) != 4:
-            return f"{path}: row {number} has {len(fields)} columns, not `frame ped x y`: {line!r}"
+            shown = line if len(line) < 60 else f"{line[:60]}..."
+            return f"{path}: row {number} has {len(fields)} columns, not `frame ped x y`: {shown!r}"
         for field in fields:
             try:
                 float(field)
             except ValueError:
-                return f"{path}: row {number}: {field!r} is not a number"
+                return f"{path}: row {number}: {field[:60]!r} is not a number"
     return f"{path}: not a table of `frame ped x y`"
 
 

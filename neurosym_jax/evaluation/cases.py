@@ -1,6 +1,7 @@
 """What an evaluation consists of: which model is tested on which scene at which horizon."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 from neurosym_jax.checkpoint import load_model, shipped_models
@@ -36,7 +37,7 @@ class Case:
 
 def make_cases(
     source: Source,
-    checkpoints: tuple[Path, ...],
+    checkpoints: Sequence[str | Path],
     *,
     scene: str | None = None,
     test_on: tuple[str, ...] = (),
@@ -53,10 +54,12 @@ def make_cases(
     """
     if scene is not None and test_on:
         raise InputError("--scene and --test-on name two test sets: give one of them")
+    if scene is not None and scene not in source.scenes:
+        raise InputError(f"unknown scene {scene!r}: there are {', '.join(source.scenes)}")
     everywhere = ("+".join(test_on),) if test_on else source.scenes if scene is None else (scene,)
     tested: dict[TestSet, list[tuple[str, Model]]] = {}
     for path in checkpoints or shipped_models(SHIPPED):
-        model = load_model(path)
+        model = load_model(Path(path))
         reason = _contradiction(model, source, scene, obs_len, pred_len)
         if reason and checkpoints:
             raise InputError(f"{path}: {reason}")

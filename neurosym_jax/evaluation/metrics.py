@@ -34,7 +34,7 @@ class SceneErrors(struct.PyTreeNode):
     horizon: Any
     """[pred_len] metres, agents' summed error at each step in the sample of best joint ADE."""
     colliding: Any
-    """[] mean over samples of the number of agents that collide with another."""
+    """[] mean over samples of the number of agents that collide with another; None if not asked."""
 
 
 def scene_errors(
@@ -59,11 +59,7 @@ def scene_errors(
         marginal_ade=ade.min(axis=0).sum(),
         marginal_fde=fde.min(axis=0).sum(),
         horizon=distance[best].sum(axis=0),
-        colliding=(
-            collisions(forecast, valid).sum(axis=1).mean()
-            if with_collisions
-            else jnp.full((), jnp.nan, distance.dtype)
-        ),
+        colliding=collisions(forecast, valid).sum(axis=1).mean() if with_collisions else None,
     )
 
 
@@ -82,7 +78,8 @@ def collisions(forecast: Array, valid: Array) -> Array:
 
     def one_sample(forecast: Array) -> Array:
         offset = forecast[:, None] - forecast[None, :]
-        start, move = offset[..., :-1, :], jnp.diff(offset, axis=-2)
+        # The last move is none, so that a forecast of a single step has a segment too.
+        start, move = offset, jnp.diff(offset, axis=-2, append=offset[..., -1:, :])
         # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
         length = (move**2).sum(-1)
         t = jnp.clip(-(start * move).sum(-1) / jnp.where(length > 0, length, 1), 0, 1)

@@ -7,7 +7,7 @@ from typing import Any
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["FORMAT", "format_table", "write_json"]
+__all__ = ["FORMAT", "check_replaceable", "format_table", "write_json"]
 
 FORMAT = 1
 
@@ -44,19 +44,30 @@ def _line(row: dict[str, Any], width: int) -> str:
     )
 
 
+def check_replaceable(path: Path) -> bool:
+    """Whether a report is at `path` already.
+
+    Raises:
+        InputError: when `path` holds anything but a report.
+    """
+    if not path.exists():
+        return False
+    try:
+        old = json.loads(path.read_text())
+    except (OSError, ValueError):
+        old = None
+    if not isinstance(old, dict) or not {"format", "rows"} <= set(old):
+        raise InputError(f"{path}: is not a report of ours, so it is not overwritten")
+    return True
+
+
 def write_json(path: Path, data: dict[str, Any]) -> None:
     """Write `data`; a file that is there is replaced only if it is such a report, and said so.
 
     Raises:
         InputError: when `path` holds anything else, or cannot be written.
     """
-    if path.exists():
-        try:
-            old = json.loads(path.read_text())
-        except (OSError, ValueError):
-            old = None
-        if not isinstance(old, dict) or not {"format", "rows"} <= set(old):
-            raise InputError(f"{path}: is not a report of ours, so it is not overwritten")
+    if check_replaceable(path):
         print(f"replacing the report in {path}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

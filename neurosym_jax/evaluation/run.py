@@ -17,7 +17,7 @@ from neurosym_jax.evaluation.baselines import ConstantVelocity, ConstantVelocity
 from neurosym_jax.evaluation.cases import Case, make_cases
 from neurosym_jax.evaluation.figures import Shown, draw_figures
 from neurosym_jax.evaluation.protocol import Evaluation, evaluate, latency
-from neurosym_jax.evaluation.report import FORMAT, format_table, write_json
+from neurosym_jax.evaluation.report import FORMAT, check_replaceable, format_table, write_json
 from neurosym_jax.forecast import Forecaster
 
 __all__ = ["EvaluateOptions", "run_evaluation"]
@@ -33,7 +33,7 @@ class EvaluateOptions:
     With no arguments: what ships in checkpoints/, on the embedded simulations.
     """
 
-    checkpoint: tuple[Path, ...] = ()
+    checkpoint: tuple[str, ...] = ()
     """Folders of ours or SGAN's .pt files, in one table."""
     data: Path | None = None
     """ETH/UCY as SGAN arranges it, or a text file (or a folder of them) of `frame ped x y`."""
@@ -60,12 +60,17 @@ class EvaluateOptions:
     collisions: bool = True
     """Compute the collision rate, the only part whose work is quadratic in people."""
 
-    def __post_init__(self):
-        """Refuse what cannot be evaluated."""
+    def validate(self) -> None:
+        """Refuse, before the work and not after it, what cannot be evaluated or written."""
         for name in ("samples", "min_agents", "obs_len", "pred_len"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise InputError(f"--{name.replace('_', '-')} must be at least 1, not {value}")
+        if not 0 <= self.seed < 2**32:
+            raise InputError(f"--seed must lie in [0, 2**32), not {self.seed}")
+        check_replaceable(self.json)
+        if self.figures and self.plots.exists() and not self.plots.is_dir():
+            raise InputError(f"{self.plots}: is not a folder, so no figures can be written into it")
 
 
 def run_evaluation(options: EvaluateOptions) -> list[Row]:
@@ -74,6 +79,7 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
     Raises:
         InputError: for data, checkpoints or options that cannot be used.
     """
+    options.validate()
     start = time.perf_counter()
     cases = make_cases(
         open_source(options.data),
@@ -103,8 +109,11 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
         f"{spent['evaluating']:.1f} evaluating\nrows: {options.json}"
     )
     if options.figures:
+        before = set(options.plots.glob("*.png"))
         paths = draw_figures(options.plots, shown)
-        print(f"figures: {len(paths)} in {options.plots}")
+        replaced = len(before.intersection(paths))
+        note = f", {replaced} of them replaced" if replaced else ""
+        print(f"figures: {len(paths)} in {options.plots}{note}")
     return rows
 
 
