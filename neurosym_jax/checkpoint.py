@@ -16,6 +16,8 @@ import numpy as np
 from neurosym_jax.config import FORMAT, GeneratorConfig, from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model
+from neurosym_jax.models import Generator
+from neurosym_jax.scene import make_scene
 
 __all__ = ["digest", "load_model", "save_model", "shipped_models"]
 
@@ -86,6 +88,7 @@ def load_model(path: Path) -> Model:
     params = _restore(path / "params")
     if digest(params) != data["sha256"]:
         raise InputError(f"{path}: damaged: the parameters do not match the digest in {CONFIG}")
+    _refuse_misshapen(config, params, source)
     return Model(config, params, data["scene"])
 
 
@@ -97,6 +100,23 @@ def _restore(folder: Path) -> Any:
     except Exception as error:  # Orbax and its storage raise many kinds for a damaged folder
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{folder}: the parameters cannot be read ({reason[:200]})") from None
+
+
+def _refuse_misshapen(config: GeneratorConfig, params: Any, source: str) -> None:
+    """The digest is of the parameters alone, so `config.json` may describe another network."""
+    example = make_scene(np.zeros((1, config.obs_len, 2)))
+    noise, alpha = np.zeros((1, config.noise_dim)), np.zeros((1, 1, config.obs_len))
+    wanted: Any = jax.eval_shape(Generator(config).init, jax.random.key(0), example, noise, alpha)
+    wanted, given = (
+        {jax.tree_util.keystr(at): np.shape(leaf) for at, leaf in leaves}
+        for leaves in map(jax.tree_util.tree_leaves_with_path, (wanted, params))
+    )
+    for name in [*wanted, *given]:
+        if wanted.get(name) != given.get(name):
+            shapes = [tree.get(name, "absent") for tree in (given, wanted)]
+            raise InputError(
+                f"{source}: describes another network: {name} is {shapes[0]}, not {shapes[1]}"
+            )
 
 
 def shipped_models(folder: Path) -> list[Path]:

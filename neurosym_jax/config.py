@@ -56,9 +56,12 @@ class GeneratorConfig:
 
     def __post_init__(self):
         """Refuse, in words, what the networks cannot be built from."""
-        for name in ("obs_len", "pred_len", "embedding_dim", "encoder_h_dim", "decoder_h_dim"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} must be at least 1, not {getattr(self, name)}")
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if field.type is int and field.name != "noise_dim" and value < 1:
+                raise InputError(f"{field.name} must be at least 1, not {value}")
+        if not 0 < self.neighborhood_size < float("inf"):
+            raise InputError(f"neighborhood_size must be positive, not {self.neighborhood_size}")
         if not 0 <= self.noise_dim < self.decoder_h_dim:
             raise InputError(
                 f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
@@ -121,9 +124,12 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
             value of the wrong type.
     """
     try:
-        fields: dict[str, Any] = json.loads(data) if isinstance(data, str) else dict(data)
+        fields: Any = json.loads(data) if isinstance(data, str) else data
     except json.JSONDecodeError as error:
         raise InputError(f"{source}: not JSON ({error})") from None
+    if not isinstance(fields, dict):
+        raise InputError(f"{source}: not a JSON object")
+    fields = dict(fields)
     version = fields.pop("format", None)
     if version != FORMAT:
         raise InputError(f"{source}: format {version!r} is not the format {FORMAT} of this version")
@@ -133,7 +139,10 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
             raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
         if not _fits(value, hints[name]):
             raise InputError(f"{source}: {name} = {value!r} does not fit {hints[name]}")
-    return cls(**fields)
+    try:
+        return cls(**fields)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
 
 
 def _fits(value: Any, hint: Any) -> bool:
