@@ -1,0 +1,89 @@
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.cnd import (
+    adjacency,
+    alpha_table,
+    conceptual_distance,
+    is_transition,
+    states,
+)
+from neurosym_jax.symbolic.states import parse_state
+
+CALCULI = {
+    "b1": ("B1", 9, 16),
+    "b2": ("B2", 27, 98),
+    "b12_1d": ("B12_1d", 17, 32),
+    "c1": ("C1", 81, 544),
+    "c2": ("C2_209", 209, 1568),
+    "c2_angle": ("C2_305", 305, 2400),
+}
+
+
+@pytest.mark.parametrize("calculus", CALCULI)
+def test_states_and_edges_are_those_of_the_theory(golden, calculus):
+    name, count, edges = CALCULI[calculus]
+    reference = np.load(golden / "qtc" / "cnd.npz")
+    np.testing.assert_array_equal(states(calculus), reference[f"{name}_states"])
+    np.testing.assert_array_equal(adjacency(calculus), reference[f"{name}_adj"])
+    assert (len(states(calculus)), adjacency(calculus).sum()) == (count, 2 * edges)
+
+
+def test_continuity_alone_has_more_edges(golden):
+    reference = np.load(golden / "qtc" / "cnd.npz")["C1_adj_continuity_only"]
+    np.testing.assert_array_equal(adjacency("c1", "continuity"), reference)
+    assert reference.sum() == 2 * 1160
+
+
+def test_alphas(golden):
+    reference = np.load(golden / "qtc" / "cnd.npz")
+    zeros = (states("c1") == 0).sum(axis=1)
+    expected = 1 / np.array([15, 9, 11, 27, 80])[zeros]
+    np.testing.assert_array_equal(alpha_table(), expected)
+    np.testing.assert_array_equal(alpha_table(), reference["C1_alpha_cnd"])
+    np.testing.assert_array_equal(
+        alpha_table(include_self=True), reference["C1_alpha_cnd_with_self"]
+    )
+    np.testing.assert_array_equal(
+        alpha_table(rule="continuity", include_self=True), reference["C1_alpha_neurosym_exact"]
+    )
+
+
+@pytest.mark.parametrize("rule", ["dominance", "continuity"])
+@pytest.mark.parametrize("calculus", ["b1", "c1", "c2"])
+def test_distances_are_of_shortest_ways(calculus, rule):
+    edges, distance = adjacency(calculus, rule), conceptual_distance(calculus, rule)
+    np.testing.assert_array_equal(distance == 0, np.eye(len(edges), dtype=bool))
+    np.testing.assert_array_equal(distance == 1, edges)
+    np.testing.assert_array_equal(distance, distance.T)
+    # Every state further away is one transition from a state that is nearer.
+    for start, end in np.argwhere(distance > 1):
+        assert distance[start, edges[end]].min() == distance[start, end] - 1
+
+
+def test_is_transition_is_the_adjacency_and_compiles():
+    rows = states("c1")
+    for rule in ("dominance", "continuity"):
+        found = jax.jit(lambda a, b, rule=rule: is_transition(a, b, rule))(
+            rows[:, None], rows[None]
+        )
+        np.testing.assert_array_equal(found, adjacency("c1", rule))
+    leave_and_arrive = parse_state("- 0"), parse_state("0 +")
+    assert not is_transition(*leave_and_arrive)
+    assert is_transition(*leave_and_arrive, rule="continuity")
+
+
+def test_tables_are_made_once_and_nobody_can_change_them():
+    assert alpha_table() is alpha_table()
+    for table in (states("b1"), adjacency("b1"), conceptual_distance("b1"), alpha_table("b1")):
+        with pytest.raises(ValueError, match="read-only"):
+            table[0] = 0
+
+
+def test_unknown_names_are_refused():
+    with pytest.raises(InputError, match=r"'c3'.*b1, b2"):
+        states("c3")  # pyright: ignore
+    with pytest.raises(InputError, match=r"'any'.*dominance, continuity"):
+        adjacency("c1", "any")  # pyright: ignore

@@ -1,0 +1,219 @@
+import functools
+import json
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.qtc import pairwise_qtc_c1, qtc_b1, qtc_bc1, qtc_c1
+from neurosym_jax.symbolic.states import ABSENT, collapse, converse, format_state, validate
+
+CONVENTIONS = ("distance", "line", "as_published")
+GRID = arrays(np.float32, (2, 6, 2), elements=st.integers(-20, 20).map(float))
+fixed_collapse, fixed_validate = jax.jit(collapse), jax.jit(validate)
+QUICK = settings(max_examples=60, deadline=None)
+
+
+@functools.partial(jax.jit, static_argnames="convention")
+def b1(k, l, convention="distance", **options):  # noqa: E741
+    return qtc_b1(k, l, convention=convention, **options)
+
+
+@functools.partial(jax.jit, static_argnames="convention")
+def c1(k, l, convention="distance", **options):  # noqa: E741
+    return qtc_c1(k, l, convention=convention, **options)
+
+
+@pytest.mark.parametrize(
+    ("k", "l", "expected"),
+    [
+        ([1, 0], [4, 0], "- 0 0 0"),
+        ([-1, 0], [5, 0], "+ + 0 0"),
+        ([0, 1], [4, 0], "+ 0 - 0"),  # at a right angle, so further away; left of k's view of l
+        ([0, -1], [4, 0], "+ 0 + 0"),
+        ([1, 1], [3, 1], "- - - +"),
+        ([0, 0], [4, 1], "0 + 0 +"),
+        ([0, 0], [4, 0], "0 0 0 0"),
+    ],
+)
+def test_a_step_of_two_people_four_metres_apart(k, l, expected):  # noqa: E741
+    k, l = np.array([[0, 0], k]), np.array([[4, 0], l])  # noqa: E741
+    assert format_state(c1(k, l)[0]) == expected
+    assert format_state(b1(k, l)[0]) == expected[:3]
+    unsigned = expected[:4] + expected[4:].replace("-", "+")
+    assert format_state(c1(k, l, convention="as_published")[0]) == unsigned
+
+
+def test_only_the_line_convention_calls_passing_at_a_right_angle_neither():
+    k, l = np.array([[0.0, 0], [0, 1]]), np.array([[4.0, 0], [4, 0]])  # noqa: E741
+    assert [int(b1(k, l, convention=name)[0, 0]) for name in CONVENTIONS] == [1, 0, 1]
+
+
+def test_a_movement_of_exactly_the_quantisation_factor_is_none():
+    k, l = np.array([[0.0, 0], [0.5, 0], [1.0, 0.25]]), np.full((3, 2), [4.0, 0])  # noqa: E741
+    for convention in CONVENTIONS:
+        assert b1(k, l, quantisation_factor=0.5, convention=convention)[0, 0] == 0
+        assert b1(k, l, quantisation_factor=0.49, convention=convention)[0, 0] == -1
+    # The sides have a threshold of their own, except in the line convention.
+    assert c1(k, l, quantisation_factor=0.3)[1, 2] == -1
+    assert c1(k, l, side_quantisation_factor=0.3)[1, 2] == 0
+    assert c1(k, l, quantisation_factor=0.3, convention="line")[1, 2] == 0
+
+
+def test_an_unknown_convention_is_refused():
+    with pytest.raises(InputError, match=r"'nearest'.*distance, line"):
+        qtc_b1(np.zeros((2, 2)), np.zeros((2, 2)), convention="nearest")  # pyright: ignore
+
+
+@pytest.mark.usefixtures("double")
+def test_the_released_code_and_the_papers_formula(golden):
+    case = np.load(golden / "torch" / "qtc.npz")
+    k, l = case["k"], case["l"]  # noqa: E741
+    released = np.where(case["qtc_reference"] == 10, 0, case["qtc_reference"])
+    np.testing.assert_array_equal(c1(k, l, convention="as_published"), released)
+    np.testing.assert_array_equal(c1(k, l), case["qtc_signed"])
+    np.testing.assert_array_equal(c1(k, l, quantisation_factor=0.05), case["qtc_signed_q005"])
+
+
+def test_float32_differs_from_float64_at_exact_ties_only(golden):
+    case = np.load(golden / "torch" / "qtc.npz")
+    decimetres = np.rint(10 * np.stack([case["k"], case["l"]])).astype(int)
+    for before, after, other, q, side in (
+        (decimetres[0, :, :-1], decimetres[0, :, 1:], decimetres[1, :, :-1], 0, 2),
+        (decimetres[1, :, :-1], decimetres[1, :, 1:], decimetres[0, :, :-1], 1, 3),
+    ):
+        differs = np.asarray(c1(case["k"], case["l"])) != case["qtc_signed"]
+        closer = ((after - other) ** 2 - (before - other) ** 2).sum(axis=-1)
+        step, line = after - before, other - before
+        cross = step[..., 0] * line[..., 1] - step[..., 1] * line[..., 0]
+        assert (closer[differs[..., q]] == 0).all()
+        assert (cross[differs[..., side]] == 0).all()
+        assert differs.sum() <= 2
+
+
+@pytest.mark.parametrize(
+    ("convention", "column"),
+    [("as_published", "legacy"), ("distance", "distance_signed"), ("line", "line_qsrlib")],
+)
+def test_all_unit_steps(golden, convention, column):
+    rows = json.loads((golden / "qtc" / "truth_table_81.json").read_text())["rows"]
+    k, l, expected = (np.array([row[name] for row in rows]) for name in ("k", "l", column))  # noqa: E741
+    # The released code writes 10 where nobody moves.
+    np.testing.assert_array_equal(
+        c1(k, l, convention=convention)[:, 0], np.where(expected == 10, 0, expected)
+    )
+
+
+@pytest.mark.parametrize("x64", [False, True])
+def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
+    assert len(real_windows) == 24
+    with jax.enable_x64(x64):
+        signed = jax.jit(pairwise_qtc_c1)
+        unsigned = jax.jit(functools.partial(pairwise_qtc_c1, convention="as_published"))
+        for positions, valid, expected in real_windows:
+            released = expected["legacy_qtc"]
+            released = np.where(released == 99, 0, released)  # the diagonal
+            pairs = np.ix_(valid, valid)
+            np.testing.assert_array_equal(
+                np.asarray(signed(positions, valid))[pairs], expected["signed_qtc"]
+            )
+            np.testing.assert_array_equal(np.asarray(unsigned(positions, valid))[pairs], released)
+
+
+@pytest.mark.usefixtures("double")
+@pytest.mark.parametrize(("calculus", "count"), [("qtcbs", 14), ("qtccs", 14), ("qtcbcs", 14)])
+def test_qsrlibs_own_cases(golden, calculus, count):
+    cases = json.loads((golden / "qtc" / "qsrlib_cases.json").read_text())["cases"]
+    cases = [case for case in cases if case["calculus"] == calculus]
+    assert len(cases) == count
+    observe = {"qtcbs": qtc_b1, "qtccs": qtc_c1, "qtcbcs": qtc_bc1}[calculus]
+    observe = jax.jit(functools.partial(observe, convention="line"))
+    for case in cases:
+        params = case["params"]
+        k, l = np.array(case["k_xy"]), np.array(case["l_xy"])  # noqa: E741
+        options = {"quantisation_factor": params["quantisation_factor"]}
+        if calculus == "qtcbcs":
+            options["distance_threshold"] = params["distance_threshold"]
+        chain = observe(k, l, **options)
+        length = jnp.int32(len(chain))
+        if not params["no_collapse"]:
+            chain, length = fixed_collapse(chain, length)
+        if params["validate"]:
+            chain, length = fixed_validate(chain, length)
+        found = [format_state(state, ",") for state in np.asarray(chain)[: int(length)]]
+        assert found == case["expected"], case["id"]
+
+
+def test_a_pair_far_apart_has_no_sides():
+    k, l = np.array([[0.0, 0], [1, 1], [3, 1]]), np.full((3, 2), [4.0, 0])  # noqa: E741
+    states = jax.jit(qtc_bc1)(k, l, distance_threshold=2.0)
+    np.testing.assert_array_equal(states, [[-1, 0, ABSENT, ABSENT], [-1, 0, -1, 0]])
+    assert states.dtype == jnp.int8
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+@QUICK
+@given(pair=GRID)
+def test_exchanging_the_two_gives_the_converse(convention, pair):
+    np.testing.assert_array_equal(
+        c1(pair[1], pair[0], convention), converse(c1(pair[0], pair[1], convention))
+    )
+
+
+@pytest.mark.parametrize("convention", ["distance", "line"])
+@QUICK
+@given(pair=GRID)
+def test_a_mirror_image_changes_sides(convention, pair):
+    mirrored = pair * np.array([1, -1], np.float32)
+    np.testing.assert_array_equal(
+        c1(*mirrored, convention), c1(*pair, convention) * np.array([[1, 1, -1, -1]])
+    )
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+@QUICK
+@given(pair=GRID, turns=st.integers(0, 3), shift=st.tuples(*[st.integers(-99, 99)] * 2))
+def test_on_a_grid_quarter_turns_and_translations_change_nothing(convention, pair, turns, shift):
+    turn = np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turns).astype(np.float32)
+    moved = pair @ turn + np.array(shift, np.float32)
+    np.testing.assert_array_equal(c1(*moved, convention), c1(*pair, convention))
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+@QUICK
+@given(pair=GRID, angle=st.floats(0, 2 * math.pi))
+def test_away_from_ties_any_rotation_changes_nothing(convention, pair, angle):
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    before, after = c1(*pair, convention), c1(*(pair @ turn).astype(np.float32), convention)
+    # On a grid whatever is not an exact tie is far from one.
+    np.testing.assert_array_equal(jnp.where(before == 0, 0, after), before)
+
+
+@QUICK
+@given(
+    pair=arrays(np.float32, (2, 6, 2), elements=st.floats(-50, 50, width=32)),
+    offset=st.floats(-1e3, 1e3, width=32),
+)
+def test_whoever_stands_moves_nowhere(pair, offset):
+    pair[0] = pair[0, :1] + offset
+    for convention in CONVENTIONS:
+        assert not np.asarray(c1(*pair, convention))[:, [0, 2]].any()
+
+
+def test_all_pairs_are_the_pairs_and_padding_is_zero():
+    positions = np.random.default_rng(0).normal(size=(5, 8, 2)).cumsum(axis=1)
+    valid = np.array([True, True, False, True, True])
+    states = jax.jit(pairwise_qtc_c1)(positions, valid)
+    assert states.shape == (5, 5, 7, 4)
+    assert states.dtype == jnp.int8
+    for i in range(5):
+        for j in range(5):
+            alone = i == j or not valid[i] or not valid[j]
+            expected = np.zeros((7, 4)) if alone else c1(positions[i], positions[j])
+            np.testing.assert_array_equal(states[i, j], expected)

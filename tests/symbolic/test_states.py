@@ -1,0 +1,112 @@
+import itertools
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.cnd import states as all_states
+from neurosym_jax.symbolic.states import (
+    ABSENT,
+    collapse,
+    converse,
+    decode_state,
+    encode_state,
+    format_state,
+    parse_state,
+    validate,
+)
+
+CHAIN = arrays(np.int8, (9, 4), elements=st.integers(-1, 1))
+QUICK = settings(max_examples=60, deadline=None)
+_collapse, _validate = jax.jit(collapse), jax.jit(validate)
+
+
+def rows(chain_and_length):
+    chain, length = chain_and_length
+    assert not np.asarray(chain)[int(length) :].any()
+    return np.asarray(chain)[: int(length)]
+
+
+def chain(*texts):
+    return np.array([parse_state(text) for text in texts])
+
+
+def test_codes_number_the_states_with_the_first_symbol_most_significant():
+    np.testing.assert_array_equal(encode_state(all_states("c1")), np.arange(81))
+    np.testing.assert_array_equal(decode_state(np.arange(81)), all_states("c1"))
+    np.testing.assert_array_equal(decode_state(np.arange(9), 2), all_states("b1"))
+    assert int(encode_state(parse_state("+ - - -"))) == 54
+
+
+def test_states_are_written_and_read():
+    for state in all_states("c1"):
+        assert (parse_state(format_state(state)) == state).all()
+    assert format_state(np.array([-1, 0, 1, -1])) == "- 0 + -"
+    assert format_state(np.array([-1, 0, ABSENT, ABSENT]), ",") == "-,0"
+    np.testing.assert_array_equal(parse_state("-,0,+,-"), parse_state("-0+-"))
+
+
+@pytest.mark.parametrize("text", ["", "- 0 x -", "1 0"])
+def test_text_that_is_no_state_is_refused(text):
+    with pytest.raises(InputError, match="not a QTC state"):
+        parse_state(text)
+
+
+def test_numbers_that_are_no_symbols_are_refused():
+    with pytest.raises(InputError, match="10 is not a QTC symbol"):
+        format_state(np.array([10, 10, 10, 10]))
+
+
+@pytest.mark.parametrize("calculus", ["b1", "b2", "b12_1d", "c1", "c2", "c2_angle"])
+def test_the_converse_of_the_converse_is_the_state_and_both_are_possible(calculus):
+    states = all_states(calculus)
+    swapped = np.asarray(converse(states))
+    np.testing.assert_array_equal(converse(swapped), states)
+    assert {*map(tuple, swapped)} == {*map(tuple, states)}
+
+
+def test_collapse_drops_repetitions_only():
+    states = chain("- 0", "- 0", "0 0", "- 0", "- 0")
+    np.testing.assert_array_equal(rows(_collapse(states)), chain("- 0", "0 0", "- 0"))
+    np.testing.assert_array_equal(rows(_collapse(states, 2)), chain("- 0"))
+    assert len(rows(_collapse(states, 0))) == 0
+
+
+def test_absence_is_a_value_to_collapse():
+    states = np.array([[1, 0, ABSENT, ABSENT], [1, 0, 0, 0]], np.int8)
+    np.testing.assert_array_equal(rows(_collapse(states)), states)
+
+
+def test_validate_lets_jumps_pass_through_zero_and_departures_wait():
+    np.testing.assert_array_equal(rows(_validate(chain("- 0", "+ 0"))), chain("- 0", "0 0", "+ 0"))
+    # q2 may not leave 0 while q1 arrives there.
+    np.testing.assert_array_equal(rows(_validate(chain("- 0", "0 +"))), chain("- 0", "0 0", "0 +"))
+    # Dominance allows q1 and q2 to leave 0 together.
+    np.testing.assert_array_equal(rows(_validate(chain("0 0", "+ -"))), chain("0 0", "+ -"))
+
+
+def test_validate_looks_at_symbols_present_in_both_states():
+    states = np.array([[1, 0, ABSENT, ABSENT], [-1, 0, 1, 1]], np.int8)
+    np.testing.assert_array_equal(rows(_validate(states))[1], [0, 0, 1, 1])
+
+
+@QUICK
+@given(states=CHAIN, length=st.integers(1, 9))
+def test_chains_are_those_of_the_plain_loop(states, length):
+    """The fixed-size forms against QSRlib's formula, read state by state."""
+    collapsed = [states[0]]
+    for state in states[1:length]:
+        if (state != collapsed[-1]).any():
+            collapsed.append(state)
+    valid = [collapsed[0]]
+    for p, c in itertools.pairwise(collapsed):
+        m = np.where(p * c == -1, 0, c)
+        if ((p != 0) & (m == 0)).any():
+            m = np.where(p == 0, 0, m)
+        valid += [m, c] if (m != c).any() else [c]
+    np.testing.assert_array_equal(rows(_collapse(states, length)), collapsed)
+    np.testing.assert_array_equal(rows(_validate(*_collapse(states, length))), valid)
