@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from neurosym_jax.data.batching import bucket_of, gather_scenes, make_batches, single_scene
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.scene import make_scene, pad_scene
+
+SIZES = (1, 4, 5, 2, 70, 9, 4, 33, 16)
+
+
+@pytest.fixture(scope="module")
+def windows() -> Windows:
+    rng = np.random.default_rng(0)
+    agents = sum(SIZES)
+    return Windows(
+        position=rng.normal(size=(agents, 7, 2)).cumsum(axis=1) + np.array([4e5, 5e6]),
+        agent=np.arange(agents),
+        bounds=np.cumsum([0, *SIZES]),
+        identity=rng.integers(2**32, size=(len(SIZES), 2), dtype=np.uint32),
+        obs_len=3,
+    )
+
+
+def test_buckets():
+    agents = [1, 2, 4, 5, 8, 9, 16, 17, 64, 65, 128, 129, 1000]
+    assert bucket_of(np.array(agents)).tolist() == [
+        *(4, 4, 4, 8, 8, 16, 16, 32, 64),
+        *(128, 128, 256, 1024),
+    ]
+
+
+@pytest.mark.parametrize("slots", [1, 16, 256])
+def test_every_scene_is_in_one_batch_as_it_is_alone(windows, slots):
+    batches = make_batches(windows, slots)
+    index = np.concatenate([batch.index for batch in batches])
+    assert sorted(index[index >= 0]) == list(range(len(SIZES)))
+    for batch in batches:
+        scenes, bucket = batch.scene.valid.shape
+        assert len(batch.index) == scenes
+        assert scenes * bucket <= max(slots, bucket)
+        for row, number in enumerate(batch.index):
+            if number < 0:
+                assert not batch.scene.valid[row].any()
+                continue
+            part = windows.position[slice(*windows.bounds[number : number + 2])]
+            alone = pad_scene(make_scene(part[:, :3], part[:, 3:]), bucket)
+            alone = alone.replace(identity=windows.identity[number])
+            single = single_scene(windows, number)
+            for name in ("observed", "displacement", "valid", "identity", "origin", "future"):
+                in_batch = getattr(batch.scene, name)[row]
+                assert_array_equal(in_batch, getattr(alone, name), err_msg=name)
+                assert_array_equal(in_batch, getattr(single, name), err_msg=name)
+                assert in_batch.dtype == getattr(alone, name).dtype
+
+
+def test_scenes_may_be_gathered_twice(windows):
+    scenes = gather_scenes(windows, np.array([3, 0, 3]), 4, 5)
+    assert scenes.valid.sum(axis=1).tolist() == [2, 1, 2, 0, 0]
+    assert_array_equal(scenes.observed[0], scenes.observed[2])

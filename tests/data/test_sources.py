@@ -1,0 +1,59 @@
+import pytest
+from numpy.testing import assert_array_equal
+
+from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
+from neurosym_jax.errors import InputError
+
+
+def test_without_data_the_simulations():
+    source = open_source(None)
+    assert isinstance(source, Synthetic)
+    assert source.scenes == ("all-forward", "cross-path")
+    with pytest.raises(InputError, match="unknown scene 'eth': there are all-forward, cross-path"):
+        source.recordings("eth")
+    with pytest.raises(InputError, match="mine: no such file, nor a recording among nothing"):
+        source.files(["mine"])
+
+
+def test_each_file_is_a_scene(tmp_path):
+    for name in ("b.txt", "a.csv"):
+        (tmp_path / name).write_text("0 1 2 3\n1 1 2 3\n")
+    source = open_source(tmp_path)
+    assert isinstance(source, Files)
+    assert source.scenes == ("a", "b")
+    (tracks,) = source.recordings("b")
+    assert tracks.recording == "b"
+    by_name, by_path = source.files(["a", str(tmp_path / "a.csv")])
+    assert_array_equal(by_name.position, by_path.position)
+    with pytest.raises(InputError, match="b: a single file has no train split"):
+        source.recordings("b", "train")
+    with pytest.raises(InputError, match="c: no such file, nor a recording among a, b"):
+        source.files(["a", "c"])
+
+
+def test_one_file(tmp_path):
+    (tmp_path / "walk.txt").write_text("0 1 2 3\n")
+    assert open_source(tmp_path / "walk.txt").scenes == ("walk",)
+
+
+def test_names_that_differ_in_ending_alone(tmp_path):
+    for name in ("a.txt", "a.csv"):
+        (tmp_path / name).write_text("0 1 2 3\n")
+    with pytest.raises(InputError, match="differ in their ending alone"):
+        open_source(tmp_path)
+
+
+def test_nothing_there(tmp_path):
+    with pytest.raises(InputError, match="no such file or folder"):
+        open_source(tmp_path / "absent")
+    with pytest.raises(InputError, match=r"no \.txt or \.csv file in it"):
+        open_source(tmp_path)
+
+
+def test_benchmark_folder(tmp_path):
+    (tmp_path / "all").mkdir()
+    source = open_source(tmp_path)
+    assert isinstance(source, EthUcy)
+    assert source.scenes == ("eth", "hotel", "univ", "zara1", "zara2")
+    with pytest.raises(InputError, match=r"crowds_zara01\.txt: missing"):
+        source.recordings("zara1")

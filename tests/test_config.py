@@ -1,0 +1,81 @@
+import dataclasses
+import json
+
+import pytest
+
+from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig, from_json, to_json
+from neurosym_jax.errors import InputError
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        GeneratorConfig(),
+        GeneratorConfig(pooling="none", noise_dim=0, pred_len=12),
+        GeneratorConfig(pooling="social", bottleneck_dim=32, pool_every_timestep=True),
+        GeneratorConfig(noise_type="uniform", noise_mix_type="ped", neighborhood_size=3),
+        GeneratorConfig(pooling="as_described"),
+        DiscriminatorConfig(kind="local"),
+    ],
+)
+def test_json_round_trip(config):
+    data = to_json(config)
+    assert from_json(type(config), data) == config
+    assert from_json(type(config), json.dumps(data)) == config
+    assert data["format"] == 1
+
+
+def test_defaults_are_those_of_the_published_checkpoints():
+    config = GeneratorConfig()
+    sizes = (config.embedding_dim, config.encoder_h_dim, config.decoder_h_dim, config.mlp_dim)
+    assert sizes == (16, 32, 32, 64)
+    assert (config.bottleneck_dim, config.pool_hidden_dim, config.noise_dim) == (8, 512, 8)
+    assert (config.obs_len, config.pred_len, config.pool_every_timestep) == (8, 8, False)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": 2}, "format 2 is not the format 1"),
+        ({"format": None}, "format None is not"),
+        ({"poolling": "none"}, "unknown field 'poolling' for GeneratorConfig"),
+        ({"pooling": "mean"}, "pooling = 'mean' does not fit"),
+        ({"obs_len": "8"}, "obs_len = '8' does not fit"),
+        ({"obs_len": 8.0}, "obs_len = 8.0 does not fit"),
+        ({"obs_len": True}, "obs_len = True does not fit"),
+        ({"pool_every_timestep": 1}, "pool_every_timestep = 1 does not fit"),
+        ({"neighborhood_size": "2"}, "neighborhood_size = '2' does not fit"),
+        ({"neighborhood_size": float("nan")}, "neighborhood_size must be positive"),
+        ({"neighborhood_size": 0}, "neighborhood_size must be positive"),
+        ({"pred_len": 0}, "pred_len must be at least 1, not 0"),
+        ({"grid_size": 0}, "grid_size must be at least 1"),
+        ({"noise_dim": 32}, "noise_dim must lie in"),
+        ({"noise_dim": -1}, "noise_dim must lie in"),
+        ({"pooling": "none", "pool_every_timestep": True}, "needs a pooling other than 'none'"),
+        ({"pooling": "social"}, "bottleneck_dim must equal encoder_h_dim"),
+        ({"weighting": "ones"}, "has no symbols"),
+    ],
+)
+def test_refused_with_the_name_of_its_source(change, message):
+    with pytest.raises(InputError, match=message) as caught:
+        from_json(GeneratorConfig, {**to_json(GeneratorConfig()), **change}, "model/config.json")
+    assert str(caught.value).startswith("model/config.json: ")
+
+
+@pytest.mark.parametrize("text", ["{", "[1]", "null", "3", ""])
+def test_not_an_object(text):
+    with pytest.raises(InputError, match=r"^here: not "):
+        from_json(GeneratorConfig, text, "here")
+
+
+def test_symbols_of_predicted_steps_are_not_defined():
+    with pytest.raises(InputError, match="pool_every_timestep with as_described"):
+        GeneratorConfig(pooling="as_described", pool_every_timestep=True)
+
+
+def test_what_needs_a_context_perceptron():
+    none = GeneratorConfig(pooling="none")
+    assert none.needs_context_mlp
+    assert not dataclasses.replace(none, noise_dim=0).needs_context_mlp
+    assert dataclasses.replace(none, noise_dim=0, encoder_h_dim=48).needs_context_mlp
+    assert dataclasses.replace(none, noise_dim=0, pooling="pool_net").needs_context_mlp

@@ -1,0 +1,98 @@
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.scene import displacements, make_scene, pad_scene, scene_identity, to_world
+
+RNG = np.random.default_rng(0)
+WORLD = np.round(RNG.normal(size=(3, 8, 2)).cumsum(axis=1), 4)
+FUTURE = np.round(RNG.normal(size=(3, 12, 2)).cumsum(axis=1), 4)
+
+
+def test_centred_on_the_last_observed_positions():
+    scene = make_scene(WORLD, FUTURE, recording="walk", frame=7)
+    low, high = WORLD[:, -1].min(axis=0), WORLD[:, -1].max(axis=0)
+    assert_array_equal(scene.origin, (low + high) / 2)
+    assert scene.origin.dtype == np.float64
+    assert_allclose(scene.observed, WORLD - scene.origin, atol=1e-6)
+    assert_allclose(to_world(scene.observed, scene), WORLD, atol=1e-6)
+    assert_allclose(to_world(scene.future, scene), FUTURE, atol=1e-6)
+    assert {scene.observed.dtype, scene.displacement.dtype, scene.future.dtype} == {
+        np.dtype(np.float32)
+    }
+    assert scene.valid.tolist() == [True] * 3
+    assert_array_equal(scene.identity, scene_identity("walk", 7))
+    assert make_scene(WORLD).future is None
+
+
+def test_displacements():
+    steps = displacements(WORLD)
+    assert_array_equal(steps[:, 0], 0)
+    assert_allclose(steps[:, 1:], np.diff(WORLD, axis=1), atol=1e-8)
+
+
+@pytest.mark.parametrize("offset", [[4e5, 5e6], [-3e3, 4e3], [1e7, -1e7]])
+def test_the_same_numbers_anywhere_on_the_map(offset):
+    here, there = (make_scene(WORLD + shift, FUTURE + shift) for shift in (0.0, np.array(offset)))
+    for name in ("observed", "displacement", "future"):
+        assert_array_equal(getattr(here, name), getattr(there, name))
+    assert_allclose(there.origin - here.origin, offset, atol=1e-8)
+
+
+def test_standing_is_standing_anywhere():
+    standing = np.broadcast_to([[[0.1, 0.7]]], (1, 8, 2)) + np.array([4e5, 5e6])
+    assert not make_scene(standing).displacement.any()
+
+
+def test_under_x64():
+    with jax.enable_x64(True):
+        scene = make_scene(WORLD, FUTURE)
+    assert scene.observed.dtype == scene.displacement.dtype == scene.future.dtype == np.float64
+    assert_allclose(to_world(scene.observed, scene), WORLD, rtol=0, atol=1e-12)
+
+
+def test_padding():
+    scene = make_scene(WORLD, FUTURE)
+    padded = pad_scene(scene, 5)
+    assert padded.valid.tolist() == [True] * 3 + [False] * 2
+    for name in ("observed", "displacement", "future"):
+        assert_array_equal(getattr(padded, name)[:3], getattr(scene, name))
+        assert not getattr(padded, name)[3:].any()
+    assert_array_equal(padded.identity, scene.identity)
+    assert_array_equal(padded.origin, scene.origin)
+    assert pad_scene(make_scene(WORLD), 4).future is None
+    with pytest.raises(InputError, match="a scene of 3 agents does not fit 2 slots"):
+        pad_scene(scene, 2)
+
+
+def test_identity():
+    named = [scene_identity("a", 0), scene_identity("a", 1), scene_identity("b", 0)]
+    assert len({tuple(identity) for identity in named}) == 3
+    # Known numbers, because published results depend on them.
+    assert scene_identity("crowds_zara01", 5).tolist() == [1561871216, 5]
+    assert scene_identity("", 0).dtype == np.uint32
+
+
+@pytest.mark.parametrize(
+    ("observed", "future", "message"),
+    [
+        (np.zeros((3, 2)), None, r"observed must be \[agents, steps, 2\], not \[3, 2\]"),
+        (np.zeros((3, 8, 3)), None, "observed must be"),
+        (np.zeros((0, 8, 2)), None, "at least one agent"),
+        (np.where(np.arange(48).reshape(3, 8, 2) == 20, np.nan, 0), None, "agent 1, step 2 is not"),
+        (np.full((1, 8, 2), np.inf), None, "observed: agent 0, step 0 is not finite"),
+        (np.zeros((3, 8, 2)), np.zeros((2, 8, 2)), "future has 2 agents but observed has 3"),
+        (np.zeros((1, 8, 2)), np.full((1, 8, 2), np.nan), "future: agent 0, step 0"),
+    ],
+)
+def test_refused(observed, future, message):
+    with pytest.raises(InputError, match=message):
+        make_scene(observed, future)
+
+
+def test_a_scene_is_a_pytree():
+    scene = jax.tree.map(lambda array: np.stack([array, array]), make_scene(WORLD))
+    assert scene.observed.shape == (2, 3, 8, 2)
+    assert jax.vmap(lambda one: one.valid.sum())(scene.replace(origin=None)).tolist() == [3, 3]
