@@ -13,7 +13,16 @@ from typing import Any, Literal, TypeVar
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["FORMAT", "DiscriminatorConfig", "GeneratorConfig", "from_json", "to_json"]
+__all__ = [
+    "FORMAT",
+    "RECIPES",
+    "SYMBOLIC",
+    "DiscriminatorConfig",
+    "GeneratorConfig",
+    "TrainConfig",
+    "from_json",
+    "to_json",
+]
 
 FORMAT = 1
 
@@ -71,8 +80,8 @@ class GeneratorConfig:
             raise InputError("pool_every_timestep needs a pooling other than 'none'")
         if self.symbolic and self.pool_every_timestep:
             raise InputError(
-                f"pool_every_timestep with {self.pooling}: NeuroSyM weights observed steps; symbols "
-                "of predicted steps are not defined"
+                f"pool_every_timestep with {self.pooling}: NeuroSyM weights observed steps, and "
+                "symbols of predicted steps are not defined"
             )
         if self.weighting is not None and not self.symbolic:
             raise InputError(f"pooling {self.pooling!r} has no symbols for a weighting to weight")
@@ -108,6 +117,65 @@ class DiscriminatorConfig:
     pool_hidden_dim: int = 512
 
 
+@dataclasses.dataclass(frozen=True)
+class TrainConfig:
+    """A recipe: how a generator is trained. The defaults are the recipe `ours`."""
+
+    seed: int = 0
+    steps: int = 6000
+    """Generator steps."""
+    batch_scenes: int = 64
+    """Scenes in a batch, about: their proportions by size are fixed."""
+    max_agents: int | None = 16
+    """Larger scenes are cropped, anew each time, to an agent and its nearest neighbours."""
+    best_k: int = 20
+    """Samples of the variety loss, of which the best is learned from."""
+    criterion: Literal["squared_displacement", "distance"] = "distance"
+    """What best means: SGAN's squared displacements, or ADE and FDE each with its own best."""
+    fde_weight: float = 0.5
+    """Of the FDE term of the criterion `distance`."""
+    weigh_scenes: Literal["equally", "by_agents"] = "equally"
+    """SGAN's loss sums over scenes, whatever their size; the test's average runs over agents."""
+    l2_weight: float = 1.0
+    adversarial_weight: float = 0.0
+    """0 trains no discriminator."""
+    label_real: tuple[float, float] = (0.7, 1.2)
+    """Range of the smoothed label of real trajectories, one draw a step."""
+    label_fake: tuple[float, float] = (0.0, 0.3)
+    g_learning_rate: float = 3e-3
+    d_learning_rate: float = 1e-3
+    schedule: Literal["constant", "cosine"] = "cosine"
+    warmup_steps: int = 100
+    clip_norm: float = 2.0
+    """Largest norm of the generator's gradient; 0 for no clipping."""
+    rotate: bool = True
+    """Turn each training scene by a random angle and mirror every other one."""
+    scale: float = 0.0
+    """Stretch each training scene by a random factor within 1 +- scale."""
+    ema: float = 0.0
+    """Decay of the averaged parameters that are validated and kept; 0 keeps the raw ones."""
+    validate_every: int = 250
+    """Steps between validations; the best state by validation is kept."""
+    select_by: Literal["ade", "ade_fde"] = "ade_fde"
+    """Joint validation error that the best state has least of."""
+    discriminator: DiscriminatorConfig = DiscriminatorConfig()
+
+
+RECIPES = {
+    "ours": TrainConfig(),
+    "sgan": TrainConfig(
+        max_agents=None,
+        criterion="squared_displacement",
+        adversarial_weight=1.0,
+        g_learning_rate=1e-4,
+        schedule="constant",
+        warmup_steps=0,
+        rotate=False,
+        select_by="ade",
+    ),
+}
+"""`sgan` is the published procedure; `ours` is justified in docs/training.md."""
+
 Config = TypeVar("Config")
 
 
@@ -137,8 +205,13 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
     for name, value in fields.items():
         if name not in hints:
             raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
-        if not _fits(value, hints[name]):
-            raise InputError(f"{source}: {name} = {value!r} does not fit {hints[name]}")
+        hint = hints[name]
+        if dataclasses.is_dataclass(hint) and isinstance(hint, type) and isinstance(value, dict):
+            fields[name] = from_json(hint, {"format": FORMAT, **value}, f"{source}: {name}")
+        elif typing.get_origin(hint) is tuple and isinstance(value, list):
+            fields[name] = tuple(value)
+        if not _fits(fields[name], hint):
+            raise InputError(f"{source}: {name} = {value!r} does not fit {hint}")
     try:
         return cls(**fields)
     except InputError as error:
@@ -151,6 +224,9 @@ def _fits(value: Any, hint: Any) -> bool:
         return value in typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return any(_fits(value, option) for option in typing.get_args(hint))
+    if origin is tuple:
+        of = typing.get_args(hint)
+        return isinstance(value, tuple) and len(value) == len(of) and all(map(_fits, value, of))
     if hint is float:
         return isinstance(value, int | float) and not isinstance(value, bool)
     if hint is int:

@@ -20,8 +20,16 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
 from neurosym_jax.noise import NoiseSpec, draw_noise
 from neurosym_jax.scene import Scene, make_scene, pad_scene, to_world
+from neurosym_jax.symbolic.weighting import pair_alpha
 
-__all__ = ["Forecaster", "GeneratorForecaster", "Model", "predict"]
+__all__ = [
+    "Forecaster",
+    "GeneratorForecaster",
+    "Model",
+    "decode_scene",
+    "encode_scene",
+    "predict",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +79,8 @@ class GeneratorForecaster(Forecaster):
 
     def one(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.one`."""
-        return _decode(self.config, params, _encode(self.config, params, scene), scene, noise)
+        context = encode_scene(self.config, params, scene)
+        return decode_scene(self.config, params, context, scene, noise)
 
     def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> ArrayLike:
         """See `Forecaster.batch`.
@@ -101,23 +110,30 @@ def _merge_axes(array: ArrayLike) -> np.ndarray:
     return array.reshape(-1, *array.shape[2:])
 
 
-def _encode(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
-    return Generator(config).apply(params, scene, method="encode")
+def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
+    """Context `[N, C]` of one scene: symbols and alpha (NeuroSyM), encoding, pooling."""
+    alpha = None
+    if config.weighting is not None:
+        alpha = pair_alpha(scene.observed, scene.valid, weighting=config.weighting)
+    return Generator(config).apply(params, scene, alpha, method="encode")
 
 
-def _decode(config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array):
+def decode_scene(
+    config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
+) -> Array:
+    """`[k, N, pred_len, 2]` metres relative to the scene's origin; `noise` as in `scene_noise`."""
     decode = functools.partial(Generator(config).apply, params, context, scene, method="decode")
     displacement: Any = jax.vmap(decode)(noise)
     return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
 
 
-_encode_slots = jax.jit(_encode, static_argnums=0)
-_decode_slots = jax.jit(_decode, static_argnums=0)
+_encode_slots = jax.jit(encode_scene, static_argnums=0)
+_decode_slots = jax.jit(decode_scene, static_argnums=0)
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def _encode_scenes(config, params, scenes):
-    return jax.vmap(functools.partial(_encode, config), in_axes=(None, 0))(params, scenes)
+    return jax.vmap(functools.partial(encode_scene, config), in_axes=(None, 0))(params, scenes)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -136,6 +152,9 @@ class Model:
             "none": "SGAN, no pooling",
             "pool_net": "SGAN",
             "social": "SGAN, social pooling",
+            "as_described": f"NeuroSyM, {self.config.weighting}",
+            "neurosym_ros": f"NeuroSyM (robot package), {self.config.weighting}",
+            "neurosym_ijcnn": "NeuroSyM (IJCNN release)",
         }[self.config.pooling]
 
     @property

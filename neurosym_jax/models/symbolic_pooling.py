@@ -1,8 +1,8 @@
 """NeuroSyM's pooling: SGAN's, with the pair's relative history weighted step by step by alpha.
 
 Three variants, told apart in `docs/symbols.md`: the papers' (`as_described`), the robot package's
-(`neurosym_ros`) and the earlier release's with its defects (`neurosym_ijcnn`). alpha is an argument,
-so that any weighting can be tried and differentiated through. It pools the encoder's states, once.
+(`neurosym_ros`) and the earlier release's with its defects (`neurosym_ijcnn`). alpha is an
+argument, so that any weighting can be tried and differentiated through.
 """
 
 from collections.abc import Callable

@@ -1,0 +1,1 @@
+"""Training of generators and discriminators: losses, one pure step, and the loop around it."""

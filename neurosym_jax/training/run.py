@@ -1,0 +1,132 @@
+"""The training that `python train.py` runs: its options, and what they mean."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Literal
+
+from neurosym_jax.config import (
+    RECIPES,
+    GeneratorConfig,
+    TrainConfig,
+    WeightingName,
+    from_json,
+    to_json,
+)
+from neurosym_jax.data.sources import Source, open_source
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.errors import InputError
+from neurosym_jax.training.loop import CHUNK, Run, train
+
+__all__ = ["TrainOptions", "make_run", "run_training"]
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainOptions:
+    """Train a model: `python train.py` alone does so on the embedded simulations."""
+
+    model: Literal["sgan", "neurosym"] = "sgan"
+    """SGAN with pooling, or NeuroSyM."""
+    variant: Literal["as_described", "neurosym_ros"] = "as_described"
+    """Of NeuroSyM."""
+    weighting: WeightingName = "cnd"
+    """Of NeuroSyM."""
+    pooling: Literal["none", "pool_net", "social"] = "pool_net"
+    """Of SGAN."""
+    scene: str | None = None
+    """Scene left out of training (eth, hotel, ...); of the simulations, the one trained on."""
+    obs_len: int = 8
+    """Observed steps."""
+    pred_len: int = 8
+    """Steps to forecast."""
+    recipe: Literal["ours", "sgan"] = "ours"
+    """How it is trained, see docs/training.md."""
+    seed: int = 0
+    """Of initialisation, order of scenes, augmentation and noise."""
+    steps: int | None = None
+    """Generator steps; default: the recipe's."""
+    set: tuple[str, ...] = ()
+    """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=false."""
+    data: Path | None = None
+    """ETH/UCY as SGAN arranges it; default: the embedded simulations."""
+    train_on: tuple[str, ...] = ()
+    """Recordings by file name to train on, instead of a leave-one-out split."""
+    validate_on: tuple[str, ...] = ()
+    """Recordings by file name to validate on; needed with --train-on."""
+    out: Path | None = None
+    """Folder of the run; default: runs/ and a name made of the options."""
+    resume: bool = False
+    """Continue the run in the folder."""
+
+
+def run_training(options: TrainOptions) -> None:
+    """Train as `options` say."""
+    run = make_run(options)
+    name = f"{_model_name(options)}_{run.scene}_{options.obs_len}_{options.pred_len}"
+    folder = options.out or Path("runs") / f"{name}_{options.recipe}_{options.seed}"
+    print(
+        f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
+        f"{run.validation.scenes} scenes to validate on, {run.config.steps} steps"
+    )
+    train(run, folder, resume=options.resume)
+    print(f"model: {folder / 'model'}")
+
+
+def make_run(options: TrainOptions) -> Run:
+    """The run that `options` describe, its data read.
+
+    Raises:
+        InputError: for options that contradict each other or data that cannot be read.
+    """
+    source = open_source(options.data)
+    if bool(options.train_on) != bool(options.validate_on):
+        raise InputError("--train-on and --validate-on go together")
+    if options.train_on:
+        scene = None
+        recordings = [source.files(names) for names in (options.train_on, options.validate_on)]
+    else:
+        scene = _scene(options, source)
+        recordings = [source.recordings(scene, split) for split in ("train", "val")]
+    training, validation = (
+        cut_windows(tracks, options.obs_len, options.pred_len) for tracks in recordings
+    )
+    return Run(generator_config(options), _recipe(options), training, validation, scene)
+
+
+def generator_config(options: TrainOptions) -> GeneratorConfig:
+    """The generator that `options` name, with the published sizes."""
+    config = GeneratorConfig(obs_len=options.obs_len, pred_len=options.pred_len)
+    if options.model == "neurosym":
+        weighting = options.weighting
+        return dataclasses.replace(config, pooling=options.variant, weighting=weighting)
+    if options.pooling == "social":
+        config = dataclasses.replace(config, bottleneck_dim=config.encoder_h_dim)
+    return dataclasses.replace(config, pooling=options.pooling)
+
+
+def _recipe(options: TrainOptions) -> TrainConfig:
+    fields = to_json(RECIPES[options.recipe]) | {"seed": options.seed}
+    for change in options.set:
+        name, _, value = change.partition("=")
+        try:
+            fields[name] = json.loads(value)
+        except json.JSONDecodeError:
+            fields[name] = value
+    recipe = from_json(TrainConfig, fields, "--set")
+    steps = options.steps or recipe.steps
+    return dataclasses.replace(recipe, steps=math.ceil(steps / CHUNK) * CHUNK)
+
+
+def _scene(options: TrainOptions, source: Source) -> str:
+    if options.scene is not None:
+        return options.scene
+    if options.data is not None:
+        raise InputError(f"--scene is needed: one of {', '.join(source.scenes)}")
+    return source.scenes[-1]
+
+
+def _model_name(options: TrainOptions) -> str:
+    if options.model == "neurosym":
+        return f"neurosym_{options.variant.removeprefix('neurosym_')}_{options.weighting}"
+    return f"sgan_{options.pooling}"

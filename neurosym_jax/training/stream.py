@@ -1,0 +1,82 @@
+"""An endless stream of training batches that depends on (seed, step) alone.
+
+A batch has a fixed number of scenes of every bucket, in proportion to how many the data has
+(stratified by size), so that one compiled step serves all batches and pairwise work follows the sum
+of squared scene sizes. Within a bucket every scene comes once before any comes again.
+"""
+
+import jax
+import numpy as np
+
+from neurosym_jax.data.batching import bucket_of, gather_scenes
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.scene import Scene
+
+__all__ = ["SceneStream"]
+
+
+class SceneStream:
+    """Batches of about `batch_scenes` scenes of `windows`.
+
+    Scenes of more than `max_agents` are cropped to that many neighbours around an agent, drawn anew
+    each time.
+    """
+
+    def __init__(
+        self, windows: Windows, batch_scenes: int, seed: int, max_agents: int | None = None
+    ):
+        self.windows, self.seed, self.max_agents = windows, seed, max_agents
+        sizes = windows.sizes if max_agents is None else np.minimum(windows.sizes, max_agents)
+        buckets = bucket_of(sizes)
+        share = batch_scenes / len(sizes)
+        self._slots = [int(bucket) for bucket in np.unique(buckets)]
+        self._members = [np.flatnonzero(buckets == slots) for slots in self._slots]
+        self._quotas = [max(1, round(len(members) * share)) for members in self._members]
+
+    @property
+    def steps_per_epoch(self) -> float:
+        """Batches in which as many scenes come as the data has."""
+        return len(self.windows.sizes) / sum(self._quotas)
+
+    def steps(self, first: int, count: int) -> tuple[Scene, ...]:
+        """`count` batches from `first` on: for each bucket a Scene, `[count, quota, slots, ...]`."""
+        return tuple(self._bucket(index, first, count) for index in range(len(self._slots)))
+
+    def _bucket(self, index: int, first: int, count: int) -> Scene:
+        members, quota, slots = self._members[index], self._quotas[index], self._slots[index]
+        place = np.arange(first * quota, (first + count) * quota)
+        epoch, within = np.divmod(place, len(members))
+        chosen = np.empty(len(place), int)
+        for number in np.unique(epoch):
+            order = np.random.default_rng([self.seed, index, number]).permutation(members)
+            chosen[epoch == number] = order[within[epoch == number]]
+        windows = self.windows
+        if self.max_agents is not None and windows.sizes[chosen].max() > self.max_agents:
+            draw = np.random.default_rng([self.seed, index, first, 1])
+            windows, chosen = _cropped(windows, chosen, self.max_agents, draw)
+        scenes = gather_scenes(windows, chosen, slots).replace(origin=None, identity=None)
+        return jax.tree.map(lambda array: array.reshape(count, quota, *array.shape[1:]), scenes)
+
+
+def _cropped(
+    windows: Windows, chosen: np.ndarray, agents: int, draw: np.random.Generator
+) -> tuple[Windows, np.ndarray]:
+    """The chosen scenes as windows of their own, the large ones cropped around a random agent."""
+    rows = []
+    for scene in chosen:
+        member = np.arange(*windows.bounds[scene : scene + 2])
+        if len(member) > agents:
+            here = windows.position[member, windows.obs_len - 1]
+            distance = np.linalg.norm(here - here[draw.integers(len(member))], axis=1)
+            member = member[np.sort(np.argpartition(distance, agents - 1)[:agents])]
+        rows.append(member)
+    kept = np.concatenate(rows)
+    bounds = np.concatenate([[0], np.cumsum([len(member) for member in rows])])
+    cropped = Windows(
+        position=windows.position[kept],
+        agent=windows.agent[kept],
+        bounds=bounds,
+        identity=windows.identity[chosen],
+        obs_len=windows.obs_len,
+    )
+    return cropped, np.arange(len(chosen))
