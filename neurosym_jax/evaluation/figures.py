@@ -50,13 +50,15 @@ def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
             for name, item in zip(names, members)
         }
         fan = to_world(members[-1].forecast, scene)[:, present]
+        samples = max(len(item.forecast) for item in members)
+        joint = f"jointly best of {samples}"
         title = f"{test.scene}, {test.obs_len} + {test.pred_len} steps"
         where = folder / f"{test.scene}_{test.obs_len}_{test.pred_len}"
         horizons = {name: item.horizon for name, item in zip(names, members)}
         for kind, figure in {
-            "forecasts": plot_forecasts(observed, truth, best, f"{title}: best of k"),
+            "forecasts": plot_forecasts(observed, truth, best, f"{title}: {joint}"),
             "fan": plot_fan(observed, truth, fan, f"{title}: {names[-1]}"),
-            "horizon": plot_horizon_errors(horizons, PERIOD, title),
+            "horizon": plot_horizon_errors(horizons, PERIOD, f"{title}: {joint}"),
         }.items():
             paths.append(save_figure(figure, where.with_name(f"{where.name}_{kind}.png")))
     return paths

@@ -1,6 +1,7 @@
 """An evaluation's rows as a table for people and as JSON for programs."""
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,30 +18,43 @@ def format_table(rows: Sequence[dict[str, Any]]) -> str:
     groups: dict[tuple[str, int, int], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["scene"], row["obs_len"], row["pred_len"]), []).append(row)
-    width = max(len(_name(row)) for row in rows)
+    folder, short = _shortened([row["checkpoint"] for row in rows if row["checkpoint"]])
+    names = {path: f"  {short[path]}" for path in short} | {None: ""}
+    labels = [row["model"] + names[row["checkpoint"]] for row in rows]
+    width = max(map(len, labels))
     head = (
-        f"  {'':{width}}   joint best of k   marginal best       in   agents'    scene",
-        f"  {'':{width}}      ADE     FDE     ADE     FDE  collision  k   per s       ms",
+        f"  {'':{width}}    joint best      marginal best  people in        forecasts  one scene",
+        f"  {'':{width}}    ADE     FDE     ADE     FDE    collision    k  a second      in ms",
     )
-    blocks = []
+    lines = {id(row): _line(row, label, width) for row, label in zip(rows, labels)}
+    blocks = [f"checkpoints in {folder}"] if folder else []
     for (scene, obs_len, pred_len), members in groups.items():
         counts = f"{members[0]['scenes']} scenes, {members[0]['agents']} agents"
         title = f"{scene}: {obs_len} steps observed, {pred_len} forecast; {counts}; metres"
-        blocks.append("\n".join([title, *head, *(_line(row, width) for row in members)]))
+        blocks.append("\n".join([title, *head, *(lines[id(row)] for row in members)]))
+    blocks.append(
+        "joint: the best of k forecasts of the whole scene (SGAN's protocol); marginal: each\n"
+        "agent's own best (most later papers). Best ADE and best FDE are chosen independently."
+    )
     return "\n\n".join(blocks)
 
 
-def _name(row: dict[str, Any]) -> str:
-    return row["model"] if row["checkpoint"] is None else f"{row['model']}  {row['checkpoint']}"
+def _shortened(paths: Sequence[str]) -> tuple[str, dict[str, str]]:
+    """The paths' common parent folder, if they have one, and each path relative to it."""
+    try:
+        folder = os.path.commonpath([os.path.dirname(path) for path in paths])
+    except ValueError:  # no paths, or absolute and relative ones
+        folder = ""
+    return folder, {path: os.path.relpath(path, folder) if folder else path for path in paths}
 
 
-def _line(row: dict[str, Any], width: int) -> str:
+def _line(row: dict[str, Any], label: str, width: int) -> str:
     joint, marginal, rate = row["joint"], row["marginal"], row["collision_rate"]
     collision = "-" if rate is None else f"{100 * rate:.1f} %"
     return (
-        f"  {_name(row):{width}}  {joint['ade']:7.3f} {joint['fde']:7.3f}"
-        f" {marginal['ade']:7.3f} {marginal['fde']:7.3f} {collision:>8} {row['samples']:>4}"
-        f" {row['forecasts_per_second']:8.0f} {1000 * row['seconds']['latency']:7.1f}"
+        f"  {label:{width}}  {joint['ade']:5.3f}   {joint['fde']:5.3f}   {marginal['ade']:5.3f}"
+        f"   {marginal['fde']:5.3f}  {collision:>11} {row['samples']:>4}"
+        f" {row['forecasts_per_second']:9.0f} {1000 * row['seconds']['latency']:10.1f}"
     )
 
 

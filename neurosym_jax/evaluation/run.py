@@ -4,9 +4,10 @@ import dataclasses
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 from tqdm import tqdm
 
 from neurosym_jax.data.batching import make_batches, single_scene
@@ -19,11 +20,17 @@ from neurosym_jax.evaluation.figures import Shown, draw_figures
 from neurosym_jax.evaluation.protocol import Evaluation, evaluate, latency
 from neurosym_jax.evaluation.report import FORMAT, check_replaceable, format_table, write_json
 from neurosym_jax.forecast import Forecaster
+from neurosym_jax.runtime import compile_seconds
 
 __all__ = ["EvaluateOptions", "run_evaluation"]
 
 Row = dict[str, Any]
 """One row of the JSON."""
+
+
+def _named(metavar: str) -> Any:
+    """How `--help` shows an option whose text says what happens without it."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,17 +40,18 @@ class EvaluateOptions:
     With no arguments: what ships in checkpoints/, on the embedded simulations.
     """
 
-    checkpoint: tuple[str, ...] = ()
-    """Folders of ours or SGAN's .pt files, in one table."""
-    data: Path | None = None
-    """ETH/UCY as SGAN arranges it, or a text file (or a folder of them) of `frame ped x y`."""
-    scene: str | None = None
+    checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
+    """Folders of ours or SGAN's .pt files, in one table; default: what ships in checkpoints/."""
+    data: Annotated[Path | None, _named("PATH")] = None
+    """ETH/UCY as SGAN arranges it, or a text file (or a folder of them) of `frame ped x y`;
+    default: the embedded simulations."""
+    scene: Annotated[str | None, _named("NAME")] = None
     """One scene (eth, hotel, ..., or a file's name); default: a checkpoint's own, else all."""
-    test_on: tuple[str, ...] = ()
+    test_on: Annotated[tuple[str, ...], _named("NAME ...")] = ()
     """Recordings by file name, taken as one test set, whatever a checkpoint was trained for."""
-    obs_len: int | None = None
+    obs_len: Annotated[int | None, _named("INT")] = None
     """Observed steps; default: the checkpoint's, else 8."""
-    pred_len: int | None = None
+    pred_len: Annotated[int | None, _named("INT")] = None
     """Steps to forecast; default: the checkpoint's, else 8."""
     samples: int = 20
     """Forecasts of each scene, k."""
@@ -132,7 +140,9 @@ def _evaluate_case(case: Case, options: EvaluateOptions, shown: list[Shown]) -> 
         result = evaluate(forecaster, params, batches, with_collisions=options.collisions, **common)
         if example is None:
             example = single_scene(windows, _typical(windows, result))
+        compiled = compile_seconds()
         seconds, forecast = latency(forecaster, params, example, **common)
+        compiled = compile_seconds() - compiled
         shown.append(Shown(test, name, example, forecast, result.horizon))
         yield {
             "checkpoint": checkpoint,
@@ -147,7 +157,7 @@ def _evaluate_case(case: Case, options: EvaluateOptions, shown: list[Shown]) -> 
             "collision_rate": result.mean("colliding") if options.collisions else None,
             "seconds": {
                 "loading": loading,
-                "compiling": result.compiling,
+                "compiling": result.compiling + compiled,
                 "evaluating": result.evaluating,
                 "latency": seconds,
             },
