@@ -1,0 +1,169 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models import Discriminator, Generator
+from neurosym_jax.models.layers import Perceptron
+from neurosym_jax.models.lstm import Encoder
+from neurosym_jax.models.pooling import HiddenPooling, make_pooling
+from neurosym_jax.scene import make_scene
+
+CONFIGS = {
+    "pool_net": GeneratorConfig(pool_hidden_dim=16, pred_len=4),
+    "none": GeneratorConfig(pooling="none", pred_len=4),
+    "bare": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4),
+    "social": GeneratorConfig(pooling="social", bottleneck_dim=32, grid_size=4, pred_len=4),
+    "every step": GeneratorConfig(
+        pool_every_timestep=True, pool_hidden_dim=16, decoder_h_dim=40, pred_len=4
+    ),
+    "social, every step": GeneratorConfig(
+        pooling="social", bottleneck_dim=32, grid_size=4, pool_every_timestep=True, pred_len=4
+    ),
+    "one step": GeneratorConfig(pool_hidden_dim=16, pred_len=1, obs_len=1),
+}
+EACH = pytest.mark.parametrize("config", CONFIGS.values(), ids=list(CONFIGS))
+
+
+def example(config, agents=5):
+    rng = np.random.default_rng(0)
+    return make_scene(rng.normal(0, 0.4, (agents, config.obs_len, 2)).cumsum(axis=1))
+
+
+def random_params(module, *arguments):
+    """Of the size that torch would draw, so that outputs are of ordinary size."""
+    rng = np.random.default_rng(1)
+    shapes = jax.eval_shape(module.init, jax.random.key(0), *arguments)
+    return jax.tree.map(
+        lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
+    )
+
+
+def sigmoid(x):
+    return 1 / (1 + np.exp(-x))
+
+
+def dense(x, layer):
+    return x @ layer["kernel"] + layer["bias"]
+
+
+def unfolded(config, params, scene, noise):
+    """The generator step by step as SGAN's code has it: nothing folded, nothing shared."""
+    params = params["params"]
+    observed = np.asarray(scene.observed)
+    context = Encoder(config.embedding_dim, config.encoder_h_dim).apply(
+        {"params": params["encoder"]}, scene.displacement
+    )
+    if config.pooling != "none":
+        pooling = make_pooling(config, config.encoder_h_dim)
+        pooled = pooling.apply({"params": params["pooling"]}, context, observed[:, -1], scene.valid)
+        context = np.concatenate([context, pooled], axis=1)
+    if config.needs_context_mlp:
+        width = config.decoder_h_dim - config.noise_dim
+        context = Perceptron((context.shape[1], config.mlp_dim, width)).apply(
+            {"params": params["context_mlp"]}, context
+        )
+    each = np.broadcast_to(noise, (len(observed), config.noise_dim))
+    hidden = np.concatenate([context, each], axis=1)
+    cell = np.zeros_like(hidden)
+    decoder = params["decoder"]
+    position, step = observed[:, -1], np.asarray(scene.displacement)[:, -1]
+    steps = []
+    for _ in range(config.pred_len):
+        lstm = decoder["lstm"]
+        gates = (
+            dense(step, decoder["spatial_embedding"]) @ lstm["input_kernel"]
+            + lstm["input_bias"]
+            + hidden @ lstm["recurrent_kernel"]
+            + lstm["recurrent_bias"]
+        )
+        i, f, g, o = np.split(gates, 4, axis=1)
+        cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
+        hidden = sigmoid(o) * np.tanh(cell)
+        step = dense(hidden, decoder["hidden2pos"])
+        position = position + step
+        steps.append(step)
+        if config.pool_every_timestep:
+            pooling = make_pooling(config, config.decoder_h_dim)
+            pooled = pooling.apply({"params": decoder["pooling"]}, hidden, position, scene.valid)
+            both = np.concatenate([hidden, pooled], axis=1)
+            sizes = (both.shape[1], config.mlp_dim, config.decoder_h_dim)
+            hidden = np.asarray(Perceptron(sizes).apply({"params": decoder["mlp"]}, both))
+    return np.stack(steps, axis=1)
+
+
+@EACH
+def test_against_the_unfolded_chain(config):
+    scene = example(config)
+    noise = np.random.default_rng(2).normal(size=config.noise_dim).astype(np.float32)
+    params = random_params(Generator(config), scene, noise)
+    forecast = jax.jit(Generator(config).apply)(params, scene, noise)
+    assert forecast.shape == (5, config.pred_len, 2)
+    wanted = unfolded(config, params, scene, noise)
+    assert_allclose(forecast, wanted, atol=1e-5)
+    assert np.abs(wanted).max() > 0.05
+
+
+def test_gradients_of_coincident_and_standing_people():
+    config = CONFIGS["every step"]
+    scene = make_scene(np.zeros((3, config.obs_len, 2)))
+    noise = np.zeros(config.noise_dim, np.float32)
+    params = random_params(Generator(config), scene, noise)
+
+    @jax.jit
+    @jax.grad
+    def gradient(params):
+        return (Generator(config).apply(params, scene, noise) ** 2).sum()
+
+    leaves = jax.tree.leaves(gradient(params))
+    assert all(np.isfinite(leaf).all() for leaf in leaves)
+    assert any(leaf.any() for leaf in leaves)
+
+
+def test_noise_of_each_agent_acts_on_that_agent():
+    config = CONFIGS["pool_net"]
+    scene = example(config)
+    noise = np.random.default_rng(3).normal(size=(5, 8)).astype(np.float32)
+    params = random_params(Generator(config), scene, noise)
+    apply = jax.jit(Generator(config).apply)
+    base = apply(params, scene, noise)
+    noise[2] += 1
+    moved = np.abs(apply(params, scene, noise) - base).max(axis=(1, 2))
+    assert moved[2] > 1e-3
+    assert_allclose(np.delete(moved, 2), 0, atol=1e-6)
+
+
+def scores_by_loop(config, params, positions, displacement):
+    params = params["params"]
+    hidden = Encoder(config.embedding_dim, config.h_dim).apply(
+        {"params": params["encoder"]}, displacement
+    )
+    if config.kind == "global":
+        pooling = HiddenPooling(
+            config.embedding_dim, config.h_dim, config.pool_hidden_dim, config.h_dim
+        )
+        valid = np.ones(len(positions), bool)
+        hidden = pooling.apply({"params": params["pooling"]}, hidden, positions[:, 0], valid)
+    for layer in ("layer_0", "layer_1"):
+        hidden = np.maximum(dense(hidden, params["classifier"][layer]), 0)
+    return hidden[:, 0]
+
+
+@pytest.mark.parametrize("kind", ["global", "local"])
+def test_discriminator(kind):
+    config = DiscriminatorConfig(kind=kind, pool_hidden_dim=16)
+    scene = example(GeneratorConfig())
+    trajectory = (scene.observed, scene.displacement, scene.valid)
+    params = random_params(Discriminator(config), *trajectory)
+    bias = params["params"]["classifier"]["layer_1"]["bias"]
+    params["params"]["classifier"]["layer_1"]["bias"] = bias * 0 + 3  # So that scores live.
+    scores = jax.jit(Discriminator(config).apply)(params, *trajectory)
+    wanted = scores_by_loop(config, params, scene.observed, scene.displacement)
+    assert_allclose(scores, wanted, atol=1e-5)
+    assert scores.shape == (5,)
+    assert scores.min() > 0
+
+    padded = [jnp.pad(part, [(0, 3)] + [(0, 0)] * (part.ndim - 1)) for part in trajectory]
+    assert_allclose(jax.jit(Discriminator(config).apply)(params, *padded)[:5], scores, atol=1e-5)

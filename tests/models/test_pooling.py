@@ -1,0 +1,147 @@
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.models.pooling import HiddenPooling, SocialPooling, make_pooling
+
+RNG = np.random.default_rng(0)
+HIDDEN = RNG.normal(size=(6, 5)).astype(np.float32)
+POSITIONS = RNG.uniform(-1.5, 1.5, (6, 2)).astype(np.float32)
+ALL = np.ones(6, bool)
+
+
+def with_random_params(module):
+    shapes = jax.eval_shape(module.init, jax.random.key(0), HIDDEN, POSITIONS, ALL)
+    rng = np.random.default_rng(1)
+    return jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype(np.float32), shapes)
+
+
+def relu_layers(x, mlp):
+    for index in range(len(mlp)):
+        layer = mlp[f"layer_{index}"]
+        x = np.maximum(x @ layer["kernel"] + layer["bias"], 0)
+    return x
+
+
+def pooled_by_pairs(params, hidden, positions):
+    """SGAN's pooling as its code has it: concatenate for each pair, then the maximum over j."""
+    dense, mlp = params["params"]["spatial_embedding"], params["params"]["mlp"]
+    rows = []
+    for i in range(len(hidden)):
+        candidates = []
+        for j in range(len(hidden)):
+            embedded = (positions[j] - positions[i]) @ dense["kernel"] + dense["bias"]
+            candidates.append(relu_layers(np.concatenate([embedded, hidden[j]]), mlp))
+        rows.append(np.max(candidates, axis=0))
+    return np.array(rows)
+
+
+def pooled_by_grid(params, hidden, positions, cells, side):
+    """S-LSTM's pooling: the hidden states of others, summed where they stand around i."""
+    rows = []
+    for i in range(len(hidden)):
+        grid = np.zeros((cells, cells, hidden.shape[1]))
+        for j in range(len(hidden)):
+            x, y = positions[j] - positions[i]
+            if j == i or abs(x) >= side / 2 or abs(y) >= side / 2:
+                continue
+            column = int(np.floor((x + side / 2) / side * cells))
+            row = int(np.floor((side / 2 - y) / side * cells))
+            grid[row, column] += hidden[j]
+        rows.append(relu_layers(grid.reshape(-1), params["params"]["mlp"]))
+    return np.array(rows)
+
+
+def test_hidden_pooling_against_literal_pairs():
+    module = HiddenPooling(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3)
+    params = with_random_params(module)
+    wanted = pooled_by_pairs(params, HIDDEN, POSITIONS)
+    assert_allclose(jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL), wanted, atol=1e-5)
+    assert wanted.any()
+
+
+def test_social_pooling_against_a_loop():
+    module = SocialPooling(h_dim=5, grid_size=4, neighborhood_size=2.0)
+    params = with_random_params(module)
+    wanted = pooled_by_grid(params, HIDDEN, POSITIONS, 4, 2.0)
+    assert_allclose(jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL), wanted, atol=1e-5)
+    alone = relu_layers(np.zeros(80), params["params"]["mlp"])
+    assert np.abs(wanted - alone).max() > 0.1
+
+
+MODULES = [
+    HiddenPooling(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3),
+    SocialPooling(h_dim=5, grid_size=4, neighborhood_size=2.0),
+]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_only_valid_agents_count(module):
+    params = with_random_params(module)
+    valid = np.array([True, True, False, True, False, False])
+    pooled = jax.jit(module.apply)(params, HIDDEN, POSITIONS, valid)
+    alone = jax.jit(module.apply)(params, HIDDEN[valid], POSITIONS[valid], np.ones(3, bool))
+    assert_allclose(pooled[valid], alone, atol=1e-6)
+    assert np.isfinite(pooled).all()
+    everybody = jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL)
+    assert np.abs(everybody[valid] - alone).max() > 1e-3
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_order_of_agents(module):
+    params = with_random_params(module)
+    order = np.array([3, 0, 5, 1, 4, 2])
+    pooled = jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL)
+    assert_allclose(
+        jax.jit(module.apply)(params, HIDDEN[order], POSITIONS[order], ALL),
+        pooled[order],
+        atol=1e-6,
+    )
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_gradients_where_people_coincide(module):
+    params = with_random_params(module)
+    positions = np.zeros_like(POSITIONS)
+
+    def total(params, hidden, positions):
+        return jax.jit(module.apply)(params, hidden, positions, ALL).sum()
+
+    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2)))(params, HIDDEN, positions)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+    assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
+
+
+def test_nobody_at_all():
+    for module in MODULES:
+        pooled = jax.jit(module.apply)(with_random_params(module), HIDDEN, POSITIONS, ~ALL)
+        assert np.isfinite(pooled).all()
+
+
+def test_made_by_the_config():
+    social = make_pooling(GeneratorConfig(pooling="social", bottleneck_dim=32, grid_size=5), 32)
+    assert social == SocialPooling(32, 5, 2.0)
+    assert make_pooling(GeneratorConfig(), 32) == HiddenPooling(16, 32, 512, 8)
+
+
+def test_the_edge_of_the_neighbourhood_is_outside():
+    """|offset| = side / 2 is excluded, an offset of zero falls right of and below the centre."""
+    module = SocialPooling(h_dim=1, grid_size=2, neighborhood_size=2.0)
+    kernel = np.eye(4, 1, -3, np.float32)  # The last cell: right and below.
+    params = {"params": {"mlp": {"layer_0": {"kernel": kernel, "bias": np.zeros(1, np.float32)}}}}
+    hidden = np.ones((2, 1), np.float32)
+
+    def of_first(offset):
+        positions = np.array([[0, 0], offset], np.float32)
+        return float(jax.jit(module.apply)(params, hidden, positions, np.ones(2, bool))[0, 0])
+
+    assert [of_first(offset) for offset in ([0, 0], [0.5, -0.5], [1, -0.5], [0.5, -1])] == [
+        1,
+        1,
+        0,
+        0,
+    ]
+    assert [of_first(offset) for offset in ([-0.5, -0.5], [0.5, 0.5])] == [0, 0]
+    assert_array_equal(kernel.ravel(), [0, 0, 0, 1])
