@@ -14,7 +14,7 @@ from neurosym_jax.config import (
     from_json,
     to_json,
 )
-from neurosym_jax.data.sources import Source, open_source
+from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.training.loop import CHUNK, Run, train
@@ -35,7 +35,8 @@ class TrainOptions:
     pooling: Literal["none", "pool_net", "social"] = "pool_net"
     """Of SGAN."""
     scene: str | None = None
-    """Scene left out of training (eth, hotel, ...); of the simulations, the one trained on."""
+    """Scene of ETH/UCY left out of training (eth, hotel, ...); of the simulations, the one trained
+    on (default: all of them)."""
     obs_len: int = 8
     """Observed steps."""
     pred_len: int = 8
@@ -63,7 +64,8 @@ class TrainOptions:
 def run_training(options: TrainOptions) -> None:
     """Train as `options` say."""
     run = make_run(options)
-    name = f"{_model_name(options)}_{run.scene}_{options.obs_len}_{options.pred_len}"
+    where = run.scene or ("files" if options.train_on else "simulations")
+    name = f"{_model_name(options)}_{where}_{options.obs_len}_{options.pred_len}"
     folder = options.out or Path("runs") / f"{name}_{options.recipe}_{options.seed}"
     print(
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
@@ -85,9 +87,18 @@ def make_run(options: TrainOptions) -> Run:
     if options.train_on:
         scene = None
         recordings = [source.files(names) for names in (options.train_on, options.validate_on)]
+    elif options.scene is None and options.data is not None:
+        raise InputError(f"--scene is needed: one of {', '.join(source.scenes)}")
     else:
-        scene = _scene(options, source)
-        recordings = [source.recordings(scene, split) for split in ("train", "val")]
+        scene = options.scene
+        recordings = [
+            [
+                tracks
+                for name in (source.scenes if scene is None else (scene,))
+                for tracks in source.recordings(name, split)
+            ]
+            for split in ("train", "val")
+        ]
     training, validation = (
         cut_windows(tracks, options.obs_len, options.pred_len) for tracks in recordings
     )
@@ -116,14 +127,6 @@ def _recipe(options: TrainOptions) -> TrainConfig:
     recipe = from_json(TrainConfig, fields, "--set")
     steps = options.steps or recipe.steps
     return dataclasses.replace(recipe, steps=math.ceil(steps / CHUNK) * CHUNK)
-
-
-def _scene(options: TrainOptions, source: Source) -> str:
-    if options.scene is not None:
-        return options.scene
-    if options.data is not None:
-        raise InputError(f"--scene is needed: one of {', '.join(source.scenes)}")
-    return source.scenes[-1]
 
 
 def _model_name(options: TrainOptions) -> str:
