@@ -82,7 +82,7 @@ def train(run: Run, folder: Path, *, resume: bool = False) -> Model:
     key = jax.random.key(config.seed)
     example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
     state = initial_state(run.generator, config, example, jax.random.fold_in(key, 0))
-    best = _validated(config, state)
+    best = jax.tree.map(np.array, _validated(config, state))
     history: list[dict[str, Any]] = []
     record = {**run.describe(), "environment": run_environment()}
 
@@ -113,7 +113,7 @@ def train(run: Run, folder: Path, *, resume: bool = False) -> Model:
                 if row["val_score"] <= min(
                     (old["val_score"] for old in history if "val_score" in old), default=np.inf
                 ):
-                    best = jax.tree.map(np.asarray, _validated(config, state))
+                    best = jax.tree.map(np.array, _validated(config, state))
                 history.append(row)
                 checkpoints.save(
                     done, (state, best), {**record, "history": history}, row["val_score"]

@@ -39,7 +39,7 @@ class SceneStream:
         return len(self.windows.sizes) / sum(self._quotas)
 
     def steps(self, first: int, count: int) -> tuple[Scene, ...]:
-        """`count` batches from `first` on; a Scene for each bucket, `[count, quota, slots, ...]`."""
+        """`count` batches from `first` on: a Scene for each bucket, `[count, quota, slots, .]`."""
         return tuple(self._bucket(index, first, count) for index in range(len(self._slots)))
 
     def _bucket(self, index: int, first: int, count: int) -> Scene:
