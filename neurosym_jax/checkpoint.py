@@ -45,7 +45,7 @@ def digest(tree: Any) -> str:
     return sha.hexdigest()
 
 
-def save_model(folder: Path, model: Model) -> None:
+def save_model(folder: Path | str, model: Model) -> None:
     """Write `model` as a new folder.
 
     Raises:
@@ -53,6 +53,7 @@ def save_model(folder: Path, model: Model) -> None:
     """
     from orbax.checkpoint import v1 as ocp
 
+    folder = Path(folder)
     if folder.exists():
         raise InputError(f"{folder}: already there, and nothing is overwritten")
     params = jax.tree.map(np.asarray, model.params)
@@ -68,12 +69,13 @@ def save_model(folder: Path, model: Model) -> None:
     (folder / CONFIG).write_text(json.dumps(config, indent=2) + "\n")
 
 
-def load_model(path: Path) -> Model:
+def load_model(path: Path | str) -> Model:
     """Read a model's folder, or a torch checkpoint file of SGAN.
 
     Raises:
         InputError: for anything that is not such a thing, is damaged, or has another format.
     """
+    path = Path(path)
     if path.is_file():
         from neurosym_jax.interop.torch import load_torch_checkpoint
 
