@@ -1,4 +1,4 @@
-"""torch's parameter names and shapes of SGAN's networks against ours.
+"""torch's parameter names and shapes of SGAN's and NeuroSyM's networks against ours.
 
 One table of layers (torch's prefix, our path, kind, sizes), yielded for a configuration; both
 directions and the checks for missing, unexpected and misshapen arrays derive from it. Our kernels
@@ -27,7 +27,8 @@ class _Layer(NamedTuple):
     """One row of the table: torch's prefix, our path, the kind of layer, its sizes."""
 
     torch: str
-    ours: str
+    ours: str | None
+    """None for a layer that torch's code declares and never calls, which we do not have."""
     kind: str
     inputs: int
     outputs: int
@@ -37,7 +38,7 @@ class _Leaf(NamedTuple):
     """One array: its two names, and our shape; torch's array is ours transposed."""
 
     torch: str
-    ours: str
+    ours: str | None
     shape: tuple[int, ...]
 
 
@@ -48,7 +49,7 @@ def generator_params_from_torch(
 
     Raises:
         InputError: naming the tensors that `config` needs and `state` lacks, those that it has
-            and the network does not, and those of another shape.
+            and the network does not, and those of another shape; for `as_described`.
     """
     return _from_torch(state, _generator_layers(config), "generator")
 
@@ -75,6 +76,12 @@ def discriminator_params_to_torch(
 
 
 def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
+    if c.pooling == "as_described":
+        # Its arrays have the shapes of neurosym_ijcnn's, and would do something else there.
+        raise InputError(
+            "pooling as_described has no counterpart in torch: the released networks are "
+            "neurosym_ros and neurosym_ijcnn, which compute something else from such parameters"
+        )
     pooled = 0 if c.pooling == "none" else c.bottleneck_dim
     yield _Layer("encoder.encoder", "encoder/lstm", "lstm", c.embedding_dim, c.encoder_h_dim)
     yield _Layer(
@@ -101,6 +108,17 @@ def _pooling_layers(torch: str, ours: str, c: GeneratorConfig, h_dim: int) -> It
         yield from _pool_net_layers(torch, ours, *sizes)
     elif c.pooling == "social":
         yield from _mlp_layers(f"{torch}.mlp_pool", f"{ours}/mlp", (c.grid_size**2 * h_dim, h_dim))
+    elif c.symbolic:
+        width = c.obs_len * c.embedding_dim
+        # The robot package embeds the whole history at once, the earlier release each step.
+        embedding = (2 * c.obs_len, width) if c.pooling == "neurosym_ros" else (2, c.embedding_dim)
+        yield _Layer(
+            f"{torch}_g.spatial_embedding", f"{ours}/spatial_embedding", "dense", *embedding
+        )
+        widths = (width + h_dim, c.pool_hidden_dim, c.bottleneck_dim)
+        yield from _mlp_layers(f"{torch}_g.mlp_pre_pool", f"{ours}/mlp", widths)
+        sizes = (c.embedding_dim, h_dim, c.pool_hidden_dim, c.bottleneck_dim)
+        yield from _pool_net_layers(f"{torch}_d", None, *sizes)
 
 
 def _discriminator_layers(c: DiscriminatorConfig) -> Iterable[_Layer]:
@@ -115,19 +133,22 @@ def _discriminator_layers(c: DiscriminatorConfig) -> Iterable[_Layer]:
 
 
 def _pool_net_layers(
-    torch: str, ours: str, embedding_dim: int, h_dim: int, hidden_dim: int, out_dim: int
+    torch: str, ours: str | None, embedding_dim: int, h_dim: int, hidden_dim: int, out_dim: int
 ) -> Iterable[_Layer]:
-    yield _Layer(
-        f"{torch}.spatial_embedding", f"{ours}/spatial_embedding", "dense", 2, embedding_dim
-    )
+    embedding = _within(ours, "spatial_embedding")
+    yield _Layer(f"{torch}.spatial_embedding", embedding, "dense", 2, embedding_dim)
     widths = (embedding_dim + h_dim, hidden_dim, out_dim)
-    yield from _mlp_layers(f"{torch}.mlp_pre_pool", f"{ours}/mlp", widths)
+    yield from _mlp_layers(f"{torch}.mlp_pre_pool", _within(ours, "mlp"), widths)
 
 
-def _mlp_layers(torch: str, ours: str, widths: tuple[int, ...]) -> Iterable[_Layer]:
+def _mlp_layers(torch: str, ours: str | None, widths: tuple[int, ...]) -> Iterable[_Layer]:
     # torch numbers the ReLU between two layers as well, hence 0, 2, ...
     for i, (inputs, outputs) in enumerate(itertools.pairwise(widths)):
-        yield _Layer(f"{torch}.{2 * i}", f"{ours}/layer_{i}", "dense", inputs, outputs)
+        yield _Layer(f"{torch}.{2 * i}", _within(ours, f"layer_{i}"), "dense", inputs, outputs)
+
+
+def _within(ours: str | None, name: str) -> str | None:
+    return ours and f"{ours}/{name}"
 
 
 def _leaves(layers: Iterable[_Layer]) -> Iterable[_Leaf]:
@@ -146,14 +167,18 @@ def _leaves(layers: Iterable[_Layer]) -> Iterable[_Leaf]:
             },
         }
         for (theirs, name), shape in names[kind].items():
-            yield _Leaf(f"{torch}.{theirs}", f"{ours}/{name}", shape)
+            yield _Leaf(f"{torch}.{theirs}", _within(ours, name), shape)
 
 
 def _from_torch(state: Mapping[str, Any], layers: Iterable[_Layer], what: str) -> dict[str, Any]:
     leaves = list(_leaves(layers))
-    arrays = _checked(state, {leaf.torch: leaf.shape[::-1] for leaf in leaves}, what)
+    unused = {leaf.torch for leaf in leaves if leaf.ours is None}
+    needed = {leaf.torch: leaf.shape[::-1] for leaf in leaves if leaf.ours}
+    arrays = _checked({k: v for k, v in state.items() if k not in unused}, needed, what)
     params: dict[str, Any] = {}
     for leaf in leaves:
+        if leaf.ours is None:
+            continue
         *scope, name = leaf.ours.split("/")
         node = params
         for part in scope:
@@ -166,8 +191,15 @@ def _to_torch(
     params: Mapping[str, Any], layers: Iterable[_Layer], what: str
 ) -> dict[str, np.ndarray]:
     leaves = list(_leaves(layers))
-    arrays = _checked(_flat(params), {leaf.ours: leaf.shape for leaf in leaves}, what)
-    return {leaf.torch: np.ascontiguousarray(arrays[leaf.ours].T) for leaf in leaves}
+    ours = {leaf.ours: leaf.shape for leaf in leaves if leaf.ours}
+    arrays = _checked(_flat(params), ours, what)
+    # `load_state_dict` wants every tensor that the code declares; zeros stand for those unused.
+    return {
+        leaf.torch: np.ascontiguousarray(arrays[leaf.ours].T)
+        if leaf.ours
+        else np.zeros(leaf.shape[::-1], np.float32)
+        for leaf in leaves
+    }
 
 
 def _flat(params: Mapping[str, Any], scope: str = "") -> dict[str, Any]:

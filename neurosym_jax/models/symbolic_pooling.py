@@ -11,9 +11,15 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.models.layers import Affine, Perceptron
 
-__all__ = ["SYMBOLIC_POOLINGS", "IjcnnPooling", "RosPooling", "SymbolicPooling"]
+__all__ = ["NOT_OF_PAIRS", "SYMBOLIC_POOLINGS", "IjcnnPooling", "RosPooling", "SymbolicPooling"]
+
+NOT_OF_PAIRS = (
+    "neurosym_ijcnn does not weight pairs: it takes one row of alpha an agent, picked by the "
+    "released collation out of other scenes' pairs, so it forecasts in parity cases only"
+)
 
 
 class SymbolicPooling(nn.Module):
@@ -112,7 +118,13 @@ class IjcnnPooling(nn.Module):
         self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
 
     def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`, every row the same; `alpha [N, obs_len]`."""
+        """Social vectors `[N, bottleneck_dim]`, every row the same; `alpha [N, obs_len]`.
+
+        Raises:
+            InputError: where alpha is not by agents, as any weighting of pairs.
+        """
+        if alpha.shape != (len(hidden), self.obs_len):
+            raise InputError(NOT_OF_PAIRS)
         embedded = alpha[..., None] * self.spatial_embedding.bias
         each = self.mlp(jnp.concatenate([embedded.reshape(len(hidden), -1), hidden], axis=-1))
         highest = jnp.where(valid[:, None], each, 0).max(axis=0)
