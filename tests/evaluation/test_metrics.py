@@ -1,0 +1,129 @@
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.evaluation.metrics import COLLISION_DISTANCE, collisions, scene_errors
+
+errors_of = jax.jit(scene_errors, static_argnames="with_collisions")
+collide = jax.jit(collisions)
+
+
+def offsets(errors):
+    """Forecasts that are off by `errors [k, N, T]` metres, in turning directions."""
+    errors = np.asarray(errors, float)
+    angle = np.arange(errors.size).reshape(errors.shape)
+    return errors[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def test_by_hand():
+    """Two samples, two agents, two steps; each minimum lies in a sample of its own."""
+    truth = np.array([[[0.0, 0.0], [1.0, 0.0]], [[5.0, 5.0], [5.0, 6.0]]])
+    # Sample 0: ADE 1 and 2, FDE 2 and 3; sample 1: ADE 2 and 1.5, FDE 1 and 1.
+    forecast = truth + offsets([[[0, 2], [1, 3]], [[3, 1], [2, 1]]])
+    errors = errors_of(forecast, truth, np.array([True, True]))
+    assert int(errors.agents) == 2
+    assert_allclose(errors.joint_ade, 3.0, atol=1e-6)  # Sample 0: 1 + 2.
+    assert_allclose(errors.joint_fde, 2.0, atol=1e-6)  # Sample 1: 1 + 1.
+    assert_allclose(errors.marginal_ade, 1 + 1.5, atol=1e-6)
+    assert_allclose(errors.marginal_fde, 1 + 1, atol=1e-6)
+    assert_allclose(errors.horizon, [0 + 1, 2 + 3], atol=1e-6)  # Sample 0.
+
+
+def test_padding_counts_for_nothing():
+    rng = np.random.default_rng(0)
+    forecast, truth = rng.normal(size=(4, 3, 5, 2)), rng.normal(size=(3, 5, 2))
+    alone = errors_of(forecast, truth, np.ones(3, bool))
+    padded = errors_of(
+        np.pad(forecast, [(0, 0), (0, 2), (0, 0), (0, 0)], constant_values=7.0),
+        np.pad(truth, [(0, 2), (0, 0), (0, 0)]),
+        np.array([True] * 3 + [False] * 2),
+    )
+    for a, b in zip(jax.tree.leaves(alone), jax.tree.leaves(padded), strict=True):
+        assert_allclose(a, b, atol=1e-6)
+
+
+def test_an_empty_scene_is_zero():
+    errors = errors_of(np.ones((2, 3, 4, 2)), np.zeros((3, 4, 2)), np.zeros(3, bool))
+    assert all(not np.any(leaf) for leaf in jax.tree.leaves(errors))
+
+
+def test_marginal_is_never_worse_than_joint():
+    rng = np.random.default_rng(1)
+    errors = errors_of(rng.normal(size=(20, 6, 5, 2)), rng.normal(size=(6, 5, 2)), np.ones(6, bool))
+    assert errors.marginal_ade < errors.joint_ade
+    assert errors.marginal_fde < errors.joint_fde
+
+
+def test_collisions_are_not_computed_where_not_asked_for():
+    errors = errors_of(
+        np.zeros((1, 2, 3, 2)), np.zeros((2, 3, 2)), np.ones(2, bool), with_collisions=False
+    )
+    assert errors.colliding is None
+
+
+def straight(start, end, steps=2):
+    return np.linspace(start, end, steps)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "expected"),
+    [
+        # Both cross the middle at the same time, far from it at every step.
+        (straight((-1, 0), (1, 0)), straight((0, -1), (0, 1)), True),
+        # They pass through each other.
+        (straight((-3, 0), (3, 0)), straight((3, 0), (-3, 0)), True),
+        # The same paths, a step apart in time.
+        (straight((-1, 0), (1, 0)), straight((0, -5), (0, -3)), False),
+        # Side by side, nearer and farther than the limit.
+        (straight((0, 0), (5, 0)), straight((0, 0.19), (5, 0.19)), True),
+        (straight((0, 0), (5, 0)), straight((0, 0.21), (5, 0.21)), False),
+        # Only at the last step, and only at the first.
+        (straight((0, 0), (5, 0), 3), straight((5, 3), (5, 0.1), 3), True),
+        (straight((0, 0), (5, 0), 3), straight((0.1, 0), (5, 9), 3), True),
+        # Both stand.
+        (straight((0, 0), (0, 0)), straight((0, 0), (0, 0)), True),
+        # Their lines meet, but before the forecast begins.
+        (straight((1, 0), (2, 0)), straight((0, 1), (0, 2)), False),
+    ],
+)
+def test_collisions_between_steps(one, other, expected):
+    hit = collide(np.stack([one, other])[None], np.ones(2, bool))
+    assert hit.tolist() == [[expected, expected]]
+
+
+def test_a_single_step():
+    forecast = np.array([[[[0, 0]], [[0.1, 0]], [[3, 0]]]])
+    assert collide(forecast, np.ones(3, bool)).tolist() == [[True, True, False]]
+
+
+def test_padding_does_not_collide():
+    forecast = np.zeros((2, 4, 3, 2))
+    assert not collide(forecast, np.array([True, False, False, False])).any()
+    assert collide(forecast, np.array([True, True, False, False])).tolist() == (
+        [[True, True, False, False]] * 2
+    )
+
+
+def test_colliding_is_the_mean_over_samples():
+    forecast = np.zeros((4, 2, 3, 2))
+    forecast[1:, 1] += 5  # Only the first sample collides.
+    errors = errors_of(forecast, forecast[0], np.ones(2, bool))
+    assert_allclose(errors.colliding, 2 / 4)
+
+
+def test_collisions_against_dense_sampling():
+    rng = np.random.default_rng(2)
+    forecast = rng.uniform(0, 3, (6, 5, 4, 2))
+    time = np.linspace(0, 1, 400)[:, None]
+    dense = np.concatenate(
+        [forecast[:, :, [t]] * (1 - time) + forecast[:, :, [t + 1]] * time for t in range(3)],
+        axis=2,
+    )
+    distance = np.linalg.norm(dense[:, :, None] - dense[:, None], axis=-1).min(axis=-1)
+    distance[:, range(5), range(5)] = np.inf
+    clear = np.abs(distance - COLLISION_DISTANCE).min(axis=-1) > 0.01
+    hit = np.asarray(collide(forecast, np.ones(5, bool)))
+    wanted = (distance < COLLISION_DISTANCE).any(axis=-1)
+    assert (hit == wanted)[clear].all()
+    assert 0.2 < wanted.mean() < 0.95

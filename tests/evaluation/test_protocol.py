@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.data.batching import make_batches, single_scene
+from neurosym_jax.data.synthetic import synthetic_tracks
+from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.evaluation.baselines import ConstantVelocity, ConstantVelocitySampled
+from neurosym_jax.evaluation.metrics import collisions
+from neurosym_jax.evaluation.protocol import evaluate, latency
+from neurosym_jax.noise import draw_noise
+
+
+def crowd() -> Tracks:
+    """Twenty frames of six people, four of whom leave early."""
+    rng = np.random.default_rng(0)
+    walks = rng.uniform(0, 4, (6, 1, 2)) + rng.normal(0, 0.4, (6, 20, 2)).cumsum(axis=1)
+    agent, frame = np.nonzero(np.arange(20) < np.array([20, 20, 17, 17, 18, 18])[:, None])
+    return make_tracks("crowd", frame * 0.4, agent, walks[agent, frame])
+
+
+WINDOWS = cut_windows([crowd()], 8, 8)
+
+
+def direct(windows, samples):
+    """Sampled constant velocity, evaluated by loops over scenes, samples and agents."""
+    spec = ConstantVelocitySampled(8).noise
+    total = dict.fromkeys(
+        ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "colliding"), 0
+    )
+    horizon = np.zeros(8)
+    for scene in range(windows.scenes):
+        world = windows.position[slice(*windows.bounds[scene : scene + 2])]
+        agents = len(world)
+        noise = draw_noise(spec, 3, windows.identity[[scene]], samples, agents)[:, 0, :, 0]
+        angle = np.radians(25) * noise.astype(float)
+        step = (world[:, 7] - world[:, 6]) @ np.array([1, 1j])
+        path = np.exp(1j * angle)[..., None] * step[:, None] * np.arange(1, 9)
+        forecast = world[:, 7, None] + np.stack([path.real, path.imag], axis=-1)
+        error = np.linalg.norm(forecast - world[:, 8:], axis=-1)
+        ade, fde = error.mean(axis=-1), error[..., -1]
+        total["joint_ade"] += min(ade.sum(axis=1))
+        total["joint_fde"] += min(fde.sum(axis=1))
+        total["marginal_ade"] += sum(min(ade[:, agent]) for agent in range(agents))
+        total["marginal_fde"] += sum(min(fde[:, agent]) for agent in range(agents))
+        total["colliding"] += (
+            np.asarray(collisions(forecast, np.ones(agents, bool))).sum() / samples
+        )
+        horizon += error[ade.sum(axis=1).argmin()].sum(axis=0)
+    return {name: value / windows.agents for name, value in total.items()}, horizon / windows.agents
+
+
+@pytest.mark.parametrize("slots", [8, 256])
+def test_equal_to_a_direct_loop(slots):
+    result = evaluate(
+        ConstantVelocitySampled(8), (), make_batches(WINDOWS, slots), samples=5, seed=3
+    )
+    assert len(set(WINDOWS.sizes.tolist())) > 1
+    wanted, horizon = direct(WINDOWS, 5)
+    for name, value in wanted.items():
+        assert_allclose(result.mean(name), value, rtol=1e-5, err_msg=name)
+    assert wanted["colliding"] > 0
+    assert_allclose(result.horizon, horizon, rtol=1e-5)
+    assert_allclose(result.horizon.mean(), wanted["joint_ade"], rtol=1e-5)
+    assert (result.samples, result.agents) == (5, WINDOWS.agents)
+    assert result.errors.agents.tolist() == WINDOWS.sizes.tolist()
+    assert result.compiling >= 0
+    assert result.evaluating > 0
+
+
+def test_deterministic_forecasts_have_one_sample():
+    batches = make_batches(cut_windows([synthetic_tracks("cross-path", 0)], 8, 8))
+    result = evaluate(ConstantVelocity(8), (), batches, samples=20, seed=0, with_collisions=False)
+    assert result.samples == 1
+    assert result.mean("joint_ade") == pytest.approx(result.mean("marginal_ade"), rel=1e-5)
+    assert result.errors.colliding is None
+    again = evaluate(ConstantVelocity(8), (), batches, samples=1, seed=5, with_collisions=False)
+    assert again.compiling == 0
+    assert again.mean("joint_fde") == result.mean("joint_fde")
+
+
+def test_latency_forecasts_the_scene_it_is_given():
+    scene = single_scene(WINDOWS, 0)
+    seconds, forecast = latency(ConstantVelocity(8), (), scene, samples=3, seed=0)
+    assert forecast.shape == (1, len(scene.valid), 8, 2)
+    assert seconds > 0
+    wanted = scene.observed[:, -1] + 8 * scene.displacement[:, -1]
+    assert_allclose(forecast[0, :, -1], wanted, atol=1e-5)

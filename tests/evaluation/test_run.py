@@ -1,0 +1,165 @@
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.checkpoint import load_model, save_model
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation import cases
+from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+from neurosym_jax.forecast import Model
+from neurosym_jax.interop.torch import export_torch_checkpoint
+from neurosym_jax.models import Generator
+from neurosym_jax.scene import make_scene
+
+SCHEMA = {
+    "checkpoint": str | None,
+    "model": str,
+    "scene": str,
+    "obs_len": int,
+    "pred_len": int,
+    "samples": int,
+    "seed": int,
+    "scenes": int,
+    "agents": int,
+    "joint": {"ade": float, "fde": float},
+    "marginal": {"ade": float, "fde": float},
+    "collision_rate": float | None,
+    "seconds": {"loading": float, "compiling": float, "evaluating": float, "latency": float},
+    "forecasts_per_second": float,
+}
+
+# Joint ADE and FDE of best-of-20 that the authors publish for their checkpoints.
+ZOO = {
+    "sgan-models/zara1_8": (0.21, 0.42),
+    "sgan-p-models/hotel_12": (0.43, 0.88),
+}
+
+
+def assert_fits(value, schema):
+    if isinstance(schema, dict):
+        assert value.keys() == schema.keys()
+        for name, part in schema.items():
+            assert_fits(value[name], part)
+    else:
+        assert isinstance(value, schema)
+        assert not isinstance(value, float) or np.isfinite(value)
+
+
+def random_params(config):
+    scene = make_scene(np.zeros((1, config.obs_len, 2)))
+    shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, np.zeros(8))
+    rng = np.random.default_rng(0)
+    return jax.tree.map(
+        lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
+    )
+
+
+@pytest.fixture
+def options(tmp_path, monkeypatch):
+    """Options that write below `tmp_path`; no model ships."""
+    monkeypatch.setattr(cases, "SHIPPED", tmp_path / "none")
+
+    def make(**fields):
+        written = {"json": tmp_path / "rows.json", "plots": tmp_path / "figures"}
+        return EvaluateOptions(**(written | {"figures": False} | fields))
+
+    return make
+
+
+def test_default_run(options, tmp_path, capsys):
+    rows = run_evaluation(options(samples=3, figures=True, scene="cross-path"))
+    report = json.loads((tmp_path / "rows.json").read_text())
+    assert report == {"format": 1, "rows": rows}
+    assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
+    assert [row["samples"] for row in rows] == [1, 3]
+    for row in rows:
+        assert_fits(row, SCHEMA)
+        assert row["joint"]["ade"] >= row["marginal"]["ade"] - 1e-9
+        assert row["scene"] == "cross-path"
+    figures = sorted(path.name for path in (tmp_path / "figures").iterdir())
+    assert figures == [f"cross-path_8_8_{kind}.png" for kind in ("fan", "forecasts", "horizon")]
+    out, err = capsys.readouterr()
+    assert "cross-path: 8 steps observed, 8 forecast" in out
+    assert "these are the baselines" in out
+    assert "evaluating" not in err  # No progress bar where no terminal is.
+
+    run_evaluation(options(samples=3, figures=True, scene="cross-path"))
+    out = capsys.readouterr().out
+    assert f"replacing the report in {tmp_path / 'rows.json'}" in out
+    assert "3 of them replaced" in out
+
+
+def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path):
+    config = GeneratorConfig(pred_len=4)
+    params = random_params(config)
+    export_torch_checkpoint(tmp_path / "ours.pt", config, params["params"])
+    save_model(tmp_path / "folder", Model(config, params))
+    loaded = load_model(tmp_path / "ours.pt")
+    assert loaded.config == config
+    given = (str(tmp_path / "ours.pt"), f"{tmp_path}/./folder/")
+    rows = run_evaluation(
+        options(checkpoint=given, samples=2, scene="cross-path", collisions=False, seed=5)
+    )
+    assert [row["checkpoint"] for row in rows] == [None, None, *given]
+    for row in rows:
+        assert_fits(row, SCHEMA)
+        assert row["collision_rate"] is None
+        assert (row["pred_len"], row["seed"]) == (4, 5)
+    for protocol in ("joint", "marginal"):
+        assert rows[2][protocol] == rows[3][protocol]
+
+
+def test_one_step_and_one_agent(options, tmp_path):
+    walk = "\n".join(f"{frame},1,{0.1 * frame:.1f},0" for frame in range(9))
+    (tmp_path / "walk.csv").write_text(walk)
+    data = tmp_path / "walk.csv"
+    rows = run_evaluation(options(data=data, pred_len=1, min_agents=1, samples=2))
+    assert [(row["scenes"], row["agents"], row["scene"]) for row in rows] == [(1, 1, "walk")] * 2
+    assert rows[0]["joint"]["ade"] == pytest.approx(0, abs=1e-6)
+    assert rows[0]["collision_rate"] == 0
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"samples": 0}, "--samples must be at least 1, not 0"),
+        ({"pred_len": -1}, "--pred-len must be at least 1"),
+        ({"seed": 2**32}, "--seed must lie in"),
+        ({"scene": "zara9"}, "unknown scene 'zara9'"),
+        ({"pred_len": 999}, "too few frames"),
+    ],
+)
+def test_refused(options, tmp_path, fields, message):
+    with pytest.raises(InputError, match=message):
+        run_evaluation(options(**fields))
+    assert not (tmp_path / "rows.json").exists()
+
+
+def test_refused_before_the_work(options, tmp_path, monkeypatch):
+    """What cannot be written is known at once, not after an hour."""
+    monkeypatch.setattr("neurosym_jax.evaluation.run.open_source", None)
+    (tmp_path / "rows.json").write_text("my thesis")
+    with pytest.raises(InputError, match="is not a report of ours"):
+        run_evaluation(options())
+    (tmp_path / "figures").write_text("")
+    with pytest.raises(InputError, match="is not a folder"):
+        run_evaluation(options(json=tmp_path / "other.json", figures=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(ZOO))
+def test_published_numbers(shared, options, name):
+    (*_, row) = run_evaluation(
+        options(
+            checkpoint=(str(shared / f"checkpoints/{name}_model.pt"),),
+            data=shared / "data/eth_ucy",
+            collisions=False,
+        )
+    )
+    ade, fde = ZOO[name]
+    assert row["joint"]["ade"] == pytest.approx(ade, abs=0.02)
+    assert row["joint"]["fde"] == pytest.approx(fde, abs=0.02)
+    assert row["samples"] == 20
