@@ -115,7 +115,10 @@ def _restore(folder: Path) -> Any:
 def _refuse_misshapen(config: GeneratorConfig, params: Any, source: str) -> None:
     """The digest is of the parameters alone, so `config.json` may describe another network."""
     example = make_scene(np.zeros((1, config.obs_len, 2)))
-    noise, alpha = np.zeros((1, config.noise_dim)), np.zeros((1, 1, config.obs_len))
+    noise = np.zeros((1, config.noise_dim))
+    # The earlier release weights agents, not pairs.
+    pairs = (1,) if config.pooling == "neurosym_ijcnn" else (1, 1)
+    alpha = np.zeros((*pairs, config.obs_len))
     wanted: Any = jax.eval_shape(Generator(config).init, jax.random.key(0), example, noise, alpha)
     wanted, given = (
         {jax.tree_util.keystr(at): np.shape(leaf) for at, leaf in leaves}

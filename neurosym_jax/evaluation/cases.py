@@ -10,6 +10,7 @@ from neurosym_jax.data.sources import Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model
+from neurosym_jax.models.symbolic_pooling import NOT_OF_PAIRS
 
 __all__ = ["Case", "TestSet", "make_cases"]
 
@@ -89,6 +90,8 @@ def make_cases(
 def _contradiction(
     model: Model, source: Source, scene: str | None, obs_len: int | None, pred_len: int | None
 ) -> str | None:
+    if model.config.pooling == "neurosym_ijcnn":
+        return NOT_OF_PAIRS
     for name, asked in (("obs_len", obs_len), ("pred_len", pred_len)):
         has = getattr(model.config, name)
         if asked is not None and asked != has:

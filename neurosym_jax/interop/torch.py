@@ -1,4 +1,4 @@
-"""SGAN checkpoints of torch, in and out, without torch.
+"""SGAN's and NeuroSyM's checkpoints of torch, in and out, without torch.
 
 It maps the arguments of SGAN's training to configurations and ties the two halves together: how a
 `.pt` file is laid out is `interop.pickles`'s, what its tensors are called `interop.names`'s. It
@@ -33,6 +33,7 @@ __all__ = [
 ]
 
 TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
+"""SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""
 SAME_NAME_ARGUMENTS = (
     *("obs_len", "pred_len", "embedding_dim", "mlp_dim", "bottleneck_dim", "noise_type"),
     *("noise_mix_type", "pool_every_timestep", "neighborhood_size", "grid_size"),
@@ -66,10 +67,12 @@ class TorchCheckpoint:
 
 
 def load_torch_checkpoint(path: str | os.PathLike) -> TorchCheckpoint:
-    """The checkpoint that SGAN, or `export_torch_checkpoint`, wrote to `path`.
+    """The checkpoint that SGAN, NeuroSyM or `export_torch_checkpoint` wrote to `path`.
 
     Published files hold `g_state` and `args`; those of a training run hold more. The generator
-    is always `g_state`, which SGAN's own evaluation uses, never `g_best_state`.
+    is always `g_state`, which SGAN's own evaluation uses, never `g_best_state`. NeuroSyM's files do
+    not say which of its networks they are, nor how alpha was weighted: the network is told from
+    its tensors, and the weighting is the authors' table unless the file was exported from here.
 
     Raises:
         InputError: naming `path` and what is missing or wrong: an unreadable, damaged or foreign
@@ -84,7 +87,7 @@ def load_torch_checkpoint(path: str | os.PathLike) -> TorchCheckpoint:
             missing = "g_state" if not isinstance(state, dict) else "args"
             raise InputError(f"has no {missing}: not a checkpoint of SGAN, or one without weights")
         arguments = {k: v for k, v in given.items() if isinstance(k, str) and _is_plain(v)}
-        config = _generator_config(arguments)
+        config = _generator_config(arguments, state)
         discriminator = None
         if (d_state := contents.get("d_state")) is not None:
             if not isinstance(d_state, dict):
@@ -112,26 +115,34 @@ def export_torch_checkpoint(
     discriminator: tuple[DiscriminatorConfig, Mapping[str, Any]] | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write a `.pt` that `torch.load(path, weights_only=True)` opens and SGAN's code can build.
+    """Write a `.pt` that `torch.load(path, weights_only=True)` opens and the torch code can build.
+
+    That is SGAN's, or for `neurosym_ros` and `neurosym_ijcnn` the release that each is named after.
+    Their generators declare a second pooling, `pool_net_d`, that they never call; it is written as
+    zeros, because `load_state_dict` insists on it.
 
     Raises:
         InputError: when `path` exists and `overwrite` is False, or cannot be written; when a
             parameter is missing, unexpected or misshapen; when SGAN's arguments cannot express
-            the configuration.
+            the configuration; for `as_described`, which torch does not have.
     """
     arguments: dict[str, Any] = {
         **EXPORTED_ARGUMENTS,
         **{name: getattr(config, name) for name in SAME_NAME_ARGUMENTS},
         **{theirs: getattr(config, ours) for ours, theirs in RENAMED_ARGUMENTS.items()},
         "noise_dim": (config.noise_dim,),
-        "pooling_type": TORCH_POOLING[config.pooling],
+        "pooling_type": TORCH_POOLING.get(config.pooling, "pool_net"),
         "dataset_name": scene,
     }
+    if config.symbolic:
+        # No argument of the released code's, whose weighting is the data's; it passes over it.
+        arguments["weighting"] = config.weighting
     contents: dict[str, Any] = {
         "g_state": OrderedDict(generator_params_to_torch(params, config)),
         "args": arguments,
     }
-    pool_hidden_dims = {config.pool_hidden_dim} if config.pooling == "pool_net" else set()
+    has_width = config.symbolic or config.pooling == "pool_net"
+    pool_hidden_dims = {config.pool_hidden_dim} if has_width else set()
     if discriminator is not None:
         d_config, d_params = discriminator
         contents["d_state"] = OrderedDict(discriminator_params_to_torch(d_params, d_config))
@@ -149,7 +160,7 @@ def export_torch_checkpoint(
     write_torch_file(path, contents, overwrite=overwrite)
 
 
-def _generator_config(arguments: Mapping[str, Any]) -> GeneratorConfig:
+def _generator_config(arguments: Mapping[str, Any], state: Mapping[str, Any]) -> GeneratorConfig:
     _require(arguments, *SAME_NAME_ARGUMENTS, *RENAMED_ARGUMENTS.values())
     _require(arguments, "noise_dim", "pooling_type")
     # Dropout is not asked about: it acts in training only and has no weights.
@@ -171,6 +182,11 @@ def _generator_config(arguments: Mapping[str, Any]) -> GeneratorConfig:
     if pooling not in named:
         raise InputError(f"args: pooling_type {pooling!r} is none of {', '.join(named)}")
     fields["pooling"] = named[pooling]
+    embedding = getattr(state.get("pool_net_g.spatial_embedding.weight"), "shape", None)
+    if pooling == "pool_net" and isinstance(embedding, tuple):
+        each_step = embedding[1:] == (2,)
+        fields["pooling"] = "neurosym_ijcnn" if each_step else "neurosym_ros"
+        fields["weighting"] = arguments.get("weighting", "cnd_shipped")
     return from_json(GeneratorConfig, {"format": FORMAT, **fields}, "args")
 
 
