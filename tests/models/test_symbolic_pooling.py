@@ -1,0 +1,282 @@
+"""NeuroSyM's poolings, folded as they are, against their formulas written out for every pair."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.errors import InputError
+from neurosym_jax.models import Generator
+from neurosym_jax.models.pooling import make_pooling
+from neurosym_jax.models.symbolic_pooling import IjcnnPooling, RosPooling, SymbolicPooling
+from neurosym_jax.scene import make_scene
+from neurosym_jax.symbolic.weighting import pair_alpha
+
+N, T, E, H, B = 6, 5, 4, 3, 7
+SIZES = (T, E, H, 9, B)
+RNG = np.random.default_rng(0)
+HIDDEN = RNG.normal(size=(N, H)).astype(np.float32)
+OBSERVED = RNG.normal(0, 0.5, (N, T, 2)).cumsum(axis=1).astype(np.float32)
+ALPHA = RNG.uniform(size=(N, N, T)).astype(np.float32)
+ALL = np.ones(N, bool)
+OF_PAIRS = [SymbolicPooling(*SIZES), RosPooling(*SIZES)]
+EACH = pytest.mark.parametrize("module", OF_PAIRS, ids=lambda module: type(module).__name__)
+
+
+def with_random_params(module):
+    alpha = ALPHA[0] if isinstance(module, IjcnnPooling) else ALPHA
+    shapes = jax.eval_shape(module.init, jax.random.key(0), HIDDEN, OBSERVED, ALL, alpha)
+    rng = np.random.default_rng(1)
+    return jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype(np.float32), shapes)
+
+
+def pool(module, params, hidden=HIDDEN, observed=OBSERVED, valid=ALL, alpha=ALPHA):
+    return np.asarray(jax.jit(module.apply)(params, hidden, observed, valid, alpha))
+
+
+def literally(params, embed, hidden=HIDDEN):
+    """`[alpha-weighted embedding of every step, flattened; h_j]`, MLP, maximum over j.
+
+    `embed(i, j)` gives the weighted embedding [T, E] of the pair.
+    """
+    mlp = params["params"]["mlp"]
+    rows = []
+    for i in range(len(hidden)):
+        candidates = []
+        for j in range(len(hidden)):
+            x = np.concatenate([embed(i, j).reshape(-1), hidden[j]])
+            for layer in (mlp["layer_0"], mlp["layer_1"]):
+                x = np.maximum(x @ layer["kernel"] + layer["bias"], 0)
+            candidates.append(x)
+        rows.append(np.max(candidates, axis=0))
+    return np.array(rows)
+
+
+def as_described(params, alpha):
+    dense = params["params"]["spatial_embedding"]
+
+    def embed(i, j):
+        steps = [
+            alpha[i, j, t] * ((OBSERVED[j, t] - OBSERVED[i, t]) @ dense["kernel"] + dense["bias"])
+            for t in range(T)
+        ]
+        return np.array(steps)
+
+    return literally(params, embed)
+
+
+def test_as_described_is_the_papers_formula():
+    module = SymbolicPooling(*SIZES)
+    params = with_random_params(module)
+    assert params["params"]["spatial_embedding"]["kernel"].shape == (2, E)
+    wanted = as_described(params, ALPHA)
+    assert_allclose(pool(module, params), wanted, atol=1e-5)
+    # Nothing is compared where the last ReLU has shut everything, or where everybody is the same.
+    assert (wanted > 0.1).mean() > 0.5
+    assert np.ptp(wanted, axis=0).max() > 0.1
+
+
+def test_ros_embeds_the_whole_history_at_once():
+    module = RosPooling(*SIZES)
+    params = with_random_params(module)
+    dense = params["params"]["spatial_embedding"]
+    assert dense["kernel"].shape == (2 * T, E * T)
+
+    def embed(i, j):
+        history = (OBSERVED[j] - OBSERVED[i]).reshape(-1)  # Time-major: x0, y0, x1, y1, ...
+        blocks = (history @ dense["kernel"] + dense["bias"]).reshape(T, E)
+        return blocks * ALPHA[i, j][:, None]
+
+    wanted = literally(params, embed)
+    assert_allclose(pool(module, params), wanted, atol=1e-5)
+    assert np.ptp(wanted, axis=0).max() > 0.1
+
+
+def test_ijcnn_embeds_zero_and_takes_one_row_an_agent():
+    module = IjcnnPooling(*SIZES)
+    params = with_random_params(module)
+    dense = params["params"]["spatial_embedding"]
+    rows = ALPHA[0]
+
+    def embed(i, j):
+        of_zero = (OBSERVED[j] - OBSERVED[j]) @ dense["kernel"] + dense["bias"]
+        return of_zero * rows[j][:, None]
+
+    wanted = literally(params, embed)
+    assert_allclose(pool(module, params, alpha=rows), wanted, atol=1e-5)
+    assert_array_equal(np.ptp(wanted, axis=0), 0)
+    valid = np.array([True, True, False, True, False, False])
+    assert_allclose(
+        pool(module, params, valid=valid, alpha=rows)[valid],
+        pool(module, params, HIDDEN[valid], OBSERVED[valid], ALL[valid], rows[valid]),
+        atol=1e-6,
+    )
+
+
+def test_ijcnn_refuses_weights_of_pairs():
+    module = IjcnnPooling(*SIZES)
+    params = with_random_params(module)
+    for alpha in (ALPHA, ALPHA[:1, :1]):
+        with pytest.raises(InputError, match="does not weight pairs"):
+            pool(module, params, alpha=alpha)
+
+
+def test_ones_weight_nothing():
+    """alpha of 1 everywhere is the same network without alpha in it."""
+    module = SymbolicPooling(*SIZES)
+    params = with_random_params(module)
+    dense = params["params"]["spatial_embedding"]
+    wanted = literally(
+        params, lambda i, j: (OBSERVED[j] - OBSERVED[i]) @ dense["kernel"] + dense["bias"]
+    )
+    assert_allclose(pool(module, params, alpha=np.ones_like(ALPHA)), wanted, atol=1e-5)
+
+
+@EACH
+def test_zeros_leave_the_neighbours_hidden_states(module):
+    params = with_random_params(module)
+    pooled = pool(module, params, alpha=np.zeros_like(ALPHA))
+    wanted = literally(params, lambda i, j: np.zeros((T, E)))
+    assert_allclose(pooled, wanted, atol=1e-5)
+    elsewhere = pool(module, params, observed=OBSERVED * 3 + 1, alpha=np.zeros_like(ALPHA))
+    assert_array_equal(elsewhere, pooled)
+
+
+@EACH
+def test_it_is_the_pairs_own_weight(module):
+    """alpha_ij(t) acts on what i gets of j at t: not on j's row, not on another step."""
+    params = with_random_params(module)
+    before = pool(module, params)
+    changed = ALPHA.copy()
+    changed[2, 4] *= -3
+    after = pool(module, params, alpha=changed)
+    others = np.arange(N) != 2
+    assert_array_equal(after[others], before[others])
+    assert np.abs(after[2] - before[2]).max() > 1e-3
+
+
+@EACH
+@pytest.mark.parametrize("slots", [6, 7, 16])
+def test_padding_changes_nothing(module, slots):
+    params = with_random_params(module)
+    extra = slots - N
+    # What a padded slot holds must not matter.
+    padded = [
+        np.pad(HIDDEN, [(0, extra), (0, 0)], constant_values=9),
+        np.pad(OBSERVED, [(0, extra), (0, 0), (0, 0)], constant_values=-7),
+        np.arange(slots) < N,
+        np.pad(ALPHA, [(0, extra), (0, extra), (0, 0)], constant_values=5),
+    ]
+    pooled = pool(module, params, *padded)
+    assert np.isfinite(pooled).all()
+    assert_allclose(pooled[:N], pool(module, params), atol=1e-6)
+
+
+@EACH
+def test_order_of_agents_is_the_order_of_results(module):
+    params = with_random_params(module)
+    order = np.array([3, 0, 5, 1, 4, 2])
+    permuted = pool(
+        module, params, HIDDEN[order], OBSERVED[order], ALL, ALPHA[np.ix_(order, order)]
+    )
+    assert_allclose(permuted, pool(module, params)[order], atol=1e-6)
+
+
+@EACH
+def test_only_relative_positions_count(module):
+    params = with_random_params(module)
+    assert_allclose(
+        pool(module, params, observed=np.add(OBSERVED, [3, -2])), pool(module, params), atol=2e-5
+    )
+
+
+@EACH
+def test_alpha_can_be_learnt(module):
+    params = with_random_params(module)
+
+    def total(alpha):
+        return module.apply(params, HIDDEN, OBSERVED, ALL, alpha).sum()
+
+    gradient = np.asarray(jax.jit(jax.grad(total))(ALPHA))
+    assert gradient.shape == ALPHA.shape
+    assert np.isfinite(gradient).all()
+    # Every step of somebody counts for somebody.
+    assert np.abs(gradient).max(axis=(0, 1)).min() > 1e-4
+    # In the direction of the gradient the sum grows by its square, as far as no ReLU turns.
+    step = np.float32(1e-3)
+    grown = float(total(ALPHA + step * gradient) - total(ALPHA))
+    assert grown == pytest.approx(float(step * (gradient**2).sum()), rel=0.05)
+
+
+@EACH
+def test_gradients_where_people_coincide(module):
+    params = with_random_params(module)
+    zeros = np.zeros_like(OBSERVED)
+
+    def total(params, hidden, observed, alpha):
+        return module.apply(params, hidden, observed, ALL, alpha).sum()
+
+    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, HIDDEN, zeros, ALPHA)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+    assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
+
+
+@EACH
+def test_somebody_alone_and_nobody(module):
+    params = with_random_params(module)
+    alone = pool(module, params, HIDDEN[:1], OBSERVED[:1], ALL[:1], np.zeros((1, 1, T)))
+    wanted = literally(params, lambda i, j: np.zeros((T, E)), hidden=HIDDEN[:1])
+    assert_allclose(alone, wanted, atol=1e-5)
+    padded = pool(module, params, valid=np.arange(N) == 0, alpha=0 * ALPHA)
+    assert_allclose(padded[:1], alone, atol=1e-6)
+    assert np.isfinite(pool(module, params, valid=~ALL)).all()
+
+
+@EACH
+def test_it_runs_in_double_precision(module):
+    with jax.enable_x64(True):
+        params = jax.tree.map(lambda leaf: leaf.astype(np.float64), with_random_params(module))
+        pooled = pool(module, params, *(a.astype(np.float64) for a in (HIDDEN, OBSERVED)))
+    assert pooled.dtype == np.float64
+    assert_allclose(pooled, pool(module, with_random_params(module)), atol=1e-5)
+
+
+def test_made_by_the_config():
+    made = {
+        name: type(make_pooling(GeneratorConfig(pooling=name), 32))
+        for name in ("as_described", "neurosym_ros", "neurosym_ijcnn")
+    }
+    assert made == {
+        "as_described": SymbolicPooling,
+        "neurosym_ros": RosPooling,
+        "neurosym_ijcnn": IjcnnPooling,
+    }
+    pooling = make_pooling(GeneratorConfig(pooling="as_described", obs_len=5), 32)
+    assert pooling == SymbolicPooling(5, 16, 32, 512, 8)
+
+
+@pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros", "neurosym_ijcnn"])
+def test_symbols_of_predicted_steps_are_refused(pooling):
+    with pytest.raises(InputError, match=f"pool_every_timestep with {pooling}: .*not defined"):
+        GeneratorConfig(pooling=pooling, pool_every_timestep=True)
+
+
+@pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros"])
+def test_a_generators_forecast_depends_on_its_weights(pooling):
+    """Through the whole generator: alpha of the observed symbols, and its gradient."""
+    config = GeneratorConfig(pooling=pooling, obs_len=T, pred_len=2, pool_hidden_dim=16)
+    scene = make_scene(OBSERVED.astype(np.float64))
+    generator, noise = Generator(config), np.zeros(config.noise_dim)
+    alpha = jax.jit(pair_alpha)(scene.observed, scene.valid)
+    init = jax.eval_shape(generator.init, jax.random.key(0), scene, noise, alpha)
+    rng = np.random.default_rng(2)
+    params = jax.tree.map(lambda leaf: rng.normal(0, 0.4, leaf.shape).astype(np.float32), init)
+
+    def total(alpha):
+        return jnp.square(generator.apply(params, scene, noise, alpha)).sum()
+
+    gradient = np.asarray(jax.jit(jax.grad(total))(alpha))
+    assert np.isfinite(gradient).all()
+    assert np.abs(gradient).max() > 1e-5
