@@ -18,6 +18,7 @@ import tyro
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.parity_networks import Arrays, Compared, sgan
 from neurosym_jax.interop.parity_symbols import neurosym, qtc
+from neurosym_jax.interop.parity_training import train_step
 
 __all__ = [
     "CASES",
@@ -36,6 +37,7 @@ CASES: dict[str, Callable[[Mapping[str, Any], Arrays], Compared]] = {
     "neurosym_ros": neurosym,
     "neurosym_ijcnn": neurosym,
     "qtc": qtc,
+    "train_step": train_step,
 }
 """Kind of case to what compares it: (manifest row, arrays) to (ours, theirs) by output."""
 
