@@ -52,22 +52,33 @@ class SceneStream:
             chosen[epoch == number] = order[within[epoch == number]]
         windows = self.windows
         if self.max_agents is not None and windows.sizes[chosen].max() > self.max_agents:
-            draw = np.random.default_rng([self.seed, index, first, 1])
-            windows, chosen = _cropped(windows, chosen, self.max_agents, draw)
+            # Step by step, so that it does not matter how many steps are asked for at once.
+            focus = np.concatenate(
+                [
+                    np.random.default_rng([self.seed, index, step, 1]).random(quota)
+                    for step in range(first, first + count)
+                ]
+            )
+            windows, chosen = _cropped(windows, chosen, self.max_agents, focus)
         scenes = gather_scenes(windows, chosen, slots).replace(origin=None, identity=None)
         return jax.tree.map(lambda array: array.reshape(count, quota, *array.shape[1:]), scenes)
 
 
 def _cropped(
-    windows: Windows, chosen: np.ndarray, agents: int, draw: np.random.Generator
+    windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarray
 ) -> tuple[Windows, np.ndarray]:
-    """The chosen scenes as windows of their own, the large ones cropped around a random agent."""
+    """The chosen scenes as windows of their own, the large ones cropped around one agent.
+
+    `focus` in [0, 1) says for each scene which: a share of its agents.
+    """
     rows = []
-    for scene in chosen:
+    for scene, share in zip(chosen, focus):
         member = np.arange(*windows.bounds[scene : scene + 2])
         if len(member) > agents:
             here = windows.position[member, windows.obs_len - 1]
-            distance = np.linalg.norm(here - here[draw.integers(len(member))], axis=1)
+            focal = int(share * len(member))
+            distance = np.linalg.norm(here - here[focal], axis=1)
+            distance[focal] = -1.0  # Nearest of all, even where others stand on the same spot.
             member = member[np.sort(np.argpartition(distance, agents - 1)[:agents])]
         rows.append(member)
     kept = np.concatenate(rows)
