@@ -163,10 +163,10 @@ def test_padding_and_permutation(name):
         noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
         return np.asarray(model.forecaster.batch(model.params, scenes, noise))[:, 0, :3]
 
-    plain = forecast(observed, 4)
+    plain = forecast(observed, 3)
     assert_allclose(forecast(observed, 64), plain, rtol=0, atol=1e-5)
     if not model.forecaster.noise.per_agent:
-        assert_allclose(forecast(observed[order], 4), plain[:, order], rtol=0, atol=1e-5)
+        assert_allclose(forecast(observed[order], 3), plain[:, order], rtol=0, atol=1e-5)
 
 
 def test_fewer_samples_are_the_first_ones():
