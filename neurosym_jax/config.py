@@ -122,7 +122,7 @@ class TrainConfig:
     """A recipe: how a generator is trained. The defaults are the recipe `ours`."""
 
     seed: int = 0
-    steps: int = 6000
+    steps: int = 3000
     """Generator steps."""
     batch_scenes: int = 64
     """Scenes in a batch, about: their proportions by size are fixed."""
@@ -134,7 +134,7 @@ class TrainConfig:
     """What best means: SGAN's squared displacements, or ADE and FDE each with its own best."""
     fde_weight: float = 0.5
     """Of the FDE term of the criterion `distance`."""
-    weigh_scenes: Literal["equally", "by_agents"] = "equally"
+    weigh_scenes: Literal["equally", "by_agents"] = "by_agents"
     """SGAN's loss sums over scenes, whatever their size; the test's average runs over agents."""
     l2_weight: float = 1.0
     adversarial_weight: float = 0.0
@@ -142,7 +142,7 @@ class TrainConfig:
     label_real: tuple[float, float] = (0.7, 1.2)
     """Range of the smoothed label of real trajectories, one draw a step."""
     label_fake: tuple[float, float] = (0.0, 0.3)
-    g_learning_rate: float = 3e-3
+    g_learning_rate: float = 1e-2
     d_learning_rate: float = 1e-3
     schedule: Literal["constant", "cosine"] = "cosine"
     warmup_steps: int = 100
@@ -154,7 +154,7 @@ class TrainConfig:
     """Stretch each training scene by a random factor within 1 +- scale."""
     ema: float = 0.0
     """Decay of the averaged parameters that are validated and kept; 0 keeps the raw ones."""
-    validate_every: int = 250
+    validate_every: int = 500
     """Steps between validations; the best state by validation is kept."""
     select_by: Literal["ade", "ade_fde"] = "ade_fde"
     """Joint validation error that the best state has least of."""
@@ -165,7 +165,9 @@ RECIPES = {
     "ours": TrainConfig(),
     "sgan": TrainConfig(
         max_agents=None,
+        steps=40_000,
         criterion="squared_displacement",
+        weigh_scenes="equally",
         adversarial_weight=1.0,
         g_learning_rate=1e-4,
         schedule="constant",
