@@ -21,8 +21,12 @@ from neurosym_jax.evaluation.protocol import Evaluation, evaluate, latency
 from neurosym_jax.evaluation.report import FORMAT, check_replaceable, format_table, write_json
 from neurosym_jax.forecast import Forecaster
 from neurosym_jax.runtime import compile_seconds
+from neurosym_jax.scene import pad_scene
 
 __all__ = ["EvaluateOptions", "run_evaluation"]
+
+SHOWN = 8
+"""People that a figure can show with ease."""
 
 Row = dict[str, Any]
 """One row of the JSON."""
@@ -140,6 +144,8 @@ def _evaluate_case(case: Case, options: EvaluateOptions, shown: list[Shown]) -> 
         result = evaluate(forecaster, params, batches, with_collisions=options.collisions, **common)
         if example is None:
             example = single_scene(windows, _typical(windows, result))
+            # One size for most test sets, because each costs a program for every model.
+            example = pad_scene(example, max(SHOWN, len(example.valid)))
         compiled = compile_seconds()
         seconds, forecast = latency(forecaster, params, example, **common)
         compiled = compile_seconds() - compiled
@@ -176,8 +182,8 @@ def _contestants(case: Case) -> Iterator[tuple[str | None, str, Forecaster, Any]
 
 
 def _typical(windows: Windows, constant_velocity: Evaluation) -> int:
-    """The scene to show: of those with at most 8 people, the one that constant velocity forecasts
-    with the median error, so that neither luck nor taste chooses it."""
+    """The scene to show: of those with at most `SHOWN` people, the one that constant velocity
+    forecasts with the median error, so that neither luck nor taste chooses it."""
     error = np.asarray(constant_velocity.errors.joint_ade) / windows.sizes
-    small = np.flatnonzero(windows.sizes <= max(8, windows.sizes.min()))
+    small = np.flatnonzero(windows.sizes <= max(SHOWN, windows.sizes.min()))
     return int(small[np.argsort(error[small], kind="stable")[len(small) // 2]])
