@@ -165,7 +165,7 @@ RECIPES = {
     "ours": TrainConfig(),
     "sgan": TrainConfig(
         max_agents=None,
-        steps=40_000,
+        steps=8400,
         criterion="squared_displacement",
         weigh_scenes="equally",
         adversarial_weight=1.0,
