@@ -3,6 +3,6 @@
 from neurosym_jax.command import run_command
 
 if __name__ == "__main__":
-    from neurosym_jax.training.run import TrainOptions, run_training
+    from neurosym_jax.training.run import TrainOptions, train
 
-    run_command(TrainOptions, run_training)
+    run_command(TrainOptions, train)

@@ -1,14 +1,16 @@
 """The loop around the step: rounds of compiled steps, validation, checkpoints, what is written.
 
-A run is a folder: `checkpoints/` (to resume from), `metrics.jsonl`, `curves.png`, and at its end
-`model/`, the best state by validation. Everything random follows from (seed, step), so a resumed
-run continues bit for bit.
+A run is a folder: `checkpoints/` (to resume from), `metrics.jsonl`, and at its end `curves.png`,
+`run.json` (all that is known of it) and `model/`, the best state by validation and its card.
+Everything random follows from (seed, step), so a resumed run continues bit for bit.
 """
 
 import dataclasses
+import functools
 import hashlib
 import json
-import time
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +19,22 @@ import numpy as np
 from tqdm import tqdm
 
 from neurosym_jax.checkpoint import TrainingCheckpoints, save_model
-from neurosym_jax.config import GeneratorConfig, TrainConfig, to_json
+from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecast import GeneratorForecaster, Model
 from neurosym_jax.runtime import run_environment
+from neurosym_jax.training.card import CARD, code_version, write_card
+from neurosym_jax.training.lock import sole_writer
+from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.step import TrainState, initial_state, train_step
 from neurosym_jax.training.stream import SceneStream
 
-__all__ = ["CHUNK", "Run", "data_digest", "train"]
+__all__ = ["CHUNK", "RUN", "Run", "data_digest", "train"]
+
+RUN = "run.json"
 
 CHUNK = 25
 """Steps compiled into one call, between two updates of the progress bar."""
@@ -43,6 +50,8 @@ class Run:
     validation: Windows
     scene: str | None
     """The scene left out, recorded with the model."""
+    data_name: str = "data not named"
+    """Of the training data, for people."""
 
     def describe(self) -> dict[str, Any]:
         """All that must be equal for a run to be resumed."""
@@ -75,75 +84,98 @@ def train(run: Run, folder: Path, *, resume: bool = False) -> Model:
         InputError: when `folder` holds a run already (and `resume` is not said), or another run.
         TrainingError: when a loss or metric is not finite; the last good step stays on disk.
     """
+    with sole_writer(folder), TrainingCheckpoints(folder / "checkpoints") as checkpoints:
+        return _train(run, folder, checkpoints, resume)
+
+
+def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool) -> Model:
     config = run.config
     per_step = 2 if config.adversarial_weight else 1
     stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
     batches = make_batches(run.validation)
     key = jax.random.key(config.seed)
     example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
+    steps_key = jax.random.fold_in(key, 1)
     state = initial_state(run.generator, config, example, jax.random.fold_in(key, 0))
-    best = jax.tree.map(np.array, _validated(config, state))
-    history: list[dict[str, Any]] = []
+    best = _copy(_validated(config, state))
+    validations: list[dict[str, Any]] = []
     record = {**run.describe(), "environment": run_environment()}
 
-    with TrainingCheckpoints(folder / "checkpoints") as checkpoints:
-        found = checkpoints.restore((state, best))
-        if found is not None:
-            state, best, history = _resumed(found, run, folder, resume)
-        advance = _program(run.generator, config, jax.random.fold_in(key, 1))
-        done = int(state.step)
-        bar = tqdm(total=config.steps, initial=done, unit="step", disable=None)
+    found = checkpoints.restore((state, best))
+    if found is not None:
+        state, best, validations = _resumed(found, record, folder, resume)
+    elif (folder / "model").exists():
+        raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
+    done = int(state.step)
+    log = MetricsLog(folder / "metrics.jsonl", done)
+    with tqdm(total=config.steps, initial=done, unit="step", disable=None) as bar:
         while done < config.steps:
+            count = min(CHUNK, config.steps - done)
             groups = jax.tree.map(
-                lambda leaf: leaf.reshape(CHUNK, per_step, *leaf.shape[1:]),
-                stream.steps(done * per_step, CHUNK * per_step),
+                lambda leaf, count=count: leaf.reshape(count, per_step, *leaf.shape[1:]),
+                stream.steps(done * per_step, count * per_step),
             )
-            state, metrics = advance(state, groups)
-            losses = {name: float(value.mean()) for name, value in metrics.items()}
-            done += CHUNK
-            bar.update(CHUNK)
-            if not all(np.isfinite(list(losses.values()))):
-                raise TrainingError(
-                    f"step {done}: a loss is not finite ({losses}); the last good step is kept in "
-                    f"{folder / 'checkpoints'}"
-                )
-            row: dict[str, Any] = {"step": done, **losses}
-            if done % config.validate_every == 0 or done >= config.steps:
+            state, metrics = _advance(run.generator, config, steps_key, state, groups)
+            row: dict[str, Any] = {"step": done + count}
+            row |= {name: float(np.mean(value)) for name, value in metrics.items()}
+            _refuse_not_finite(row, folder, done, validations)
+            due = (done + count) // config.validate_every > done // config.validate_every
+            done += count
+            if due or done == config.steps:
                 row |= _validate(run, _validated(config, state), batches)
-                if row["val_score"] <= min(
-                    (old["val_score"] for old in history if "val_score" in old), default=np.inf
-                ):
-                    best = jax.tree.map(np.array, _validated(config, state))
-                history.append(row)
-                checkpoints.save(
-                    done, (state, best), {**record, "history": history}, row["val_score"]
-                )
-            else:
-                history.append(row)
-            shown = {"loss": row["g_loss"]} | {
-                name: value
-                for old in history[-config.validate_every // CHUNK - 1 :]
-                for name, value in old.items()
-                if name in {"val_ade", "val_fde"}
-            }
-            bar.set_postfix({name: f"{value:.3f}" for name, value in shown.items()})
-            _append(folder / "metrics.jsonl", history)
-        bar.close()
+                scores = [old["val_score"] for old in validations]
+                if row["val_score"] <= min(scores, default=np.inf):
+                    best = _copy(_validated(config, state))
+                validations.append(row)
+            log.append(row)
+            if validations and validations[-1] is row:
+                saved = {**record, "history": validations}
+                checkpoints.save(done, (state, best), saved, row["val_score"])
+            bar.set_postfix(_shown(row, validations), refresh=False)
+            bar.update(count)
+    _write_curves(folder, log.rows())
     model = Model(run.generator, best, run.scene)
-    _write_curves(folder, history)
-    if not (folder / "model").exists():
-        save_model(folder / "model", model)
+    _finish(run, folder, model, record, validations)
     return model
 
 
-def _program(generator: GeneratorConfig, config: TrainConfig, key: jax.Array):
-    """`(state, groups of CHUNK steps) -> (state, metrics [CHUNK])`, compiled; state is donated."""
+def _copy(params: Any) -> Any:
+    """On the host, and not a view of buffers that the next step takes over."""
+    return jax.tree.map(np.array, params)
 
-    def one(state: TrainState, batches):
+
+def _refuse_not_finite(
+    row: dict[str, Any], folder: Path, done: int, validations: list[dict[str, Any]]
+) -> None:
+    bad = [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]
+    if bad:
+        kept = f"step {validations[-1]['step']} is kept in {folder / 'checkpoints'}"
+        raise TrainingError(
+            f"{folder}: between step {done} and step {row['step']} the training lost its footing: "
+            f"{', '.join(bad)}; {kept if validations else 'no step had been saved'}"
+        )
+
+
+def _shown(row: dict[str, Any], validations: list[dict[str, Any]]) -> dict[str, str]:
+    """What the progress bar says besides steps and time left."""
+    names = {"g_variety": "loss", "g_adversarial": "g_adv", "d_loss": "d"}
+    shown = {short: row[name] for name, short in names.items() if name in row}
+    if validations:
+        shown |= {"val_ade": validations[-1]["val_ade"], "val_fde": validations[-1]["val_fde"]}
+    return {name: f"{value:.3f}" for name, value in shown.items()}
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
+def _advance(
+    generator: GeneratorConfig, config: TrainConfig, key: jax.Array, state: TrainState, groups: Any
+) -> tuple[TrainState, dict[str, jax.Array]]:
+    """One step for each of `groups [steps, batches, ...]`; metrics `[steps]`."""
+
+    def one(state: TrainState, batches: Any):
         # The key follows from the step, not from where the run was interrupted.
         return train_step(generator, config, state, batches, jax.random.fold_in(key, state.step))
 
-    return jax.jit(lambda state, groups: jax.lax.scan(one, state, groups), donate_argnums=0)
+    return jax.lax.scan(one, state, groups)
 
 
 def _validated(config: TrainConfig, state: TrainState) -> Any:
@@ -152,7 +184,6 @@ def _validated(config: TrainConfig, state: TrainState) -> Any:
 
 def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     """Joint best-of-k errors on the validation windows; `val_score` chooses the best state."""
-    start = time.perf_counter()
     result = evaluate(
         GeneratorForecaster(run.generator),
         params,
@@ -163,31 +194,64 @@ def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     )
     ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
     score = ade + fde if run.config.select_by == "ade_fde" else ade
-    return {
-        "val_ade": ade,
-        "val_fde": fde,
-        "val_score": score,
-        "val_seconds": time.perf_counter() - start,
-    }
+    return {"val_ade": ade, "val_fde": fde, "val_score": score}
 
 
-def _resumed(found: tuple[int, Any, dict[str, Any]], run: Run, folder: Path, resume: bool):
+def _resumed(
+    found: tuple[int, Any, dict[str, Any]], ours: dict[str, Any], folder: Path, resume: bool
+) -> tuple[TrainState, Any, list[dict[str, Any]]]:
     step, (state, best), record = found
     if not resume:
         raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
-    for name, value in run.describe().items():
-        if record.get(name) != json.loads(json.dumps(value)):
+    ours = json.loads(json.dumps(ours))
+    for name, value in ours.items():
+        if name != "environment" and record.get(name) != value:
             raise InputError(f"{folder}: holds another run: its {name} differs")
-    return state, best, list(record["history"])
+    for name, value in ours["environment"].items():
+        if (before := record["environment"].get(name)) != value:
+            print(
+                f"warning: {folder}: the run began with {name} {before} and goes on with {value}: "
+                "it will not end with the same bits",
+                file=sys.stderr,
+            )
+    return state, best, [row for row in record["history"] if "val_score" in row]
 
 
-def _append(path: Path, history: list[dict[str, Any]]) -> None:
-    """The whole history, line by line; rewritten, so that a resumed run has no line twice."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(json.dumps(row) + "\n" for row in history))
+def _finish(
+    run: Run,
+    folder: Path,
+    model: Model,
+    record: dict[str, Any],
+    validations: list[dict[str, Any]],
+) -> None:
+    """Write `run.json`, the model and its card, as far as they are not there."""
+    target, part = folder / "model", folder / "model.part"
+    if (target / CARD).exists():
+        return
+    windows = {"training": run.training, "validation": run.validation}
+    facts = {
+        "format": FORMAT,
+        **record,
+        "data_name": run.data_name,
+        "counts": {
+            name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()
+        },
+        "parameters": sum(leaf.size for leaf in jax.tree.leaves(model.params)),
+        "code": code_version(),
+        # The newest of equals, as the loop and the checkpoints choose.
+        "validation": min(reversed(validations), key=lambda row: row["val_score"]),
+    }
+    (folder / RUN).write_text(json.dumps(facts, indent=1) + "\n")
+    if not target.exists():
+        # Renamed into place: a run that has a model is whole, whatever kills the process.
+        shutil.rmtree(part, ignore_errors=True)
+        save_model(part, model)
+        part.rename(target)
+    write_card(target, facts)
 
 
 def _write_curves(folder: Path, history: list[dict[str, Any]]) -> None:
+    """Losses of every round and errors of every validation as `curves.png`."""
     from neurosym_jax.plotting import plot_training, save_figure
 
     def curve(name: str) -> tuple[list[float], list[float]]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import Literal
 
@@ -17,9 +16,10 @@ from neurosym_jax.config import (
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.training.loop import CHUNK, Run, train
+from neurosym_jax.training import loop
+from neurosym_jax.training.loop import Run
 
-__all__ = ["TrainOptions", "make_run", "run_training"]
+__all__ = ["TrainOptions", "generator_config", "make_run", "model_name", "recipe", "train"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,17 +61,17 @@ class TrainOptions:
     """Continue the run in the folder."""
 
 
-def run_training(options: TrainOptions) -> None:
+def train(options: TrainOptions) -> None:
     """Train as `options` say."""
     run = make_run(options)
     where = run.scene or ("files" if options.train_on else "simulations")
-    name = f"{_model_name(options)}_{where}_{options.obs_len}_{options.pred_len}"
+    name = f"{model_name(options)}_{where}_{options.obs_len}_{options.pred_len}"
     folder = options.out or Path("runs") / f"{name}_{options.recipe}_{options.seed}"
     print(
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
         f"{run.validation.scenes} scenes to validate on, {run.config.steps} steps"
     )
-    train(run, folder, resume=options.resume)
+    loop.train(run, folder, resume=options.resume)
     print(f"model: {folder / 'model'}")
 
 
@@ -102,7 +102,14 @@ def make_run(options: TrainOptions) -> Run:
     training, validation = (
         cut_windows(tracks, options.obs_len, options.pred_len) for tracks in recordings
     )
-    return Run(generator_config(options), _recipe(options), training, validation, scene)
+    return Run(
+        generator=generator_config(options),
+        config=recipe(options),
+        training=training,
+        validation=validation,
+        scene=scene,
+        data_name=_data_name(options),
+    )
 
 
 def generator_config(options: TrainOptions) -> GeneratorConfig:
@@ -116,20 +123,40 @@ def generator_config(options: TrainOptions) -> GeneratorConfig:
     return dataclasses.replace(config, pooling=options.pooling)
 
 
-def _recipe(options: TrainOptions) -> TrainConfig:
+def recipe(options: TrainOptions) -> TrainConfig:
+    """The recipe that `options` name, with their changes to it.
+
+    Raises:
+        InputError: for a change that is not NAME=VALUE of a field, or no step to train.
+    """
     fields = to_json(RECIPES[options.recipe]) | {"seed": options.seed}
+    if options.steps is not None:
+        fields["steps"] = options.steps
     for change in options.set:
-        name, _, value = change.partition("=")
+        name, equals, value = change.partition("=")
+        if not equals or name not in fields or name == "format":
+            known = ", ".join(name for name in fields if name != "format")
+            raise InputError(f"--set {change}: must be NAME=VALUE, where NAME is one of {known}")
         try:
             fields[name] = json.loads(value)
         except json.JSONDecodeError:
             fields[name] = value
-    recipe = from_json(TrainConfig, fields, "--set")
-    steps = options.steps or recipe.steps
-    return dataclasses.replace(recipe, steps=math.ceil(steps / CHUNK) * CHUNK)
+    config = from_json(TrainConfig, fields, "--set")
+    if config.steps < 1:
+        raise InputError(f"--steps must be at least 1, not {config.steps}")
+    return config
 
 
-def _model_name(options: TrainOptions) -> str:
+def _data_name(options: TrainOptions) -> str:
+    if options.train_on:
+        return f"trained on {', '.join(Path(name).stem for name in options.train_on)}"
+    if options.data is None:
+        return f"trained on simulations ({options.scene or 'all'})"
+    return f"trained without {options.scene}"
+
+
+def model_name(options: TrainOptions) -> str:
+    """What tells models apart that are trained on the same data."""
     if options.model == "neurosym":
         return f"neurosym_{options.variant.removeprefix('neurosym_')}_{options.weighting}"
     return f"sgan_{options.pooling}"

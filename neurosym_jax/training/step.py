@@ -156,9 +156,8 @@ def _clipping(config: TrainConfig) -> optax.GradientTransformation:
 def _generator_optimizer(config: TrainConfig) -> optax.GradientTransformation:
     rate: optax.ScalarOrSchedule = config.g_learning_rate
     if config.schedule == "cosine":
-        rate = optax.warmup_cosine_decay_schedule(
-            0.0, config.g_learning_rate, config.warmup_steps, config.steps
-        )
+        warmup = min(config.warmup_steps, config.steps // 2)  # Short runs come to an end too.
+        rate = optax.warmup_cosine_decay_schedule(0.0, config.g_learning_rate, warmup, config.steps)
     return optax.chain(_clipping(config), optax.adam(rate))
 
 

@@ -1,0 +1,79 @@
+"""The card of a trained model: `README.md` beside its weights, for people."""
+
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from neurosym_jax.config import GeneratorConfig, from_json
+from neurosym_jax.forecast import Model
+
+__all__ = ["CARD", "code_version", "write_card"]
+
+CARD = "README.md"
+
+
+def write_card(
+    folder: Path, facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] = ()
+) -> None:
+    """Write the card of the model in `folder`, in place of an older one.
+
+    Args:
+        folder: the model's.
+        facts: what `run.json` of its training holds, see `loop`.
+        test_rows: rows of an evaluation of this model on its own scene, and of the baselines.
+    """
+    (folder / CARD).write_text("\n".join(_lines(facts, test_rows)) + "\n")
+
+
+def code_version() -> str | None:
+    """The commit of the checkout that this code lies in, `-dirty` if changed; None outside one."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    generator = from_json(GeneratorConfig, dict(facts["generator"]), "run.json")
+    training, validation = facts["training"], facts["validation"]
+    yield f"# {Model(generator, {}).name}, {facts['data_name']}"
+    yield ""
+    yield (
+        f"Forecasts {generator.pred_len} steps from {generator.obs_len} observed ones. "
+        "`neurosym_jax.checkpoint.load_model` reads this folder, and `python evaluate.py "
+        "--checkpoint` tests it."
+    )
+    yield from ("", "## Errors", "")
+    yield "Best of k forecasts, metres. Joint: the best forecast of the whole scene (SGAN's"
+    yield "protocol); marginal: each agent's own best. The two are not comparable."
+    yield from ("", "| | k | joint ADE / FDE | marginal ADE / FDE |", "|---|---|---|---|")
+    yield (
+        f"| validation, which chose step {validation['step']} | {training['best_k']} "
+        f"| {validation['val_ade']:.3f} / {validation['val_fde']:.3f} | |"
+    )
+    for row in test_rows:
+        cells = [
+            f"{row[best]['ade']:.3f} / {row[best]['fde']:.3f}" for best in ("joint", "marginal")
+        ]
+        label = "this model" if row["checkpoint"] else row["model"]
+        yield f"| test on {row['scene']}: {label} | {row['samples']} | {' | '.join(cells)} |"
+    if not test_rows:
+        yield from ("", "Not tested yet.")
+    yield from ("", "## Training", "", "| | |", "|---|---|")
+    for name, count in facts["counts"].items():
+        digest = facts["data"][name]
+        counted = f"{count['scenes']} scenes, {count['agents']} agents"
+        yield f"| {name} windows | {counted}, SHA-256 `{digest[:16]}` |"
+    yield f"| parameters | {facts['parameters']} |"
+    yield f"| code | {facts['code'] or 'no checkout'} |"
+    for section in ("training", "generator", "environment"):
+        of = {"training": "", "generator": "network: ", "environment": "environment: "}[section]
+        for name, value in facts[section].items():
+            if name != "format" and value not in (None, ""):
+                yield f"| {of}{name} | {value} |"
