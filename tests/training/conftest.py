@@ -1,0 +1,68 @@
+"""Small windows and a small recipe, so that a run takes a second once it is compiled."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from neurosym_jax.config import GeneratorConfig, TrainConfig
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.training.loop import Run
+
+OBS, PRED = 4, 3
+GENERATOR = GeneratorConfig(
+    obs_len=OBS,
+    pred_len=PRED,
+    embedding_dim=4,
+    encoder_h_dim=8,
+    decoder_h_dim=8,
+    mlp_dim=8,
+    bottleneck_dim=4,
+    pool_hidden_dim=16,
+    noise_dim=2,
+)
+RECIPE = TrainConfig(
+    steps=75, batch_scenes=6, max_agents=6, best_k=3, validate_every=25, warmup_steps=5, ema=0.9
+)
+
+
+def random_walks(sizes, seed=0) -> Windows:
+    """Random walks in scenes of these many agents; the first agent of every other one stands."""
+    rng = np.random.default_rng(seed)
+    agents = sum(sizes)
+    steps = rng.normal(0.3, 0.2, (agents, OBS + PRED, 2))
+    start = rng.uniform(-3, 3, (agents, 1, 2))
+    bounds = np.concatenate([[0], np.cumsum(sizes)])
+    steps[bounds[:-1:2]] = 0
+    return Windows(
+        position=(start + np.cumsum(steps, axis=1)).round(4),
+        agent=np.arange(agents),
+        bounds=bounds,
+        identity=np.stack([np.full(len(sizes), seed), np.arange(len(sizes))], 1).astype(np.uint32),
+        obs_len=OBS,
+    )
+
+
+@pytest.fixture(scope="session")
+def make_windows():
+    return random_walks
+
+
+@pytest.fixture(scope="session")
+def windows() -> Windows:
+    return random_walks([2, 3, 4, 2, 7, 5, 3, 9, 2, 2, 11, 3, 4])
+
+
+@pytest.fixture(scope="session")
+def run(windows) -> Run:
+    return Run(GENERATOR, RECIPE, windows, random_walks([2, 3, 5], seed=1), "zara1", "walks")
+
+
+@pytest.fixture
+def with_recipe(run):
+    """The run with changes to its recipe."""
+
+    def changed(**changes) -> Run:
+        return dataclasses.replace(run, config=dataclasses.replace(run.config, **changes))
+
+    return changed

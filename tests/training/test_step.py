@@ -1,0 +1,213 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax.config import DiscriminatorConfig
+from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
+from neurosym_jax.training.losses import distance_errors, squared_displacement_errors
+from neurosym_jax.training.rollout import decode_groups, draw_group_noise, encode_groups
+from neurosym_jax.training.step import clip_gradient, initial_state, train_step, update_generator
+from neurosym_jax.training.stream import SceneStream
+
+ADVERSARIAL = {
+    "adversarial_weight": 1.0,
+    "criterion": "squared_displacement",
+    "discriminator": DiscriminatorConfig("global", 4, 6, 8, 8),
+}
+
+
+@pytest.fixture(scope="module")
+def groups(windows):
+    """Three buckets of one batch, the second without anybody in it."""
+    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 6, seed=0).steps(0, 1))
+    nobody = jax.tree.map(np.zeros_like, groups[1])
+    return (groups[0], nobody, *groups[2:])
+
+
+def start(run, groups, **changes):
+    config = dataclasses.replace(run.config, **changes)
+    example = jax.tree.map(lambda leaf: leaf[0], groups[0])
+    state = jax.jit(lambda: initial_state(run.generator, config, example, jax.random.key(0)))()
+    noises = draw_group_noise(run.generator, groups, jax.random.key(1), config.best_k)
+    return config, state, noises
+
+
+def literal_loss(generator, config, params, groups, noises):
+    """The minimum over all k samples, each decoded with its gradient."""
+    contexts = encode_groups(generator, params, groups)
+    futures = decode_groups(generator, params, contexts, groups, noises)
+    total, weight = 0.0, 0.0
+    for scene, future in zip(groups, futures):
+        for index in range(len(scene.valid)):
+            valid, truth = scene.valid[index], scene.future[index]
+            if config.criterion == "distance":
+                ade, fde = distance_errors(future[:, index], truth, valid).min(axis=1)
+                value = ade + config.fde_weight * fde
+            else:
+                last = scene.observed[index, :, -1:]
+                moves = jnp.diff(
+                    jnp.concatenate(
+                        [jnp.broadcast_to(last, future[:, index, :, :1].shape), future[:, index]],
+                        axis=2,
+                    ),
+                    axis=2,
+                )
+                true = jnp.diff(jnp.concatenate([last, truth], axis=1), axis=1)
+                value = squared_displacement_errors(moves, true, valid).min()
+            agents = valid.sum()
+            share = agents if config.weigh_scenes == "by_agents" else agents > 0
+            total, weight = total + share * value, weight + share
+    return total if config.criterion == "squared_displacement" else total / weight
+
+
+@pytest.mark.parametrize(
+    ("criterion", "weigh"),
+    [("distance", "by_agents"), ("squared_displacement", "equally")],
+)
+def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, criterion, weigh):
+    config, state, noises = start(run, groups, criterion=criterion, weigh_scenes=weigh)
+    ours, metrics = jax.jit(
+        lambda params: generator_gradient(
+            run.generator, config, params, (), groups, noises, label=1.0
+        )
+    )(state.generator)
+    value, wanted = jax.jit(
+        jax.value_and_grad(
+            lambda params: literal_loss(run.generator, config, params, groups, noises)
+        )
+    )(state.generator)
+    assert metrics["g_loss"] == pytest.approx(float(value), rel=1e-5)
+    assert metrics["g_gradient_norm"] > 0
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6, rtol=1e-4), ours, wanted)
+
+
+def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
+    still = tuple(
+        scene.replace(
+            observed=np.zeros_like(scene.observed),
+            displacement=np.zeros_like(scene.displacement),
+            future=np.zeros_like(scene.future),
+        )
+        for scene in groups
+    )
+    generator = dataclasses.replace(run.generator, pooling="as_described", weighting="cnd")
+    config, state, noises = start(
+        dataclasses.replace(run, generator=generator), groups, **ADVERSARIAL
+    )
+    fakes = draw_group_noise(generator, groups, jax.random.key(2), 1)
+    both = state.generator, state.discriminator
+
+    def step(both):
+        of_g, _ = generator_gradient(generator, config, *both, still, noises, label=0.9)
+        of_d, _ = discriminator_gradient(
+            generator, config, *both, still, fakes, label_real=0.9, label_fake=0.0
+        )
+        return of_g, of_d
+
+    for leaf in jax.tree.leaves(jax.jit(step)(both)):
+        assert np.isfinite(leaf).all()
+
+
+def test_padding_and_empty_scenes_change_no_gradient(run, groups):
+    config, state, noises = start(run, groups, **ADVERSARIAL)
+    groups, noises = (groups[0], groups[2]), [noises[0], noises[2]]
+    wild = tuple(
+        scene.replace(
+            **{
+                name: np.where(scene.valid[..., None, None], getattr(scene, name), 50.0)
+                for name in ("observed", "displacement", "future")
+            }
+        )
+        for scene in groups
+    )
+
+    @jax.jit
+    def gradient(groups):
+        return generator_gradient(
+            run.generator,
+            config,
+            state.generator,
+            state.discriminator,
+            groups,
+            noises,
+            label=0.9,
+        )
+
+    (plain, metrics), (padded, _) = gradient(groups), gradient(wild)
+    assert metrics["g_adversarial"] > 0
+    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-6), plain, padded)
+
+
+def test_the_average_follows_its_decay(run, groups):
+    config, state, _ = start(run, groups, ema=0.5, schedule="constant", clip_norm=0.0)
+    gradient = jax.tree.map(jnp.ones_like, state.generator)
+    after = update_generator(config, state._replace(step=jnp.asarray(1000)), gradient)
+    assert int(after.step) == 1001
+    jax.tree.map(
+        lambda a, b, c: np.testing.assert_allclose(a, (b + c) / 2, atol=1e-7),
+        after.average,
+        state.generator,
+        after.generator,
+    )
+    # At the first step the average is nine tenths of the new parameters.
+    first = update_generator(config, state, gradient).average
+    jax.tree.map(
+        lambda a, b, c: np.testing.assert_allclose(a, 0.1 * b + 0.9 * c, atol=1e-7),
+        first,
+        state.generator,
+        after.generator,
+    )
+    assert start(run, groups, ema=0.0)[1].average == ()
+
+
+def test_the_rate_warms_up_and_falls_to_zero(run, groups):
+    config, state, _ = start(
+        run, groups, steps=100, warmup_steps=10, g_learning_rate=0.1, clip_norm=0.0, ema=0.0
+    )
+    gradient = jax.tree.map(jnp.ones_like, state.generator)
+
+    @jax.jit
+    def moved(state, gradient):
+        after = update_generator(config, state, gradient)
+        leaf = after.generator["params"]["decoder"]["hidden2pos"]["bias"]
+        return after, leaf - state.generator["params"]["decoder"]["hidden2pos"]["bias"]
+
+    moves = []
+    for _ in range(101):
+        state, move = moved(state, gradient)
+        moves.append(-float(move[0]))  # Adam moves by the rate where the gradient is constant.
+    wanted = [0.1 * t / 10 for t in range(10)]
+    wanted += [0.05 * (1 + np.cos(np.pi * (t - 10) / 90)) for t in range(10, 101)]
+    np.testing.assert_allclose(moves, wanted, atol=1e-5)
+
+
+def test_clipping(run, groups):
+    config, state, _ = start(run, groups, clip_norm=2.0, ema=0.0)
+    ones = jax.tree.map(jnp.ones_like, state.generator)
+    norm = np.sqrt(sum(leaf.size for leaf in jax.tree.leaves(ones)))
+    clipped = jax.tree.leaves(clip_gradient(config, ones))
+    np.testing.assert_allclose(np.concatenate([np.ravel(c) for c in clipped]), 2 / norm, rtol=1e-5)
+    small = jax.tree.map(lambda leaf: leaf / norm, ones)
+    for off in (small, ones):
+        same = config if off is small else dataclasses.replace(config, clip_norm=0.0)
+        jax.tree.map(np.testing.assert_array_equal, clip_gradient(same, off), off)
+
+
+def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, windows):
+    config = dataclasses.replace(run.config, schedule="constant", **ADVERSARIAL)
+    batches = SceneStream(windows, 6, seed=0).steps(0, 2)
+    example = jax.tree.map(lambda leaf: leaf[0, 0], batches[0])
+    state = initial_state(run.generator, config, example, jax.random.key(0))
+    with jax.debug_key_reuse(True):
+        step = jax.jit(lambda key: train_step(run.generator, config, state, batches, key))
+        (one, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
+    assert set(metrics) == {"d_loss", "g_loss", "g_variety", "g_adversarial", "g_gradient_norm"}
+    jax.tree.map(np.testing.assert_array_equal, one, again)
+    assert int(one.step) == 1
+    for name in ("generator", "discriminator"):
+        before, after, else_ = (jax.tree.leaves(getattr(s, name)) for s in (state, one, other))
+        assert any((a != b).any() for a, b in zip(before, after))
+        assert any((a != b).any() for a, b in zip(after, else_))

@@ -1,0 +1,130 @@
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.data.batching import bucket_of
+from neurosym_jax.training.rollout import augment, draw_group_noise
+from neurosym_jax.training.stream import SceneStream
+
+
+def sums(scene):
+    """A number that tells scenes apart: padding is zero."""
+    return np.asarray(scene.displacement).sum(axis=(-3, -2, -1)).round(4)
+
+
+def test_every_scene_once_an_epoch_of_its_bucket(windows):
+    stream = SceneStream(windows, batch_scenes=6, seed=3)
+    groups = stream.steps(0, 60)
+    assert [group.valid.shape[2] for group in groups] == [4, 8, 16]
+    buckets = bucket_of(windows.sizes)
+    for group in groups:
+        slots = group.valid.shape[2]
+        members = np.flatnonzero(buckets == slots)
+        identities = sums(group).reshape(-1)
+        epochs = len(identities) // len(members)
+        drawn = np.sort(identities[: epochs * len(members)].reshape(epochs, -1), axis=1)
+        assert epochs > 1
+        assert (drawn == drawn[0]).all()
+        assert len(np.unique(drawn[0])) == len(members)
+        orders = identities[: epochs * len(members)].reshape(epochs, -1)
+        assert len(members) < 3 or len(np.unique(orders, axis=0)) > 1
+
+
+def test_batches_follow_the_share_of_sizes(windows):
+    stream = SceneStream(windows, batch_scenes=6, seed=0)
+    quotas = [group.valid.shape[1] for group in stream.steps(0, 1)]
+    assert quotas == [4, 1, 1]
+    assert stream.steps_per_epoch == pytest.approx(13 / 6)
+
+
+@pytest.mark.parametrize("max_agents", [None, 4])
+def test_depends_on_seed_and_step_alone(windows, max_agents):
+    def at(first, count, seed=1):
+        return SceneStream(windows, 6, seed, max_agents).steps(first, count)
+
+    whole = at(0, 12)
+    parts = [at(0, 5), at(5, 1), at(6, 6)]
+    for leaf, *pieces in zip(*map(jax.tree.leaves, [whole, *parts])):
+        np.testing.assert_array_equal(leaf, np.concatenate(pieces))
+    other = at(0, 12, seed=2)
+    assert any(not np.array_equal(sums(a), sums(b)) for a, b in zip(whole, other))
+
+
+def test_large_scenes_are_cropped_to_an_agent_and_its_nearest(make_windows):
+    windows = make_windows([30], seed=4)
+    obs_len = windows.obs_len
+    last = windows.position[:, obs_len - 1]
+    distance = np.linalg.norm(last[:, None] - last, axis=-1)
+    neighbourhoods = {frozenset(np.argsort(row)[:6]) for row in distance}
+    (group,) = SceneStream(windows, 1, seed=0, max_agents=6).steps(0, 200)
+    assert group.valid.shape == (200, 1, 8)
+    step = windows.position[:, 1:obs_len] - windows.position[:, : obs_len - 1]
+    seen = set()
+    for scene in jax.tree.map(lambda leaf: leaf[:, 0], group).displacement:
+        moves = scene[:6, 1:]
+        nearest = np.abs(moves[:, None] - step).max(axis=(2, 3))
+        seen.add(frozenset(nearest.argmin(axis=1)))
+        assert len(frozenset(nearest.argmin(axis=1))) == 6
+    assert seen <= neighbourhoods
+    assert len(seen) > len(neighbourhoods) / 2
+
+
+def test_a_crowd_on_one_spot_keeps_the_focal_agent(make_windows):
+    windows = make_windows([9], seed=5)
+    obs_len = windows.obs_len
+    windows.position[:, obs_len - 1] = 1.0
+    (group,) = SceneStream(windows, 1, seed=0, max_agents=3).steps(0, 50)
+    agents = {row.tobytes() for row in group.displacement.reshape(-1, obs_len, 2)}
+    assert len(agents) == 9 + 1  # and the padding
+
+
+def test_augmentation_turns_and_mirrors(windows):
+    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
+    turned = augment(groups, jax.random.key(0), rotate=True, scale=0.0)
+    mirrored = []
+    for before, after in zip(groups, turned):
+        np.testing.assert_array_equal(before.valid, after.valid)
+        for name in ("observed", "displacement", "future"):
+            old, new = np.asarray(getattr(before, name)), np.asarray(getattr(after, name))
+            np.testing.assert_allclose(
+                np.linalg.norm(old, axis=-1), np.linalg.norm(new, axis=-1), atol=1e-5
+            )
+            assert np.abs(old - new).max() > 0.1
+        # Between agents too, and from what was observed to what followed.
+        track = [np.concatenate([s.observed, s.future], axis=2) for s in (before, after)]
+        flat = [t.reshape(len(t), -1, 2) for t in track]
+        apart = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
+        np.testing.assert_allclose(*apart, atol=1e-5)
+        cross = [f[:, :-1, 0] * f[:, 1:, 1] - f[:, :-1, 1] * f[:, 1:, 0] for f in flat]
+        ratio = (cross[0] * cross[1]).sum(axis=1) / (cross[0] ** 2).sum(axis=1)
+        np.testing.assert_allclose(np.abs(ratio), 1, atol=1e-4)
+        mirrored += list(ratio < 0)
+    assert 0 < sum(mirrored) < len(mirrored)
+
+
+def test_augmentation_stretches_and_can_be_off(windows):
+    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
+    assert augment(groups, jax.random.key(0), rotate=False, scale=0.0) is groups
+    stretched = augment(groups, jax.random.key(0), rotate=False, scale=0.2)
+    for before, after in zip(groups, stretched):
+        size = [(np.asarray(s.observed) ** 2).sum(axis=(1, 2, 3)) for s in (before, after)]
+        factor = np.sqrt(size[1] / size[0])
+        assert ((factor > 0.8) & (factor < 1.2)).all()
+        np.testing.assert_allclose(
+            after.observed, factor[:, None, None, None] * before.observed, atol=1e-5
+        )
+
+
+def test_noise_has_the_kind_and_shape_asked_for(windows, run):
+    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
+    per_agent = dataclasses.replace(run.generator, noise_mix_type="ped", noise_type="uniform")
+    for config in (run.generator, per_agent):
+        noises = draw_group_noise(config, groups, jax.random.key(0), 5)
+        for noise, scene in zip(noises, groups):
+            slots = scene.valid.shape if config is per_agent else scene.valid.shape[:1]
+            assert noise.shape == (5, *slots, 2)
+        flat = np.concatenate([np.ravel(noise) for noise in noises])
+        assert len(np.unique(flat)) == len(flat)
+        assert (np.abs(flat).max() > 1) == (config is run.generator)
