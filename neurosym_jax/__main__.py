@@ -1,10 +1,12 @@
-"""`python -m neurosym_jax VERB`: everything but training and evaluation."""
+"""`python -m neurosym_jax VERB`: everything but evaluation."""
 
 import sys
 
 from neurosym_jax.command import run_command
 
 VERBS = {
+    "train": ("train a model, as train.py does", "training.run", "train"),
+    "sweep": ("train and test many models, a process each", "training.sweep", "sweep"),
     "parity": ("compare our numbers with torch's, output by output", "interop.parity", "parity"),
 }
 """verb: (what it does, module, function); its options are the module's `VerbOptions`."""

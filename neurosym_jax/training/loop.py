@@ -149,10 +149,12 @@ def _refuse_not_finite(
 ) -> None:
     bad = [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]
     if bad:
-        kept = f"step {validations[-1]['step']} is kept in {folder / 'checkpoints'}"
+        kept = "no step had been saved"
+        if validations:
+            kept = f"step {validations[-1]['step']} is kept in {folder / 'checkpoints'}"
         raise TrainingError(
-            f"{folder}: between step {done} and step {row['step']} the training lost its footing: "
-            f"{', '.join(bad)}; {kept if validations else 'no step had been saved'}"
+            f"{folder}: between step {done} and step {row['step']} training came to numbers that "
+            f"are not finite: {', '.join(bad)}; {kept}"
         )
 
 

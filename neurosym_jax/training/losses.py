@@ -43,7 +43,10 @@ def distance_errors(forecast: Array, truth: Array, valid: Array) -> Array:
 
 
 def safe_norm(vector: Array) -> Array:
-    """Euclidean norm over the last axis, with gradient zero where the vector is zero."""
+    """Euclidean norm over the last axis, with gradient zero where the vector is zero.
+
+    NaN stays NaN: as a zero it would be the best of all errors.
+    """
     squared = (vector**2).sum(axis=-1)
-    positive = squared > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1)), 0)
+    zero = squared == 0
+    return jnp.where(zero, 0, jnp.sqrt(jnp.where(zero, 1, squared)))

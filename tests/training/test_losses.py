@@ -61,5 +61,7 @@ def test_a_perfect_forecast_has_a_finite_gradient(scene):
     _, truth, valid = (jnp.array(part) for part in scene)
     gradient = jax.grad(lambda f: distance_errors(f, truth, valid).sum())(truth[None])
     assert not np.asarray(gradient).any()
+    with jax.debug_nans(False):
+        assert np.isnan(safe_norm(jnp.array([np.nan, 4.0])))
     assert safe_norm(jnp.array([3.0, 4.0])) == 5
     np.testing.assert_allclose(jax.grad(safe_norm)(jnp.array([3.0, 4.0])), [0.6, 0.8], rtol=1e-6)

@@ -1,0 +1,73 @@
+"""A sweep's rows as one table: mean over training seeds and its 95 % interval (Student's t)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+__all__ = ["format_sweep", "mean_and_interval"]
+
+Row = Mapping[str, Any]
+
+
+def mean_and_interval(values: Sequence[float]) -> tuple[float, float | None]:
+    """Mean and half the width of its 95 % interval, None for a single value."""
+    from scipy.stats import t
+
+    count = len(values)
+    if count < 2:
+        return float(np.mean(values)), None
+    return float(np.mean(values)), float(
+        t.ppf(0.975, count - 1) * np.std(values, ddof=1) / math.sqrt(count)
+    )
+
+
+def format_sweep(rows: Sequence[Row]) -> str:
+    """Markdown: for each horizon and protocol a table of models by scenes, ADE / FDE in metres.
+
+    The last column is the mean over scenes, taken seed by seed, where there are several.
+    """
+    blocks = []
+    for lengths in dict.fromkeys((row["obs_len"], row["pred_len"]) for row in rows):
+        members = [row for row in rows if (row["obs_len"], row["pred_len"]) == lengths]
+        for protocol in ("joint", "marginal"):
+            title = f"### {lengths[0]} steps observed, {lengths[1]} forecast: {protocol} best of k"
+            blocks.append("\n".join([title, "", *_table(members, protocol)]))
+    blocks.append(
+        "ADE / FDE in metres, mean over training seeds ± half of the 95 % interval (Student's t). "
+        "Joint: the best of k forecasts of the whole scene; marginal: each agent's own best."
+    )
+    return "\n\n".join(blocks) + "\n"
+
+
+def _table(rows: Sequence[Row], protocol: str) -> list[str]:
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    head = ["model", "k", "seeds", *scenes, *(["average"] if len(scenes) > 1 else [])]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for model in dict.fromkeys(row["model"] for row in rows):
+        of_model = [row for row in rows if row["model"] == model]
+        # scene to seed to (ADE, FDE); a baseline has no seed of training.
+        found: dict[str, dict[Any, tuple[float, float]]] = {scene: {} for scene in scenes}
+        for row in of_model:
+            seed = row["run"] and row["run"]["seed"]
+            found[row["scene"]][seed] = (row[protocol]["ade"], row[protocol]["fde"])
+        seeds = {seed for of_scene in found.values() for seed in of_scene}
+        cells = [_cell(list(found[scene].values())) for scene in scenes]
+        if len(scenes) > 1:
+            whole = [seed for seed in seeds if all(seed in found[scene] for scene in scenes)]
+            means = [np.mean([found[scene][seed] for scene in scenes], axis=0) for seed in whole]
+            cells.append(_cell([tuple(mean) for mean in means]))
+        count = "-" if seeds == {None} else str(len(seeds))
+        lines.append(f"| {' | '.join([model, str(of_model[0]['samples']), count, *cells])} |")
+    return lines
+
+
+def _cell(errors: Sequence[tuple[float, float]]) -> str:
+    if not errors:
+        return "-"
+    parts = []
+    for values in zip(*errors):
+        mean, half = mean_and_interval(values)
+        parts.append(f"{mean:.3f}" + ("" if half is None else f" ± {half:.3f}"))
+    return " / ".join(parts)

@@ -1,0 +1,194 @@
+import dataclasses
+import json
+import shutil
+
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.checkpoint import TrainingCheckpoints, load_model
+from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.training import loop
+from neurosym_jax.training.card import write_card
+from neurosym_jax.training.lock import sole_writer
+from neurosym_jax.training.loop import train
+from neurosym_jax.training.metrics_log import MetricsLog
+from neurosym_jax.training.stream import SceneStream
+
+
+class Stop(Exception):
+    pass
+
+
+def interrupt_after(monkeypatch, step):
+    """Training ends abruptly when the batches from `step` on are asked for."""
+    steps = SceneStream.steps
+
+    def until(self, first, count):
+        if first >= step:
+            raise Stop
+        return steps(self, first, count)
+
+    monkeypatch.setattr(SceneStream, "steps", until)
+
+
+def leaves(folder):
+    """Every leaf of the final state and of the model."""
+    final = max((folder / "checkpoints").glob("step_*"))
+    state = json.loads((final / "step.json").read_text())["content"]["sha256"]
+    return state, [
+        np.asarray(leaf) for leaf in jax.tree.leaves(load_model(folder / "model").params)
+    ]
+
+
+@pytest.fixture(scope="module")
+def done(run, tmp_path_factory):
+    """The folder of a run left alone."""
+    folder = tmp_path_factory.mktemp("alone")
+    train(run, folder / "run")
+    return folder / "run"
+
+
+def test_what_a_run_leaves(run, done):
+    names = {path.name for path in done.iterdir()}
+    assert names >= {"checkpoints", "metrics.jsonl", "curves.png", "run.json", "model"}
+    assert {path.name for path in (done / "model").iterdir()} == {
+        "README.md",
+        "config.json",
+        "params",
+    }
+    rows = [json.loads(line) for line in (done / "metrics.jsonl").read_text().splitlines()]
+    assert [row["step"] for row in rows] == [25, 50, 75]
+    assert all(np.isfinite(list(row.values())).all() for row in rows)
+    facts = json.loads((done / "run.json").read_text())
+    best = min(rows, key=lambda row: row["val_score"])
+    assert facts["validation"] == best
+    assert facts["counts"]["training"] == {"scenes": 13, "agents": run.training.agents}
+    model = load_model(done / "model")
+    assert (model.config, model.scene) == (run.generator, "zara1")
+    assert facts["parameters"] == sum(leaf.size for leaf in jax.tree.leaves(model.params))
+
+
+def test_the_card(done, tmp_path):
+    text = (done / "model" / "README.md").read_text()
+    facts = json.loads((done / "run.json").read_text())
+    assert "# SGAN, walks" in text
+    assert "Not tested yet" in text
+    assert f"{facts['validation']['val_ade']:.3f}" in text
+    for name in ("seed", "jax", "threads", "code", facts["data"]["training"][:16]):
+        assert name in text
+    errors = {"joint": {"ade": 0.25, "fde": 0.5}, "marginal": {"ade": 0.125, "fde": 0.375}}
+    row = {"checkpoint": "here", "model": "SGAN", "scene": "zara1", "samples": 20, **errors}
+    write_card(tmp_path, facts, [row, {**row, "checkpoint": None, "model": "constant velocity"}])
+    text = (tmp_path / "README.md").read_text()
+    assert "| test on zara1: this model | 20 | 0.250 / 0.500 | 0.125 / 0.375 |" in text
+    assert "test on zara1: constant velocity" in text
+    assert "Not tested" not in text
+
+
+@pytest.mark.parametrize("step", [1, 50])
+def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch, step):
+    with monkeypatch.context() as patched:
+        interrupt_after(patched, step)
+        with pytest.raises(Stop):
+            train(run, tmp_path)
+    assert not (tmp_path / "model").exists()
+    # What a kill may leave: rows beyond the checkpoint, half a line.
+    with (tmp_path / "metrics.jsonl").open("a") as file:
+        file.write('{"step": 75, "g_loss": 1.0}\n{"step": 10')
+    train(run, tmp_path, resume=True)
+    (state, params), (alone, wanted) = leaves(tmp_path), leaves(done)
+    assert state == alone
+    for ours, theirs in zip(params, wanted):
+        np.testing.assert_array_equal(ours, theirs)
+    names = ("metrics.jsonl",)
+    assert [(tmp_path / n).read_bytes() for n in names] == [(done / n).read_bytes() for n in names]
+
+
+def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path):
+    shutil.copytree(done, tmp_path / "run")
+    for name in ("model/README.md", "model"):
+        path = tmp_path / "run" / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+        (tmp_path / "run" / "model.part" / "params").mkdir(parents=True, exist_ok=True)
+        train(run, tmp_path / "run", resume=True)
+        assert (tmp_path / "run" / "model" / "README.md").exists()
+        load_model(tmp_path / "run" / "model")
+
+
+def test_what_cannot_be_resumed_is_refused(run, with_recipe, done, tmp_path):
+    before = (done / "metrics.jsonl").read_bytes()
+    with pytest.raises(InputError, match="holds a run at step 75; --resume continues it"):
+        train(run, done)
+    with pytest.raises(InputError, match="holds another run: its training differs"):
+        train(with_recipe(seed=5), done, resume=True)
+    with pytest.raises(InputError, match="its data differs"):
+        train(dataclasses.replace(run, validation=run.training), done, resume=True)
+    assert (done / "metrics.jsonl").read_bytes() == before
+    (tmp_path / "model").mkdir()
+    with pytest.raises(InputError, match="holds a finished model"):
+        train(run, tmp_path, resume=True)
+
+
+def test_another_environment_is_told(run, done, capsys, monkeypatch):
+    now = loop.run_environment()
+    monkeypatch.setattr(loop, "run_environment", lambda: now | {"threads": 77})
+    train(run, done, resume=True)
+    assert f"began with threads {now['threads']} and goes on with 77" in capsys.readouterr().err
+
+
+def test_one_process_at_a_time(run, tmp_path):
+    with sole_writer(tmp_path), pytest.raises(InputError, match="another process is training"):
+        train(run, tmp_path)
+    with sole_writer(tmp_path):
+        pass
+
+
+def test_a_loss_that_is_not_finite_stops_the_run(run, tmp_path, monkeypatch):
+    steps = SceneStream.steps
+
+    def poisoned(self, first, count):
+        groups = steps(self, first, count)
+        if first < 25:
+            return groups
+        return tuple(scene.replace(future=scene.future + np.nan) for scene in groups)
+
+    monkeypatch.setattr(SceneStream, "steps", poisoned)
+    with jax.debug_nans(False), pytest.raises(TrainingError) as caught:
+        train(run, tmp_path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "between step 25 and step 50" in message
+    assert "g_loss nan" in message
+    assert "step 25 is kept" in message
+    assert [path.name for path in (tmp_path / "checkpoints").glob("step_*")] == ["step_00000025"]
+    monkeypatch.setattr(SceneStream, "steps", steps)
+    train(run, tmp_path, resume=True)
+
+
+def test_nothing_is_kept_of_a_run_lost_at_once(with_recipe, tmp_path):
+    with jax.debug_nans(False), pytest.raises(TrainingError, match="no step had been saved"):
+        train(with_recipe(g_learning_rate=1e30, schedule="constant"), tmp_path)
+
+
+def test_steps_that_are_no_multiple_of_the_round(with_recipe, tmp_path):
+    train(with_recipe(steps=30, validate_every=10), tmp_path)
+    rows = MetricsLog(tmp_path / "metrics.jsonl", 1000).rows()
+    assert [(row["step"], "val_ade" in row) for row in rows] == [(25, True), (30, True)]
+
+
+def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch):
+    scores = iter([3.0, 1.0, 2.0])
+    kept = []
+
+    def validate(run, params, batches):
+        kept.append(jax.tree.map(np.array, params))
+        score = next(scores)
+        return {"val_ade": score, "val_fde": score, "val_score": score}
+
+    monkeypatch.setattr(loop, "_validate", validate)
+    model = train(with_recipe(), tmp_path)
+    jax.tree.map(np.testing.assert_array_equal, model.params, kept[1])
+    assert json.loads((tmp_path / "run.json").read_text())["validation"]["step"] == 50
+    with TrainingCheckpoints(tmp_path / "checkpoints") as checkpoints:
+        assert sorted(checkpoints._steps()) == [50, 75]

@@ -1,0 +1,180 @@
+"""The real `train.py`, in processes of its own: kills, resumption, fresh processes, bad input."""
+
+import json
+import os
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neurosym_jax.config import RECIPES
+from neurosym_jax.errors import InputError
+from neurosym_jax.training.run import TrainOptions, generator_config, make_run, recipe
+
+SCRIPT = Path(__file__).resolve().parents[2] / "train.py"
+STEPS = 150
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Two recordings of people who walk about, and a compilation cache for all processes."""
+    folder = tmp_path_factory.mktemp("data")
+    rng = np.random.default_rng(0)
+    for name, frames in (("walk", 60), ("check", 30)):
+        position = rng.uniform(-3, 3, (5, 1, 2)) + rng.normal(0.1, 0.2, (5, frames, 2)).cumsum(1)
+        (folder / f"{name}.txt").write_text(
+            "".join(
+                f"{10 * frame}\t{person}\t{x:.3f}\t{y:.3f}\n"
+                for frame in range(frames)
+                for person, (x, y) in enumerate(position[:, frame])
+            )
+        )
+    return folder
+
+
+def command(files, out, *more):
+    arguments = {
+        "--train-on": files / "walk.txt",
+        "--validate-on": files / "check.txt",
+        "--obs-len": 4,
+        "--pred-len": 4,
+        "--steps": STEPS,
+        "--out": out,
+    }
+    flat = [str(part) for pair in arguments.items() for part in pair]
+    changes = ("batch_scenes=4", "best_k=2", "validate_every=25", "ema=0.9")
+    return [sys.executable, str(SCRIPT), *flat, "--set", *changes, *more]
+
+
+def environment(files):
+    return {**os.environ, "NPROC": "1", "XDG_CACHE_HOME": str(files / "cache")}
+
+
+def final(folder):
+    """Digest of all leaves of the last state, of the model's, and what was measured."""
+    step = json.loads((folder / "checkpoints" / f"step_{STEPS:08d}" / "step.json").read_text())
+    model = json.loads((folder / "model" / "config.json").read_text())
+    return step["content"]["sha256"], model["sha256"], (folder / "metrics.jsonl").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def alone(files, tmp_path_factory):
+    """(what a run left alone ends with, the seconds it takes once compiled)."""
+    folder = tmp_path_factory.mktemp("alone")
+    for name in ("compiling", "run"):
+        start = time.monotonic()
+        done = subprocess.run(
+            command(files, folder / name), env=environment(files), capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+    assert final(folder / "compiling") == final(folder / "run")  # Two fresh processes.
+    return final(folder / "run"), time.monotonic() - start
+
+
+@pytest.mark.slow
+def test_two_fresh_processes_give_the_same_bits(alone):
+    state, model, metrics = alone[0]
+    assert len(state) == len(model) == 64
+    assert len(metrics.splitlines()) == STEPS // 25
+
+
+@pytest.mark.slow
+def test_kills_at_random_moments_change_nothing(files, alone, tmp_path):
+    """As many of 20 kills as fit into 40 seconds; all of them where NEUROSYM_ALL_KILLS is set."""
+    wanted, seconds = alone
+    draw, start, kills = random.Random(time.time_ns()), time.monotonic(), 0
+    every = bool(os.environ.get("NEUROSYM_ALL_KILLS"))
+    while kills < 20 and (every or time.monotonic() - start < 40):
+        process = subprocess.Popen(
+            command(files, tmp_path / "run", "--resume"),
+            env=environment(files),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            process.wait(draw.uniform(0.2 * seconds, 1.1 * seconds))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            kills += 1
+        _, errors = process.communicate()
+        assert process.returncode in (0, -9), errors
+        if process.returncode == 0 and every:
+            # It came to its end: what is left to spoil is the end itself, and then all of it again.
+            assert final(tmp_path / "run") == wanted
+            (tmp_path / "run").rename(tmp_path / f"done_{kills}_{time.monotonic_ns()}")
+    assert kills
+    done = subprocess.run(
+        command(files, tmp_path / "run", "--resume"),
+        env=environment(files),
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "damaged" not in done.stderr
+    assert final(tmp_path / "run") == wanted
+    print(f"{kills} kills")
+
+
+def test_bad_input_is_one_line(files, tmp_path):
+    done = subprocess.run(
+        command(files, tmp_path, "emma=0.9"), env=environment(files), capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: --set emma=0.9: must be NAME=VALUE, where NAME is one of")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"set": ("emma=0.9",)}, "--set emma=0.9: must be NAME=VALUE"),
+        ({"set": ("ema",)}, "--set ema: must be NAME=VALUE"),
+        ({"set": ("format=2",)}, "must be NAME=VALUE"),
+        ({"set": ("ema=fast",)}, "ema = 'fast' does not fit"),
+        ({"set": ("best_k=2.5",)}, r"best_k = 2\.5 does not fit"),
+        ({"set": ("criterion=best",)}, "criterion = 'best' does not fit"),
+        ({"set": ('discriminator={"kind": "big"}',)}, "kind = 'big' does not fit"),
+        ({"steps": 0}, "--steps must be at least 1, not 0"),
+        ({"set": ("steps=-25",)}, "--steps must be at least 1, not -25"),
+    ],
+)
+def test_recipes_that_cannot_be(changes, reason):
+    with pytest.raises(InputError, match=reason) as caught:
+        recipe(TrainOptions(**changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_recipes():
+    assert recipe(TrainOptions()) == RECIPES["ours"]
+    changed = recipe(
+        TrainOptions(
+            recipe="sgan",
+            seed=3,
+            steps=30,
+            set=("rotate=true", "max_agents=null", "label_real=[0.9, 1]", "schedule=cosine"),
+        )
+    )
+    assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, True, None)
+    assert (changed.label_real, changed.schedule) == ((0.9, 1), "cosine")
+    assert changed.g_learning_rate == RECIPES["sgan"].g_learning_rate
+
+
+def test_generators():
+    assert generator_config(TrainOptions(pred_len=12)).pred_len == 12
+    social = generator_config(TrainOptions(pooling="social"))
+    assert social.bottleneck_dim == social.encoder_h_dim
+    symbolic = generator_config(TrainOptions(model="neurosym", weighting="ones"))
+    assert (symbolic.pooling, symbolic.weighting) == ("as_described", "ones")
+
+
+def test_data(files):
+    options = TrainOptions(train_on=(str(files / "walk.txt"),), obs_len=4, pred_len=4)
+    with pytest.raises(InputError, match="go together"):
+        make_run(options)
+    with pytest.raises(InputError, match="--scene is needed"):
+        make_run(TrainOptions(data=files))
