@@ -13,6 +13,7 @@ from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.pairs import max_over_neighbours
 from neurosym_jax.models.symbolic_pooling import SYMBOLIC_POOLINGS
 
 __all__ = ["HiddenPooling", "Pooling", "SocialPooling", "make_pooling"]
@@ -47,9 +48,7 @@ class HiddenPooling(nn.Module):
         of_embedding, of_hidden = jnp.split(first.kernel, [self.embedding_dim])
         v = positions @ (self.spatial_embedding.kernel @ of_embedding)
         u = v + hidden @ of_hidden + (self.spatial_embedding.bias @ of_embedding + first.bias)
-        pairs = nn.relu(second(nn.relu(u[None, :, :] - v[:, None, :])))
-        # The last ReLU makes every candidate non-negative, so zero is neutral for the maximum.
-        return jnp.where(valid[None, :, None], pairs, 0).max(axis=1)
+        return max_over_neighbours(lambda own: u - own, v, second, valid)
 
 
 class SocialPooling(nn.Module):

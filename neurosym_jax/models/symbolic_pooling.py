@@ -13,6 +13,7 @@ from jax import Array
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.pairs import max_over_neighbours
 
 __all__ = ["NOT_OF_PAIRS", "SYMBOLIC_POOLINGS", "IjcnnPooling", "RosPooling", "SymbolicPooling"]
 
@@ -57,12 +58,17 @@ class SymbolicPooling(nn.Module):
         dense = self.spatial_embedding
         embedding = jnp.concatenate([dense.kernel, dense.bias[None]])
         folded = jnp.einsum("ce,teh->cth", embedding, of_steps)
-        offset = observed[None] - observed[:, None]
-        inputs = jnp.concatenate([alpha * offset[..., 0], alpha * offset[..., 1], alpha], axis=-1)
-        of_pair = inputs @ folded.reshape(3 * self.obs_len, self.hidden_dim)
+        folded = folded.reshape(3 * self.obs_len, self.hidden_dim)
         of_neighbour = hidden @ of_hidden + first.bias
-        pairs = nn.relu(second(nn.relu(of_pair + of_neighbour[None])))
-        return jnp.where(valid[None, :, None], pairs, 0).max(axis=1)
+
+        def first_layer(agent: tuple[Array, Array]) -> Array:
+            own, weight = agent
+            x, y = jnp.moveaxis(observed - own, -1, 0)
+            return (
+                jnp.concatenate([weight * x, weight * y, weight], axis=-1) @ folded + of_neighbour
+            )
+
+        return max_over_neighbours(first_layer, (observed, alpha), second, valid)
 
 
 class RosPooling(nn.Module):
@@ -90,12 +96,16 @@ class RosPooling(nn.Module):
         agents = observed.shape[0]
         of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
         own = observed.reshape(agents, -1) @ self.spatial_embedding.kernel
-        embedded = own[None] - own[:, None] + self.spatial_embedding.bias
-        embedded = embedded.reshape(agents, agents, self.obs_len, self.embedding_dim)
-        weighted = (embedded * alpha[..., None]).reshape(agents, agents, -1)
+        shifted = own + self.spatial_embedding.bias
         of_neighbour = hidden @ of_hidden + first.bias
-        pairs = nn.relu(second(nn.relu(weighted @ of_steps + of_neighbour[None])))
-        return jnp.where(valid[None, :, None], pairs, 0).max(axis=1)
+
+        def first_layer(agent: tuple[Array, Array]) -> Array:
+            own, weight = agent
+            embedded = (shifted - own).reshape(agents, self.obs_len, self.embedding_dim)
+            weighted = embedded * weight[..., None]
+            return weighted.reshape(agents, -1) @ of_steps + of_neighbour
+
+        return max_over_neighbours(first_layer, (own, alpha), second, valid)
 
 
 class IjcnnPooling(nn.Module):
