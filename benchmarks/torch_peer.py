@@ -1,0 +1,141 @@
+"""One training iteration of SGAN in torch, written as batched as torch allows: a fair opponent.
+
+It encodes and pools once for all samples, decodes the samples together, and treats all pairs of all
+scenes at once instead of looping over scenes; the loss and the networks are SGAN's. It exists to be
+timed and trains nothing that is kept.
+"""
+
+import itertools
+import random
+
+import torch
+from torch import nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+__all__ = ["TorchPeer"]
+
+EMBEDDING, HIDDEN, D_HIDDEN, MLP, POOL, BOTTLENECK, NOISE = 16, 32, 48, 64, 512, 8, 8
+
+
+def _mlp(*sizes: int) -> nn.Sequential:
+    pairs = itertools.pairwise(sizes)
+    return nn.Sequential(*[layer for pair in pairs for layer in (nn.Linear(*pair), nn.ReLU())])
+
+
+class _Pooling(nn.Module):
+    """The maximum over the scene's agents of a perceptron of offset and hidden state."""
+
+    def __init__(self, hidden: int, out: int):
+        super().__init__()
+        self.embedding = nn.Linear(2, EMBEDDING)
+        self.mlp = _mlp(EMBEDDING + hidden, POOL, out)
+
+    def forward(self, hidden, position, pairs):
+        i, j = pairs
+        offset = self.embedding(position[j] - position[i])
+        values = self.mlp(torch.cat([offset, hidden[j]], dim=1))
+        index = i[:, None].expand_as(values)
+        # Every layer ends in ReLU, so zero is the least value there is.
+        start = values.new_zeros(len(hidden), values.shape[1])
+        return start.scatter_reduce(0, index, values, "amax")
+
+
+class _Encoder(nn.Module):
+    def __init__(self, hidden: int):
+        super().__init__()
+        self.embedding = nn.Linear(2, EMBEDDING)
+        self.lstm = nn.LSTM(EMBEDDING, hidden)
+
+    def forward(self, moves):
+        return self.lstm(self.embedding(moves))[1][0][0]
+
+
+class _Generator(nn.Module):
+    def __init__(self, pred_len: int):
+        super().__init__()
+        self.pred_len = pred_len
+        self.encoder, self.pooling = _Encoder(HIDDEN), _Pooling(HIDDEN, BOTTLENECK)
+        self.context = _mlp(HIDDEN + BOTTLENECK, MLP, HIDDEN - NOISE)
+        self.embedding = nn.Linear(2, EMBEDDING)
+        self.cell = nn.LSTMCell(EMBEDDING, HIDDEN)
+        self.out = nn.Linear(HIDDEN, 2)
+
+    def forward(self, moves, last, pairs, noise):
+        """`moves [T, A, 2]`, `noise [k, A, 8]` to displacements `[k, A, pred_len, 2]`."""
+        hidden = self.encoder(moves)
+        context = self.context(torch.cat([hidden, self.pooling(hidden, last, pairs)], dim=1))
+        samples, agents, _ = noise.shape
+        hidden = torch.cat([context.expand(samples, -1, -1), noise], dim=2).flatten(0, 1)
+        cell = torch.zeros_like(hidden)
+        move = moves[-1].expand(samples, -1, -1).flatten(0, 1)
+        steps = []
+        for _ in range(self.pred_len):
+            hidden, cell = self.cell(self.embedding(move), (hidden, cell))
+            move = self.out(hidden)
+            steps.append(move)
+        return torch.stack(steps, dim=1).unflatten(0, (samples, agents))
+
+
+class _Discriminator(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.encoder, self.pooling = _Encoder(D_HIDDEN), _Pooling(D_HIDDEN, D_HIDDEN)
+        self.classifier = _mlp(D_HIDDEN, MLP, 1)
+
+    def forward(self, moves, first, pairs):
+        return self.classifier(self.pooling(self.encoder(moves), first, pairs))[:, 0]
+
+
+class TorchPeer:
+    """Networks, optimisers and one batch; `discriminator_step` and `generator_step` train."""
+
+    def __init__(self, observed, moves, future_moves, sizes, best_k: int, clip: float):
+        """`observed`, `moves` [A, obs_len, 2], `future_moves` [A, pred_len, 2], agents by scene."""
+        observed, moves, future = map(torch.as_tensor, (observed, moves, future_moves))
+        self.first, self.last = observed[:, 0], observed[:, -1]
+        self.moves, self.future = moves.transpose(0, 1).contiguous(), future
+        self.sizes = torch.as_tensor(sizes)
+        self.scene = torch.repeat_interleave(torch.arange(len(sizes)), self.sizes)
+        same = [torch.ones(size, size) for size in sizes]
+        self.pairs = torch.block_diag(*same).nonzero().T.contiguous()
+        self.best_k, self.clip = best_k, clip
+        self.generator, self.discriminator = _Generator(future.shape[1]), _Discriminator()
+        for module in (*self.generator.modules(), *self.discriminator.modules()):
+            if isinstance(module, nn.Linear):
+                nn.init.kaiming_normal_(module.weight)
+        self.g_optimizer = torch.optim.Adam(self.generator.parameters(), lr=1e-4)
+        self.d_optimizer = torch.optim.Adam(self.discriminator.parameters(), lr=1e-3)
+
+    def discriminator_step(self) -> None:
+        """One Adam step of the discriminator."""
+        with torch.no_grad():
+            fake = self._forecast(1)[0]
+        real_scores, fake_scores = self._scores(self.future), self._scores(fake)
+        label = torch.full_like(real_scores, random.uniform(0.7, 1.2))
+        loss = binary_cross_entropy_with_logits(real_scores, label)
+        loss = loss + binary_cross_entropy_with_logits(fake_scores, torch.zeros_like(label))
+        self.d_optimizer.zero_grad()
+        loss.backward()
+        self.d_optimizer.step()
+
+    def generator_step(self) -> None:
+        """One Adam step of the generator on the best of k, scene by scene, and the last sample."""
+        fakes = self._forecast(self.best_k)
+        errors = ((fakes - self.future) ** 2).sum(dim=(2, 3))
+        of_scene = errors.new_zeros(self.best_k, len(self.sizes)).index_add(1, self.scene, errors)
+        variety = (of_scene.min(dim=0).values / (self.sizes * self.future.shape[1])).sum()
+        scores = self._scores(fakes[-1])
+        label = torch.full_like(scores, random.uniform(0.7, 1.2))
+        loss = variety + binary_cross_entropy_with_logits(scores, label)
+        self.g_optimizer.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.generator.parameters(), self.clip)
+        self.g_optimizer.step()
+
+    def _forecast(self, samples: int):
+        noise = torch.randn(samples, len(self.sizes), NOISE)[:, self.scene]
+        return self.generator(self.moves, self.last, self.pairs, noise)
+
+    def _scores(self, future_moves):
+        moves = torch.cat([self.moves, future_moves.transpose(0, 1)])
+        return self.discriminator(moves, self.first, self.pairs)
