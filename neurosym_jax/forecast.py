@@ -6,6 +6,7 @@ scenes. Equal forecasters are equal to `jax.jit`, so they share compiled program
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -23,6 +24,7 @@ from neurosym_jax.scene import Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import pair_alpha
 
 __all__ = [
+    "AgentwiseForecaster",
     "Forecaster",
     "GeneratorForecaster",
     "Model",
@@ -30,6 +32,10 @@ __all__ = [
     "encode_scene",
     "predict",
 ]
+
+
+PART = 256
+"""Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,14 +56,76 @@ class Forecaster:
         """
         raise TypeError(f"{type(self).__name__} does not say how it forecasts a scene")
 
-    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> ArrayLike:
-        """`[k, B, N, pred_len, 2]`; `scenes` and `noise [k, B, ...]` have a scene axis."""
-        return _over_scenes(self, params, scenes, noise)
+    def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
+        """`[k, A, pred_len, 2]`: futures of the A valid agents of `scenes`, scene after scene.
+
+        `scenes` has a leading axis of B scenes, `noise` is `[k, B, dim]` or `[k, B, N, dim]`.
+        """
+        futures = np.asarray(_over_scenes(self, params, scenes, noise))
+        return futures[:, np.asarray(scenes.valid)]
+
+    def batch(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
+        """`packed` in its places, `[k, B, N, pred_len, 2]`; zero where a slot is not valid."""
+        valid = np.asarray(scenes.valid)
+        packed = self.packed(params, scenes, noise)
+        futures = np.zeros((len(packed), *valid.shape, *packed.shape[2:]), packed.dtype)
+        futures[:, valid] = packed
+        return futures
+
+
+class AgentwiseForecaster(Forecaster):
+    """A forecaster in which agents do not look at each other.
+
+    The agents of all scenes are then forecast as if they were one scene, without padding, in parts
+    of one size: a single compiled program serves every bucket.
+    """
+
+    def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
+        """See `Forecaster.packed`."""
+        return in_parts(
+            lambda scene, noise: _one(self, params, scene, noise), *pack_agents(scenes, noise)
+        )
+
+
+def pack_agents(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndarray]:
+    """The valid agents of a batch as one scene of A agents, and their noise `[k, A, dim]`."""
+    valid = np.asarray(scenes.valid)
+    if noise.ndim == 3:
+        noise = np.broadcast_to(
+            noise[:, :, None], (*noise.shape[:2], valid.shape[1], noise.shape[2])
+        )
+    agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], scenes.replace(identity=None))
+    return agents, noise[:, valid]
+
+
+def in_parts(forecast: Callable[[Any, Any], Array], agents: Any, noise: np.ndarray) -> np.ndarray:
+    """`forecast(agents, noise)` in parts of `PART` agents: `[k, A, pred_len, 2]`.
+
+    `agents` are arrays with a leading axis of A agents, `noise` is `[k, A, dim]`.
+    """
+    count = noise.shape[1]
+    parts = []
+    for at in range(0, max(count, 1), PART):
+        short = max(0, at + PART - count)
+
+        def part(leaf: np.ndarray, axis: int, at: int = at, short: int = short) -> np.ndarray:
+            index = (slice(None),) * axis + (slice(at, at + PART),)
+            widths = [(0, short if dim == axis else 0) for dim in range(leaf.ndim)]
+            return np.pad(leaf[index], widths) if short else leaf[index]
+
+        futures = forecast(jax.tree.map(lambda leaf: part(leaf, 0), agents), part(noise, 1))
+        parts.append(np.asarray(futures)[:, : PART - short])
+    return np.concatenate(parts, axis=1)
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def _over_scenes(forecaster: Forecaster, params, scenes, noise):
     return jax.vmap(forecaster.one, in_axes=(None, 0, 1), out_axes=1)(params, scenes, noise)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _one(forecaster: Forecaster, params, scene, noise):
+    return forecaster.one(params, scene, noise)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,32 +150,19 @@ class GeneratorForecaster(Forecaster):
         context = encode_scene(self.config, params, scene)
         return decode_scene(self.config, params, context, scene, noise)
 
-    def batch(self, params: Any, scenes: Scene, noise: ArrayLike) -> ArrayLike:
-        """See `Forecaster.batch`.
-
-        What does not look at neighbours treats all slots of the batch as the agents of one scene:
-        the program then has the same shape for every bucket and is compiled once.
-        """
+    def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
+        """See `Forecaster.packed`; what looks at no neighbours works on packed agents."""
         if self.config.pool_every_timestep:
-            return super().batch(params, scenes, noise)
-        slots = jax.tree.map(_merge_axes, scenes.replace(identity=None))
+            return super().packed(params, scenes, noise)
+        agents, noise = pack_agents(scenes, noise)
         if self.config.pooling == "none":
-            context = _encode_slots(self.config, params, slots)
-        else:
-            context = _merge_axes(_encode_scenes(self.config, params, scenes))
-        noise = np.asarray(noise)
-        if not self.noise.per_agent:
-            noise = np.repeat(noise, scenes.valid.shape[1], axis=1)
-        else:
-            noise = noise.reshape(noise.shape[0], -1, noise.shape[-1])
-        forecast = _decode_slots(self.config, params, context, slots, noise)
-        return np.asarray(forecast).reshape(len(noise), *scenes.valid.shape, self.pred_len, 2)
-
-
-def _merge_axes(array: ArrayLike) -> np.ndarray:
-    """`[B, N, ...]` to `[B * N, ...]`, on the host."""
-    array = np.asarray(array)
-    return array.reshape(-1, *array.shape[2:])
+            return in_parts(lambda scene, noise: _one(self, params, scene, noise), agents, noise)
+        context = np.asarray(_encode_scenes(self.config, params, scenes))[np.asarray(scenes.valid)]
+        return in_parts(
+            lambda part, noise: _decode_agents(self.config, params, *part, noise),
+            (context, agents),
+            noise,
+        )
 
 
 def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
@@ -127,8 +182,7 @@ def decode_scene(
     return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
 
 
-_encode_slots = jax.jit(encode_scene, static_argnums=0)
-_decode_slots = jax.jit(decode_scene, static_argnums=0)
+_decode_agents = jax.jit(decode_scene, static_argnums=0)
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -196,10 +250,5 @@ def predict(
     padded = pad_scene(scene, slots).replace(origin=None)
     forecaster = model.forecaster
     noise = draw_noise(forecaster.noise, seed, padded.identity[None], samples, slots)
-    forecast = _one_scene(forecaster, model.params, padded, noise[:, 0])
+    forecast = _one(forecaster, model.params, padded, noise[:, 0])
     return to_world(np.asarray(forecast)[:, :agents], scene)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _one_scene(forecaster: Forecaster, params, scene, noise):
-    return forecaster.one(params, scene, noise)

@@ -8,7 +8,13 @@ from typing import Any
 
 import jax
 
-__all__ = ["cache_folder", "compile_seconds", "enable_compilation_cache", "run_environment"]
+__all__ = [
+    "cache_folder",
+    "compile_seconds",
+    "cpu_threads",
+    "enable_compilation_cache",
+    "run_environment",
+]
 
 _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
@@ -63,7 +69,7 @@ def run_environment() -> dict[str, Any]:
     return {
         "python": platform.python_version(),
         **{name: importlib.metadata.version(name) for name in _PACKAGES},
-        "threads": _cpu_threads(),
+        "threads": cpu_threads(),
         "cpu": _instruction_set(),
         "platform": device.platform,
         "device": device.device_kind,
@@ -72,7 +78,7 @@ def run_environment() -> dict[str, Any]:
     }
 
 
-def _cpu_threads() -> int:
+def cpu_threads() -> int:
     """The size of XLA's thread pool on a CPU, by its own rule."""
     for name in ("PJRT_NPROC", "NPROC"):
         if os.environ.get(name, "").isdecimal():

@@ -26,8 +26,8 @@ __all__ = [
 BUCKETS = (4, 8, 16, 32, 64)
 """Agents per padded scene; beyond the last, powers of two."""
 
-SLOTS = 256
-"""Agent slots of a batch: with 20 samples the decoder then works in the second-level cache."""
+SLOTS = 1024
+"""Agent slots of a batch."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

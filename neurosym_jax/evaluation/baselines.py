@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.forecast import Forecaster
+from neurosym_jax.forecast import AgentwiseForecaster
 from neurosym_jax.noise import NoiseSpec
 from neurosym_jax.scene import Scene
 
@@ -22,7 +22,7 @@ HEADING_STD = math.radians(25.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstantVelocity(Forecaster):
+class ConstantVelocity(AgentwiseForecaster):
     """Everybody repeats the last observed step: one forecast."""
 
     def one(self, params: Any, scene: Scene, noise: Array) -> Array:
@@ -32,7 +32,7 @@ class ConstantVelocity(Forecaster):
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstantVelocitySampled(Forecaster):
+class ConstantVelocitySampled(AgentwiseForecaster):
     """Constant velocity, each agent's heading turned by its own Gaussian angle in each sample."""
 
     @property

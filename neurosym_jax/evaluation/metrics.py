@@ -5,61 +5,69 @@ agent have its own, which is what most later papers report. The two are not comp
 always computed. The minima of ADE and of FDE are taken independently, as SGAN does.
 """
 
-from typing import Any
+import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-from flax import struct
+import numpy as np
 from jax import Array
 
-__all__ = ["COLLISION_DISTANCE", "SceneErrors", "collisions", "scene_errors"]
+__all__ = ["COLLISION_DISTANCE", "SceneErrors", "collisions", "join_errors", "scene_errors"]
 
 COLLISION_DISTANCE = 0.2
 """Metres between two people's centres under which they collide."""
 
 
-class SceneErrors(struct.PyTreeNode):
-    """Sums over one scene's valid agents; divide by agents for means."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class SceneErrors:
+    """Sums over the agents of each of S scenes, float64; divide by agents for means."""
 
-    agents: Any
-    """[] number of valid agents."""
-    joint_ade: Any
-    """[] metres, minimum over samples of the agents' summed time-mean error."""
-    joint_fde: Any
-    """[] metres, the same of the error at the last step."""
-    marginal_ade: Any
-    """[] metres, sum over agents of each one's minimum over samples."""
-    marginal_fde: Any
-    """[] metres, the same of the error at the last step."""
-    horizon: Any
-    """[pred_len] metres, agents' summed error at each step in the sample of best joint ADE."""
-    colliding: Any
-    """[] mean over samples of the number of agents that collide with another; None if not asked."""
+    agents: np.ndarray
+    """[S] number of agents."""
+    joint_ade: np.ndarray
+    """[S] metres, minimum over samples of the agents' summed time-mean error."""
+    joint_fde: np.ndarray
+    """[S] metres, the same of the error at the last step."""
+    marginal_ade: np.ndarray
+    """[S] metres, sum over agents of each one's minimum over samples."""
+    marginal_fde: np.ndarray
+    """[S] metres, the same of the error at the last step."""
+    horizon: np.ndarray
+    """[S, pred_len] metres, agents' summed error at each step in the sample of best joint ADE."""
 
 
-def scene_errors(
-    forecast: Array, future: Array, valid: Array, *, with_collisions: bool = True
-) -> SceneErrors:
-    """Errors of one scene.
+def scene_errors(forecast: np.ndarray, future: np.ndarray, sizes: np.ndarray) -> SceneErrors:
+    """Errors of S scenes, whose agents follow each other.
 
     Args:
-        forecast: [k, N, pred_len, 2] metres.
-        future: [N, pred_len, 2] metres, the truth in the same frame.
-        valid: [N] bool.
-        with_collisions: whether to count collisions, the only work that is quadratic in N.
+        forecast: [k, A, pred_len, 2] metres.
+        future: [A, pred_len, 2] metres, the truth in the same frame.
+        sizes: [S] agents of each scene, at least 1, A altogether.
     """
-    distance = jnp.linalg.norm(forecast - future, axis=-1)
-    distance = jnp.where(valid[:, None], distance, 0)
+    sizes = np.asarray(sizes)
+    first = np.cumsum(sizes) - sizes
+    distance = np.linalg.norm(np.asarray(forecast, np.float64) - future, axis=-1)
     ade, fde = distance.mean(axis=-1), distance[..., -1]
-    best = ade.sum(axis=1).argmin()
+    joint = np.add.reduceat(ade, first, axis=1)
+    best = np.repeat(joint.argmin(axis=0), sizes)
     return SceneErrors(
-        agents=valid.sum(),
-        joint_ade=ade.sum(axis=1).min(),
-        joint_fde=fde.sum(axis=1).min(),
-        marginal_ade=ade.min(axis=0).sum(),
-        marginal_fde=fde.min(axis=0).sum(),
-        horizon=distance[best].sum(axis=0),
-        colliding=collisions(forecast, valid).sum(axis=1).mean() if with_collisions else None,
+        agents=sizes.astype(np.float64),
+        joint_ade=joint.min(axis=0),
+        joint_fde=np.add.reduceat(fde, first, axis=1).min(axis=0),
+        marginal_ade=np.add.reduceat(ade.min(axis=0), first),
+        marginal_fde=np.add.reduceat(fde.min(axis=0), first),
+        horizon=np.add.reduceat(distance[best, np.arange(len(best))], first),
+    )
+
+
+def join_errors(parts: Sequence[SceneErrors], order: np.ndarray) -> SceneErrors:
+    """The scenes of all parts, one after the other, then taken in `order [S]`."""
+    return SceneErrors(
+        **{
+            field.name: np.concatenate([getattr(part, field.name) for part in parts])[order]
+            for field in dataclasses.fields(SceneErrors)
+        }
     )
 
 

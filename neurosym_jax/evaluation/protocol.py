@@ -3,17 +3,23 @@
 import dataclasses
 import functools
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.evaluation.metrics import SceneErrors, scene_errors
+from neurosym_jax.evaluation.metrics import (
+    SceneErrors,
+    collisions,
+    join_errors,
+    scene_errors,
+)
 from neurosym_jax.forecast import Forecaster
-from neurosym_jax.noise import draw_noise
-from neurosym_jax.runtime import compile_seconds
+from neurosym_jax.noise import NoiseSpec, draw_noise
+from neurosym_jax.runtime import compile_seconds, cpu_threads
 from neurosym_jax.scene import Scene
 
 __all__ = ["Evaluation", "evaluate", "latency"]
@@ -24,7 +30,9 @@ class Evaluation:
     """Errors scene by scene, and where the time went."""
 
     errors: SceneErrors
-    """Every field float64 with a leading axis of S scenes, in the order of the windows."""
+    """Of all scenes, in the order of the windows."""
+    collision_rate: float | None
+    """Share of forecast agents that collide with another of their sample; None if not asked."""
     samples: int
     """k; 1 for a deterministic forecaster, whatever was asked for."""
     compiling: float
@@ -44,7 +52,7 @@ class Evaluation:
     @property
     def horizon(self) -> np.ndarray:
         """[pred_len] mean error in metres at each step of the jointly best samples."""
-        return np.asarray(self.errors.horizon).sum(axis=0) / self.agents
+        return self.errors.horizon.sum(axis=0) / self.agents
 
 
 def evaluate(
@@ -60,26 +68,62 @@ def evaluate(
     spec = forecaster.noise
     samples = samples if spec.dim else 1
     start, compiled = time.perf_counter(), compile_seconds()
-    outputs = []
-    for batch in batches:
-        # The forecaster sees neither the truth nor the host's float64 origin.
-        scenes = batch.scene.replace(future=None, origin=None)
-        noise = draw_noise(spec, seed, scenes.identity, samples, scenes.valid.shape[1])
-        forecast = forecaster.batch(params, scenes, noise)
-        outputs.append(_errors(forecast, batch.scene.future, scenes.valid, with_collisions))
-    outputs = jax.device_get(outputs)
+    work = list(zip(batches, _noises(spec, batches, samples, seed)))
+    shapes = [batch.scene.valid.shape for batch in batches]
+    # One batch of every shape compiles what it needs; the others then keep all cores busy, which
+    # one batch of small matrices does not. Batches do not depend on each other.
+    leaders = [shapes.index(shape) for shape in dict.fromkeys(shapes)]
+    one = functools.partial(_evaluate_batch, forecaster, params, with_collisions)
+    results = {index: one(*work[index]) for index in leaders}
+    with ThreadPoolExecutor(cpu_threads()) as pool:
+        rest = [index for index in range(len(work)) if index not in results]
+        results |= zip(rest, pool.map(lambda index: one(*work[index]), rest))
     seconds, compiled = time.perf_counter() - start, compile_seconds() - compiled
 
+    errors, colliding = zip(*(results[index] for index in range(len(work))))
     index = np.concatenate([batch.index for batch in batches])
-    order = np.argsort(index)[np.count_nonzero(index < 0) :]
-    errors = jax.tree.map(lambda *part: np.concatenate(part).astype(np.float64)[order], *outputs)
-    return Evaluation(errors, samples, compiled, seconds - compiled)
+    joined = join_errors(errors, np.argsort(index[index >= 0]))
+    rate = sum(colliding) / joined.agents.sum() if with_collisions else None
+    return Evaluation(joined, rate, samples, compiled, seconds - compiled)
 
 
-@functools.partial(jax.jit, static_argnums=3)
-def _errors(forecast, future, valid, with_collisions):
-    of_scene = functools.partial(scene_errors, with_collisions=with_collisions)
-    return jax.vmap(of_scene, in_axes=(1, 0, 0))(forecast, future, valid)
+def _evaluate_batch(
+    forecaster: Forecaster, params: Any, with_collisions: bool, batch: Batch, noise: np.ndarray
+) -> tuple[SceneErrors, float]:
+    """Errors of a batch, and how many of its agents collide (mean over samples)."""
+    # The forecaster sees neither the truth nor the host's float64 origin.
+    scenes = batch.scene.replace(future=None, origin=None)
+    future = batch.scene.future[scenes.valid]
+    sizes = scenes.valid.sum(axis=1)
+    colliding = 0.0
+    if with_collisions:
+        forecast = forecaster.batch(params, scenes, noise)
+        colliding = float(_colliding(forecast, scenes.valid))
+        forecast = forecast[:, scenes.valid]
+    else:
+        forecast = forecaster.packed(params, scenes, noise)
+    return scene_errors(forecast, future, sizes[sizes > 0]), colliding
+
+
+def _noises(
+    spec: NoiseSpec, batches: Sequence[Batch], samples: int, seed: int
+) -> Iterator[np.ndarray]:
+    """Noise of each batch, `[k, B, dim]` or `[k, B, N, dim]`."""
+    if spec.per_agent:
+        for batch in batches:
+            scene = batch.scene
+            yield draw_noise(spec, seed, scene.identity, samples, scene.valid.shape[1])
+    else:
+        # One number of scenes would be a program of its own, so all are drawn together.
+        identity = np.concatenate([batch.scene.identity for batch in batches])
+        ends = np.cumsum([len(batch.index) for batch in batches])
+        yield from np.split(draw_noise(spec, seed, identity, samples, 1), ends[:-1], axis=1)
+
+
+@jax.jit
+def _colliding(forecast, valid):
+    """Mean over samples of the number of agents that collide, all scenes together."""
+    return jax.vmap(collisions, in_axes=(1, 0))(forecast, valid).sum() / len(forecast)
 
 
 def latency(

@@ -160,7 +160,7 @@ def _evaluate_case(case: Case, options: EvaluateOptions, shown: list[Shown]) -> 
             "agents": result.agents,
             "joint": {"ade": result.mean("joint_ade"), "fde": result.mean("joint_fde")},
             "marginal": {"ade": result.mean("marginal_ade"), "fde": result.mean("marginal_fde")},
-            "collision_rate": result.mean("colliding") if options.collisions else None,
+            "collision_rate": result.collision_rate,
             "seconds": {
                 "loading": loading,
                 "compiling": result.compiling + compiled,

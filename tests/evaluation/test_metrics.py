@@ -1,11 +1,17 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.evaluation.metrics import COLLISION_DISTANCE, collisions, scene_errors
+from neurosym_jax.evaluation.metrics import (
+    COLLISION_DISTANCE,
+    collisions,
+    join_errors,
+    scene_errors,
+)
 
-errors_of = jax.jit(scene_errors, static_argnames="with_collisions")
 collide = jax.jit(collisions)
 
 
@@ -21,45 +27,34 @@ def test_by_hand():
     truth = np.array([[[0.0, 0.0], [1.0, 0.0]], [[5.0, 5.0], [5.0, 6.0]]])
     # Sample 0: ADE 1 and 2, FDE 2 and 3; sample 1: ADE 2 and 1.5, FDE 1 and 1.
     forecast = truth + offsets([[[0, 2], [1, 3]], [[3, 1], [2, 1]]])
-    errors = errors_of(forecast, truth, np.array([True, True]))
-    assert int(errors.agents) == 2
-    assert_allclose(errors.joint_ade, 3.0, atol=1e-6)  # Sample 0: 1 + 2.
-    assert_allclose(errors.joint_fde, 2.0, atol=1e-6)  # Sample 1: 1 + 1.
-    assert_allclose(errors.marginal_ade, 1 + 1.5, atol=1e-6)
-    assert_allclose(errors.marginal_fde, 1 + 1, atol=1e-6)
-    assert_allclose(errors.horizon, [0 + 1, 2 + 3], atol=1e-6)  # Sample 0.
+    errors = scene_errors(forecast, truth, [2])
+    assert errors.agents.tolist() == [2]
+    assert_allclose(errors.joint_ade, [3.0], atol=1e-6)  # Sample 0: 1 + 2.
+    assert_allclose(errors.joint_fde, [2.0], atol=1e-6)  # Sample 1: 1 + 1.
+    assert_allclose(errors.marginal_ade, [1 + 1.5], atol=1e-6)
+    assert_allclose(errors.marginal_fde, [1 + 1], atol=1e-6)
+    assert_allclose(errors.horizon, [[0 + 1, 2 + 3]], atol=1e-6)  # Sample 0.
 
 
-def test_padding_counts_for_nothing():
+def test_scenes_together_are_as_scenes_alone():
     rng = np.random.default_rng(0)
-    forecast, truth = rng.normal(size=(4, 3, 5, 2)), rng.normal(size=(3, 5, 2))
-    alone = errors_of(forecast, truth, np.ones(3, bool))
-    padded = errors_of(
-        np.pad(forecast, [(0, 0), (0, 2), (0, 0), (0, 0)], constant_values=7.0),
-        np.pad(truth, [(0, 2), (0, 0), (0, 0)]),
-        np.array([True] * 3 + [False] * 2),
-    )
-    for a, b in zip(jax.tree.leaves(alone), jax.tree.leaves(padded), strict=True):
-        assert_allclose(a, b, atol=1e-6)
-
-
-def test_an_empty_scene_is_zero():
-    errors = errors_of(np.ones((2, 3, 4, 2)), np.zeros((3, 4, 2)), np.zeros(3, bool))
-    assert all(not np.any(leaf) for leaf in jax.tree.leaves(errors))
+    forecast, truth = rng.normal(size=(4, 6, 5, 2)), rng.normal(size=(6, 5, 2))
+    sizes = [3, 1, 2]
+    together = scene_errors(forecast, truth, sizes)
+    alone = [
+        scene_errors(forecast[:, part], truth[part], [part.stop - part.start])
+        for part in (slice(0, 3), slice(3, 4), slice(4, 6))
+    ]
+    joined = join_errors(alone, np.array([2, 0, 1]))
+    for name, value in dataclasses.asdict(together).items():
+        assert_allclose(getattr(joined, name), value[[2, 0, 1]], atol=1e-12)
 
 
 def test_marginal_is_never_worse_than_joint():
     rng = np.random.default_rng(1)
-    errors = errors_of(rng.normal(size=(20, 6, 5, 2)), rng.normal(size=(6, 5, 2)), np.ones(6, bool))
-    assert errors.marginal_ade < errors.joint_ade
-    assert errors.marginal_fde < errors.joint_fde
-
-
-def test_collisions_are_not_computed_where_not_asked_for():
-    errors = errors_of(
-        np.zeros((1, 2, 3, 2)), np.zeros((2, 3, 2)), np.ones(2, bool), with_collisions=False
-    )
-    assert errors.colliding is None
+    errors = scene_errors(rng.normal(size=(20, 6, 5, 2)), rng.normal(size=(6, 5, 2)), [6])
+    assert errors.marginal_ade[0] < errors.joint_ade[0]
+    assert errors.marginal_fde[0] < errors.joint_fde[0]
 
 
 def straight(start, end, steps=2):
@@ -103,13 +98,6 @@ def test_padding_does_not_collide():
     assert collide(forecast, np.array([True, True, False, False])).tolist() == (
         [[True, True, False, False]] * 2
     )
-
-
-def test_colliding_is_the_mean_over_samples():
-    forecast = np.zeros((4, 2, 3, 2))
-    forecast[1:, 1] += 5  # Only the first sample collides.
-    errors = errors_of(forecast, forecast[0], np.ones(2, bool))
-    assert_allclose(errors.colliding, 2 / 4)
 
 
 def test_collisions_against_dense_sampling():
