@@ -1,9 +1,9 @@
 """Human motion prediction in JAX: SGAN and NeuroSyM, as functions of one scene."""
 
-from neurosym_jax.checkpoint import load_model, save_model
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model, predict
+from neurosym_jax.model_folder import load_model, save_model
 from neurosym_jax.scene import Scene, make_scene
 
 __all__ = [

@@ -1,9 +1,7 @@
-"""Models and training states on disk (Orbax) and, read through `interop`, torch's files.
+"""Arrays and training states on disk, through Orbax.
 
-A model's folder holds `config.json` (format version, generator, scene left out of training, digest
-of the parameters), `params/` (Orbax) and a card for people. A training run's folder holds a folder
-for each step kept. This is the only importer of Orbax, which is imported when a folder is first
-read or written.
+This is the only importer of Orbax, which is imported when a folder is first read or written. What a
+model's folder holds is said in `model_folder`.
 """
 
 import contextlib
@@ -20,15 +18,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.config import FORMAT, GeneratorConfig, from_json, to_json
+from neurosym_jax.config import FORMAT
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.forecast import Model
-from neurosym_jax.models import Generator
-from neurosym_jax.scene import make_scene
 
-__all__ = ["TrainingCheckpoints", "digest", "load_model", "save_model", "shipped_models"]
+__all__ = ["TrainingCheckpoints", "digest", "read_arrays", "write_arrays"]
 
-CONFIG = "config.json"
 STEP = "step.json"
 
 
@@ -45,64 +39,20 @@ def digest(tree: Any) -> str:
     return sha.hexdigest()
 
 
-def save_model(folder: Path | str, model: Model) -> None:
-    """Write `model` as a new folder.
-
-    Raises:
-        InputError: when something is already there.
-    """
+def write_arrays(folder: Path, tree: Any) -> None:
+    """Write a nested dictionary of arrays as a new folder."""
     from orbax.checkpoint import v1 as ocp
 
-    folder = Path(folder)
-    if folder.exists():
-        raise InputError(f"{folder}: already there, and nothing is overwritten")
-    params = jax.tree.map(np.asarray, model.params)
-    folder.mkdir(parents=True)
-    ocp.save(str((folder / "params").absolute()), params)
-    config = {
-        "format": FORMAT,
-        "generator": {k: v for k, v in to_json(model.config).items() if k != "format"},
-        "scene": model.scene,
-        "sha256": digest(params),
-    }
-    # Last, so that a folder with a config is whole.
-    (folder / CONFIG).write_text(json.dumps(config, indent=2) + "\n")
+    ocp.save(str(folder.absolute()), tree)
 
 
-def load_model(path: Path | str) -> Model:
-    """Read a model's folder, or a torch checkpoint file of SGAN.
+def read_arrays(folder: Path) -> Any:
+    """Read what `write_arrays` wrote.
 
     Raises:
-        InputError: for anything that is not such a thing, is damaged, or has another format.
+        InputError: for a folder that is missing or damaged; not every damage is noticed, which is
+            what `digest` is for.
     """
-    path = Path(path)
-    if path.is_file():
-        from neurosym_jax.interop.torch import load_torch_checkpoint
-
-        checkpoint = load_torch_checkpoint(path)
-        return Model(checkpoint.config, {"params": checkpoint.params}, checkpoint.scene)
-    if not path.exists():
-        raise InputError(f"{path}: no such checkpoint")
-    if not (path / CONFIG).is_file():
-        raise InputError(f"{path}: not a model's folder: it has no {CONFIG}")
-    source = str(path / CONFIG)
-    try:
-        data = json.loads((path / CONFIG).read_text())
-        fields = {"format", "generator", "scene", "sha256"}
-        if not isinstance(data, dict) or set(data) != fields:
-            raise InputError(f"{source}: must have exactly the fields {', '.join(sorted(fields))}")
-        generator = {"format": data["format"], **data["generator"]}
-    except (json.JSONDecodeError, UnicodeDecodeError, TypeError) as error:
-        raise InputError(f"{source}: not a model's configuration ({error})") from None
-    config = from_json(GeneratorConfig, generator, source)
-    params = _restore(path / "params")
-    if digest(params) != data["sha256"]:
-        raise InputError(f"{path}: damaged: the parameters do not match the digest in {CONFIG}")
-    _refuse_misshapen(config, params, source)
-    return Model(config, params, data["scene"])
-
-
-def _restore(folder: Path) -> Any:
     from orbax.checkpoint import v1 as ocp
 
     try:
@@ -110,31 +60,6 @@ def _restore(folder: Path) -> Any:
     except Exception as error:  # Orbax and its storage raise many kinds for a damaged folder
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{folder}: the parameters cannot be read ({reason[:200]})") from None
-
-
-def _refuse_misshapen(config: GeneratorConfig, params: Any, source: str) -> None:
-    """The digest is of the parameters alone, so `config.json` may describe another network."""
-    example = make_scene(np.zeros((1, config.obs_len, 2)))
-    noise = np.zeros((1, config.noise_dim))
-    # The earlier release weights agents, not pairs.
-    pairs = (1,) if config.pooling == "neurosym_ijcnn" else (1, 1)
-    alpha = np.zeros((*pairs, config.obs_len))
-    wanted: Any = jax.eval_shape(Generator(config).init, jax.random.key(0), example, noise, alpha)
-    wanted, given = (
-        {jax.tree_util.keystr(at): np.shape(leaf) for at, leaf in leaves}
-        for leaves in map(jax.tree_util.tree_leaves_with_path, (wanted, params))
-    )
-    for name in [*wanted, *given]:
-        if wanted.get(name) != given.get(name):
-            shapes = [tree.get(name, "absent") for tree in (given, wanted)]
-            raise InputError(
-                f"{source}: describes another network: {name} is {shapes[0]}, not {shapes[1]}"
-            )
-
-
-def shipped_models(folder: Path) -> list[Path]:
-    """The models' folders under `folder`, in order of name; none where it does not exist."""
-    return sorted(path.parent for path in folder.glob(f"*/{CONFIG}"))
 
 
 class TrainingCheckpoints:

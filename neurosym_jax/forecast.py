@@ -229,7 +229,7 @@ def predict(
     """Forecast one scene in the caller's own frame.
 
     Args:
-        model: see `checkpoint.load_model`.
+        model: see `load_model`.
         observed: [N, obs_len, 2] metres.
         samples: number of futures.
         seed: with `recording` and `frame`, determines the noise.

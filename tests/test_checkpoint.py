@@ -1,174 +1,350 @@
-import dataclasses
+"""Training states survive kills, flipped bytes and NaNs, bit for bit."""
+
 import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
-from numpy.testing import assert_array_equal
+from flax import struct
+from orbax.checkpoint import v1 as ocp
 
-from neurosym_jax.checkpoint import digest, load_model, save_model, shipped_models
-from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import Model
-from neurosym_jax.models import Generator
-from neurosym_jax.scene import make_scene
+from neurosym_jax.checkpoint import TrainingCheckpoints
+from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.runtime import run_environment
 
-
-def random_model(config):
-    scene = make_scene(np.zeros((1, config.obs_len, 2)))
-    alpha = np.zeros((*((1,) if config.pooling == "neurosym_ijcnn" else (1, 1)), config.obs_len))
-    noise = np.zeros(config.noise_dim)
-    shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
-    rng = np.random.default_rng(0)
-    params = jax.tree.map(lambda leaf: rng.normal(size=leaf.shape).astype(np.float32), shapes)
-    return Model(config, params, "zara1")
+RECORD = {"config": {"lr": 1e-3, "name": "sgan é"}, "history": [{"step": 1, "ade": 0.1 + 0.2}]}
 
 
-MODEL = random_model(GeneratorConfig(pool_hidden_dim=16))
+class Odd(NamedTuple):
+    half: Any
+    brain: Any
+    flags: Any
+    bits: Any
+    empty: Any
+    fortran: Any
+    strided: Any
+
+
+@struct.dataclass
+class State:
+    params: Any
+    optimiser: Any
+    step: Any
+    key: Any
+    odd: Any
+
+
+def make_state(seed: int = 0) -> State:
+    rng = np.random.default_rng(seed)
+    weights = {"a.b": {"w/x": rng.normal(size=(5, 4)), "['b']": rng.normal(size=4)}}
+    params = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), weights)
+    optimiser = optax.chain(
+        optax.clip_by_global_norm(2.0), optax.adam(optax.constant_schedule(1.0))
+    )
+    odd = Odd(
+        half=np.float16([1.5, -0.0]),
+        brain=jnp.asarray(rng.normal(size=3), jnp.bfloat16),
+        flags=np.array([True, False]),
+        bits=rng.integers(0, 2**63, 3),
+        empty=np.zeros((0, 3), np.float32),
+        fortran=np.asfortranarray(rng.normal(size=(2, 3))),
+        strided=np.arange(6.0)[::2],
+    )
+    key = jax.random.key_data(jax.random.key(seed))
+    return State(params, optimiser.init(params), np.int32(seed), key, odd)
+
+
+def assert_same(one: Any, two: Any) -> None:
+    assert jax.tree.structure(one) == jax.tree.structure(two)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True):
+        a, b = np.asarray(a), np.asarray(b)
+        assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+
+
+def restored(folder: Path, template: Any, **options: Any) -> tuple[int, Any, dict[str, Any]]:
+    found = TrainingCheckpoints(folder).restore(template, **options)
+    assert found is not None
+    return found
+
+
+def steps(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("models") / "zara1"
-    save_model(folder, MODEL)
+def two_steps(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    with TrainingCheckpoints(folder) as checkpoints:
+        checkpoints.save(1, make_state(1), {"at": 1}, 0.5)
+        checkpoints.save(2, make_state(2), {"at": 2}, 0.4)
     return folder
 
 
-@pytest.fixture
-def copy(saved, tmp_path):
-    """A copy of the folder that a test may damage."""
-    for path in sorted(saved.rglob("*")):
-        target = tmp_path / "copy" / path.relative_to(saved)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file():
-            target.write_bytes(path.read_bytes())
-        else:
-            target.mkdir(exist_ok=True)
-    return tmp_path / "copy"
+def test_round_trip_is_bit_identical(tmp_path):
+    state = make_state(3)
+    with TrainingCheckpoints(tmp_path / "new" / "run") as checkpoints:
+        assert checkpoints.restore(state) is None
+        checkpoints.save(7, state, RECORD, 0.25)
+    step, again, record = restored(tmp_path / "new" / "run", make_state(0))
+    assert (step, record) == (7, RECORD)
+    assert_same(again, state)
+    assert again.step.shape == ()
+    shapes = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), state.params)
+    again = restored(tmp_path / "new" / "run", state.replace(params=shapes))[1]
+    assert_same(again, state)
 
 
-def refusal(folder):
-    with pytest.raises(InputError) as caught:
-        load_model(folder)
-    message = str(caught.value)
-    assert "\n" not in message
-    assert str(folder) in message
-    return message
+def test_numbers_as_keys_of_the_record_become_text(tmp_path):
+    with TrainingCheckpoints(tmp_path) as checkpoints:
+        checkpoints.save(1, {"a": np.ones(2)}, {10: "ten", 9: (1, 2)}, 0.0)
+        assert checkpoints.restore({"a": np.ones(2)})[2] == {"10": "ten", "9": [1, 2]}
 
 
-def test_round_trip(saved):
-    loaded = load_model(saved)
-    assert loaded.config == MODEL.config
-    assert loaded.scene == "zara1"
-    jax.tree.map(assert_array_equal, loaded.params, MODEL.params)
-    assert digest(loaded.params) == digest(MODEL.params)
-    assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {np.dtype(np.float32)}
-    assert shipped_models(saved.parent) == [saved]
-    assert shipped_models(saved.parent / "absent") == []
+def test_the_two_newest_and_the_best_are_kept(tmp_path):
+    metrics = [0.5, 0.2, 0.4, 0.3, 0.2, 0.9, 0.8, 0.7]
+    kept = [[1], [1, 2], [2, 3], [2, 3, 4], [4, 5], [5, 6], [5, 6, 7], [5, 7, 8]]
+    with TrainingCheckpoints(tmp_path) as checkpoints:
+        for step, (metric, names) in enumerate(zip(metrics, kept), start=1):
+            checkpoints.save(step, {"a": np.full(3, step)}, {}, metric)
+            assert steps(tmp_path) == [f"step_{name:08d}" for name in names]
+    assert restored(tmp_path, {"a": np.zeros(3, int)})[0] == 8
+    assert restored(tmp_path, {"a": np.zeros(3, int)}, best=True)[0] == 5
 
 
-@pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros", "neurosym_ijcnn"])
-def test_round_trip_of_neurosym(tmp_path, pooling):
-    model = random_model(GeneratorConfig(pooling=pooling, pool_hidden_dim=8))
-    save_model(tmp_path / "new", model)
-    assert load_model(tmp_path / "new").config == model.config
+@pytest.mark.parametrize("metric", [float("nan"), float("inf"), np.float32("nan")])
+def test_a_metric_that_is_not_finite_is_refused(tmp_path, two_steps, metric):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    with pytest.raises(TrainingError, match=r"metric is (nan|inf): step 3 .* step 2 is kept"):
+        TrainingCheckpoints(folder).save(3, make_state(3), {}, metric)
+    assert steps(folder) == steps(two_steps)
+    assert_same(restored(folder, make_state(0))[1], make_state(2))
 
 
-def test_a_copy_is_as_good(copy):
-    assert load_model(copy).scene == "zara1"
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.bfloat16, jnp.float16])
+def test_a_leaf_that_is_not_finite_is_refused(tmp_path, two_steps, dtype):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    state = make_state(3).replace(params={"w": np.array([1.0, np.nan], dtype)})
+    with pytest.raises(TrainingError, match=r"params\['w'\] is not finite: .* step 2 is kept"):
+        TrainingCheckpoints(folder).save(3, state, {}, 0.1)
+    assert steps(folder) == steps(two_steps)
+    assert_same(restored(folder, make_state(0))[1], make_state(2))
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_any_damaged_file_of_the_parameters(copy):
-    """Every file that matters: flipped in the middle, cut short, or gone."""
-    noticed = 0
-    for path in sorted(path for path in (copy / "params").rglob("*") if path.is_file()):
-        content = path.read_bytes()
-        if not content:
-            continue
-        middle = len(content) // 2
-        flipped = content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1 :]
-        for damaged in (flipped, content[:middle]):
-            path.write_bytes(damaged)
-            try:
-                loaded = load_model(copy)
-            except InputError:
-                noticed += 1
-                refusal(copy)
-            else:  # A file of records about the save, not of the parameters.
-                assert digest(loaded.params) == digest(MODEL.params)
+@pytest.mark.parametrize("record", [{"ade": float("nan")}, {"array": np.zeros(2)}])
+def test_a_record_that_is_not_json_is_refused(tmp_path, record):
+    with pytest.raises(TrainingError, match="record is not JSON"):
+        TrainingCheckpoints(tmp_path / "run").save(1, {"a": np.zeros(2)}, record, 0.1)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_an_earlier_run_is_not_overwritten(tmp_path, two_steps, step):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    with pytest.raises(TrainingError, match="already there: resume"):
+        TrainingCheckpoints(folder).save(step, make_state(5), {}, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"step": np.zeros(1, np.int32)}, r"state\.step is int32\[\] there and int32\[1\] here"),
+        ({"step": np.float32(0)}, r"state\.step is int32\[\] there and float32\[\] here"),
+        ({"params": {}}, r"state\.params.* is float32\[4\] there and absent here"),
+        ({"odd": {"new": np.zeros(2)}}, r"'new'\] is absent there and float64\[2\] here"),
+    ],
+)
+def test_another_template_is_refused(two_steps, change, words):
+    with pytest.raises(InputError, match=words):
+        TrainingCheckpoints(two_steps).restore(make_state(0).replace(**change))
+    assert steps(two_steps) == ["step_00000001", "step_00000002"]
+
+
+def test_another_format_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("neurosym_jax.checkpoint.FORMAT", 99)
+    TrainingCheckpoints(tmp_path).save(1, {"a": np.zeros(2)}, {}, 0.1)
+    monkeypatch.undo()
+    with pytest.raises(TrainingError, match="format 99"):
+        TrainingCheckpoints(tmp_path).restore({"a": np.zeros(2)})
+    assert steps(tmp_path) == ["step_00000001"]
+
+
+def files(folder: Path) -> list[Path]:
+    """The files of the newest step that have any bytes."""
+    paths = sorted((folder / "step_00000002").rglob("*"))
+    return [path for path in paths if path.is_file() and path.stat().st_size]
+
+
+def assert_falls_back(folder: Path, capsys: Any) -> None:
+    capsys.readouterr()
+    step, state, record = restored(folder, make_state(0))
+    assert record == {"at": step}
+    assert_same(state, make_state(step))
+    if step == 1:
+        assert "step 2 is damaged and passed over: " in capsys.readouterr().err
+        assert steps(folder) == ["damaged_step_00000002", "step_00000001"]
+
+
+@pytest.mark.slow
+def test_a_flipped_byte_never_restores_other_leaves(tmp_path, two_steps, capsys):
+    rng = random.Random(0)
+    for trial in range(100):
+        folder = shutil.copytree(two_steps, tmp_path / str(trial))
+        path = rng.choice(files(folder))
+        content = bytearray(path.read_bytes())
+        content[rng.randrange(len(content))] ^= rng.randrange(1, 256)
         path.write_bytes(content)
-    assert noticed >= 2
-    assert load_model(copy).scene == "zara1"
+        assert_falls_back(folder, capsys)
+        shutil.rmtree(folder)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "not a model's configuration"),
-        ("[1]", "must have exactly the fields"),
-        ("{}", "must have exactly the fields"),
-        ("\x00", "not a model's configuration"),
-    ],
-)
-def test_config_that_is_none(copy, text, message):
-    (copy / "config.json").write_text(text)
-    assert message in refusal(copy)
+@pytest.mark.slow
+@pytest.mark.parametrize("cut", ["empty", "half", "last byte", "missing"])
+def test_a_truncated_file_falls_back(tmp_path, two_steps, capsys, cut):
+    for path in files(two_steps):
+        folder = shutil.copytree(two_steps, tmp_path / path.name)
+        broken = folder / path.relative_to(two_steps)
+        size = path.stat().st_size
+        if cut == "missing":
+            broken.unlink()
+        else:
+            os.truncate(broken, {"empty": 0, "half": size // 2, "last byte": size - 1}[cut])
+        assert_falls_back(folder, capsys)
+        shutil.rmtree(folder)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"embedding_dim": 8}, "describes another network"),
-        ({"pooling": "none"}, "describes another network"),
-        ({"encoder_h_dim": 16}, "describes another network"),
-        ({"noise_dim": 99}, "noise_dim must lie in"),
-        ({"pooling": "mean"}, "does not fit"),
-        ({"colour": 1}, "unknown field 'colour'"),
-    ],
-)
-def test_config_of_another_network(copy, change, message):
-    config = json.loads((copy / "config.json").read_text())
-    config["generator"] |= change
-    (copy / "config.json").write_text(json.dumps(config))
-    assert message in refusal(copy)
+def test_orbax_never_reads_an_altered_file(tmp_path, two_steps, capsys, monkeypatch):
+    load = ocp.load
+
+    def load_first(path):
+        return load(path) if "_00000001/" in path else pytest.fail(f"{path} was read")
+
+    monkeypatch.setattr(ocp, "load", load_first)
+    for path in files(two_steps):
+        folder = shutil.copytree(two_steps, tmp_path / "run")
+        with open(folder / path.relative_to(two_steps), "ab") as file:
+            file.write(b"?")
+        assert_falls_back(folder, capsys)
+        shutil.rmtree(folder)
 
 
-def test_other_formats_and_digests(copy):
-    path = copy / "config.json"
-    config = json.loads(path.read_text())
-    path.write_text(json.dumps({**config, "format": 2}))
-    assert "format 2 is not the format 1" in refusal(copy)
-    path.write_text(json.dumps({**config, "sha256": "0" * 64}))
-    assert "damaged" in refusal(copy)
-    path.write_text(json.dumps({**config, "generator": [1]}))
-    assert "not a model's configuration" in refusal(copy)
+def test_leaves_are_checked_after_orbax_too(tmp_path, two_steps, capsys, monkeypatch):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    load, calls = ocp.load, []
+
+    def flip_first(path):
+        arrays = load(path)
+        if not calls:
+            arrays["000000"] = arrays["000000"] + 1
+        calls.append(path)
+        return arrays
+
+    monkeypatch.setattr(ocp, "load", flip_first)
+    assert_falls_back(folder, capsys)
+    assert len(calls) == 2
 
 
-def test_nothing_is_overwritten(saved, tmp_path):
-    with pytest.raises(InputError, match="already there, and nothing is overwritten"):
-        save_model(saved, dataclasses.replace(MODEL, scene=None))
-    (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="already there"):
-        save_model(tmp_path / "file", MODEL)
+def test_nothing_whole_is_none_and_training_goes_on_after_a_fallback(tmp_path, two_steps, capsys):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    (folder / "step_00000002" / "step.json").write_text("{}")
+    assert restored(folder, make_state(0))[0] == 1
+    TrainingCheckpoints(folder).save(2, make_state(2), {"at": 2}, 0.4)
+    assert_same(restored(folder, make_state(0))[1], make_state(2))
+    for name in ("step_00000001", "step_00000002"):
+        (folder / name / "step.json").unlink()
+    assert TrainingCheckpoints(folder).restore(make_state(0)) is None
+    assert capsys.readouterr().err.count("warning: ") == 3
 
 
-def test_what_is_no_model(tmp_path):
-    assert "no such checkpoint" in refusal(tmp_path / "absent")
-    assert "it has no config.json" in refusal(tmp_path)
-    (tmp_path / "noise.pt").write_bytes(bytes(range(256)) * 9)
-    refusal(tmp_path / "noise.pt")
-    (tmp_path / "empty.pt").write_bytes(b"")
-    refusal(tmp_path / "empty.pt")
+def test_a_damaged_step_is_not_pruned_unseen(tmp_path, two_steps):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    (folder / "step_00000001" / "step.json").write_text("{")
+    for step in (3, 4):
+        TrainingCheckpoints(folder).save(step, make_state(step), {}, 0.6)
+    assert steps(folder) == [f"step_{step:08d}" for step in (1, 2, 3, 4)]
 
 
-def test_digest_sees_names_shapes_types_and_bits():
-    base = {"a": np.arange(4.0), "b": np.zeros(2)}
-    others = [
-        {"a": np.arange(4.0), "c": np.zeros(2)},
-        {"a": np.arange(4.0).reshape(2, 2), "b": np.zeros(2)},
-        {"a": np.arange(4), "b": np.zeros(2)},
-        {"a": np.arange(4.0), "b": np.array([0.0, -0.0])},
-    ]
-    assert digest(dict(reversed(base.items()))) == digest(base)
-    assert len({digest(tree) for tree in [base, *others]}) == 5
+# One process imports everything, and forks those that are killed: importing takes seconds.
+KILLED = """
+import os, sys
+from pathlib import Path
+import numpy as np
+from orbax.checkpoint import v1
+from neurosym_jax.checkpoint import TrainingCheckpoints
+
+folder = Path(sys.argv[1])
+for line in sys.stdin:
+    pid = os.fork()
+    if pid:
+        print(pid, flush=True)
+        os.waitpid(pid, 0)
+        print("dead", flush=True)
+        continue
+    checkpoints = TrainingCheckpoints(folder)
+    step = int(line)
+    while True:
+        step += 1
+        state = {"w": np.full((64, 8), step, np.float32), "step": np.int32(step)}
+        checkpoints.save(step, state, {"at": step}, 1.0 / step)
+        (folder.parent / "saved").write_text(str(step))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no fork")
+def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
+    folder, rng = tmp_path / "run", random.Random(0)
+    template = {"w": np.zeros((64, 8), np.float32), "step": np.int32(0)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", KILLED, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "JAX_PLATFORMS": "cpu"},
+    )
+    assert process.stdin
+    assert process.stdout
+    step = 0
+    with process:
+        for _ in range(20):
+            print(step, file=process.stdin, flush=True)
+            pid = int(process.stdout.readline())
+            time.sleep(rng.uniform(0.0, 0.5))
+            os.kill(pid, signal.SIGKILL)
+            assert process.stdout.readline() == "dead\n"
+            found = TrainingCheckpoints(folder).restore(template)
+            if found is None:
+                assert step == 0
+                continue
+            step, state, record = found
+            assert record == {"at": step}
+            assert_same(state, {"w": np.full((64, 8), step, np.float32), "step": np.int32(step)})
+            acknowledged = folder.parent / "saved"
+            # The number itself is not written whole or not at all.
+            if acknowledged.exists() and acknowledged.read_text():
+                assert step >= int(acknowledged.read_text())
+        process.stdin.close()
+    assert step > 0
+    assert "damaged" not in capsys.readouterr().err
+    assert len([name for name in steps(folder) if name.startswith("step_")]) <= 3
+
+
+def test_the_environment_is_json_and_knows_the_threads(monkeypatch):
+    monkeypatch.delenv("PJRT_NPROC", raising=False)
+    monkeypatch.setenv("NPROC", "3")
+    environment = run_environment()
+    assert json.loads(json.dumps(environment)) == environment
+    assert environment["threads"] == 3
+    assert environment["jax"] == jax.__version__
+    monkeypatch.setenv("NPROC", "many")
+    assert run_environment()["threads"] >= 1

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.checkpoint import load_model
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.eth_ucy import read_split
@@ -17,6 +16,7 @@ from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model, predict
+from neurosym_jax.model_folder import load_model
 from neurosym_jax.models import Generator
 from neurosym_jax.noise import draw_noise
 from neurosym_jax.scene import make_scene, pad_scene

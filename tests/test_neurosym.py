@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.checkpoint import load_model, save_model
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
 from neurosym_jax.forecast import Model, encode_scene, predict
 from neurosym_jax.interop.torch import export_torch_checkpoint
+from neurosym_jax.model_folder import load_model, save_model
 from neurosym_jax.models import Generator
 from neurosym_jax.noise import draw_noise
 from neurosym_jax.plotting import line_styles

@@ -46,7 +46,7 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     yield ""
     yield (
         f"Forecasts {generator.pred_len} steps from {generator.obs_len} observed ones. "
-        "`neurosym_jax.checkpoint.load_model` reads this folder, and `python evaluate.py "
+        "`neurosym_jax.load_model` reads this folder, and `python evaluate.py "
         "--checkpoint` tests it."
     )
     yield from ("", "## Errors", "")

@@ -18,13 +18,14 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from neurosym_jax.checkpoint import TrainingCheckpoints, save_model
+from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecast import GeneratorForecaster, Model
+from neurosym_jax.model_folder import save_model
 from neurosym_jax.runtime import run_environment
 from neurosym_jax.training.card import CARD, code_version, write_card
 from neurosym_jax.training.lock import sole_writer

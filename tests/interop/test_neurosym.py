@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.checkpoint import load_model
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import names
@@ -22,6 +21,7 @@ from neurosym_jax.interop.torch import (
     generator_params_to_torch,
     load_torch_checkpoint,
 )
+from neurosym_jax.model_folder import load_model
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene
 

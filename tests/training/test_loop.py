@@ -6,8 +6,9 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.checkpoint import TrainingCheckpoints, load_model
+from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.model_folder import load_model
 from neurosym_jax.training import loop
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.lock import sole_writer
