@@ -1,0 +1,195 @@
+"""People frame by frame in, everybody's forecasts out: the predictor of a robot.
+
+It knows nothing of ROS, files or screens; those push frames and read `Forecast`s. A forecast is
+that of `neurosym_jax.predict` for the same window, recording name and grid index, whether frames
+came live or from a file. All programs are compiled at the start, for a few numbers of people.
+"""
+
+import dataclasses
+import functools
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neurosym_jax.data.batching import bucket_of
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecast import Forecaster, Model
+from neurosym_jax.noise import scene_noise
+from neurosym_jax.online.window import Health, Window
+from neurosym_jax.scene import make_scene, pad_scene, to_world
+
+__all__ = ["Forecast", "ModelForecast", "Predictor"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ModelForecast:
+    """What one model expects of N people, float64 metres in the world's frame."""
+
+    samples: np.ndarray
+    """[k, N, pred_len, 2] futures; sample s is one future of everybody together."""
+    mean: np.ndarray
+    """[N, pred_len, 2] mean over the samples."""
+    central: int
+    """The most central sample: its squared distances to all others have the least sum."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Forecast:
+    """One moment's forecast of N people."""
+
+    stamp: float
+    """Seconds, the last observed step on the grid; the future's steps follow period by period."""
+    index: int
+    """Grid point of that step."""
+    ids: np.ndarray
+    """[N] int64, ascending."""
+    observed: np.ndarray
+    """[N, obs_len, 2] float64 metres in the world's frame, resampled."""
+    models: Mapping[str, ModelForecast]
+    """By name of the model."""
+    dropped: Mapping[int, str]
+    """Who else is followed but has no forecast, and why: "short" of observations, "unseen" at the
+    last step, or "crowded" out by the nearest `max_people`."""
+    latency: float
+    """Seconds of this computer's clock, from the frame's arrival to this forecast."""
+
+
+class Predictor:
+    """Forecasts a stream of frames with one model, or several that share the window."""
+
+    def __init__(
+        self,
+        models: Model | Mapping[str, Model],
+        period: float = 0.4,
+        max_people: int = 64,
+        samples: int = 20,
+        seed: int = 0,
+        *,
+        recording: str = "",
+        max_gap: float = 1.0,
+        timeout: float = 10.0,
+        reset_after: float = 5.0,
+        max_tracks: int = 1024,
+    ):
+        """Compile everything that will be needed.
+
+        Args:
+            models: a model, called by its own name, or models by name.
+            period: seconds between the model's steps.
+            max_people: in a forecast; of more, the nearest are taken.
+            samples: k futures of each model.
+            seed: of the noise, together with `recording` and the index of the first observed step.
+            recording: name of the stream.
+            max_gap: see `Window`, as are the others.
+            timeout: seconds.
+            reset_after: seconds.
+            max_tracks: people followed at once.
+
+        Raises:
+            InputError: for numbers out of range, no model, or models that observe different spans.
+        """
+        self.models = {models.name: models} if isinstance(models, Model) else dict(models)
+        lengths = {model.config.obs_len for model in self.models.values()}
+        if len(lengths) != 1:
+            raise InputError(f"models must observe the same number of steps, not {sorted(lengths)}")
+        if max_people < 1 or samples < 1:
+            raise InputError(f"max_people and samples must be positive: {max_people}, {samples}")
+        if not 0 <= seed < 2**32:
+            raise InputError(f"the seed must lie in [0, 2**32), not {seed}")
+        self.window = Window(
+            lengths.pop(),
+            period,
+            max_gap=max_gap,
+            timeout=timeout,
+            reset_after=reset_after,
+            max_tracks=max_tracks,
+        )
+        self.max_people, self.samples, self.recording = max_people, samples, recording
+        self._key = jax.random.key(seed)
+        self._params = {name: jax.device_put(model.params) for name, model in self.models.items()}
+        people = 1
+        while people <= int(bucket_of(max_people)):
+            size = int(bucket_of(people))
+            self._forecast(np.zeros((size, self.window.steps, 2)), 0)
+            people = size + 1
+
+    @property
+    def health(self) -> Health:
+        """What was wrong with the stream so far."""
+        return self.window.health
+
+    def push(
+        self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
+    ) -> Forecast | None:
+        """Take in one frame; a forecast where it completes a step with somebody to forecast.
+
+        Args:
+            stamp: seconds, of the message's header. A frame is everybody seen at that moment.
+            ids: [N] whole numbers.
+            xy: [N, 2] world metres.
+            focus: [2] metres, the robot: who is nearest to it goes first where there are more than
+                `max_people`; by default nearest to the middle of all.
+
+        Raises:
+            InputError: where the shapes differ; whatever else is wrong is counted in `health`.
+        """
+        arrived = time.perf_counter()
+        if not self.window.push(stamp, ids, xy, focus):
+            return None
+        people, observed = self.window.complete()
+        if len(people) == 0:
+            return None
+        dropped = self.window.incomplete()
+        if len(people) > self.max_people:
+            last = observed[:, -1]
+            centre = last.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
+            order = np.argsort(np.linalg.norm(last - centre, axis=1), kind="stable")
+            dropped |= dict.fromkeys(people[order[self.max_people :]].tolist(), "crowded")
+            near = np.sort(order[: self.max_people])
+            people, observed = people[near], observed[near]
+        index = self.window.index
+        forecasts = self._forecast(observed, index - self.window.steps + 1)
+        assert self.window.start is not None
+        return Forecast(
+            stamp=self.window.start + index * self.window.period,
+            index=index,
+            ids=people,
+            observed=observed,
+            models=forecasts,
+            dropped=dropped,
+            latency=time.perf_counter() - arrived,
+        )
+
+    def _forecast(self, observed: np.ndarray, frame: int) -> dict[str, ModelForecast]:
+        """Of every model; the window of N people begins at grid point `frame`."""
+        people = len(observed)
+        scene = make_scene(observed, recording=self.recording, frame=frame)
+        padded = pad_scene(scene, int(bucket_of(people))).replace(origin=None)
+        # All are begun before the first is waited for.
+        started = {
+            name: _run(model.forecaster, self._params[name], padded, self._key, self.samples)
+            for name, model in self.models.items()
+        }
+        return {
+            name: _summary(to_world(np.asarray(futures)[:, :people], scene))
+            for name, futures in started.items()
+        }
+
+
+@functools.partial(jax.jit, static_argnums=(0, 4))
+def _run(forecaster: Forecaster, params: Any, scene: Any, key: jax.Array, samples: int):
+    # The same numbers as `draw_noise`, without its chunk of 256 streams.
+    slots = scene.valid.shape[0]
+    noise = scene_noise(forecaster.noise, key, scene.identity, samples, slots)
+    return forecaster.one(params, scene, noise)
+
+
+def _summary(samples: np.ndarray) -> ModelForecast:
+    mean = samples.mean(axis=0)
+    # The sum of squared distances to all others is least for the sample nearest to the mean.
+    central = int(((samples - mean) ** 2).sum(axis=(1, 2, 3)).argmin())
+    return ModelForecast(samples, mean, central)

@@ -1,0 +1,244 @@
+"""A sliding window over a live stream of people: irregular frames in, the model's own steps out.
+
+Online counterpart of `data.tracks.resample`, with the same grid and the same numbers: a grid point
+lies linearly between the two neighbouring observations of a person, at most `max_gap` apart.
+Nothing is extrapolated, so a person is known at a grid point once seen at or after it. All storage
+is allocated at the start. It knows stamps in the messages' headers, never the wall clock.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neurosym_jax.data.tracks import SNAP
+from neurosym_jax.errors import InputError
+
+__all__ = ["Health", "Window"]
+
+FAR = 1e7
+"""Metres; a coordinate beyond is a fault of the sender. UTM's stay below."""
+LATE = 1e11
+"""Seconds; beyond, float64 stamps no longer resolve a step. The year is 5138."""
+
+
+@dataclasses.dataclass
+class Health:
+    """What was wrong with a stream so far; every field is a count."""
+
+    frames: int = 0
+    """Frames pushed, those refused included."""
+    bad_stamps: int = 0
+    """Frames refused: the stamp is no usable number."""
+    duplicate_stamps: int = 0
+    """Frames refused: the stamp of the frame before."""
+    backward_stamps: int = 0
+    """Frames refused: older than the newest frame, by less than `reset_after`."""
+    clock_resets: int = 0
+    """The clock went back by more: everything was forgotten, the grid begins anew."""
+    pauses: int = 0
+    """Nothing was heard for longer than `max_gap`, a jump of the clock ahead included."""
+    bad_ids: int = 0
+    """People refused: the id is not a whole number."""
+    duplicate_ids: int = 0
+    """People refused: the id is in the frame already."""
+    bad_positions: int = 0
+    """People refused: a coordinate is not finite or beyond `FAR`."""
+    refused: int = 0
+    """People refused: `max_tracks` are followed already."""
+    forgotten: int = 0
+    """Tracks forgotten: not seen for `timeout`."""
+
+
+class Window:
+    """The last `steps` grid points of everybody; grid point n lies at `start + n * period`."""
+
+    def __init__(
+        self,
+        steps: int,
+        period: float,
+        *,
+        max_gap: float = 1.0,
+        timeout: float = 10.0,
+        reset_after: float = 5.0,
+        max_tracks: int = 1024,
+    ):
+        """An empty window; lengths in seconds.
+
+        Args:
+            steps: grid points kept of each track.
+            period: between grid points.
+            max_gap: the longest gap between two observations that is bridged.
+            timeout: a track not seen for so long is forgotten.
+            reset_after: a stamp this much older than the newest means that the clock was set back.
+            max_tracks: how many are followed at once; of newcomers the nearest to the focus first.
+
+        Raises:
+            InputError: for a length or number that is out of range.
+        """
+        if not (np.isfinite(period) and period > 2 * SNAP):
+            raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
+        if not (max_gap >= 0 and timeout > max_gap and reset_after >= 0):
+            raise InputError(
+                "max_gap and reset_after must not be negative, and timeout must exceed max_gap; "
+                f"they are {max_gap}, {reset_after} and {timeout}"
+            )
+        if steps < 1 or max_tracks < 1:
+            raise InputError(f"steps and max_tracks must be positive, not {steps}, {max_tracks}")
+        self.steps, self.period = steps, float(period)
+        self.max_gap, self.timeout, self.reset_after = max_gap, timeout, reset_after
+        self.health = Health()
+        self._id = np.zeros(max_tracks, np.int64)
+        self._stamp = np.full(max_tracks, -np.inf)
+        self._place = np.zeros(max_tracks)  # of the last observation, in grid points
+        self._position = np.zeros((max_tracks, 2))
+        self._ring = np.zeros((max_tracks, steps, 2))
+        self._last = np.full(max_tracks, -1, np.int64)  # newest grid point known
+        self._run = np.zeros(max_tracks, np.int64)  # grid points known without a break until then
+        self._clear()
+
+    def _clear(self) -> None:
+        self._slot: dict[int, int] = {}
+        self._free = list(range(len(self._id) - 1, -1, -1))
+        self._run[:] = 0
+        self.start: float | None = None
+        self.stamp = -np.inf
+        self.index = -1
+
+    def push(
+        self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
+    ) -> bool:
+        """Take in one frame; whether it reached a new grid point, which `index` then is.
+
+        Args:
+            stamp: seconds, of the message's header.
+            ids: [N] whole numbers.
+            xy: [N, 2] world metres.
+            focus: [2] metres; decides who is followed when there are too many.
+
+        Raises:
+            InputError: where the shapes differ; whatever else is wrong is counted in `health`.
+        """
+        ids, xy = np.asarray(ids), np.asarray(xy, np.float64)
+        if ids.ndim != 1 or (len(ids) and xy.shape != (len(ids), 2)):
+            raise InputError(f"a frame is ids [N] and xy [N, 2], not {ids.shape} and {xy.shape}")
+        self.health.frames += 1
+        if not self._accept(float(stamp)):
+            return False
+        assert self.start is not None
+        before = self.index
+        place = (self.stamp - self.start) / self.period
+        if abs(self.stamp - (self.start + round(place) * self.period)) <= SNAP:
+            place = float(round(place))
+        self.index = int(np.floor(place))
+        self._forget()
+        if len(ids):
+            self._observe(place, *self._clean(ids, xy), focus)
+        return self.index > before
+
+    def complete(self) -> tuple[np.ndarray, np.ndarray]:
+        """Ids [N], ascending, and positions [N, steps, 2] of all with a window that ends now."""
+        slots = np.array(sorted(self._slot.values()), int)
+        slots = slots[(self._last[slots] == self.index) & (self._run[slots] >= self.steps)]
+        slots = slots[np.argsort(self._id[slots], kind="stable")]
+        when = (self.index + 1 + np.arange(self.steps)) % self.steps
+        return self._id[slots], self._ring[slots][:, when]
+
+    def incomplete(self) -> dict[int, str]:
+        """Why the others are missing: "unseen" at the newest grid point, or "short" windows."""
+        slots = np.array(list(self._slot.values()), int)
+        seen = self._last[slots] == self.index
+        out = slots[~(seen & (self._run[slots] >= self.steps))]
+        reasons = np.where(self._last[out] == self.index, "short", "unseen")
+        return dict(zip(self._id[out].tolist(), reasons.tolist()))
+
+    def _accept(self, stamp: float) -> bool:
+        """Whether this frame is the next; clears everything where the clock was set back."""
+        health = self.health
+        if not abs(stamp) < LATE:
+            health.bad_stamps += 1
+            return False
+        if stamp <= self.stamp:
+            if stamp == self.stamp:
+                health.duplicate_stamps += 1
+                return False
+            if self.stamp - stamp < self.reset_after:
+                health.backward_stamps += 1
+                return False
+            health.clock_resets += 1
+            self._clear()
+        elif stamp - self.stamp > self.max_gap + 2 * SNAP and self.start is not None:
+            health.pauses += 1
+        if self.start is None:
+            self.start = stamp
+        self.stamp = stamp
+        return True
+
+    def _clean(self, ids: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The people of a frame whose id and position can be used."""
+        health = self.health
+        if ids.dtype.kind not in "iu":
+            if ids.dtype.kind != "f":
+                raise InputError(f"ids must be whole numbers, not {ids.dtype}")
+            whole = np.isfinite(ids) & (np.abs(ids) <= 2.0**53)
+            whole &= ids == np.rint(ids)
+            health.bad_ids += int((~whole).sum())
+            ids, xy = ids[whole], xy[whole]
+        ids = ids.astype(np.int64)
+        fine = (np.abs(xy) < FAR).all(axis=1)
+        health.bad_positions += int((~fine).sum())
+        ids, xy = ids[fine], xy[fine]
+        unique, first = np.unique(ids, return_index=True)
+        health.duplicate_ids += len(ids) - len(unique)
+        return unique, xy[first]
+
+    def _forget(self) -> None:
+        slots = np.array(list(self._slot.values()), int)
+        for slot in slots[self.stamp - self._stamp[slots] > self.timeout].tolist():
+            del self._slot[int(self._id[slot])]
+            self._free.append(slot)
+            self.health.forgotten += 1
+
+    def _enter(self, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None) -> None:
+        """Slots for those who have none yet."""
+        new = np.array([n for n, id in enumerate(ids.tolist()) if id not in self._slot], int)
+        if len(new) > len(self._free):
+            centre = xy.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
+            distance = np.linalg.norm(xy[new] - centre, axis=1)
+            new = new[np.argsort(distance, kind="stable")]
+            self.health.refused += len(new) - len(self._free)
+            new = new[: len(self._free)]
+        for id in ids[new].tolist():
+            slot = self._free.pop()
+            self._slot[id] = slot
+            self._id[slot], self._stamp[slot] = id, -np.inf
+            self._run[slot], self._last[slot] = 0, -1
+
+    def _observe(
+        self, place: float, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None
+    ) -> None:
+        """Grid points up to `place` of everybody in this frame."""
+        assert self.start is not None
+        self._enter(ids, xy, focus)
+        slots = np.array([self._slot.get(id, -1) for id in ids.tolist()], int)
+        xy, slots = xy[slots >= 0], slots[slots >= 0]
+        stamp, position = self._stamp[slots], self._position[slots]
+        joined = self.stamp - stamp <= self.max_gap + 2 * SNAP
+        self._run[slots[~joined]] = 0
+        since = np.floor(self._place[slots])
+        span = np.where(joined, self.stamp - stamp, 1.0)
+        first = since[joined].min() + 1 if joined.any() else self.index
+        # Older grid points than a window's have no place in the ring and are not asked for.
+        for n in range(int(max(first, self.index - self.steps + 1)), self.index + 1):
+            exact = n == place
+            fill = (joined & (since < n)) | exact
+            weight = (self.start + n * self.period - np.where(joined, stamp, 0.0)) / span
+            weight = np.clip(weight, 0.0, 1.0)[:, None]
+            # In this form a person who stands still stays exactly still, as in `resample`.
+            value = xy if exact else position + weight * (xy - position)
+            into = slots[fill]
+            self._ring[into, n % self.steps] = value[fill]
+            follows = self._last[into] == n - 1
+            self._run[into] = np.where(follows, self._run[into], 0) + 1
+            self._last[into] = n
+        self._stamp[slots], self._place[slots], self._position[slots] = self.stamp, place, xy
