@@ -7,11 +7,13 @@ format we cannot read, so that a typo never trains or evaluates a different mode
 
 import dataclasses
 import json
+import math
 import types
 import typing
 from typing import Any, Literal, TypeVar
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.weighting import WeightingName
 
 __all__ = [
     "FORMAT",
@@ -34,8 +36,13 @@ PoolingName = Literal[
 SYMBOLIC: tuple[PoolingName, ...] = ("as_described", "neurosym_ros", "neurosym_ijcnn")
 """The poolings that weight a pair's interaction by alpha."""
 
-WeightingName = Literal["cnd", "cnd_shipped", "ones", "zeros"]
-"""How alpha follows from a pair's symbols, see `symbolic.weighting`."""
+
+def _refuse_below(config: Any, lowest: int, *names: str) -> None:
+    """Refuse fields that are not finite numbers of at least `lowest`."""
+    for name in names:
+        value = getattr(config, name)
+        if not lowest <= value < math.inf:
+            raise InputError(f"{name} must be at least {lowest}, not {value}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,10 +72,8 @@ class GeneratorConfig:
 
     def __post_init__(self):
         """Refuse, in words, what the networks cannot be built from."""
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if field.type is int and field.name != "noise_dim" and value < 1:
-                raise InputError(f"{field.name} must be at least 1, not {value}")
+        counts = [field.name for field in dataclasses.fields(self) if field.type is int]
+        _refuse_below(self, 1, *(name for name in counts if name != "noise_dim"))
         if not 0 < self.neighborhood_size < float("inf"):
             raise InputError(f"neighborhood_size must be positive, not {self.neighborhood_size}")
         if not 0 <= self.noise_dim < self.decoder_h_dim:
@@ -116,6 +121,10 @@ class DiscriminatorConfig:
     mlp_dim: int = 64
     pool_hidden_dim: int = 512
 
+    def __post_init__(self):
+        """Refuse a layer without units."""
+        _refuse_below(self, 1, "embedding_dim", "h_dim", "mlp_dim", "pool_hidden_dim")
+
 
 @dataclasses.dataclass(frozen=True)
 class TrainConfig:
@@ -160,6 +169,30 @@ class TrainConfig:
     """Joint validation error that the best state has least of."""
     discriminator: DiscriminatorConfig = DiscriminatorConfig()
 
+    def __post_init__(self):
+        """Refuse, before any step, what would fail late or train nothing."""
+        if not 0 <= self.seed < 2**32:
+            raise InputError(f"seed must lie in [0, 2**32), not {self.seed}")
+        _refuse_below(self, 1, "steps", "batch_scenes", "best_k", "validate_every")
+        if self.max_agents is not None:
+            _refuse_below(self, 1, "max_agents")
+        weights = ("l2_weight", "fde_weight", "adversarial_weight")
+        _refuse_below(self, 0, *weights, "warmup_steps", "clip_norm")
+        if self.l2_weight == self.adversarial_weight == 0:
+            raise InputError(
+                "l2_weight and adversarial_weight are both 0: nothing would be learned"
+            )
+        for name in ("g_learning_rate", "d_learning_rate"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} must be positive, not {getattr(self, name)}")
+        for name in ("scale", "ema"):
+            if not 0 <= getattr(self, name) < 1:
+                raise InputError(f"{name} must lie in [0, 1), not {getattr(self, name)}")
+        for name in ("label_real", "label_fake"):
+            low, high = getattr(self, name)
+            if not -math.inf < low <= high < math.inf:
+                raise InputError(f"{name} must be a range of numbers, not [{low}, {high}]")
+
 
 RECIPES = {
     "ours": TrainConfig(),
@@ -169,6 +202,8 @@ RECIPES = {
         criterion="squared_displacement",
         weigh_scenes="equally",
         adversarial_weight=1.0,
+        # The released code smooths zeros by multiplying them by the random number: they stay 0.
+        label_fake=(0.0, 0.0),
         g_learning_rate=1e-4,
         schedule="constant",
         warmup_steps=0,

@@ -3,7 +3,14 @@ import json
 
 import pytest
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig, from_json, to_json
+from neurosym_jax.config import (
+    RECIPES,
+    DiscriminatorConfig,
+    GeneratorConfig,
+    TrainConfig,
+    from_json,
+    to_json,
+)
 from neurosym_jax.errors import InputError
 
 
@@ -16,6 +23,7 @@ from neurosym_jax.errors import InputError
         GeneratorConfig(noise_type="uniform", noise_mix_type="ped", neighborhood_size=3),
         GeneratorConfig(pooling="as_described"),
         DiscriminatorConfig(kind="local"),
+        *RECIPES.values(),
     ],
 )
 def test_json_round_trip(config):
@@ -60,6 +68,41 @@ def test_refused_with_the_name_of_its_source(change, message):
     with pytest.raises(InputError, match=message) as caught:
         from_json(GeneratorConfig, {**to_json(GeneratorConfig()), **change}, "model/config.json")
     assert str(caught.value).startswith("model/config.json: ")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seed": -1}, "seed must lie in"),
+        ({"steps": 0}, "steps must be at least 1, not 0"),
+        ({"batch_scenes": 0}, "batch_scenes must be at least 1, not 0"),
+        ({"max_agents": 0}, "max_agents must be at least 1, not 0"),
+        ({"best_k": 0}, "best_k must be at least 1, not 0"),
+        ({"validate_every": 0}, "validate_every must be at least 1, not 0"),
+        ({"warmup_steps": -1}, "warmup_steps must be at least 0, not -1"),
+        ({"clip_norm": float("nan")}, "clip_norm must be at least 0, not nan"),
+        ({"fde_weight": -0.5}, "fde_weight must be at least 0"),
+        ({"l2_weight": 0.0}, "nothing would be learned"),
+        ({"g_learning_rate": -0.01}, "g_learning_rate must be positive, not -0.01"),
+        ({"d_learning_rate": float("inf")}, "d_learning_rate must be positive, not inf"),
+        ({"ema": 1.0}, r"ema must lie in \[0, 1\), not 1.0"),
+        ({"scale": -0.1}, r"scale must lie in \[0, 1\)"),
+        ({"label_real": (1.2, 0.7)}, r"label_real must be a range of numbers, not \[1.2, 0.7\]"),
+    ],
+)
+def test_recipes_that_would_fail_late(change, message):
+    with pytest.raises(InputError, match=message):
+        dataclasses.replace(TrainConfig(), **change)
+
+
+def test_the_published_recipe_does_not_smooth_fake_labels():
+    assert RECIPES["sgan"].label_fake == (0.0, 0.0)
+    assert RECIPES["sgan"].label_real == (0.7, 1.2)
+
+
+def test_a_discriminator_has_units():
+    with pytest.raises(InputError, match="h_dim must be at least 1"):
+        DiscriminatorConfig(h_dim=0)
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", "null", "3", ""])

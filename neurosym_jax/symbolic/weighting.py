@@ -30,6 +30,7 @@ from neurosym_jax.symbolic.states import encode_state
 __all__ = ["Weighting", "WeightingName", "alpha_from_states", "named_weighting", "pair_alpha"]
 
 WeightingName = Literal["cnd", "cnd_shipped", "ones", "zeros"]
+"""The weightings that the module describes."""
 
 
 class Weighting(NamedTuple):

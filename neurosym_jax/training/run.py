@@ -9,13 +9,13 @@ from neurosym_jax.config import (
     RECIPES,
     GeneratorConfig,
     TrainConfig,
-    WeightingName,
     from_json,
     to_json,
 )
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.weighting import WeightingName
 from neurosym_jax.training import loop
 from neurosym_jax.training.loop import Run
 
@@ -127,7 +127,7 @@ def recipe(options: TrainOptions) -> TrainConfig:
     """The recipe that `options` name, with their changes to it.
 
     Raises:
-        InputError: for a change that is not NAME=VALUE of a field, or no step to train.
+        InputError: for a change that is not NAME=VALUE of a field, or a value out of its range.
     """
     fields = to_json(RECIPES[options.recipe]) | {"seed": options.seed}
     if options.steps is not None:
@@ -141,10 +141,7 @@ def recipe(options: TrainOptions) -> TrainConfig:
             fields[name] = json.loads(value)
         except json.JSONDecodeError:
             fields[name] = value
-    config = from_json(TrainConfig, fields, "--set")
-    if config.steps < 1:
-        raise InputError(f"--steps must be at least 1, not {config.steps}")
-    return config
+    return from_json(TrainConfig, fields, f"recipe {options.recipe}")
 
 
 def _data_name(options: TrainOptions) -> str:

@@ -16,11 +16,12 @@ from typing import Any, Literal
 
 from tqdm import tqdm
 
-from neurosym_jax.config import WeightingName, to_json
+from neurosym_jax.config import to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+from neurosym_jax.symbolic.weighting import WeightingName
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.loop import RUN
 from neurosym_jax.training.run import TrainOptions, generator_config, model_name, recipe
