@@ -152,8 +152,8 @@ def test_bad_input_is_one_line(files, tmp_path):
         ({"set": ("best_k=2.5",)}, r"best_k = 2\.5 does not fit"),
         ({"set": ("criterion=best",)}, "criterion = 'best' does not fit"),
         ({"set": ('discriminator={"kind": "big"}',)}, "kind = 'big' does not fit"),
-        ({"steps": 0}, "--steps must be at least 1, not 0"),
-        ({"set": ("steps=-25",)}, "--steps must be at least 1, not -25"),
+        ({"steps": 0}, "recipe ours: steps must be at least 1, not 0"),
+        ({"set": ("steps=-25",)}, "steps must be at least 1, not -25"),
     ],
 )
 def test_recipes_that_cannot_be(changes, reason):
