@@ -1,0 +1,98 @@
+"""The running score is the offline score of the same forecasts, and stays small."""
+
+import json
+
+import numpy as np
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.metrics import scene_errors
+from neurosym_jax.online.analytics import LATENCIES, Analytics
+from neurosym_jax.online.predictor import Forecast, ModelForecast
+
+K, OBS, PRED = 4, 3, 5
+
+
+def walk(length: int, people: int, seed: int = 0) -> np.ndarray:
+    """[people, length, 2]."""
+    return np.random.default_rng(seed).normal(0, 0.3, (people, length, 2)).cumsum(axis=1)
+
+
+def forecast(path: np.ndarray, index: int, ids, names=("a", "b"), dropped=None) -> Forecast:
+    """A random forecast of `ids` at `index`, who walked `path`."""
+    rng = np.random.default_rng(index)
+    ids = np.array(ids)
+    models = {}
+    for name in names:
+        samples = rng.normal(0, 1, (K, len(ids), PRED, 2))
+        models[name] = ModelForecast(samples, samples.mean(axis=0), 0)
+    observed = path[ids, index - OBS + 1 : index + 1]
+    return Forecast(index * 0.4, index, ids, observed, models, dropped or {}, index * 1e-3)
+
+
+def test_equals_the_offline_errors():
+    path = walk(40, 3)
+    analytics = Analytics()
+    forecasts = [forecast(path, n, [0, 1, 2]) for n in range(2, 40)]
+    done = [f for each in forecasts for f in analytics.add(each)]
+    assert [f.index for f in done] == list(range(2, 40 - PRED - 2))
+    done += analytics.finish()
+    assert done == forecasts
+    scored = [f for f in forecasts if f.index + PRED < 40]
+    for name in ("a", "b"):
+        errors = scene_errors(
+            np.concatenate([f.models[name].samples for f in scored], axis=1),
+            np.concatenate([path[:, f.index + 1 : f.index + 1 + PRED] for f in scored]),
+            np.full(len(scored), 3),
+        )
+        result = analytics.summary()["models"][name]
+        assert result["people"] == errors.agents.sum() == 3 * len(scored)
+        for field in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
+            expected = getattr(errors, field).sum() / errors.agents.sum()
+            assert result[field] == pytest.approx(expected)
+        assert result["horizon"] == pytest.approx(errors.horizon.sum(0) / errors.agents.sum())
+    assert analytics.dropped == {"future unknown": 3 * PRED}
+
+
+def test_a_person_lost_for_a_moment_counts_and_one_gone_does_not():
+    path = walk(40, 3)
+    analytics = Analytics()
+    for n in range(2, 30):
+        # Person 1 is unseen at step 12 alone: the next window has the step. Person 2 leaves.
+        ids = [0] + [1] * (n != 12) + [2] * (n < 20)
+        analytics.add(forecast(path, n, ids, dropped={1: "unseen"} if n == 12 else None))
+    analytics.finish()
+    people = 3 * 18 + 2 * 10 - 1
+    unknown = PRED * 3
+    assert analytics.summary()["models"]["a"]["people"] == people - unknown
+    assert analytics.dropped == {"unseen": 1, "future unknown": unknown}
+
+
+def test_gaps_between_forecasts_and_a_clock_set_back():
+    path = walk(40, 2)
+    analytics = Analytics()
+    for n in (5, 6, 7, 25, 26, 3, 4):
+        analytics.add(forecast(path, n, [0, 1]))
+    analytics.finish()
+    assert analytics.summary()["models"]["a"]["people"] == 0
+    assert analytics.summary()["models"]["a"]["joint_ade"] is None
+    assert analytics.dropped == {"future unknown": 14}
+
+
+def test_memory_is_bounded():
+    path = walk(6000, 2)
+    analytics = Analytics()
+    for n in range(2, 6000):
+        analytics.add(forecast(path, n, [0, 1], names=("a",)))
+    assert len(analytics._pending) <= PRED + 2
+    assert len(analytics._truth) <= PRED + 2
+    assert len(analytics._latency) == LATENCIES
+    summary = json.loads(json.dumps(analytics.summary()))
+    assert summary["forecasts"] == 5998
+    assert summary["latency_ms"]["p50"] == pytest.approx(5999 - LATENCIES / 2, abs=2)
+
+
+def test_nothing_yet():
+    assert Analytics().summary()["latency_ms"] == {"p50": None, "p90": None, "p99": None}
+    with pytest.raises(InputError, match="grace"):
+        Analytics(-1)
