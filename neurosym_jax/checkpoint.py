@@ -77,15 +77,6 @@ class TrainingCheckpoints:
         self._folder = Path(folder)
         self._scratch = self._folder / ".scratch"
 
-    def __enter__(self) -> "TrainingCheckpoints":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Nothing is ever in flight; here so that callers need not know."""
-
     def save(self, step: int, state: Any, record: dict[str, Any], metric: float) -> None:
         """Save one step, then remove what is neither among the two newest nor the best.
 

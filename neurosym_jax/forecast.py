@@ -30,9 +30,9 @@ __all__ = [
     "Model",
     "decode_scene",
     "encode_scene",
+    "forecast_scene",
     "predict",
 ]
-
 
 PART = 256
 """Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
@@ -83,7 +83,8 @@ class AgentwiseForecaster(Forecaster):
     def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
         """See `Forecaster.packed`."""
         return in_parts(
-            lambda scene, noise: _one(self, params, scene, noise), *pack_agents(scenes, noise)
+            lambda scene, noise: forecast_scene(self, params, scene, noise),
+            *pack_agents(scenes, noise),
         )
 
 
@@ -124,7 +125,8 @@ def _over_scenes(forecaster: Forecaster, params, scenes, noise):
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _one(forecaster: Forecaster, params, scene, noise):
+def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Array:
+    """`forecaster.one`, compiled; equal forecasters share the program."""
     return forecaster.one(params, scene, noise)
 
 
@@ -156,7 +158,9 @@ class GeneratorForecaster(Forecaster):
             return super().packed(params, scenes, noise)
         agents, noise = pack_agents(scenes, noise)
         if self.config.pooling == "none":
-            return in_parts(lambda scene, noise: _one(self, params, scene, noise), agents, noise)
+            return in_parts(
+                lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise
+            )
         context = np.asarray(_encode_scenes(self.config, params, scenes))[np.asarray(scenes.valid)]
         return in_parts(
             lambda part, noise: _decode_agents(self.config, params, *part, noise),
@@ -176,7 +180,7 @@ def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
 def decode_scene(
     config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
 ) -> Array:
-    """`[k, N, pred_len, 2]` metres relative to the scene's origin; `noise` as in `scene_noise`."""
+    """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.one`."""
     decode = functools.partial(Generator(config).apply, params, context, scene, method="decode")
     displacement: Any = jax.vmap(decode)(noise)
     return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
@@ -250,5 +254,5 @@ def predict(
     padded = pad_scene(scene, slots).replace(origin=None)
     forecaster = model.forecaster
     noise = draw_noise(forecaster.noise, seed, padded.identity[None], samples, slots)
-    forecast = _one(forecaster, model.params, padded, noise[:, 0])
+    forecast = forecast_scene(forecaster, model.params, padded, noise[:, 0])
     return to_world(np.asarray(forecast)[:, :agents], scene)

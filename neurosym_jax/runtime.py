@@ -1,20 +1,15 @@
-"""Process-wide settings of jax, made by scripts and commands, never by `import neurosym_jax`."""
+"""Compiling in this process: the cache of programs, and the seconds that it took.
 
-import importlib.metadata
+The cache is switched on by scripts and commands, never by `import neurosym_jax`. What there is to
+compile for is `environment`'s.
+"""
+
 import os
-import platform
 from pathlib import Path
-from typing import Any
 
 import jax
 
-__all__ = [
-    "cache_folder",
-    "compile_seconds",
-    "cpu_threads",
-    "enable_compilation_cache",
-    "run_environment",
-]
+__all__ = ["cache_folder", "compile_seconds", "enable_compilation_cache"]
 
 _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
@@ -55,46 +50,3 @@ def enable_compilation_cache() -> None:
     jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
-
-
-_PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
-
-
-def run_environment() -> dict[str, Any]:
-    """What a run's bits depend on besides its configuration and data; JSON-able.
-
-    Starts jax's backend, so set `NPROC` or `XLA_FLAGS` before.
-    """
-    device = jax.devices()[0]
-    return {
-        "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in _PACKAGES},
-        "threads": cpu_threads(),
-        "cpu": _instruction_set(),
-        "platform": device.platform,
-        "device": device.device_kind,
-        "x64": bool(jax.config.read("jax_enable_x64")),
-        "xla_flags": os.environ.get("XLA_FLAGS", ""),
-    }
-
-
-def cpu_threads() -> int:
-    """The size of XLA's thread pool on a CPU, by its own rule."""
-    for name in ("PJRT_NPROC", "NPROC"):
-        if os.environ.get(name, "").isdecimal():
-            return int(os.environ[name])
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _instruction_set() -> str:
-    """The architecture and, where Linux tells, its widest vector extension."""
-    machine = platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return machine
-    flags = {f for line in lines if line.startswith(("flags", "Features")) for f in line.split()}
-    widest = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
-    return next((f"{machine} {name}" for name in widest if name in flags), machine)

@@ -1,6 +1,5 @@
 """Training states survive kills, flipped bytes and NaNs, bit for bit."""
 
-import json
 import os
 import random
 import shutil
@@ -21,7 +20,6 @@ from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.runtime import run_environment
 
 RECORD = {"config": {"lr": 1e-3, "name": "sgan é"}, "history": [{"step": 1, "ade": 0.1 + 0.2}]}
 
@@ -85,17 +83,17 @@ def steps(folder: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def two_steps(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("run")
-    with TrainingCheckpoints(folder) as checkpoints:
-        checkpoints.save(1, make_state(1), {"at": 1}, 0.5)
-        checkpoints.save(2, make_state(2), {"at": 2}, 0.4)
+    checkpoints = TrainingCheckpoints(folder)
+    checkpoints.save(1, make_state(1), {"at": 1}, 0.5)
+    checkpoints.save(2, make_state(2), {"at": 2}, 0.4)
     return folder
 
 
 def test_round_trip_is_bit_identical(tmp_path):
     state = make_state(3)
-    with TrainingCheckpoints(tmp_path / "new" / "run") as checkpoints:
-        assert checkpoints.restore(state) is None
-        checkpoints.save(7, state, RECORD, 0.25)
+    checkpoints = TrainingCheckpoints(tmp_path / "new" / "run")
+    assert checkpoints.restore(state) is None
+    checkpoints.save(7, state, RECORD, 0.25)
     step, again, record = restored(tmp_path / "new" / "run", make_state(0))
     assert (step, record) == (7, RECORD)
     assert_same(again, state)
@@ -106,18 +104,18 @@ def test_round_trip_is_bit_identical(tmp_path):
 
 
 def test_numbers_as_keys_of_the_record_become_text(tmp_path):
-    with TrainingCheckpoints(tmp_path) as checkpoints:
-        checkpoints.save(1, {"a": np.ones(2)}, {10: "ten", 9: (1, 2)}, 0.0)
-        assert checkpoints.restore({"a": np.ones(2)})[2] == {"10": "ten", "9": [1, 2]}
+    checkpoints = TrainingCheckpoints(tmp_path)
+    checkpoints.save(1, {"a": np.ones(2)}, {10: "ten", 9: (1, 2)}, 0.0)
+    assert checkpoints.restore({"a": np.ones(2)})[2] == {"10": "ten", "9": [1, 2]}
 
 
 def test_the_two_newest_and_the_best_are_kept(tmp_path):
     metrics = [0.5, 0.2, 0.4, 0.3, 0.2, 0.9, 0.8, 0.7]
     kept = [[1], [1, 2], [2, 3], [2, 3, 4], [4, 5], [5, 6], [5, 6, 7], [5, 7, 8]]
-    with TrainingCheckpoints(tmp_path) as checkpoints:
-        for step, (metric, names) in enumerate(zip(metrics, kept), start=1):
-            checkpoints.save(step, {"a": np.full(3, step)}, {}, metric)
-            assert steps(tmp_path) == [f"step_{name:08d}" for name in names]
+    checkpoints = TrainingCheckpoints(tmp_path)
+    for step, (metric, names) in enumerate(zip(metrics, kept), start=1):
+        checkpoints.save(step, {"a": np.full(3, step)}, {}, metric)
+        assert steps(tmp_path) == [f"step_{name:08d}" for name in names]
     assert restored(tmp_path, {"a": np.zeros(3, int)})[0] == 8
     assert restored(tmp_path, {"a": np.zeros(3, int)}, best=True)[0] == 5
 
@@ -337,14 +335,3 @@ def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
     assert step > 0
     assert "damaged" not in capsys.readouterr().err
     assert len([name for name in steps(folder) if name.startswith("step_")]) <= 3
-
-
-def test_the_environment_is_json_and_knows_the_threads(monkeypatch):
-    monkeypatch.delenv("PJRT_NPROC", raising=False)
-    monkeypatch.setenv("NPROC", "3")
-    environment = run_environment()
-    assert json.loads(json.dumps(environment)) == environment
-    assert environment["threads"] == 3
-    assert environment["jax"] == jax.__version__
-    monkeypatch.setenv("NPROC", "many")
-    assert run_environment()["threads"] >= 1

@@ -11,15 +11,16 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
+from neurosym_jax.environment import cpu_threads
 from neurosym_jax.evaluation.metrics import (
     SceneErrors,
     collisions,
     join_errors,
     scene_errors,
 )
-from neurosym_jax.forecast import Forecaster
+from neurosym_jax.forecast import Forecaster, forecast_scene
 from neurosym_jax.noise import NoiseSpec, draw_noise
-from neurosym_jax.runtime import compile_seconds, cpu_threads
+from neurosym_jax.runtime import compile_seconds
 from neurosym_jax.scene import Scene
 
 __all__ = ["Evaluation", "evaluate", "latency"]
@@ -137,11 +138,6 @@ def latency(
     for _ in range(11):
         start = time.perf_counter()
         noise = draw_noise(spec, seed, np.asarray(scene.identity)[None], samples, len(scene.valid))
-        forecast = np.asarray(_one(forecaster, params, scene, noise[:, 0]))
+        forecast = np.asarray(forecast_scene(forecaster, params, scene, noise[:, 0]))
         seconds.append(time.perf_counter() - start)
     return float(np.median(seconds[1:])), forecast
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _one(forecaster, params, scene, noise):
-    return forecaster.one(params, scene, noise)

@@ -1,6 +1,5 @@
 """The card of a trained model: `README.md` beside its weights, for people."""
 
-import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 from neurosym_jax.config import GeneratorConfig, from_json
 from neurosym_jax.forecast import Model
 
-__all__ = ["CARD", "code_version", "write_card"]
+__all__ = ["CARD", "write_card"]
 
 CARD = "README.md"
 
@@ -24,19 +23,6 @@ def write_card(
         test_rows: rows of an evaluation of this model on its own scene, and of the baselines.
     """
     (folder / CARD).write_text("\n".join(_lines(facts, test_rows)) + "\n")
-
-
-def code_version() -> str | None:
-    """The commit of the checkout that this code lies in, `-dirty` if changed; None outside one."""
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
-        return None
-    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip() or None
 
 
 def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:

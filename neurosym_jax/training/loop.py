@@ -22,12 +22,12 @@ from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.environment import code_version, run_environment
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecast import GeneratorForecaster, Model
 from neurosym_jax.model_folder import save_model
-from neurosym_jax.runtime import run_environment
-from neurosym_jax.training.card import CARD, code_version, write_card
+from neurosym_jax.training.card import CARD, write_card
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.step import TrainState, initial_state, train_step
@@ -85,8 +85,8 @@ def train(run: Run, folder: Path, *, resume: bool = False) -> Model:
         InputError: when `folder` holds a run already (and `resume` is not said), or another run.
         TrainingError: when a loss or metric is not finite; the last good step stays on disk.
     """
-    with sole_writer(folder), TrainingCheckpoints(folder / "checkpoints") as checkpoints:
-        return _train(run, folder, checkpoints, resume)
+    with sole_writer(folder):
+        return _train(run, folder, TrainingCheckpoints(folder / "checkpoints"), resume)
 
 
 def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool) -> Model:

@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from neurosym_jax.config import to_json
 from neurosym_jax.data.sources import open_source
+from neurosym_jax.environment import cpu_cores
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
@@ -71,7 +72,7 @@ def sweep(options: SweepOptions) -> int:
     runs = sweep_runs(options)
     left = [run for run in runs if not _finished(run)]
     print(f"{len(runs)} runs, {len(runs) - len(left)} of them finished before")
-    failed = _train_all(left, options.jobs or _cores())
+    failed = _train_all(left, options.jobs or cpu_cores())
     for run, reason in failed:
         print(f"failed: {run.out}: {reason}", file=sys.stderr)
     done = [run for run in runs if _finished(run)]
@@ -158,10 +159,6 @@ def _finished(run: TrainOptions) -> bool:
                     f"not {value}: choose another --out"
                 )
     return True
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _train_all(runs: Sequence[TrainOptions], at_once: int) -> list[tuple[TrainOptions, str]]:

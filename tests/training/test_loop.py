@@ -191,5 +191,4 @@ def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch)
     model = train(with_recipe(), tmp_path)
     jax.tree.map(np.testing.assert_array_equal, model.params, kept[1])
     assert json.loads((tmp_path / "run.json").read_text())["validation"]["step"] == 50
-    with TrainingCheckpoints(tmp_path / "checkpoints") as checkpoints:
-        assert sorted(checkpoints._steps()) == [50, 75]
+    assert sorted(TrainingCheckpoints(tmp_path / "checkpoints")._steps()) == [50, 75]
