@@ -1,10 +1,43 @@
-"""Strict numerics for every test, and the folder of real data where there is one."""
+"""Strict numerics for every test, cheap compiling, and the folder of real data if there is one.
 
+Most of the time of these tests is XLA's compiling of programs that run once. So programs are
+compiled with little optimisation, and kept in a folder that the session's processes share.
+Where XLA_FLAGS is set (`XLA_FLAGS= pytest`) it is left alone, and programs are those of users.
+`test_optimised.py` runs the tests that hang on rounding in that way.
+"""
+
+import mmap
 import os
+import tempfile
+from importlib.metadata import files
 from pathlib import Path
 
-import jax
 import pytest
+
+CHEAP = {
+    "xla_backend_optimization_level": "0",
+    "xla_llvm_disable_expensive_passes": "true",
+    "xla_cpu_use_fusion_emitters": "false",
+}
+
+
+def known(flags: dict[str, str]) -> str:
+    """Those of `flags` that this XLA has: it would end the process at the sight of another."""
+    libraries = [Path(str(path.locate())) for path in files("jaxlib") or () if path.suffix == ".so"]
+    library = max(libraries, key=lambda path: path.stat().st_size)
+    with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as code:
+        there = [name for name in flags if code.find(name.encode()) >= 0]
+    return " ".join(f"--{name}={flags[name]}" for name in there)
+
+
+if "XLA_FLAGS" not in os.environ:
+    os.environ["XLA_FLAGS"] = known(CHEAP)
+caches = tempfile.TemporaryDirectory(prefix="neurosym-tests-")
+os.environ["XDG_CACHE_HOME"] = caches.name
+os.environ["JAX_COMPILATION_CACHE_DIR"] = f"{caches.name}/neurosym_jax/xla"
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
+
+import jax  # noqa: E402  (It reads the environment.)
 
 jax.config.update("jax_debug_nans", True)
 

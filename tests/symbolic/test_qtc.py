@@ -17,6 +17,7 @@ from neurosym_jax.symbolic.states import ABSENT, collapse, converse, format_stat
 CONVENTIONS = ("distance", "line", "as_published")
 GRID = arrays(np.float32, (2, 6, 2), elements=st.integers(-20, 20).map(float))
 fixed_collapse, fixed_validate = jax.jit(collapse), jax.jit(validate)
+pytestmark = pytest.mark.rounding
 QUICK = settings(max_examples=60, deadline=None)
 
 

@@ -28,9 +28,26 @@ def groups(windows):
 
 
 def start(run, groups, **changes):
+    """The state before the first step, with parameters that numpy draws: it compiles nothing."""
     config = dataclasses.replace(run.config, **changes)
     example = jax.tree.map(lambda leaf: leaf[0], groups[0])
-    state = jax.jit(lambda: initial_state(run.generator, config, example, jax.random.key(0)))()
+    shapes = jax.eval_shape(
+        lambda: initial_state(run.generator, config, example, jax.random.key(0))
+    )
+    rng = np.random.default_rng(0)
+
+    def randomly(leaf):
+        return jnp.asarray(rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape), leaf.dtype)
+
+    state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    generator, discriminator = (
+        jax.tree.map(randomly, part) for part in (shapes.generator, shapes.discriminator)
+    )
+    state = state._replace(
+        generator=generator,
+        average=generator if config.ema else (),
+        discriminator=discriminator,
+    )
     noises = draw_group_noise(run.generator, groups, jax.random.key(1), config.best_k)
     return config, state, noises
 
@@ -63,6 +80,7 @@ def literal_loss(generator, config, params, groups, noises):
     return total if config.criterion == "squared_displacement" else total / weight
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("criterion", "weigh"),
     [("distance", "by_agents"), ("squared_displacement", "equally")],
@@ -84,6 +102,7 @@ def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, crite
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=2e-6, rtol=1e-4), ours, wanted)
 
 
+@pytest.mark.slow
 def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
     still = tuple(
         scene.replace(
@@ -144,7 +163,8 @@ def test_padding_and_empty_scenes_change_no_gradient(run, groups):
 def test_the_average_follows_its_decay(run, groups):
     config, state, _ = start(run, groups, ema=0.5, schedule="constant", clip_norm=0.0)
     gradient = jax.tree.map(jnp.ones_like, state.generator)
-    after = update_generator(config, state._replace(step=jnp.asarray(1000)), gradient)
+    update = jax.jit(lambda state: update_generator(config, state, gradient))
+    after = update(state._replace(step=jnp.asarray(1000)))
     assert int(after.step) == 1001
     jax.tree.map(
         lambda a, b, c: np.testing.assert_allclose(a, (b + c) / 2, atol=1e-7),
@@ -153,7 +173,7 @@ def test_the_average_follows_its_decay(run, groups):
         after.generator,
     )
     # At the first step the average is nine tenths of the new parameters.
-    first = update_generator(config, state, gradient).average
+    first = update(state).average
     jax.tree.map(
         lambda a, b, c: np.testing.assert_allclose(a, 0.1 * b + 0.9 * c, atol=1e-7),
         first,
@@ -188,19 +208,22 @@ def test_clipping(run, groups):
     config, state, _ = start(run, groups, clip_norm=2.0, ema=0.0)
     ones = jax.tree.map(jnp.ones_like, state.generator)
     norm = np.sqrt(sum(leaf.size for leaf in jax.tree.leaves(ones)))
-    clipped = jax.tree.leaves(clip_gradient(config, ones))
+    clip = jax.jit(clip_gradient, static_argnums=0)
+    clipped = jax.tree.leaves(clip(config, ones))
     np.testing.assert_allclose(np.concatenate([np.ravel(c) for c in clipped]), 2 / norm, rtol=1e-5)
     small = jax.tree.map(lambda leaf: leaf / norm, ones)
     for off in (small, ones):
         same = config if off is small else dataclasses.replace(config, clip_norm=0.0)
-        jax.tree.map(np.testing.assert_array_equal, clip_gradient(same, off), off)
+        jax.tree.map(np.testing.assert_array_equal, clip(same, off), off)
 
 
+@pytest.mark.slow
 def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, windows):
     config = dataclasses.replace(run.config, schedule="constant", **ADVERSARIAL)
     batches = SceneStream(windows, 6, seed=0).steps(0, 2)
     example = jax.tree.map(lambda leaf: leaf[0, 0], batches[0])
-    state = initial_state(run.generator, config, example, jax.random.key(0))
+    initial = jax.jit(initial_state, static_argnums=(0, 1))
+    state = initial(run.generator, config, example, jax.random.key(0))
     # Scores end in a ReLU, which may be shut at first; a shut one teaches nothing.
     state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
     with jax.debug_key_reuse(True):

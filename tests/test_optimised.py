@@ -1,0 +1,23 @@
+"""The tests that hang on rounding once more, their programs compiled as those of users are."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDERS = [Path(__file__).parent / name for name in ("symbolic", "interop")]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.environ.get("XLA_FLAGS"), reason="every test runs in this way")
+def test_as_users_have_it():
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-m", "rounding", "-p", "no:cacheprovider", *FOLDERS],
+        env={**os.environ, "XLA_FLAGS": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
