@@ -58,7 +58,7 @@ def test_bad_places(evaluate, tmp_path):
     (tmp_path / "mine.json").write_text("{}")
     for arguments, reason in {
         ("--data", "absent"): "absent: no such file or folder",
-        ("--data", tmp_path / "empty"): "no .txt or .csv file in it",
+        ("--data", tmp_path / "empty"): "no .txt, .csv, .tsv, .json or .ndjson file in it",
         ("--data", tmp_path / "short.txt"): "too few frames: 1 where a window needs 16",
         ("--data", tmp_path / "binary.txt"): "cannot be read as text",
         ("--data", tmp_path / "walks", "--scene", "zara9"): "unknown scene 'zara9'",

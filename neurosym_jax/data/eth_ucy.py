@@ -4,15 +4,24 @@ Any such file is user data, whatever its delimiter. The folder of ETH/UCY as SGA
 `all/` (whole recordings, for testing), `train/` and `val/`. Choosing windows is not done here.
 """
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 
+from neurosym_jax.data.rows import FAR, frame_step, load_text, number_table, refuse_repeats
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["PERIOD", "SCENES", "is_eth_ucy", "read_split", "read_text", "text_files"]
+__all__ = [
+    "PERIOD",
+    "SCENES",
+    "is_eth_ucy",
+    "read_obsmat",
+    "read_split",
+    "read_text",
+    "text_files",
+    "whole_frames",
+]
 
 PERIOD = 0.4
 """Seconds between consecutive frames of the benchmark."""
@@ -26,94 +35,69 @@ SCENES = {
 }
 """Recordings that each of the benchmark's five scenes tests on."""
 
-FAR = 1e9
-"""Metres; farther than any map's coordinates."""
+NAMES = ("frame", "ped", "x", "y")
+OBSMAT = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
 
 DECIMALS = 4
 """SGAN rounds coordinates to this many decimals."""
 
 
-def read_text(path: Path, period: float = PERIOD) -> Tracks:
+def read_text(path: Path, period: float = PERIOD, stride: float | None = None) -> Tracks:
     """Read one file of rows `frame ped x y` (tab, space, comma or semicolon between them).
 
     Frames are taken to be `period` seconds apart, whatever the numbers count in: the most common
-    step between consecutive frame numbers is one period.
+    step between consecutive frame numbers is one period. That is SGAN's reading, and for the eth
+    recording a trap: its frames are 10 numbers apart in a video of 15 a second, so 0.67 s. With
+    `stride=6`, 6 numbers are one period, and the steps of that file become 10/6 periods long.
 
     Raises:
         InputError: naming file, row and reason.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})") from None
-    rows = _parse(path, text.replace(",", " ").replace(";", " "))
-    frame = rows[:, 0]
-    steps = np.diff(np.unique(frame))
-    step = 1.0 if len(steps) == 0 else _most_common(steps)
+    path = Path(path)
+    rows = number_table(path, load_text(path), NAMES)
+    return whole_frames(path, rows, (2, 3), period, stride)
+
+
+def read_obsmat(path: Path, period: float = PERIOD, stride: float | None = None) -> Tracks:
+    """Read an `obsmat.txt` of ETH's own: rows `frame id x z y vx vz vy`, as `read_text` otherwise.
+
+    There the frames of both recordings are 0.4 s apart: 6 numbers at 15 a second in eth, 10 at 25
+    in hotel.
+
+    Raises:
+        InputError: naming file, row and reason.
+    """
+    path = Path(path)
+    rows = number_table(path, load_text(path), OBSMAT)
+    return whole_frames(path, rows, (2, 4), period, stride)
+
+
+def whole_frames(
+    path: Path, rows: np.ndarray, xy: tuple[int, int], period: float, stride: float | None
+) -> Tracks:
+    """Tracks of rows whose columns 0 and 1 are frame and agent and whose columns `xy` metres.
+
+    Raises:
+        InputError: naming file, row and reason.
+    """
+    refuse_repeats(path, rows[:, 0], rows[:, 1], NAMES[:2])
     for column, name in ((0, "frame"), (1, "ped")):
         fraction = np.flatnonzero(rows[:, column] != np.round(rows[:, column]))
         if len(fraction):
             raise InputError(
                 f"{path}: row {fraction[0] + 1}: {name} {rows[fraction[0], column]} is not whole"
             )
-    for columns, limit in ((slice(0, 2), 2.0**53), (slice(2, 4), FAR)):
+    for columns, limit in (([0, 1], 2.0**53), (list(xy), FAR)):
         row, column = np.nonzero(np.abs(rows[:, columns]) > limit)
         if len(row):
             value = rows[row[0], columns][column[0]]
             raise InputError(f"{path}: row {row[0] + 1}: {value} is too large")
     return make_tracks(
-        Path(path).stem,
-        stamp=frame / step * period,
+        path.stem,
+        stamp=rows[:, 0] / frame_step(path, rows[:, 0], stride) * period,
         id=rows[:, 1].astype(np.int64),
-        position=np.round(rows[:, 2:], DECIMALS),
+        position=np.round(rows[:, list(xy)], DECIMALS),
     )
-
-
-def _parse(path: Path, text: str) -> np.ndarray:
-    """[R, 4] numbers, finite, with (frame, ped) unique."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # numpy's own for an empty file
-            rows = np.loadtxt(text.splitlines(), ndmin=2, comments="#")
-    except ValueError:
-        raise InputError(_malformed(path, text)) from None
-    if rows.size == 0:
-        raise InputError(f"{path}: the file has no rows")
-    if rows.shape[1] != 4:
-        raise InputError(f"{path}: row 1 has {rows.shape[1]} columns, not `frame ped x y`")
-    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
-    if len(bad):
-        raise InputError(f"{path}: row {bad[0] + 1} is not finite: {rows[bad[0]].tolist()}")
-    order = np.lexsort((rows[:, 0], rows[:, 1]))
-    again = np.flatnonzero((np.diff(rows[order, :2], axis=0) == 0).all(axis=1))
-    if len(again):
-        row = int(max(order[again[0]], order[again[0] + 1]))
-        frame, ped = rows[row, :2]
-        raise InputError(f"{path}: row {row + 1} repeats (frame {frame:g}, ped {ped:g})")
-    return rows
-
-
-def _malformed(path: Path, text: str) -> str:
-    number = 0
-    for line in text.splitlines():
-        fields = line.split("#")[0].split()
-        if not fields:
-            continue
-        number += 1
-        if len(fields) != 4:
-            shown = line if len(line) < 60 else f"{line[:60]}..."
-            return f"{path}: row {number} has {len(fields)} columns, not `frame ped x y`: {shown!r}"
-        for field in fields:
-            try:
-                float(field)
-            except ValueError:
-                return f"{path}: row {number}: {field[:60]!r} is not a number"
-    return f"{path}: not a table of `frame ped x y`"
-
-
-def _most_common(values: np.ndarray) -> float:
-    unique, counts = np.unique(values, return_counts=True)
-    return float(unique[np.argmax(counts)])
 
 
 def is_eth_ucy(folder: Path) -> bool:

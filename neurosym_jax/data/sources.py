@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, cast
 
-from neurosym_jax.data import eth_ucy, synthetic
+from neurosym_jax.data import eth_ucy, formats, synthetic
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
@@ -46,7 +46,7 @@ class Source:
             if path is None:
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        return [eth_ucy.read_text(path) for path in paths if path is not None]
+        return [tracks for path in paths if path is not None for tracks in _read_file(path)]
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         raise TypeError(f"{type(self).__name__} does not say how it reads a scene")
@@ -83,22 +83,27 @@ class EthUcy(Source):
 
 @dataclasses.dataclass(frozen=True)
 class Files(Source):
-    """A user's text files; each is a scene of its own, named after the file."""
+    """A user's files of any known format; each is a scene of its own, named after the file."""
 
     paths: tuple[Path, ...] = ()
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         if split != "test":
             raise InputError(f"{scene}: a single file has no {split} split")
-        return [eth_ucy.read_text(path) for path in self.paths if path.stem == scene]
+        (path,) = (path for path in self.paths if path.stem == scene)
+        return _read_file(path)
 
     def _paths(self) -> Iterable[Path]:
         return self.paths
 
 
+def _read_file(path: Path) -> list[Tracks]:
+    return [formats.on_grid(tracks) for tracks in formats.read_any(path)]
+
+
 @functools.cache
 def open_source(data: Path | None) -> Source:
-    """The source at `data`: ETH/UCY as SGAN arranges it, a text file or a folder of them.
+    """The source at `data`: ETH/UCY as SGAN arranges it, a recording or a folder of them.
 
     With None, the embedded simulations.
     """
@@ -106,7 +111,7 @@ def open_source(data: Path | None) -> Source:
         return Synthetic()
     if eth_ucy.is_eth_ucy(data):
         return EthUcy(folder=data)
-    paths = (data,) if data.is_file() else tuple(eth_ucy.text_files(data))
+    paths = (data,) if data.is_file() else tuple(formats.data_files(data))
     names = [path.stem for path in paths]
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")

@@ -1,0 +1,134 @@
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.data.columns import read_columns
+from neurosym_jax.data.eth_ucy import read_obsmat, read_text
+from neurosym_jax.data.formats import FORMATS, data_files, on_grid, read_any, sniff
+from neurosym_jax.data.rows import InputWarning
+from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.thor import read_cliff, read_qtm, read_tracklets
+from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.trajnet import read_trajnet
+from neurosym_jax.errors import InputError
+
+SAMPLES = {
+    "text": "780 1 8.4 3.6\n790 1 9.1 3.7\n",
+    "obsmat": "  7.8e+02 1.0e+00 8.4 0.0 3.6 1.7 0 0.2\n 7.86e+02 1.0e+00 9.1 0 3.7 1.7 0 0.2\n",
+    "cliff": "0.02,12001,-0.046,-3.443,0.141,2.356\n0.43,12001,-0.077,-3.491,0.1,-1.571\n",
+    "qtm": "NO_OF_FRAMES\t2\nFREQUENCY\t100\nFrame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"
+    "1\t0.0\t1000\t2000\t3\n2\t0.01\t1000\t2000\t3\n",
+    "tracklets": "Time,frame_id,x,y,z,ag_id,tracklet_id\n0.01,1,1,2,3,Helmet_3,0.0\n",
+    "trajnet": '{"track": {"f": 0, "p": 1, "x": 1, "y": 2}}\n',
+    "columns": "t,id,x,y\n0,1,2,3\n",
+}
+READERS = (read_text, read_obsmat, read_cliff, read_qtm, read_tracklets, read_trajnet)
+READERS += (read_columns, read_any, sniff)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_each_is_known_by_its_content(tmp_path, kind):
+    path = tmp_path / "recording.dat"
+    for mark in ("", "\ufeff"):
+        path.write_text(mark + SAMPLES[kind])
+        assert sniff(path) == kind
+        assert len(read_any(path)) == 1
+
+
+def test_obsmat_and_the_stride_of_eth(tmp_path):
+    (tmp_path / "a.txt").write_text(SAMPLES["obsmat"])
+    (tracks,) = read_any(tmp_path / "a.txt")
+    assert_allclose(np.diff(tracks.stamp), [0.4])
+    assert_array_equal(tracks.position, [[8.4, 3.6], [9.1, 3.7]])
+    (tmp_path / "b.txt").write_text(SAMPLES["text"])
+    (tracks,) = read_any(tmp_path / "b.txt", stride=6)
+    assert_allclose(np.diff(tracks.stamp), [0.4 * 10 / 6])
+    with pytest.raises(InputError, match="the stride must be"):
+        read_any(tmp_path / "b.txt", stride=float("nan"))
+
+
+def test_real_samples_become_scenes(shared):
+    for path in (shared / "data/thor").glob("*_*.csv"):
+        if path.stem != "goals_positions":
+            source = open_source(path)
+            for tracks in source.recordings(source.scenes[0]):
+                assert_allclose(tracks.stamp / 0.4 % 1, tracks.stamp[0] / 0.4 % 1, atol=1e-5)
+    with pytest.raises(InputError, match=r"goals_positions\.csv: which column"):
+        read_any(shared / "data/thor/goals_positions.csv")
+
+
+def test_what_is_on_the_grid_stays_as_it_is(shared):
+    for path in (shared / "data/eth_ucy/all").glob("*.txt"):
+        (tracks,) = read_any(path)
+        assert on_grid(tracks) is tracks
+    off = make_tracks("a", [0, 0.5, 1], [1, 1, 1], [[0, 0], [1, 0], [2, 0]])
+    assert_allclose(on_grid(off).stamp, [0, 0.4, 0.8])
+
+
+def test_time_that_runs_backward_is_told(tmp_path):
+    (tmp_path / "a.csv").write_text("t,id,x,y\n1,1,0,0\n0,1,0,0\n")
+    with pytest.warns(InputWarning, match=r"row 2: time runs backward for agent 1 \(1 times"):
+        read_any(tmp_path / "a.csv")
+
+
+def test_folders(tmp_path):
+    for name in ("b.tsv", "a.CSV", "LICENSE", "c.ndjson"):
+        (tmp_path / name).touch()
+    assert [path.name for path in data_files(tmp_path)] == ["a.CSV", "b.tsv", "c.ndjson"]
+
+
+def survive(path):
+    """Every reader gives tracks or one line."""
+    for reader in READERS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            message = ""
+            try:
+                reader(path)
+            except InputError as error:
+                message = str(error)
+            assert "\n" not in message
+            assert len(message) < len(str(path)) + 400
+
+
+bits = st.one_of(
+    st.binary(max_size=30),
+    st.sampled_from([b"1e308", b"-1e300", b"9" * 400, b"9" * 5000, b"nan", b"inf", b"\x00"]),
+    st.sampled_from([b"\n", b"\t", b",", b";", b" ", b'"', b"{", b"[", b"]", b"#", b"\r", b"_"]),
+    st.sampled_from([b"\xff\xfe", b"\xef\xbb\xbf", "ö".encode("latin-1"), b"\xe2\x80\xa8"]),
+)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@settings(max_examples=25, deadline=None)
+@given(cuts=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 9), bits), max_size=4))
+def test_fuzz_damaged(kind, cuts, tmp_path_factory):
+    content = SAMPLES[kind].encode() * 2
+    for place, length, put in cuts:
+        at = int(place * len(content))
+        content = content[:at] + put + content[at + length :]
+    path = tmp_path_factory.mktemp("f") / "a.csv"
+    path.write_bytes(content)
+    survive(path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(content=st.one_of(st.binary(max_size=500), st.lists(bits).map(b"".join)))
+def test_fuzz_random(content, tmp_path_factory):
+    path = tmp_path_factory.mktemp("f") / "a.csv"
+    path.write_bytes(content)
+    survive(path)
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_truncated_anywhere_or_in_another_encoding(kind, tmp_path):
+    path = tmp_path / "a.csv"
+    for size in range(len(SAMPLES[kind])):
+        path.write_bytes(SAMPLES[kind].encode()[:size])
+        survive(path)
+    path.write_text(SAMPLES[kind], encoding="utf-16")
+    survive(path)
