@@ -50,6 +50,7 @@ def done(run, tmp_path_factory):
     return folder / "run"
 
 
+@pytest.mark.slow
 def test_what_a_run_leaves(run, done):
     names = {path.name for path in done.iterdir()}
     assert names >= {"checkpoints", "metrics.jsonl", "curves.png", "run.json", "model"}
@@ -172,6 +173,7 @@ def test_nothing_is_kept_of_a_run_lost_at_once(with_recipe, tmp_path):
         train(with_recipe(g_learning_rate=1e30, schedule="constant"), tmp_path)
 
 
+@pytest.mark.slow
 def test_steps_that_are_no_multiple_of_the_round(with_recipe, tmp_path):
     train(with_recipe(steps=30, validate_every=10), tmp_path)
     rows = MetricsLog(tmp_path / "metrics.jsonl", 1000).rows()
