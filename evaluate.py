@@ -1,8 +1,7 @@
 """Evaluate checkpoints: `python evaluate.py --help`."""
 
 from neurosym_jax.command import run_command
+from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
 
 if __name__ == "__main__":
-    from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
-
     run_command(EvaluateOptions, run_evaluation)

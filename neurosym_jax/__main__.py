@@ -1,15 +1,39 @@
-"""`python -m neurosym_jax VERB`: everything but evaluation."""
+"""`python -m neurosym_jax VERB`: every command by a name, each imported when it is asked for."""
 
+import importlib
 import sys
+from typing import NamedTuple
 
 from neurosym_jax.command import run_command
 
+
+class Verb(NamedTuple):
+    """A command: a function of its module, and the dataclass of its options there."""
+
+    text: str
+    module: str
+    action: str
+    options: str
+
+
 VERBS = {
-    "train": ("train a model, as train.py does", "training.run", "train"),
-    "sweep": ("train and test many models, a process each", "training.sweep", "sweep"),
-    "parity": ("compare our numbers with torch's, output by output", "interop.parity", "parity"),
+    "train": Verb("train a model, as train.py does", "training.run", "train", "TrainOptions"),
+    "sweep": Verb(
+        "train and test many models, a process each", "training.sweep", "sweep", "SweepOptions"
+    ),
+    "inspect": Verb(
+        "say what a recording, or a folder of them, holds",
+        "data.inspect",
+        "inspect",
+        "InspectOptions",
+    ),
+    "parity": Verb(
+        "compare our numbers with torch's, output by output",
+        "interop.parity",
+        "parity",
+        "ParityOptions",
+    ),
 }
-"""verb: (what it does, module, function); its options are the module's `VerbOptions`."""
 
 
 def main(arguments: list[str]) -> None:
@@ -17,13 +41,13 @@ def main(arguments: list[str]) -> None:
     if not arguments or arguments[0] not in VERBS:
         width = max(map(len, VERBS))
         print("usage: python -m neurosym_jax VERB [--help]\n")
-        print("\n".join(f"  {verb:{width}}  {text}" for verb, (text, *_) in VERBS.items()))
+        print("\n".join(f"  {name:{width}}  {verb.text}" for name, verb in VERBS.items()))
         sys.exit(0 if arguments in ([], ["-h"], ["--help"]) else 2)
-    verb, *rest = arguments
-    _, module_name, function = VERBS[verb]
-    module = __import__(f"neurosym_jax.{module_name}", fromlist=[function])
-    options = getattr(module, f"{function.capitalize()}Options")
-    run_command(options, getattr(module, function), rest, f"python -m neurosym_jax {verb}")
+    name, *rest = arguments
+    verb = VERBS[name]
+    module = importlib.import_module(f"neurosym_jax.{verb.module}")
+    options, action = getattr(module, verb.options), getattr(module, verb.action)
+    run_command(options, action, rest, f"python -m neurosym_jax {name}")
 
 
 if __name__ == "__main__":

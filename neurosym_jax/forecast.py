@@ -238,7 +238,7 @@ def predict(
         samples: number of futures.
         seed: with `recording` and `frame`, determines the noise.
         recording: name of the recording.
-        frame: start frame.
+        frame: index of the first observed step in the recording.
 
     Returns:
         [samples, N, pred_len, 2] float64 metres.

@@ -4,6 +4,7 @@ A model's folder holds `config.json` (format version, generator, scene left out 
 of the parameters), `params/` (arrays, see `checkpoint`) and a card for people.
 """
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.checkpoint import digest, read_arrays, write_arrays
-from neurosym_jax.config import FORMAT, GeneratorConfig, from_json, to_json
+from neurosym_jax.config import FORMAT, GeneratorConfig, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model
 from neurosym_jax.models import Generator
@@ -37,7 +38,7 @@ def save_model(folder: Path | str, model: Model) -> None:
     write_arrays(folder / "params", params)
     config = {
         "format": FORMAT,
-        "generator": {k: v for k, v in to_json(model.config).items() if k != "format"},
+        "generator": dataclasses.asdict(model.config),
         "scene": model.scene,
         "sha256": digest(params),
     }

@@ -19,8 +19,14 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["line_styles", "plot_fan", "plot_forecasts"]
-__all__ += ["plot_horizon_errors", "plot_training", "save_figure"]
+__all__ = [
+    "line_styles",
+    "plot_fan",
+    "plot_forecasts",
+    "plot_horizon_errors",
+    "plot_training",
+    "save_figure",
+]
 
 LineStyle = str | tuple[float, tuple[float, ...]]
 Curve = tuple[Sequence[float], Sequence[float]]

@@ -55,9 +55,14 @@ class Scene(struct.PyTreeNode):
     """[N, pred_len, 2] positions in metres relative to `origin`, where known; never a model's."""
 
 
-def scene_identity(recording: str, frame: int) -> np.ndarray:
-    """[2] uint32 that names a scene independently of how scenes are batched or ordered."""
-    return np.array([zlib.crc32(recording.encode()), frame % 2**32], np.uint32)
+def scene_identity(recording: str, frame: int | np.ndarray) -> np.ndarray:
+    """[..., 2] uint32 that names scenes independently of how they are batched or ordered.
+
+    `frame [...]` is, in every part of this package, the index of a scene's first step among those
+    of its recording, and not the number that a file gives it.
+    """
+    digest = np.full(np.shape(frame), zlib.crc32(recording.encode()))
+    return np.stack([digest, np.asarray(frame) % 2**32], axis=-1).astype(np.uint32)
 
 
 def make_scene(
@@ -73,7 +78,7 @@ def make_scene(
         observed: [N, obs_len, 2] metres in any frame.
         future: [N, pred_len, 2] metres in the same frame, where known.
         recording: name of the recording, part of the scene's identity.
-        frame: start frame within the recording, the rest of its identity.
+        frame: index of the first step within the recording, the rest of its identity.
 
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.

@@ -6,13 +6,13 @@ padding; `data.batching` makes padded scenes of them.
 """
 
 import dataclasses
-import zlib
 from collections.abc import Iterable
 
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
+from neurosym_jax.scene import scene_identity
 
 __all__ = ["Windows", "cut_windows"]
 
@@ -97,9 +97,7 @@ def _cut(tracks: Tracks, length: int, skip: int, min_agents: int):
     enough = sizes >= min_agents
     first = first[np.repeat(enough, sizes)]
     position = tracks.position[first[:, None] + np.arange(length)]
-    identity = np.empty((int(enough.sum()), 2), np.uint32)
-    identity[:, 0] = zlib.crc32(tracks.recording.encode())
-    identity[:, 1] = starts[enough]
+    identity = scene_identity(tracks.recording, starts[enough])
     return position, tracks.id[first], sizes[enough], identity
 
 

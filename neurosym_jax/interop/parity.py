@@ -16,6 +16,7 @@ import numpy as np
 import tyro
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.report import write_json
 from neurosym_jax.interop.parity_networks import Arrays, Compared, sgan
 from neurosym_jax.interop.parity_symbols import neurosym, qtc
 from neurosym_jax.interop.parity_training import train_step
@@ -83,8 +84,6 @@ def parity(options: ParityOptions) -> int:
     rows = run_parity(options.directory, options.tolerance)
     print(format_parity(rows))
     if options.json is not None:
-        from neurosym_jax.evaluation.report import write_json
-
         write_json(options.json, parity_json(rows))
     compared = [row.ok for row in rows if row.skipped is None]
     return 0 if compared and all(compared) else 1

@@ -28,10 +28,12 @@ from neurosym_jax.scene import Scene, make_scene, model_dtype, pad_scene, to_wor
 __all__ = [
     "Arrays",
     "Compared",
+    "discriminator_config",
     "floats",
     "forecasts",
     "generator_config",
     "make_scenes",
+    "manifest_field",
     "scene_bounds",
     "scene_noise",
     "sgan",
@@ -98,7 +100,7 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         "pred_abs": (np.concatenate(ours_abs), pred_abs),
     }
     if "d_type" in row:
-        d_config = _discriminator_config(row)
+        d_config = discriminator_config(row)
         d_params = discriminator_params_from_torch(state_dict(arrays, "d_state/"), d_config)
         theirs = floats(arrays, "d_scores_fake", agents)
         fake = np.concatenate([observed, pred_abs], axis=1)
@@ -178,7 +180,7 @@ def scene_bounds(arrays: Arrays, agents: int) -> np.ndarray:
 
 def generator_config(row: Mapping[str, Any]) -> GeneratorConfig:
     """The configuration of a row, whose `variant`, where it has one, is NeuroSyM's pooling."""
-    pooling = _field(row, "pooling_type")
+    pooling = manifest_field(row, "pooling_type")
     named: dict[Any, Any] = {theirs: ours for ours, theirs in TORCH_POOLING.items()}
     named[None] = "none"
     if "variant" in row:
@@ -189,23 +191,28 @@ def generator_config(row: Mapping[str, Any]) -> GeneratorConfig:
     for name, value in FIXED.items():
         if row.get(name, value) != value:
             raise InputError(f"manifest: {name} = {row[name]!r}, and ours is always {value!r}")
-    noise_dim = _field(row, "noise_dim")
+    noise_dim = manifest_field(row, "noise_dim")
     if isinstance(noise_dim, list) and len(noise_dim) == 1:
         noise_dim = noise_dim[0]
     fields = {"pooling": named[pooling], "noise_dim": noise_dim}
     for name in (*SAME_NAME_ARGUMENTS, *RENAMED_ARGUMENTS):
         if name not in SOCIAL_ONLY or pooling == "spool":
-            fields[name] = _field(row, name)
+            fields[name] = manifest_field(row, name)
     return from_json(GeneratorConfig, {"format": FORMAT, **fields}, "manifest")
 
 
-def _discriminator_config(row: Mapping[str, Any]) -> DiscriminatorConfig:
-    fields = {"kind": _field(row, "d_type"), "h_dim": _field(row, "encoder_h_dim_d")}
-    fields |= {name: _field(row, name) for name in ("embedding_dim", "mlp_dim")}
+def discriminator_config(row: Mapping[str, Any]) -> DiscriminatorConfig:
+    """The discriminator of a row that has one."""
+    fields = {
+        "kind": manifest_field(row, "d_type"),
+        "h_dim": manifest_field(row, "encoder_h_dim_d"),
+    }
+    fields |= {name: manifest_field(row, name) for name in ("embedding_dim", "mlp_dim")}
     return from_json(DiscriminatorConfig, {"format": FORMAT, **fields}, "manifest")
 
 
-def _field(row: Mapping[str, Any], name: str) -> Any:
+def manifest_field(row: Mapping[str, Any], name: str) -> Any:
+    """What the row says of `name`; InputError where it says nothing."""
     if name not in row:
         raise InputError(f"manifest: the row has no {name!r}")
     return row[name]

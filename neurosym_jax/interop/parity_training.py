@@ -18,11 +18,11 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.interop.parity_networks import (
     Arrays,
     Compared,
-    _discriminator_config,
-    _field,
+    discriminator_config,
     floats,
     generator_config,
     make_scenes,
+    manifest_field,
     scene_bounds,
     stacked,
     state_dict,
@@ -143,12 +143,12 @@ def _two_steps(
 
 def _recipe(row: Mapping[str, Any]) -> TrainConfig:
     """The manifest's recipe; labels are numbers there and ranges with us."""
-    fields = {ours: _field(row, theirs) for ours, theirs in RECIPE.items()}
+    fields = {ours: manifest_field(row, theirs) for ours, theirs in RECIPE.items()}
     for name in ("label_real", "label_fake"):
         fields[name] = (fields[name], fields[name])
     fields |= {"adversarial_weight": 1.0, "criterion": "squared_displacement", "ema": 0.0}
     fields |= {"schedule": "constant", "weigh_scenes": "equally"}
-    fields["discriminator"] = to_json(_discriminator_config(row))
+    fields["discriminator"] = to_json(discriminator_config(row))
     return from_json(TrainConfig, {"format": FORMAT, **fields}, "manifest")
 
 

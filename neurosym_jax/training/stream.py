@@ -33,11 +33,6 @@ class SceneStream:
         self._members = [np.flatnonzero(buckets == slots) for slots in self._slots]
         self._quotas = [max(1, round(len(members) * share)) for members in self._members]
 
-    @property
-    def steps_per_epoch(self) -> float:
-        """Batches in which as many scenes come as the data has."""
-        return len(self.windows.sizes) / sum(self._quotas)
-
     def steps(self, first: int, count: int) -> tuple[Scene, ...]:
         """`count` batches from `first` on: a Scene for each bucket, `[count, quota, slots, .]`."""
         return tuple(self._bucket(index, first, count) for index in range(len(self._slots)))
