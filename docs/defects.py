@@ -57,6 +57,8 @@ def measure(data: Path | None) -> None:
     print(f"{'per cent':{width}}  {titles}")
     for label, row in zip(LABELS, shares.T):
         print(f"{label:{width}}  " + "".join(f"{share:12.1f}" for share in row))
+    own, reads = counts[-1][-1]
+    print(f"the pair's are {own} of {reads} rows ({own / reads:.3%})")
 
 
 def count(windows: Windows) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Affine layers and the ReLU perceptron, initialised as SGAN initialises them.
 
 Kernels are [in, out]. The layers expose `kernel` and `bias`, because a chain of affine layers is
-folded into one matrix where that saves work (see `decoder` and `pooling`); the parameters, and so
-what an optimiser sees, stay those of the unfolded layers.
+folded into one matrix where that saves work (see `lstm`, `decoder` and the poolings); the
+parameters, and so what an optimiser sees, stay those of the unfolded layers.
 """
 
 from collections.abc import Sequence

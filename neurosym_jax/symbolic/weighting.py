@@ -12,7 +12,7 @@ four have names:
 - `zeros`: no weight for anyone but oneself. What the released training was fed with the authors'
   table, because its reader took the first character of a label such as `0.0625`.
 
-This is not the pooling that uses the weights (see `models.pooling`).
+This is not the pooling that uses the weights (see `models.symbolic_pooling`).
 """
 
 from typing import Any, Literal, NamedTuple, get_args

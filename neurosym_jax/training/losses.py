@@ -1,4 +1,4 @@
-"""Losses of the GAN: adversarial terms with smoothed labels, and the variety loss (best of k)."""
+"""Losses of the GAN: the adversarial term, and the errors by which the best of k is chosen."""
 
 import jax.numpy as jnp
 from jax import Array
