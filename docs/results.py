@@ -1,6 +1,6 @@
 """`docs/results.md` from an evaluation of what ships.
 
-python evaluate.py --data DATA --checkpoint checkpoints/* --json docs/results.json
+python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_* --json docs/results.json
 python docs/results.py docs/results.json > docs/results.md
 """
 

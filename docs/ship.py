@@ -1,7 +1,7 @@
 """Ship finished runs: their models to `checkpoints/`, with cards that hold the test numbers.
 
 python docs/ship.py RUNS                         # copies RUNS/*/model to checkpoints/*
-python evaluate.py --data DATA --checkpoint checkpoints/*_8_8 checkpoints/*_8_12 \\
+python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_* \\
     --json docs/results.json
 python docs/ship.py RUNS docs/results.json       # writes the cards again, tested
 """
