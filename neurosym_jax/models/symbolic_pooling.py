@@ -23,12 +23,8 @@ NOT_OF_PAIRS = (
 )
 
 
-class SymbolicPooling(nn.Module):
-    """As described: each step's `Dense(X_j(t) - X_i(t))` times `alpha_ij(t)`, beside h_j.
-
-    The first layer of the pair perceptron is linear in `[alpha dx, alpha dy, alpha]` of each step,
-    so the embedding folds into it: 3 inputs a step instead of `embedding_dim`.
-    """
+class _HistoryPooling(nn.Module):
+    """What the variants share: their sizes and the pair perceptron over all steps and h_j."""
 
     obs_len: int
     embedding_dim: int
@@ -36,11 +32,23 @@ class SymbolicPooling(nn.Module):
     hidden_dim: int
     bottleneck_dim: int
 
-    def setup(self):
-        """Declare the embedding, shared over time, and the pair perceptron."""
-        self.spatial_embedding = Affine(2, self.embedding_dim)
+    def declare(self, inputs: int, outputs: int) -> None:
+        """Declare the embedding `inputs -> outputs` and the perceptron of a pair."""
+        self.spatial_embedding = Affine(inputs, outputs)
         width = self.obs_len * self.embedding_dim
         self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
+
+
+class SymbolicPooling(_HistoryPooling):
+    """As described: each step's `Dense(X_j(t) - X_i(t))` times `alpha_ij(t)`, beside h_j.
+
+    The first layer of the pair perceptron is linear in `[alpha dx, alpha dy, alpha]` of each step,
+    so the embedding folds into it: 3 inputs a step instead of `embedding_dim`.
+    """
+
+    def setup(self):
+        """Declare the embedding, shared over time, and the pair perceptron."""
+        self.declare(2, self.embedding_dim)
 
     def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`.
@@ -71,24 +79,16 @@ class SymbolicPooling(nn.Module):
         return max_over_neighbours(first_layer, (observed, alpha), second, valid)
 
 
-class RosPooling(nn.Module):
+class RosPooling(_HistoryPooling):
     """The robot package: one Linear over the whole flattened history, then alpha by step.
 
     Block t of its output, `embedding_dim` channels, is multiplied by `alpha_ij(t)`, but mixes all
     steps. The Linear splits into per-agent parts because the history is a difference.
     """
 
-    obs_len: int
-    embedding_dim: int
-    h_dim: int
-    hidden_dim: int
-    bottleneck_dim: int
-
     def setup(self):
         """Declare the embedding of the history and the pair perceptron."""
-        width = self.obs_len * self.embedding_dim
-        self.spatial_embedding = Affine(2 * self.obs_len, width)
-        self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
+        self.declare(2 * self.obs_len, self.obs_len * self.embedding_dim)
 
     def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`; arguments as in `SymbolicPooling`."""
@@ -108,24 +108,16 @@ class RosPooling(nn.Module):
         return max_over_neighbours(first_layer, (own, alpha), second, valid)
 
 
-class IjcnnPooling(nn.Module):
+class IjcnnPooling(_HistoryPooling):
     """The earlier release: its relative history is identically zero, so nothing depends on i.
 
     What is left of the embedding is its bias, times a row of alpha that the released collation
     picked for agent j; everybody gets the same maximum over j.
     """
 
-    obs_len: int
-    embedding_dim: int
-    h_dim: int
-    hidden_dim: int
-    bottleneck_dim: int
-
     def setup(self):
         """Declare the embedding (of which only the bias acts) and the perceptron."""
-        self.spatial_embedding = Affine(2, self.embedding_dim)
-        width = self.obs_len * self.embedding_dim
-        self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
+        self.declare(2, self.embedding_dim)
 
     def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`, every row the same; `alpha [N, obs_len]`.
