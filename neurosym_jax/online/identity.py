@@ -1,0 +1,36 @@
+"""IDF1: how well a tracker's ids follow people (Ristani et al., ECCV workshops 2016)."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linear_sum_assignment
+
+from neurosym_jax.errors import InputError
+
+__all__ = ["idf1"]
+
+
+def idf1(person: ArrayLike, given: ArrayLike) -> float:
+    """Share of rows whose id is right, under the best one-to-one naming of ids after people.
+
+    `2 IDTP / (2 IDTP + IDFP + IDFN)`; 1 is perfect.
+
+    Args:
+        person: [R] whole numbers, the true person of each row; -1 where the row is nobody.
+        given: [R] whole numbers, the id given to it; -1 where the person was missed.
+
+    Raises:
+        InputError: for shapes that differ, or where there is neither a person nor an id.
+    """
+    person, given = np.asarray(person), np.asarray(given)
+    if person.ndim != 1 or person.shape != given.shape:
+        raise InputError(f"person and given must both be [R], not {person.shape}, {given.shape}")
+    total = int((person != -1).sum() + (given != -1).sum())
+    if total == 0:
+        raise InputError("no rows to score")
+    both = (person != -1) & (given != -1)
+    people, row = np.unique(person[both], return_inverse=True)
+    ids, column = np.unique(given[both], return_inverse=True)
+    together = np.zeros((len(people), len(ids)), int)
+    np.add.at(together, (row, column), 1)
+    right = together[linear_sum_assignment(together, maximize=True)].sum()
+    return float(2 * right / total)
