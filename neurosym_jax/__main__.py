@@ -33,6 +33,9 @@ VERBS = {
         "parity",
         "ParityOptions",
     ),
+    "stitch": Verb(
+        "join tracks that occlusions broke", "online.stitch_verb", "stitch", "StitchOptions"
+    ),
 }
 
 

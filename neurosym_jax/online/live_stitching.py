@@ -79,7 +79,7 @@ class OnlineStitcher:
         self._link([id for id in new if id not in self.ids], here)
         for id in new:
             if id not in self._name:
-                self._name[id] = self.ids[id] if id in self.ids else id
+                self._name[id] = self.ids.get(id, id)
             self._history[id] = collections.deque(maxlen=POINTS)
         for id, position in here.items():
             if id in self._history:
