@@ -79,7 +79,8 @@ class OnlineStitcher:
         self._link([id for id in new if id not in self.ids], here)
         for id in new:
             if id not in self._name:
-                self._name[id] = self.ids.get(id, id)
+                by_hand = self.ids.get(id)
+                self._name[id] = id if by_hand is None else by_hand
             self._history[id] = collections.deque(maxlen=POINTS)
         for id, position in here.items():
             if id in self._history:
