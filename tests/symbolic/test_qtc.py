@@ -17,7 +17,6 @@ from neurosym_jax.symbolic.states import ABSENT, collapse, converse, format_stat
 CONVENTIONS = ("distance", "line", "as_published")
 GRID = arrays(np.float32, (2, 6, 2), elements=st.integers(-20, 20).map(float))
 fixed_collapse, fixed_validate = jax.jit(collapse), jax.jit(validate)
-pytestmark = pytest.mark.rounding
 QUICK = settings(max_examples=60, deadline=None)
 
 
@@ -56,6 +55,7 @@ def test_only_the_line_convention_calls_passing_at_a_right_angle_neither():
     assert [int(b1(k, l, convention=name)[0, 0]) for name in CONVENTIONS] == [1, 0, 1]
 
 
+@pytest.mark.rounding
 def test_a_movement_of_exactly_the_quantisation_factor_is_none():
     k, l = np.array([[0.0, 0], [0.5, 0], [1.0, 0.25]]), np.full((3, 2), [4.0, 0])  # noqa: E741
     for convention in CONVENTIONS:
@@ -72,6 +72,7 @@ def test_an_unknown_convention_is_refused():
         qtc_b1(np.zeros((2, 2)), np.zeros((2, 2)), convention="nearest")  # pyright: ignore
 
 
+@pytest.mark.rounding
 @pytest.mark.usefixtures("double")
 def test_the_released_code_and_the_papers_formula(golden):
     case = np.load(golden / "torch" / "qtc.npz")
@@ -82,6 +83,7 @@ def test_the_released_code_and_the_papers_formula(golden):
     np.testing.assert_array_equal(c1(k, l, quantisation_factor=0.05), case["qtc_signed_q005"])
 
 
+@pytest.mark.rounding
 def test_float32_differs_from_float64_at_exact_ties_only(golden):
     case = np.load(golden / "torch" / "qtc.npz")
     decimetres = np.rint(10 * np.stack([case["k"], case["l"]])).astype(int)
@@ -98,6 +100,7 @@ def test_float32_differs_from_float64_at_exact_ties_only(golden):
         assert differs.sum() <= 2
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize(
     ("convention", "column"),
     [("as_published", "legacy"), ("distance", "distance_signed"), ("line", "line_qsrlib")],
@@ -111,6 +114,7 @@ def test_all_unit_steps(golden, convention, column):
     )
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("x64", [False, True])
 def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
     assert len(real_windows) == 24

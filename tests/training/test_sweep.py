@@ -86,7 +86,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
         scenes=("cross-path",),
         seeds=2,
         steps=25,
-        set=("batch_scenes=8", "best_k=2"),
+        set=("batch_scenes=4", "best_k=2", "max_agents=4"),
         out=tmp_path / "sweep",
         jobs=1,  # So that the second finds the first one's compiled programs.
     )
