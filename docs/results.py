@@ -9,21 +9,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-SCENES = ("eth", "hotel", "univ", "zara1", "zara2")
+from published import NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
 
 PUBLISHED = {
-    8: {
-        "SGAN-20V, published": ".58/1.13 .36/.71 .33/.70 .21/.42 .21/.42",
-        "SGAN-20VP, published": ".57/1.14 .38/.73 .42/.79 .22/.43 .24/.48",
-        "NeuroSyM, released logs": ".64/1.27 .35/.67 .36/.74 .21/.41 .20/.40",
-    },
-    12: {
-        "SGAN-20V, published": ".71/1.29 .48/1.02 .56/1.18 .34/.69 .31/.64",
-        "SGAN-20VP, published": ".77/1.39 .43/.88 .75/1.50 .34/.68 .36/.73",
-        "NeuroSyM, released logs": ".73/1.44 .51/1.01 .62/1.31 .35/.70 -",
-    },
+    "SGAN-20V, published": SGAN_20V,
+    "SGAN-20VP, published": SGAN_20VP,
+    "NeuroSyM, released logs": NEUROSYM,
 }
-"""Joint best-of-20 ADE/FDE in metres; the released NeuroSyM has no zara2 log at 8 + 12."""
 
 HEAD = """# Results
 
@@ -47,18 +39,11 @@ def document(rows: list[dict[str, Any]]) -> str:
         tests = {row["scene"]: (row["scenes"], row["agents"]) for row in mine}
         sizes = "; ".join(f"{name} {tests[name][0]}/{tests[name][1]}" for name in tests)
         parts.append(f"## 8 + {pred_len} steps\n\nScenes/agents: {sizes}.\n")
-        published = {
-            name: dict(zip(SCENES, map(_numbers, cells.split())))
-            for name, cells in PUBLISHED[pred_len].items()
-        }
+        published = {name: of_length[pred_len] for name, of_length in PUBLISHED.items()}
         parts.append(f"Joint:\n\n{_table(published | _ours(mine, 'joint'))}\n")
         parts.append(f"Marginal:\n\n{_table(_ours(mine, 'marginal'))}\n")
         parts.append(f"Share of forecast people in a collision:\n\n{_collisions(mine)}\n")
     return "\n".join(parts)
-
-
-def _numbers(cell: str) -> tuple[float, float] | None:
-    return None if cell == "-" else tuple(map(float, cell.split("/")))  # pyright: ignore
 
 
 def _ours(rows: list[dict[str, Any]], protocol: str) -> dict[str, dict[str, Any]]:

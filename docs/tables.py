@@ -4,22 +4,19 @@ python evaluate.py --data DATA --checkpoint sgan-models/*.pt sgan-p-models/*.pt 
 python docs/tables.py zoo.json
 """
 
+import itertools
 import json
 import sys
 from pathlib import Path
 from typing import Any
 
-SCENES = ("eth", "hotel", "univ", "zara1", "zara2")
+from published import SCENES, SGAN_20V, SGAN_20VP
 
-PUBLISHED = {
-    ("SGAN, no pooling", 8): ".58/1.13 .36/.71 .33/.70 .21/.42 .21/.42",
-    ("SGAN", 8): ".57/1.14 .38/.73 .42/.79 .22/.43 .24/.48",
-    ("SGAN, no pooling", 12): ".71/1.29 .48/1.02 .56/1.18 .34/.69 .31/.64",
-    ("SGAN", 12): ".77/1.39 .43/.88 .75/1.50 .34/.68 .36/.73",
+MODELS = {
+    "SGAN, no pooling": ("SGAN-20V", SGAN_20V),
+    "SGAN": ("SGAN-20VP", SGAN_20VP),
 }
-"""ADE/FDE in metres that SGAN's authors publish for their checkpoints, in the order of `SCENES`."""
-
-NAMES = {"SGAN, no pooling": "SGAN-20V", "SGAN": "SGAN-20VP"}
+"""By the name that an evaluation gives them."""
 
 
 def zoo_table(rows: list[dict[str, Any]]) -> str:
@@ -28,11 +25,11 @@ def zoo_table(rows: list[dict[str, Any]]) -> str:
         "| model, steps | | " + " | ".join(SCENES) + " |",
         "|---|---" + "|---" * len(SCENES) + "|",
     ]
-    for (model, pred_len), published in PUBLISHED.items():
+    for pred_len, model in itertools.product((8, 12), MODELS):
+        name, published = MODELS[model]
         ours = [_errors(rows, model, pred_len, scene) for scene in SCENES]
-        theirs = ["{:.2f} / {:.2f}".format(*map(float, p.split("/"))) for p in published.split()]
-        title = f"{NAMES[model]}, 8 + {pred_len}"
-        lines.append(f"| {title} | ours | " + " | ".join(ours) + " |")
+        theirs = ["{} / {}".format(*map("{:.2f}".format, published[pred_len][s])) for s in SCENES]
+        lines.append(f"| {name}, 8 + {pred_len} | ours | " + " | ".join(ours) + " |")
         lines.append("| | published | " + " | ".join(theirs) + " |")
     for pred_len in (8, 12):
         ours = [_errors(rows, "constant velocity", pred_len, scene) for scene in SCENES]

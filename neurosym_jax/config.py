@@ -12,6 +12,7 @@ import types
 import typing
 from typing import Any, Literal, TypeVar
 
+from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.weighting import WeightingName
 
@@ -37,12 +38,8 @@ SYMBOLIC: tuple[PoolingName, ...] = ("as_described", "neurosym_ros", "neurosym_i
 """The poolings that weight a pair's interaction by alpha."""
 
 
-def _refuse_below(config: Any, lowest: int, *names: str) -> None:
-    """Refuse fields that are not finite numbers of at least `lowest`."""
-    for name in names:
-        value = getattr(config, name)
-        if not lowest <= value < math.inf:
-            raise InputError(f"{name} must be at least {lowest}, not {value}")
+def _named(config: Any, *names: str) -> dict[str, Any]:
+    return {name: getattr(config, name) for name in names}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +70,7 @@ class GeneratorConfig:
     def __post_init__(self):
         """Refuse, in words, what the networks cannot be built from."""
         counts = [field.name for field in dataclasses.fields(self) if field.type is int]
-        _refuse_below(self, 1, *(name for name in counts if name != "noise_dim"))
+        refuse_below(1, _named(self, *(name for name in counts if name != "noise_dim")))
         if not 0 < self.neighborhood_size < float("inf"):
             raise InputError(f"neighborhood_size must be positive, not {self.neighborhood_size}")
         if not 0 <= self.noise_dim < self.decoder_h_dim:
@@ -123,7 +120,7 @@ class DiscriminatorConfig:
 
     def __post_init__(self):
         """Refuse a layer without units."""
-        _refuse_below(self, 1, "embedding_dim", "h_dim", "mlp_dim", "pool_hidden_dim")
+        refuse_below(1, _named(self, "embedding_dim", "h_dim", "mlp_dim", "pool_hidden_dim"))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,13 +168,11 @@ class TrainConfig:
 
     def __post_init__(self):
         """Refuse, before any step, what would fail late or train nothing."""
-        if not 0 <= self.seed < 2**32:
-            raise InputError(f"seed must lie in [0, 2**32), not {self.seed}")
-        _refuse_below(self, 1, "steps", "batch_scenes", "best_k", "validate_every")
-        if self.max_agents is not None:
-            _refuse_below(self, 1, "max_agents")
+        refuse_seed(self.seed)
+        counts = ("steps", "batch_scenes", "max_agents", "best_k", "validate_every")
+        refuse_below(1, _named(self, *counts))
         weights = ("l2_weight", "fde_weight", "adversarial_weight")
-        _refuse_below(self, 0, *weights, "warmup_steps", "clip_norm")
+        refuse_below(0, _named(self, *weights, "warmup_steps", "clip_norm"))
         if self.l2_weight == self.adversarial_weight == 0:
             raise InputError(
                 "l2_weight and adversarial_weight are both 0: nothing would be learned"

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.checks import refuse_seed
 
 __all__ = ["NoiseSpec", "draw_noise", "scene_noise"]
 
@@ -59,8 +59,7 @@ def draw_noise(
     Raises:
         InputError: for a seed that is not in [0, 2**32), which jax would silently wrap.
     """
-    if not 0 <= seed < 2**32:
-        raise InputError(f"the seed must lie in [0, 2**32), not {seed}")
+    refuse_seed(seed)
     scenes = len(identity)
     slots = agents if spec.per_agent else 1
     identity = np.repeat(identity, slots, axis=0)

@@ -13,7 +13,8 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
-from neurosym_jax.forecast import Model, encode_scene, predict
+from neurosym_jax.forecast import Model, predict
+from neurosym_jax.generator_forecaster import encode_scene
 from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.model_folder import load_model, save_model
 from neurosym_jax.models import Generator

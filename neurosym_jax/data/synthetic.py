@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from neurosym_jax.checks import refuse_seed
 from neurosym_jax.data.social_force import ABREAST, Plan, walk
 from neurosym_jax.data.tracker import TrackerFaults, track
 from neurosym_jax.data.tracks import Tracks, make_tracks, resample
@@ -120,8 +121,7 @@ def _walk(scenario, seed, duration, people, rate) -> tuple[np.ndarray, np.ndarra
     """Path [F, P, 2] and stamps [F] in float64."""
     if scenario not in _PLANS:
         raise InputError(f"scenario must be one of {sorted(_PLANS)}, not {scenario!r}")
-    if not 0 <= seed < 2**32:
-        raise InputError(f"seed must lie in 0 .. 2**32 - 1, not {seed}")
+    refuse_seed(seed)
     if people < 1:
         raise InputError(f"people must be at least 1, not {people}")
     if not (0 < rate < float("inf") and 0 <= duration < float("inf")):

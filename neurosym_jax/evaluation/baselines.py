@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.forecast import AgentwiseForecaster
+from neurosym_jax.forecaster import AgentwiseForecaster
 from neurosym_jax.noise import NoiseSpec
 from neurosym_jax.scene import Scene
 

@@ -22,7 +22,7 @@ class Shown:
     scene: Scene
     """The example, padded, with its truth."""
     forecast: np.ndarray
-    """[k, N, pred_len, 2] metres relative to the example's origin."""
+    """[k, N, pred_len, 2] world metres."""
     horizon: np.ndarray
     """[pred_len] mean error in metres over the whole test set."""
 
@@ -45,11 +45,8 @@ def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
         observed, truth = (
             to_world(part, scene)[present] for part in (scene.observed, scene.future)
         )
-        best = {
-            name: _best(to_world(item.forecast, scene)[:, present], truth)
-            for name, item in zip(names, members)
-        }
-        fan = to_world(members[-1].forecast, scene)[:, present]
+        best = {name: _best(item.forecast[:, present], truth) for name, item in zip(names, members)}
+        fan = members[-1].forecast[:, present]
         samples = max(len(item.forecast) for item in members)
         joint = f"jointly best of {samples}"
         title = f"{test.scene}, {test.obs_len} + {test.pred_len} steps"

@@ -18,10 +18,11 @@ from neurosym_jax.evaluation.metrics import (
     join_errors,
     scene_errors,
 )
-from neurosym_jax.forecast import Forecaster, forecast_scene
+from neurosym_jax.forecaster import Forecaster
 from neurosym_jax.noise import NoiseSpec, draw_noise
 from neurosym_jax.runtime import compile_seconds
 from neurosym_jax.scene import Scene
+from neurosym_jax.scene_forecaster import SceneForecaster
 
 __all__ = ["Evaluation", "evaluate", "latency"]
 
@@ -130,14 +131,11 @@ def _colliding(forecast, valid):
 def latency(
     forecaster: Forecaster, params: Any, scene: Scene, *, samples: int, seed: int
 ) -> tuple[float, np.ndarray]:
-    """Median seconds from one scene and a seed to its forecast `[k, N, pred_len, 2]`."""
-    spec = forecaster.noise
-    samples = samples if spec.dim else 1
-    scene = scene.replace(future=None, origin=None)
-    forecast, seconds = np.empty(0), []
+    """Median seconds from one scene to its forecast `[k, N, pred_len, 2]`, world metres."""
+    forecast = SceneForecaster(forecaster, params, samples=samples, seed=seed)
+    futures, seconds = np.empty(0), []
     for _ in range(11):
         start = time.perf_counter()
-        noise = draw_noise(spec, seed, np.asarray(scene.identity)[None], samples, len(scene.valid))
-        forecast = np.asarray(forecast_scene(forecaster, params, scene, noise[:, 0]))
+        futures = forecast(scene)
         seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds[1:])), forecast
+    return float(np.median(seconds[1:])), futures

@@ -15,13 +15,8 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.config import FORMAT, DiscriminatorConfig, GeneratorConfig, from_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.torch import (
-    RENAMED_ARGUMENTS,
-    SAME_NAME_ARGUMENTS,
-    TORCH_POOLING,
-    discriminator_params_from_torch,
-    generator_params_from_torch,
-)
+from neurosym_jax.interop.names import discriminator_params_from_torch, generator_params_from_torch
+from neurosym_jax.interop.torch import RENAMED_ARGUMENTS, SAME_NAME_ARGUMENTS, TORCH_POOLING
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.scene import Scene, make_scene, model_dtype, pad_scene, to_world
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.collation import alpha_rows_used
+from neurosym_jax.interop.names import generator_params_from_torch
 from neurosym_jax.interop.parity_networks import (
     Arrays,
     Compared,
@@ -25,7 +26,6 @@ from neurosym_jax.interop.parity_networks import (
     stacked,
     state_dict,
 )
-from neurosym_jax.interop.torch import generator_params_from_torch
 from neurosym_jax.symbolic.qtc import qtc_c1
 from neurosym_jax.symbolic.weighting import alpha_from_states, named_weighting, pair_alpha
 

@@ -15,6 +15,7 @@ from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, from_json, to_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.interop.names import discriminator_params_from_torch, generator_params_from_torch
 from neurosym_jax.interop.parity_networks import (
     Arrays,
     Compared,
@@ -26,10 +27,6 @@ from neurosym_jax.interop.parity_networks import (
     scene_bounds,
     stacked,
     state_dict,
-)
-from neurosym_jax.interop.torch import (
-    discriminator_params_from_torch,
-    generator_params_from_torch,
 )
 from neurosym_jax.scene import Scene, model_dtype, relative_positions
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient

@@ -22,15 +22,7 @@ from neurosym_jax.interop.names import (
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
 
-__all__ = [
-    "TorchCheckpoint",
-    "discriminator_params_from_torch",
-    "discriminator_params_to_torch",
-    "export_torch_checkpoint",
-    "generator_params_from_torch",
-    "generator_params_to_torch",
-    "load_torch_checkpoint",
-]
+__all__ = ["TorchCheckpoint", "export_torch_checkpoint", "load_torch_checkpoint"]
 
 TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
 """SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""

@@ -6,21 +6,19 @@ came live or from a file. All programs are compiled at the start, for a few numb
 """
 
 import dataclasses
-import functools
 import time
 from collections.abc import Mapping
-from typing import Any
 
-import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neurosym_jax.checks import refuse_below
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import Forecaster, Model
-from neurosym_jax.noise import scene_noise
+from neurosym_jax.forecast import Model
 from neurosym_jax.online.window import Health, Window
-from neurosym_jax.scene import make_scene, pad_scene, to_world
+from neurosym_jax.scene import make_scene
+from neurosym_jax.scene_forecaster import SceneForecaster
 
 __all__ = ["Forecast", "ModelForecast", "Predictor"]
 
@@ -96,10 +94,7 @@ class Predictor:
         lengths = {model.config.obs_len for model in self.models.values()}
         if len(lengths) != 1:
             raise InputError(f"models must observe the same number of steps, not {sorted(lengths)}")
-        if max_people < 1 or samples < 1:
-            raise InputError(f"max_people and samples must be positive: {max_people}, {samples}")
-        if not 0 <= seed < 2**32:
-            raise InputError(f"the seed must lie in [0, 2**32), not {seed}")
+        refuse_below(1, {"max_people": max_people})
         self.window = Window(
             lengths.pop(),
             period,
@@ -108,9 +103,11 @@ class Predictor:
             reset_after=reset_after,
             max_tracks=max_tracks,
         )
-        self.max_people, self.samples, self.recording = max_people, samples, recording
-        self._key = jax.random.key(seed)
-        self._params = {name: jax.device_put(model.params) for name, model in self.models.items()}
+        self.max_people, self.recording = max_people, recording
+        self._forecasters = {
+            name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
+            for name, model in self.models.items()
+        }
         people = 1
         while people <= int(bucket_of(max_people)):
             size = int(bucket_of(people))
@@ -166,26 +163,13 @@ class Predictor:
 
     def _forecast(self, observed: np.ndarray, frame: int) -> dict[str, ModelForecast]:
         """Of every model; the window of N people begins at grid point `frame`."""
-        people = len(observed)
         scene = make_scene(observed, recording=self.recording, frame=frame)
-        padded = pad_scene(scene, int(bucket_of(people))).replace(origin=None)
         # All are begun before the first is waited for.
-        started = {
-            name: _run(model.forecaster, self._params[name], padded, self._key, self.samples)
-            for name, model in self.models.items()
-        }
+        started = {name: each.start(scene) for name, each in self._forecasters.items()}
         return {
-            name: _summary(to_world(np.asarray(futures)[:, :people], scene))
+            name: _summary(SceneForecaster.finish(futures, scene))
             for name, futures in started.items()
         }
-
-
-@functools.partial(jax.jit, static_argnums=(0, 4))
-def _run(forecaster: Forecaster, params: Any, scene: Any, key: jax.Array, samples: int):
-    # The same numbers as `draw_noise`, without its chunk of 256 streams.
-    slots = scene.valid.shape[0]
-    noise = scene_noise(forecaster.noise, key, scene.identity, samples, slots)
-    return forecaster.one(params, scene, noise)
 
 
 def _summary(samples: np.ndarray) -> ModelForecast:

@@ -25,7 +25,8 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.environment import code_version, run_environment
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
-from neurosym_jax.forecast import GeneratorForecaster, Model
+from neurosym_jax.forecast import Model
+from neurosym_jax.generator_forecaster import GeneratorForecaster
 from neurosym_jax.model_folder import save_model
 from neurosym_jax.training.card import CARD, write_card
 from neurosym_jax.training.lock import sole_writer
@@ -33,7 +34,7 @@ from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.step import TrainState, initial_state, train_step
 from neurosym_jax.training.stream import SceneStream
 
-__all__ = ["CHUNK", "RUN", "Run", "data_digest", "train"]
+__all__ = ["CHUNK", "RUN", "Run", "data_digest", "train_run"]
 
 RUN = "run.json"
 
@@ -43,7 +44,7 @@ CHUNK = 25
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Run:
-    """What is trained on what; `train` does it."""
+    """What is trained on what; `train_run` does it."""
 
     generator: GeneratorConfig
     config: TrainConfig
@@ -75,7 +76,7 @@ def data_digest(windows: Windows) -> str:
     return sha.hexdigest()
 
 
-def train(run: Run, folder: Path, *, resume: bool = False) -> Model:
+def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
     """Train, from the start or from the newest good checkpoint in `folder`.
 
     Returns:

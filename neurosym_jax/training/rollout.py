@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.forecast import decode_scene, encode_scene
+from neurosym_jax.generator_forecaster import decode_scene, encode_scene
 from neurosym_jax.scene import Scene
 
 __all__ = ["Groups", "augment", "decode_groups", "draw_group_noise", "encode_groups"]

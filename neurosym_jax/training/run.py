@@ -16,8 +16,7 @@ from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.weighting import WeightingName
-from neurosym_jax.training import loop
-from neurosym_jax.training.loop import Run
+from neurosym_jax.training.loop import Run, train_run
 
 __all__ = ["TrainOptions", "generator_config", "make_run", "model_name", "recipe", "train"]
 
@@ -71,7 +70,7 @@ def train(options: TrainOptions) -> None:
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
         f"{run.validation.scenes} scenes to validate on, {run.config.steps} steps"
     )
-    loop.train(run, folder, resume=options.resume)
+    train_run(run, folder, resume=options.resume)
     print(f"model: {folder / 'model'}")
 
 

@@ -16,12 +16,14 @@ from typing import Any, Literal
 
 from tqdm import tqdm
 
+from neurosym_jax.checks import refuse_below
 from neurosym_jax.config import to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.environment import cpu_cores
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.cases import make_cases
 from neurosym_jax.evaluation.report import FORMAT, write_json
-from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+from neurosym_jax.evaluation.rows import Settings, evaluate_cases
 from neurosym_jax.symbolic.weighting import WeightingName
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.loop import RUN
@@ -91,10 +93,7 @@ def sweep_runs(options: SweepOptions) -> list[TrainOptions]:
     Raises:
         InputError: for nothing to train, a scene the data has not or a recipe that cannot be.
     """
-    for name in ("seeds", "jobs"):
-        value = getattr(options, name)
-        if value is not None and value < 1:
-            raise InputError(f"--{name} must be at least 1, not {value}")
+    refuse_below(1, {"--seeds": options.seeds, "--jobs": options.jobs})
     source = open_source(options.data)
     scenes = options.scenes or source.scenes
     if unknown := [scene for scene in scenes if scene not in source.scenes]:
@@ -215,9 +214,8 @@ def _test(options: SweepOptions, runs: Sequence[TrainOptions]) -> list[dict[str,
     """Evaluate the models on their own test splits; rows as evaluate's, with `run`."""
     path = options.out / "sweep.json"
     of_path = {str(Path(str(run.out)) / "model"): run for run in runs}
-    rows = run_evaluation(
-        EvaluateOptions(checkpoint=tuple(of_path), data=options.data, json=path, figures=False)
-    )
+    cases = make_cases(open_source(options.data), list(of_path))
+    rows, _ = evaluate_cases(cases, Settings())
     for row in rows:
         run = of_path.get(row["checkpoint"])
         row["run"] = run and {

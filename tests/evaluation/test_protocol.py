@@ -86,5 +86,5 @@ def test_latency_forecasts_the_scene_it_is_given():
     seconds, forecast = latency(ConstantVelocity(8), (), scene, samples=3, seed=0)
     assert forecast.shape == (1, len(scene.valid), 8, 2)
     assert seconds > 0
-    wanted = scene.observed[:, -1] + 8 * scene.displacement[:, -1]
+    wanted = scene.observed[:, -1] + 8 * scene.displacement[:, -1] + scene.origin
     assert_allclose(forecast[0, :, -1], wanted, atol=1e-5)

@@ -12,15 +12,11 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import names
 from neurosym_jax.interop.collation import alpha_rows_used
+from neurosym_jax.interop.names import generator_params_from_torch, generator_params_to_torch
 from neurosym_jax.interop.parity import format_parity, run_parity
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
-from neurosym_jax.interop.torch import (
-    export_torch_checkpoint,
-    generator_params_from_torch,
-    generator_params_to_torch,
-    load_torch_checkpoint,
-)
+from neurosym_jax.interop.torch import export_torch_checkpoint, load_torch_checkpoint
 from neurosym_jax.model_folder import load_model
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene

@@ -9,6 +9,7 @@ import tyro
 
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
+from neurosym_jax.interop.names import discriminator_params_to_torch, generator_params_to_torch
 from neurosym_jax.interop.parity import (
     ParityOptions,
     ParityRow,
@@ -16,10 +17,6 @@ from neurosym_jax.interop.parity import (
     parity,
     parity_json,
     run_parity,
-)
-from neurosym_jax.interop.torch import (
-    discriminator_params_to_torch,
-    generator_params_to_torch,
 )
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.scene import make_scene

@@ -14,16 +14,15 @@ import pytest
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import names, pickle_writer
-from neurosym_jax.interop.pickle_writer import write_torch_file
-from neurosym_jax.interop.pickles import LEGACY_MAGIC, StoredTensor, read_torch_file
-from neurosym_jax.interop.torch import (
+from neurosym_jax.interop.names import (
     discriminator_params_from_torch,
     discriminator_params_to_torch,
-    export_torch_checkpoint,
     generator_params_from_torch,
     generator_params_to_torch,
-    load_torch_checkpoint,
 )
+from neurosym_jax.interop.pickle_writer import write_torch_file
+from neurosym_jax.interop.pickles import LEGACY_MAGIC, StoredTensor, read_torch_file
+from neurosym_jax.interop.torch import export_torch_checkpoint, load_torch_checkpoint
 
 SMALL = GeneratorConfig(
     pooling="none", embedding_dim=2, encoder_h_dim=3, decoder_h_dim=4, mlp_dim=5, noise_dim=1

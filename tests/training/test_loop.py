@@ -12,7 +12,7 @@ from neurosym_jax.model_folder import load_model
 from neurosym_jax.training import loop
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.lock import sole_writer
-from neurosym_jax.training.loop import train
+from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.stream import SceneStream
 
@@ -46,7 +46,7 @@ def leaves(folder):
 def done(run, tmp_path_factory):
     """The folder of a run left alone."""
     folder = tmp_path_factory.mktemp("alone")
-    train(run, folder / "run")
+    train_run(run, folder / "run")
     return folder / "run"
 
 
@@ -93,12 +93,12 @@ def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch, s
     with monkeypatch.context() as patched:
         interrupt_after(patched, step)
         with pytest.raises(Stop):
-            train(run, tmp_path)
+            train_run(run, tmp_path)
     assert not (tmp_path / "model").exists()
     # What a kill may leave: rows beyond the checkpoint, half a line.
     with (tmp_path / "metrics.jsonl").open("a") as file:
         file.write('{"step": 75, "g_loss": 1.0}\n{"step": 10')
-    train(run, tmp_path, resume=True)
+    train_run(run, tmp_path, resume=True)
     (state, params), (alone, wanted) = leaves(tmp_path), leaves(done)
     assert state == alone
     for ours, theirs in zip(params, wanted):
@@ -113,7 +113,7 @@ def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path):
         path = tmp_path / "run" / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
         (tmp_path / "run" / "model.part" / "params").mkdir(parents=True, exist_ok=True)
-        train(run, tmp_path / "run", resume=True)
+        train_run(run, tmp_path / "run", resume=True)
         assert (tmp_path / "run" / "model" / "README.md").exists()
         load_model(tmp_path / "run" / "model")
 
@@ -121,27 +121,27 @@ def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path):
 def test_what_cannot_be_resumed_is_refused(run, with_recipe, done, tmp_path):
     before = (done / "metrics.jsonl").read_bytes()
     with pytest.raises(InputError, match="holds a run at step 75; --resume continues it"):
-        train(run, done)
+        train_run(run, done)
     with pytest.raises(InputError, match="holds another run: its training differs"):
-        train(with_recipe(seed=5), done, resume=True)
+        train_run(with_recipe(seed=5), done, resume=True)
     with pytest.raises(InputError, match="its data differs"):
-        train(dataclasses.replace(run, validation=run.training), done, resume=True)
+        train_run(dataclasses.replace(run, validation=run.training), done, resume=True)
     assert (done / "metrics.jsonl").read_bytes() == before
     (tmp_path / "model").mkdir()
     with pytest.raises(InputError, match="holds a finished model"):
-        train(run, tmp_path, resume=True)
+        train_run(run, tmp_path, resume=True)
 
 
 def test_another_environment_is_told(run, done, capsys, monkeypatch):
     now = loop.run_environment()
     monkeypatch.setattr(loop, "run_environment", lambda: now | {"threads": 77})
-    train(run, done, resume=True)
+    train_run(run, done, resume=True)
     assert f"began with threads {now['threads']} and goes on with 77" in capsys.readouterr().err
 
 
 def test_one_process_at_a_time(run, tmp_path):
     with sole_writer(tmp_path), pytest.raises(InputError, match="another process is training"):
-        train(run, tmp_path)
+        train_run(run, tmp_path)
     with sole_writer(tmp_path):
         pass
 
@@ -157,7 +157,7 @@ def test_a_loss_that_is_not_finite_stops_the_run(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(SceneStream, "steps", poisoned)
     with jax.debug_nans(False), pytest.raises(TrainingError) as caught:
-        train(run, tmp_path)
+        train_run(run, tmp_path)
     message = str(caught.value)
     assert "\n" not in message
     assert "between step 25 and step 50" in message
@@ -165,17 +165,17 @@ def test_a_loss_that_is_not_finite_stops_the_run(run, tmp_path, monkeypatch):
     assert "step 25 is kept" in message
     assert [path.name for path in (tmp_path / "checkpoints").glob("step_*")] == ["step_00000025"]
     monkeypatch.setattr(SceneStream, "steps", steps)
-    train(run, tmp_path, resume=True)
+    train_run(run, tmp_path, resume=True)
 
 
 def test_nothing_is_kept_of_a_run_lost_at_once(with_recipe, tmp_path):
     with jax.debug_nans(False), pytest.raises(TrainingError, match="no step had been saved"):
-        train(with_recipe(g_learning_rate=1e30, schedule="constant"), tmp_path)
+        train_run(with_recipe(g_learning_rate=1e30, schedule="constant"), tmp_path)
 
 
 @pytest.mark.slow
 def test_steps_that_are_no_multiple_of_the_round(with_recipe, tmp_path):
-    train(with_recipe(steps=30, validate_every=10), tmp_path)
+    train_run(with_recipe(steps=30, validate_every=10), tmp_path)
     rows = MetricsLog(tmp_path / "metrics.jsonl", 1000).rows()
     assert [(row["step"], "val_ade" in row) for row in rows] == [(25, True), (30, True)]
 
@@ -190,7 +190,7 @@ def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch)
         return {"val_ade": score, "val_fde": score, "val_score": score}
 
     monkeypatch.setattr(loop, "_validate", validate)
-    model = train(with_recipe(), tmp_path)
+    model = train_run(with_recipe(), tmp_path)
     jax.tree.map(np.testing.assert_array_equal, model.params, kept[1])
     assert json.loads((tmp_path / "run.json").read_text())["validation"]["step"] == 50
     assert sorted(TrainingCheckpoints(tmp_path / "checkpoints")._steps()) == [50, 75]

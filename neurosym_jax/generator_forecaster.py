@@ -1,0 +1,84 @@
+"""SGAN's and NeuroSyM's generators as forecasters: encode once, decode once for each noise."""
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.forecaster import Forecaster, forecast_scene
+from neurosym_jax.models import Generator
+from neurosym_jax.noise import NoiseSpec
+from neurosym_jax.packing import in_parts, pack_agents
+from neurosym_jax.scene import Scene
+from neurosym_jax.symbolic.weighting import pair_alpha
+
+__all__ = ["GeneratorForecaster", "decode_scene", "encode_scene"]
+
+
+@dataclasses.dataclass(frozen=True)
+class GeneratorForecaster(Forecaster):
+    """A `Generator`: encoding and pooling once, then one decoding for each noise."""
+
+    pred_len: int = dataclasses.field(init=False)
+    config: GeneratorConfig
+
+    def __post_init__(self):
+        """Take the horizon from the config."""
+        object.__setattr__(self, "pred_len", self.config.pred_len)
+
+    @property
+    def noise(self) -> NoiseSpec:
+        """As the config says."""
+        config = self.config
+        return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
+
+    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """See `Forecaster.one`."""
+        context = encode_scene(self.config, params, scene)
+        return decode_scene(self.config, params, context, scene, noise)
+
+    def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
+        """See `Forecaster.packed`; what looks at no neighbours works on packed agents."""
+        if self.config.pool_every_timestep:
+            return super().packed(params, scenes, noise)
+        agents, noise = pack_agents(scenes, noise)
+        if self.config.pooling == "none":
+            return in_parts(
+                lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise
+            )
+        context = np.asarray(_encode_scenes(self.config, params, scenes))[np.asarray(scenes.valid)]
+        return in_parts(
+            lambda part, noise: _decode_agents(self.config, params, *part, noise),
+            (context, agents),
+            noise,
+        )
+
+
+def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
+    """Context `[N, C]` of one scene: symbols and alpha (NeuroSyM), encoding, pooling."""
+    alpha = None
+    if config.weighting is not None:
+        alpha = pair_alpha(scene.observed, scene.valid, weighting=config.weighting)
+    return Generator(config).apply(params, scene, alpha, method="encode")
+
+
+def decode_scene(
+    config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
+) -> Array:
+    """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.one`."""
+    decode = functools.partial(Generator(config).apply, params, context, scene, method="decode")
+    displacement: Any = jax.vmap(decode)(noise)
+    return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
+
+
+_decode_agents = jax.jit(decode_scene, static_argnums=0)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _encode_scenes(config, params, scenes):
+    return jax.vmap(functools.partial(encode_scene, config), in_axes=(None, 0))(params, scenes)
