@@ -1,0 +1,78 @@
+"""TCP servers with one thread a connection, bounded in number, that end with all their threads."""
+
+import contextlib
+import socket
+import socketserver
+import threading
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["BoundedServer", "ConnectionServer"]
+
+
+class BoundedServer(socketserver.TCPServer):
+    """A server that serves in the background until it is closed."""
+
+    most = 64
+    """Connections at once; more are closed as they come."""
+    request_queue_size = 64
+
+    def start(self) -> None:
+        """Serve from now on."""
+        self._open: dict[threading.Thread, socket.socket] = {}
+        self._lock = threading.Lock()
+        self._serving = threading.Thread(
+            target=self.serve_forever, args=(0.1,), daemon=True, name=type(self).__name__
+        )
+        self._serving.start()
+
+    def close(self) -> None:
+        """Close the port and all connections; wait for their threads."""
+        self.shutdown()
+        self._serving.join()
+        self.server_close()
+        with self._lock:
+            left = dict(self._open)
+        for thread, connection in left.items():
+            with contextlib.suppress(OSError):  # It may have been closed in between.
+                connection.shutdown(socket.SHUT_RDWR)
+            thread.join(1.0)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection in a thread of its own."""
+        thread = threading.Thread(target=self._serve, args=(request, client_address), daemon=True)
+        with self._lock:
+            free = len(self._open) < self.most
+            if free:
+                self._open[thread] = request
+        if free:
+            thread.start()
+        else:
+            self.shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A stranger's nonsense is not worth a traceback."""
+
+    def _serve(self, request: Any, client_address: Any) -> None:
+        try:
+            self.finish_request(request, client_address)
+        except Exception:
+            self.handle_error(request, client_address)
+        finally:
+            self.shutdown_request(request)
+            with self._lock:
+                del self._open[threading.current_thread()]
+
+
+class ConnectionServer(BoundedServer):
+    """Hands every connection to a function; when that returns, the connection is closed."""
+
+    def __init__(self, host: str, serve: Callable[[socket.socket], None]):
+        """Bind to any free port of `host` and start."""
+
+        class Handler(socketserver.BaseRequestHandler):
+            def handle(self) -> None:
+                serve(self.request)
+
+        super().__init__((host, 0), Handler)
+        self.start()

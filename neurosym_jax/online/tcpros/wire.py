@@ -1,0 +1,95 @@
+"""What goes over a TCPROS connection: blocks with their length in front; the first is a header.
+
+As https://wiki.ros.org/ROS/TCPROS and https://wiki.ros.org/ROS/Connection%20Header say. Whatever
+comes from the other side is bounded before it is read.
+"""
+
+import socket
+import struct
+from collections.abc import Mapping
+
+__all__ = [
+    "MAX_HEADER",
+    "MAX_MESSAGE",
+    "ProtocolError",
+    "decode_header",
+    "encode_block",
+    "encode_header",
+    "prepare",
+    "read_block",
+]
+
+MAX_HEADER = 1 << 20
+"""Bytes; a header carries the message's definition, a few kilobytes at most."""
+MAX_MESSAGE = 16 << 20
+"""Bytes; ten thousand people are about 1 MB."""
+
+
+class ProtocolError(ConnectionError):
+    """The other side does not speak TCPROS, or says that it will not."""
+
+
+def encode_block(data: bytes) -> bytes:
+    """`data` with its length in front."""
+    return struct.pack("<I", len(data)) + data
+
+
+def encode_header(fields: Mapping[str, str]) -> bytes:
+    """A header as the block that begins a connection."""
+    rows = (encode_block(f"{key}={value}".encode()) for key, value in fields.items())
+    return encode_block(b"".join(rows))
+
+
+def decode_header(data: bytes) -> dict[str, str]:
+    """The fields of a header, given without its own length.
+
+    Raises:
+        ProtocolError: where lengths do not fit, a field has no "=", or text is not UTF-8.
+    """
+    fields, at = {}, 0
+    while at < len(data):
+        if at + 4 > len(data):
+            raise ProtocolError("malformed header: it ends within a length")
+        (length,) = struct.unpack_from("<I", data, at)
+        row, at = data[at + 4 : at + 4 + length], at + 4 + length
+        key, equals, value = row.partition(b"=")
+        if at > len(data) or not equals:
+            raise ProtocolError("malformed header: a field is cut off or has no '='")
+        try:
+            fields[key.decode()] = value.decode()
+        except UnicodeDecodeError:
+            raise ProtocolError("malformed header: a field is not UTF-8") from None
+    return fields
+
+
+def read_block(connection: socket.socket, limit: int) -> bytes:
+    """The next block, without its length.
+
+    Raises:
+        ProtocolError: if it would be longer than `limit` bytes.
+        OSError: when the connection is closed, lost, or slower than its timeout.
+    """
+    (length,) = struct.unpack("<I", _read(connection, 4))
+    if length > limit:
+        raise ProtocolError(f"a block of {length} bytes was announced, more than {limit}")
+    return bytes(_read(connection, length))
+
+
+def prepare(connection: socket.socket) -> None:
+    """Send at once; notice within half a minute when the other computer is gone."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
+        if hasattr(socket, name):  # Not every system lets them be set.
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
+def _read(connection: socket.socket, length: int) -> bytearray:
+    data = bytearray()
+    while len(data) < length:
+        # Memory grows with what arrives, not with what was announced.
+        part = connection.recv(min(length - len(data), 1 << 16))
+        if not part:
+            raise ConnectionError("closed by the other side")
+        data += part
+    return data
