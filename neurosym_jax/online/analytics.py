@@ -79,7 +79,7 @@ class Analytics:
         self._truth: dict[int, dict[int, np.ndarray]] = {}
 
     def add(self, forecast: Forecast) -> list[Forecast]:
-        """Take in the next forecast; those that it made ready and that are scored now."""
+        """Take in the next forecast; those that it made ready, scored, with their `future`."""
         done: list[Forecast] = []
         if self._pending and forecast.index <= self._pending[-1].index:
             # The clock was set back: the future of those before it never comes.
@@ -90,18 +90,15 @@ class Analytics:
         self._learn(forecast)
         self._pending.append(forecast)
         while forecast.index >= self._pending[0].index + _horizon(self._pending[0]) + self.grace:
-            done.append(self._pending.popleft())
-            self._score(done[-1])
+            done.append(self._score(self._pending.popleft()))
             # What is pending looks at steps after its own only.
             first = self._pending[0].index if self._pending else forecast.index
             self._truth = {step: at for step, at in self._truth.items() if step > first}
         return done
 
     def finish(self) -> list[Forecast]:
-        """At the end of a recording: score what waits and can be scored."""
-        done = list(self._pending)
-        for forecast in done:
-            self._score(forecast)
+        """At the end of a recording: score what waits and can be scored; with their `future`."""
+        done = [self._score(forecast) for forecast in self._pending]
         self._pending.clear()
         self._truth.clear()
         return done
@@ -127,29 +124,34 @@ class Analytics:
             column = forecast.observed[:, n - forecast.index - 1]
             self._truth.setdefault(n, {}).update(zip(forecast.ids.tolist(), column))
 
-    def _score(self, forecast: Forecast) -> None:
-        known_longest = None
+    def _score(self, forecast: Forecast) -> Forecast:
+        ids = forecast.ids.tolist()
+        future = np.full((len(ids), _horizon(forecast), 2), np.nan)
+        for step in range(future.shape[1]):
+            seen = self._truth.get(forecast.index + 1 + step, {})
+            for n, id in enumerate(ids):
+                future[n, step] = seen.get(id, np.nan)
+        known = np.all(np.isfinite(future), axis=2)
         for name, result in forecast.models.items():
-            steps = [
-                self._truth.get(forecast.index + 1 + n, {}) for n in range(result.mean.shape[1])
-            ]
-            known = [n for n, id in enumerate(forecast.ids.tolist()) if all(id in s for s in steps)]
-            known_longest = len(known) if known_longest is None else min(known_longest, len(known))
-            score = self.scores.setdefault(name, Score(np.zeros(len(steps))))
-            if not known:
+            length = result.mean.shape[1]
+            score = self.scores.setdefault(name, Score(np.zeros(length)))
+            rows = np.flatnonzero(np.all(known[:, :length], axis=1))
+            if not len(rows):
                 continue
-            future = np.array([[step[int(forecast.ids[n])] for step in steps] for n in known])
-            errors = scene_errors(result.samples[:, known], future, np.array([len(known)]))
+            errors = scene_errors(
+                result.samples[:, rows], future[rows, :length], np.array([len(rows)])
+            )
             score.forecasts += 1
-            score.people += len(known)
+            score.people += len(rows)
             score.joint_ade_sum += float(errors.joint_ade[0])
             score.joint_fde_sum += float(errors.joint_fde[0])
             score.marginal_ade_sum += float(errors.marginal_ade[0])
             score.marginal_fde_sum += float(errors.marginal_fde[0])
             score.horizon_sum += errors.horizon[0]
-        unknown = len(forecast.ids) - (known_longest or 0)
+        unknown = len(ids) - int(np.all(known, axis=1).sum())
         if unknown:
             self.dropped["future unknown"] += unknown
+        return dataclasses.replace(forecast, future=future)
 
 
 def _horizon(forecast: Forecast) -> int:

@@ -18,12 +18,14 @@ from neurosym_jax.errors import InputError
 
 __all__ = [
     "DEFINITIONS",
+    "HUMANS",
     "HUMANS_TRAJS",
     "PEOPLE",
     "PEOPLE_TOPICS",
     "TRUTH_TOPIC",
     "Frame",
     "forecast_topic",
+    "frame_of_humans",
     "frame_of_people",
     "id_of_name",
     "make_people",
@@ -33,6 +35,7 @@ __all__ = [
 ]
 
 PEOPLE = "people_msgs/msg/People"
+HUMANS = "darko_perception_msgs/msg/Humans"
 HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
 
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
@@ -76,7 +79,7 @@ uint8 root_joint_idx
 uint8[] bone_joint1_idx
 uint8[] bone_joint2_idx
 """,
-    "darko_perception_msgs/msg/Humans": """\
+    HUMANS: """\
 std_msgs/Header header
 Human[] humans
 HumanSkeletonConfig skeleton_config
@@ -119,8 +122,12 @@ def typestore(ros: Literal[1, 2]) -> Any:
 
 
 def forecast_topic(model: str) -> str:
-    """Where forecasts of a model are published; the robot experiment's "neurosym", "baseline"."""
-    name = "".join(letter if letter.isalnum() else "_" for letter in model.lower())
+    """Where the forecasts of a model go; those of the robot experiment have their topics.
+
+    They are "neurosym" for NeuroSyM and "baseline" for SGAN.
+    """
+    name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in model)
+    name = {"sgan": "baseline"}.get(name.lower(), name.lower())
     return f"/hri/human_poses_prediction_{name}"
 
 
@@ -140,6 +147,15 @@ def frame_of_people(message: Any) -> Frame:
     ids = np.array([id_of_name(person.name) for person in people], np.int64)
     xy = [(person.position.x, person.position.y) for person in people]
     return Frame(_seconds(message.header.stamp), ids, np.array(xy, np.float64).reshape(-1, 2))
+
+
+def frame_of_humans(message: Any) -> Frame:
+    """The frame that a Humans message is."""
+    # Ids count from zero in the message: negative ones wrapped around in `make_trajectories`.
+    ids = np.array([human.id for human in message.humans], np.uint64).astype(np.int64)
+    points = [human.centroid.pose.position for human in message.humans]
+    xy = np.array([(point.x, point.y) for point in points], np.float64).reshape(-1, 2)
+    return Frame(_seconds(message.header.stamp), ids, xy)
 
 
 def make_people(
@@ -197,12 +213,11 @@ def make_trajectories(
         centroid = types["geometry_msgs/msg/PoseWithCovariance"](
             pose(point(x, y, 0.0), upright), spread[n, step]
         )
-        # The message counts from zero: negative ids wrap around, and back in `read_trajectories`.
-        number = int(ids[n]) % 2**64
-        return types[prefix + "Human"](number, 1.0, centroid, still, "", [], zero, zero, zero)
+        id = int(ids[n]) % 2**64
+        return types[prefix + "Human"](id, 1.0, centroid, still, "", [], zero, zero, zero)
 
     trajectory = [
-        types[prefix + "Humans"](
+        types[HUMANS](
             _header(types, at, frame_id), [human(n, step) for n in range(people)], skeleton
         )
         for step, at in enumerate(np.asarray(steps, np.float64).tolist())
@@ -212,13 +227,7 @@ def make_trajectories(
 
 def read_trajectories(message: Any) -> tuple[float, list[Frame]]:
     """A HumansTrajs message: its stamp, and everybody at each of its steps."""
-    frames = []
-    for step in message.trajs:
-        ids = np.array([human.id for human in step.humans], np.uint64).astype(np.int64)
-        points = [human.centroid.pose.position for human in step.humans]
-        xy = np.array([(point.x, point.y) for point in points], np.float64).reshape(-1, 2)
-        frames.append(Frame(_seconds(step.header.stamp), ids, xy))
-    return _seconds(message.header.stamp), frames
+    return _seconds(message.header.stamp), [frame_of_humans(step) for step in message.trajs]
 
 
 def _seconds(stamp: Any) -> float:

@@ -54,6 +54,8 @@ class Forecast:
     last step, or "crowded" out by the nearest `max_people`."""
     latency: float
     """Seconds of this computer's clock, from the frame's arrival to this forecast."""
+    future: np.ndarray | None = None
+    """[N, pred_len, 2] float64 metres, what happened, NaN where nobody saw; `Analytics` adds it."""
 
 
 class Predictor:

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import scene_errors
@@ -37,7 +38,11 @@ def test_equals_the_offline_errors():
     done = [f for each in forecasts for f in analytics.add(each)]
     assert [f.index for f in done] == list(range(2, 40 - PRED - 2))
     done += analytics.finish()
-    assert done == forecasts
+    assert [f.index for f in done] == [f.index for f in forecasts]
+    for f in done:
+        truth = path[:, f.index + 1 : f.index + 1 + PRED]
+        assert_array_equal(f.future[:, : truth.shape[1]], truth)
+        assert np.isnan(f.future[:, truth.shape[1] :]).all()
     scored = [f for f in forecasts if f.index + PRED < 40]
     for name in ("a", "b"):
         errors = scene_errors(
