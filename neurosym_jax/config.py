@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.weighting import WeightingName
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
 __all__ = [
     "FORMAT",
@@ -25,6 +25,7 @@ __all__ = [
     "TrainConfig",
     "from_json",
     "to_json",
+    "weighting_from_text",
 ]
 
 FORMAT = 1
@@ -64,8 +65,8 @@ class GeneratorConfig:
     noise_dim: int = 8
     noise_type: Literal["gaussian", "uniform"] = "gaussian"
     noise_mix_type: Literal["global", "ped"] = "global"
-    weighting: WeightingName | None = None
-    """Of NeuroSyM only, where it defaults to the papers' `cnd`."""
+    weighting: WeightingConfig | None = None
+    """Of NeuroSyM only, where it defaults to the papers' `cnd`; a kind by name will do."""
 
     def __post_init__(self):
         """Refuse, in words, what the networks cannot be built from."""
@@ -87,8 +88,10 @@ class GeneratorConfig:
             )
         if self.weighting is not None and not self.symbolic:
             raise InputError(f"pooling {self.pooling!r} has no symbols for a weighting to weight")
+        if isinstance(self.weighting, str):
+            object.__setattr__(self, "weighting", WeightingConfig(self.weighting))
         if self.weighting is None and self.symbolic:
-            object.__setattr__(self, "weighting", "cnd")
+            object.__setattr__(self, "weighting", WeightingConfig())
         if self.pooling == "social" and self.bottleneck_dim != self.encoder_h_dim:
             raise InputError(
                 "social pooling returns a hidden state: bottleneck_dim must equal encoder_h_dim "
@@ -238,8 +241,11 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
         if name not in hints:
             raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
         hint = hints[name]
-        if dataclasses.is_dataclass(hint) and isinstance(hint, type) and isinstance(value, dict):
-            fields[name] = from_json(hint, {"format": FORMAT, **value}, f"{source}: {name}")
+        of = next((kind for kind in (hint, *typing.get_args(hint)) if _is_config(kind)), None)
+        if of is not None and isinstance(value, dict):
+            fields[name] = from_json(of, {"format": FORMAT, **value}, f"{source}: {name}")
+        elif of is WeightingConfig and isinstance(value, str):
+            fields[name] = weighting_from_text(value, source)
         elif typing.get_origin(hint) is tuple and isinstance(value, list):
             fields[name] = tuple(value)
         if not _fits(fields[name], hint):
@@ -248,6 +254,27 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
         return cls(**fields)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def weighting_from_text(text: str, source: str = "weighting") -> WeightingConfig:
+    """The weighting of this `name`: `KIND[,FIELD=VALUE...]`.
+
+    Raises:
+        InputError: naming `source`, for an unknown kind or field, or a value that does not fit.
+    """
+    kind, *changes = text.split(",")
+    fields: dict[str, Any] = {"format": FORMAT, "kind": kind}
+    for change in changes:
+        field, _, value = change.partition("=")
+        try:
+            fields[field] = json.loads(value)
+        except json.JSONDecodeError:
+            fields[field] = value
+    return from_json(WeightingConfig, fields, source)
+
+
+def _is_config(hint: Any) -> bool:
+    return isinstance(hint, type) and dataclasses.is_dataclass(hint)
 
 
 def _fits(value: Any, hint: Any) -> bool:

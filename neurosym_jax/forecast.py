@@ -27,12 +27,13 @@ class Model:
     @property
     def name(self) -> str:
         """What kind of model this is."""
+        weighting = self.config.weighting and self.config.weighting.name
         return {
             "none": "SGAN, no pooling",
             "pool_net": "SGAN",
             "social": "SGAN, social pooling",
-            "as_described": f"NeuroSyM, {self.config.weighting}",
-            "neurosym_ros": f"NeuroSyM (robot package), {self.config.weighting}",
+            "as_described": f"NeuroSyM, {weighting}",
+            "neurosym_ros": f"NeuroSyM (robot package), {weighting}",
             "neurosym_ijcnn": "NeuroSyM (IJCNN release)",
         }[self.config.pooling]
 

@@ -15,7 +15,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.noise import NoiseSpec
 from neurosym_jax.packing import in_parts, pack_agents
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.weighting import pair_alpha
+from neurosym_jax.symbolic.weighting import scene_alpha
 
 __all__ = ["GeneratorForecaster", "decode_scene", "encode_scene"]
 
@@ -63,7 +63,8 @@ def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
     """Context `[N, C]` of one scene: symbols and alpha (NeuroSyM), encoding, pooling."""
     alpha = None
     if config.weighting is not None:
-        alpha = pair_alpha(scene.observed, scene.valid, weighting=config.weighting)
+        weights = params.get("weighting", {})
+        alpha = scene_alpha(config.weighting, weights, scene.observed, scene.valid)
     return Generator(config).apply(params, scene, alpha, method="encode")
 
 

@@ -18,6 +18,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene
+from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = ["load_model", "save_model", "shipped_models"]
 
@@ -87,6 +88,8 @@ def _refuse_misshapen(config: GeneratorConfig, params: Any, source: str) -> None
     pairs = (1,) if config.pooling == "neurosym_ijcnn" else (1, 1)
     alpha = np.zeros((*pairs, config.obs_len))
     wanted: Any = jax.eval_shape(Generator(config).init, jax.random.key(0), example, noise, alpha)
+    if config.weighting is not None and (parameters := initial_parameters(config.weighting)):
+        wanted = {**wanted, "weighting": parameters}
     wanted, given = (
         {jax.tree_util.keystr(at): np.shape(leaf) for at, leaf in leaves}
         for leaves in map(jax.tree_util.tree_leaves_with_path, (wanted, params))

@@ -21,7 +21,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.noise import draw_noise
 from neurosym_jax.plotting import line_styles
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.weighting import pair_alpha
+from neurosym_jax.symbolic.weighting import make_weighting
 
 CONFIGS = {
     name: GeneratorConfig(pooling=name, weighting=weighting, pred_len=4, pool_hidden_dim=32)
@@ -108,12 +108,10 @@ def test_somebody_alone(name):
 
 @EACH
 def test_alpha_is_of_the_observed_scene(name):
-    """`encode_scene` is the network on `pair_alpha` by the config's weighting, and nothing else."""
+    """`encode_scene` is the network on the alpha of the config's weighting, and nothing else."""
     model = random_model(name)
     scene = pad_scene(make_scene(walks()), 8)
-    alpha = jax.jit(functools.partial(pair_alpha, weighting=model.config.weighting))(
-        scene.observed, scene.valid
-    )
+    alpha = jax.jit(make_weighting(model.config.weighting))(scene.observed, scene.valid)
     encode = jax.jit(functools.partial(Generator(model.config).apply, method="encode"))
     scene = scene.replace(origin=None, identity=None)
     wanted = encode(model.params, scene, alpha)
@@ -140,12 +138,13 @@ def test_a_folder_names_variant_and_weighting(tmp_path, name):
     fields = json.loads(text)
     assert fields["format"] == 1
     assert fields["generator"]["pooling"] == name
-    assert fields["generator"]["weighting"] == model.config.weighting
+    assert fields["generator"]["weighting"] == vars(model.config.weighting)
     loaded = load_model(folder)
     assert loaded.config == model.config
     jax.tree.map(assert_array_equal, loaded.params, model.params)
     for broken, message in (
-        ({"weighting": "cdn"}, "weighting = 'cdn' does not fit"),
+        ({"weighting": "cdn"}, "unknown weighting 'cdn'"),
+        ({"weighting": {"kind": "cnd", "tabel": "cnd"}}, "unknown field 'tabel'"),
         ({"weightings": "cnd"}, "unknown field 'weightings'"),
         ({"pooling": "pool_net"}, "has no symbols for a weighting"),
         ({"pool_every_timestep": True}, f"pool_every_timestep with {name}"),

@@ -4,7 +4,6 @@ Symbols are observed in float64 from the positions as stored, not centred: an ex
 everybody on one line, is one in the coordinates that the released code saw.
 """
 
-import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,12 +26,15 @@ from neurosym_jax.interop.parity_networks import (
     state_dict,
 )
 from neurosym_jax.symbolic.qtc import qtc_c1
-from neurosym_jax.symbolic.weighting import alpha_from_states, named_weighting, pair_alpha
+from neurosym_jax.symbolic.weighting import alpha_from_states, make_weighting, table_of
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
 __all__ = ["neurosym", "qtc"]
 
 DECIMALS = 4
 """Of the authors' table as they printed it, and of their coordinates."""
+
+RELEASED = WeightingConfig("cnd_shipped", convention="as_published", decimals=DECIMALS)
 
 
 def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -88,7 +90,6 @@ def qtc(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     k, l = (  # noqa: E741 (the calculus calls the two points k and l)
         floats(arrays, name, pairs, steps, 2).astype(np.float64) for name in ("k", "l")
     )
-    shipped = named_weighting("cnd_shipped", decimals=DECIMALS).table
     with jax.enable_x64(True):
         observe = jax.jit(qtc_c1, static_argnames="convention")
         released = observe(k, l, convention="as_published")
@@ -97,7 +98,7 @@ def qtc(row: Mapping[str, Any], arrays: Arrays) -> Compared:
             "qtc_signed": observe(k, l),
             "qtc_signed_q005": observe(k, l, quantisation_factor=0.05),
         }
-        weights = np.asarray(alpha_from_states(released, shipped))
+        weights = np.asarray(alpha_from_states(released, table_of(RELEASED)))
     compared: Compared = {}
     for name, states in ours.items():
         theirs = _symbols(arrays, name, (pairs, steps - 1, 4))
@@ -110,10 +111,9 @@ def _shipped_alpha(observed: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """[sum of N*N, T] by the authors' table; a scene of one agent has one row, of zeros."""
     # Stored as float32, but the released code observed its symbols in float64.
     positions = np.round(observed.astype(np.float64), DECIMALS)
-    shipped = named_weighting("cnd_shipped", decimals=DECIMALS)
-    weigh = functools.partial(pair_alpha, weighting=shipped, convention="as_published")
+    weigh = jax.jit(make_weighting(RELEASED))
     with jax.enable_x64(True):
-        scenes = [np.asarray(jax.jit(weigh)(positions[a:b])) for a, b in bounds]
+        scenes = [np.asarray(weigh(positions[a:b])) for a, b in bounds]
     return np.concatenate([alpha.reshape(-1, alpha.shape[-1]) for alpha in scenes])
 
 

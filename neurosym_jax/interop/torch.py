@@ -116,7 +116,7 @@ def export_torch_checkpoint(
     Raises:
         InputError: when `path` exists and `overwrite` is False, or cannot be written; when a
             parameter is missing, unexpected or misshapen; when SGAN's arguments cannot express
-            the configuration; for `as_described`, which torch does not have.
+            the configuration; for `as_described` and learned weightings, which torch does not have.
     """
     arguments: dict[str, Any] = {
         **EXPORTED_ARGUMENTS,
@@ -126,9 +126,11 @@ def export_torch_checkpoint(
         "pooling_type": TORCH_POOLING.get(config.pooling, "pool_net"),
         "dataset_name": scene,
     }
-    if config.symbolic:
+    if config.weighting is not None:
         # No argument of the released code's, whose weighting is the data's; it passes over it.
-        arguments["weighting"] = config.weighting
+        if config.weighting.learned:
+            raise InputError(f"the weights {config.weighting.name} are learned: no torch has them")
+        arguments["weighting"] = config.weighting.name
     contents: dict[str, Any] = {
         "g_state": OrderedDict(generator_params_to_torch(params, config)),
         "args": arguments,

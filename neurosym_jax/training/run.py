@@ -1,6 +1,7 @@
 """The training that `python train.py` runs: its options, and what they mean."""
 
 import dataclasses
+import importlib
 import json
 from pathlib import Path
 from typing import Literal
@@ -11,14 +12,23 @@ from neurosym_jax.config import (
     TrainConfig,
     from_json,
     to_json,
+    weighting_from_text,
 )
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.weighting import WeightingName
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.loop import Run, train_run
 
-__all__ = ["TrainOptions", "generator_config", "make_run", "model_name", "recipe", "train"]
+__all__ = [
+    "TrainOptions",
+    "generator_config",
+    "make_run",
+    "model_name",
+    "named_weighting",
+    "recipe",
+    "train",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,8 +39,8 @@ class TrainOptions:
     """SGAN with pooling, or NeuroSyM."""
     variant: Literal["as_described", "neurosym_ros"] = "as_described"
     """Of NeuroSyM."""
-    weighting: WeightingName = "cnd"
-    """Of NeuroSyM."""
+    weighting: str = "cnd"
+    """Of NeuroSyM: KIND[,FIELD=VALUE...], see docs/weightings.md; MODULE:KIND for one's own."""
     pooling: Literal["none", "pool_net", "social"] = "pool_net"
     """Of SGAN."""
     scene: str | None = None
@@ -115,11 +125,26 @@ def generator_config(options: TrainOptions) -> GeneratorConfig:
     """The generator that `options` name, with the published sizes."""
     config = GeneratorConfig(obs_len=options.obs_len, pred_len=options.pred_len)
     if options.model == "neurosym":
-        weighting = options.weighting
+        weighting = named_weighting(options.weighting)
         return dataclasses.replace(config, pooling=options.variant, weighting=weighting)
     if options.pooling == "social":
         config = dataclasses.replace(config, bottleneck_dim=config.encoder_h_dim)
     return dataclasses.replace(config, pooling=options.pooling)
+
+
+def named_weighting(text: str) -> WeightingConfig:
+    """The weighting of a command line; `MODULE:KIND` imports the module that registers the kind.
+
+    Raises:
+        InputError: for a module that cannot be imported, or whatever else is not a weighting.
+    """
+    module, _, name = text.rpartition(":")
+    try:
+        if module:
+            importlib.import_module(module)
+    except ImportError as error:
+        raise InputError(f"weighting {text}: cannot import {module} ({error})") from None
+    return weighting_from_text(name, f"weighting {text}")
 
 
 def recipe(options: TrainOptions) -> TrainConfig:
@@ -154,5 +179,6 @@ def _data_name(options: TrainOptions) -> str:
 def model_name(options: TrainOptions) -> str:
     """What tells models apart that are trained on the same data."""
     if options.model == "neurosym":
-        return f"neurosym_{options.variant.removeprefix('neurosym_')}_{options.weighting}"
+        weighting = named_weighting(options.weighting).name
+        return f"neurosym_{options.variant.removeprefix('neurosym_')}_{weighting}"
     return f"sgan_{options.pooling}"

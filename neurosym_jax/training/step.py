@@ -10,6 +10,7 @@ from jax import Array
 from neurosym_jax.config import GeneratorConfig, TrainConfig
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.scene import Scene
+from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.gradients import Metrics, discriminator_gradient, generator_gradient
 from neurosym_jax.training.rollout import Groups, augment, draw_group_noise
 
@@ -50,6 +51,9 @@ def initial_state(
         jnp.zeros((agents, generator_config.noise_dim)),
         jnp.zeros((agents, agents, generator_config.obs_len)),
     )
+    weighting = generator_config.weighting
+    if weighting is not None and (parameters := initial_parameters(weighting)):
+        generator = {**generator, "weighting": jax.tree.map(jnp.asarray, parameters)}
     discriminator = ()
     if config.adversarial_weight:
         discriminator = Discriminator(config.discriminator).init(

@@ -17,14 +17,13 @@ from typing import Any, Literal
 from tqdm import tqdm
 
 from neurosym_jax.checks import refuse_below
-from neurosym_jax.config import to_json
+from neurosym_jax.config import GeneratorConfig, from_json, to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.environment import cpu_cores
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.cases import make_cases
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.evaluation.rows import Settings, evaluate_cases
-from neurosym_jax.symbolic.weighting import WeightingName
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.loop import RUN
 from neurosym_jax.training.run import TrainOptions, generator_config, model_name, recipe
@@ -49,8 +48,8 @@ class SweepOptions:
     """Observed steps."""
     pred_lens: tuple[int, ...] = (8,)
     """Steps to forecast, a model each."""
-    weightings: tuple[WeightingName, ...] = ("cnd",)
-    """Of NeuroSyM, a model each."""
+    weightings: tuple[str, ...] = ("cnd",)
+    """Of NeuroSyM, a model each; as train's --weighting."""
     recipe: Literal["ours", "sgan"] = "ours"
     """How they are trained, see docs/training.md."""
     steps: int | None = None
@@ -129,7 +128,7 @@ def sweep_runs(options: SweepOptions) -> list[TrainOptions]:
     ]
 
 
-def _kinds(model: str, weightings: Sequence[WeightingName]) -> Iterator[dict[str, Any]]:
+def _kinds(model: str, weightings: Sequence[str]) -> Iterator[dict[str, Any]]:
     """The options that make `model`."""
     if model == "sgan":
         yield {"model": "sgan"}
@@ -149,6 +148,9 @@ def _finished(run: TrainOptions) -> bool:
     if not (folder / "model").is_dir() or not (folder / RUN).is_file():
         return False
     facts = json.loads((folder / RUN).read_text())
+    # Read and written again, because a weighting was once no more than its kind.
+    trained = to_json(from_json(GeneratorConfig, facts["generator"], str(folder / RUN)))
+    facts["generator"] = json.loads(json.dumps(trained))
     wanted = {"generator": to_json(generator_config(run)), "training": to_json(recipe(run))}
     for part, fields in json.loads(json.dumps(wanted)).items():
         for name, value in fields.items():

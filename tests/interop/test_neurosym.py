@@ -143,7 +143,7 @@ def test_a_released_file_says_neither_network_nor_weighting(tmp_path):
             {**contents, "g_state": state, "args": {**contents["args"], "weighting": "cdn"}},
             overwrite=True,
         )
-        with pytest.raises(InputError, match="weighting = 'cdn'"):
+        with pytest.raises(InputError, match="unknown weighting 'cdn'"):
             load_torch_checkpoint(path)
 
 

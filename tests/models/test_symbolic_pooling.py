@@ -12,7 +12,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.pooling import make_pooling
 from neurosym_jax.models.symbolic_pooling import IjcnnPooling, RosPooling, SymbolicPooling
 from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.weighting import pair_alpha
+from neurosym_jax.symbolic.weighting import make_weighting
 
 N, T, E, H, B = 6, 5, 4, 3, 7
 SIZES = (T, E, H, 9, B)
@@ -269,7 +269,7 @@ def test_a_generators_forecast_depends_on_its_weights(pooling):
     config = GeneratorConfig(pooling=pooling, obs_len=T, pred_len=2, pool_hidden_dim=16)
     scene = make_scene(OBSERVED.astype(np.float64))
     generator, noise = Generator(config), np.zeros(config.noise_dim)
-    alpha = jax.jit(pair_alpha)(scene.observed, scene.valid)
+    alpha = jax.jit(make_weighting())(scene.observed, scene.valid)
     init = jax.eval_shape(generator.init, jax.random.key(0), scene, noise, alpha)
     rng = np.random.default_rng(2)
     params = jax.tree.map(lambda leaf: rng.normal(0, 0.4, leaf.shape).astype(np.float32), init)

@@ -8,22 +8,31 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic import weighting_config
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting import (
-    Weighting,
     alpha_from_states,
-    named_weighting,
-    pair_alpha,
+    initial_parameters,
+    make_weighting,
+    scene_alpha,
+    table_of,
 )
+from neurosym_jax.symbolic.weighting_config import WeightingConfig, register_weighting
 
-NAMES = ("cnd", "cnd_shipped", "ones", "zeros")
+NAMES = ("cnd", "cnd_shipped", "quantised", "learned", "ones", "zeros")
+RELEASED = WeightingConfig("cnd_shipped", convention="as_published", decimals=4)
 
 
-@functools.partial(jax.jit, static_argnames="weighting")
-def alpha_of(positions, valid=None, weighting="cnd"):
-    return pair_alpha(positions, valid, weighting=weighting)
+@functools.cache
+def compiled(kind):
+    return jax.jit(make_weighting(kind))
+
+
+def alpha_of(positions, valid=None, kind="cnd"):
+    valid = np.ones(len(positions), bool) if valid is None else valid
+    return compiled(kind)(positions, valid)
 
 
 @jax.jit
@@ -36,8 +45,7 @@ def walks(agents, seed=0, steps=8):
 
 
 def test_shipped_weights_of_real_windows(real_windows):
-    shipped = named_weighting("cnd_shipped", decimals=4)
-    weigh = jax.jit(functools.partial(pair_alpha, weighting=shipped, convention="as_published"))
+    weigh = jax.jit(make_weighting(RELEASED))
     for positions, valid, expected in real_windows:
         alpha = np.asarray(weigh(positions, valid))[np.ix_(valid, valid)]
         np.testing.assert_array_equal(alpha, expected["alpha_shipped"])
@@ -47,20 +55,16 @@ def test_shipped_weights_of_real_windows(real_windows):
 def test_shipped_weights_of_the_released_code(golden):
     case = np.load(golden / "torch" / "qtc.npz")
     pairs = np.stack([case["k"], case["l"]], axis=1)
-    shipped = named_weighting("cnd_shipped", decimals=4)
-    weigh = functools.partial(pair_alpha, weighting=shipped, convention="as_published")
-    alpha = jax.jit(jax.vmap(weigh))(pairs)
+    alpha = jax.jit(jax.vmap(make_weighting(RELEASED)))(pairs)
     assert alpha.dtype == jnp.float64
     np.testing.assert_array_equal(alpha[:, 0, 1, 1:], case["alpha_reference"])
 
 
 def test_shipped_tables_are_the_authors(golden):
     reference = np.load(golden / "qtc" / "cnd.npz")
+    np.testing.assert_array_equal(table_of(RELEASED), reference["C1_alpha_neurosym"])
     np.testing.assert_array_equal(
-        named_weighting("cnd_shipped", decimals=4).table, reference["C1_alpha_neurosym"]
-    )
-    np.testing.assert_array_equal(
-        named_weighting("cnd_shipped").table, reference["C1_alpha_neurosym_exact"]
+        table_of(WeightingConfig("cnd_shipped")), reference["C1_alpha_neurosym_exact"]
     )
 
 
@@ -85,13 +89,19 @@ def test_ones_and_zeros():
     np.testing.assert_array_equal(alpha_of(walks(3), valid, "zeros"), own)
 
 
+def test_quantised_symbols_are_zero_below_five_centimetres():
+    positions = np.zeros((2, 3, 2), np.float32)
+    positions[1, :, 0] = 3, 2.96, 2.9  # Towards the other by 4 cm, then by 6.
+    # In both steps nobody leaves the line; the second has one symbol that is not 0.
+    np.testing.assert_allclose(alpha_of(positions, None, "quantised")[0, 1], [0, 1 / 80, 1 / 27])
+    np.testing.assert_allclose(alpha_of(positions)[0, 1], [0, 1 / 27, 1 / 27])
+
+
 @pytest.mark.parametrize("weighting", NAMES)
 @pytest.mark.parametrize("slots", [1, 2, 5])
 def test_whoever_is_alone_weighs_nothing(weighting, slots):
     valid = np.arange(slots) == slots - 1
     assert not np.asarray(alpha_of(walks(slots), valid, weighting)).any()
-    if slots == 1:
-        assert not np.asarray(alpha_of(walks(1), weighting=weighting)).any()
 
 
 @pytest.mark.parametrize("weighting", NAMES)
@@ -102,10 +112,15 @@ def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
     slots = draw.permutation(9)[:agents]
     valid = np.isin(np.arange(9), slots)
     padded = np.asarray(alpha_of(positions, valid, weighting))
-    alone = np.asarray(alpha_of(positions[slots], weighting=weighting))
+    alone = np.asarray(alpha_of(positions[slots], kind=weighting))
     np.testing.assert_array_equal(padded[np.ix_(slots, slots)], alone)
     assert not padded[~valid].any()
     assert not padded[:, ~valid].any()
+
+
+def test_no_padding_need_not_be_said():
+    np.testing.assert_array_equal(make_weighting()(walks(3)), alpha_of(walks(3)))
+    assert not np.asarray(make_weighting("ones")(walks(1))).any()
 
 
 def test_one_step_has_no_state_yet():
@@ -115,19 +130,22 @@ def test_one_step_has_no_state_yet():
 def test_scenes_are_mapped():
     batch = np.stack([walks(4, seed) for seed in range(3)])
     valid = np.arange(4)[None] < np.array([[4], [1], [2]])
-    mapped = jax.jit(jax.vmap(pair_alpha))(batch, valid)
+    mapped = jax.jit(jax.vmap(make_weighting()))(batch, valid)
     for scene in range(3):
         np.testing.assert_array_equal(mapped[scene], alpha_of(batch[scene], valid[scene]))
 
 
-def test_a_table_can_be_learnt():
-    positions, weighting = walks(3), Weighting(jnp.full(81, 0.1), jnp.array(0.5))
-    total = jax.jit(jax.grad(lambda weighting: pair_alpha(positions, weighting=weighting).sum()))
-    gradient = total(weighting)
-    assert float(gradient.unobserved) == 6  # ordered pairs
+def test_a_table_is_learnt():
+    config = WeightingConfig("learned")
+    start = initial_parameters(config)
+    positions = walks(3)
+    total = jax.jit(jax.grad(lambda parameters: scene_alpha(config, parameters, positions).sum()))
+    gradient = total(start)
+    assert float(gradient["unobserved"]) == 6  # ordered pairs
     others = ~np.eye(3, dtype=bool)
     codes = np.asarray(codes_of(positions))[others]
-    np.testing.assert_array_equal(gradient.table, np.bincount(codes.ravel(), minlength=81))
+    np.testing.assert_array_equal(gradient["table"], np.bincount(codes.ravel(), minlength=81))
+    np.testing.assert_array_equal(alpha_of(positions, None, "learned"), alpha_of(positions))
 
 
 def test_integer_positions_give_real_weights():
@@ -136,6 +154,39 @@ def test_integer_positions_give_real_weights():
     assert alpha.dtype == jnp.float32
 
 
-def test_an_unknown_weighting_is_refused():
-    with pytest.raises(InputError, match=r"'cdn'.*cnd, cnd_shipped, ones, zeros"):
-        pair_alpha(walks(2), weighting="cdn")  # pyright: ignore
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kind": "cdn"}, r"'cdn': there are cnd, cnd_shipped, .*, shuffled \(one's own"),
+        ({"kind": "ones", "learned": True}, "'ones' has nothing to learn"),
+        ({"quantisation_factor": -0.1}, "quantisation_factor must be at least 0"),
+        ({"side_quantisation_factor": float("nan")}, "side_quantisation_factor must be"),
+        ({"temperature": 0.0}, "temperature must be positive"),
+        ({"convention": "lines"}, "unknown QTC convention 'lines'"),
+        ({"kind": "quantised", "quantisation_factor": 0.0, "learned": True}, "cannot be learned"),
+    ],
+)
+def test_what_is_no_weighting(settings, message):
+    with pytest.raises(InputError, match=message):
+        WeightingConfig(**settings)
+
+
+def test_a_weighting_of_ones_own(monkeypatch):
+    monkeypatch.setattr(weighting_config, "_OWN", {})
+
+    @register_weighting("nearness", reach=2.0)
+    def nearness(positions, valid, reach):
+        return jnp.exp(-jnp.linalg.norm(positions[:, None] - positions[None], axis=-1) / reach)
+
+    config = WeightingConfig("nearness")
+    assert config.learned
+    assert initial_parameters(config) == {"reach": 2.0}
+    positions, valid = np.zeros((3, 4, 2), np.float32), np.array([True, True, False])
+    positions[1, :, 0] = 2
+    alpha = make_weighting("nearness")(positions, valid)
+    np.testing.assert_allclose(alpha[0, 1], np.exp(-1), rtol=1e-6)
+    np.testing.assert_array_equal(alpha[0, 0], 1)
+    assert not np.asarray(alpha[2]).any()
+    for taken in ("cnd", "a,b"):
+        with pytest.raises(InputError, match="cannot name a weighting"):
+            register_weighting(taken)

@@ -13,7 +13,15 @@ import pytest
 
 from neurosym_jax.config import RECIPES
 from neurosym_jax.errors import InputError
-from neurosym_jax.training.run import TrainOptions, generator_config, make_run, recipe
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.training.run import (
+    TrainOptions,
+    generator_config,
+    make_run,
+    model_name,
+    named_weighting,
+    recipe,
+)
 
 SCRIPT = Path(__file__).resolve().parents[2] / "train.py"
 EVERY_KILL = bool(os.environ.get("NEUROSYM_ALL_KILLS"))
@@ -179,7 +187,30 @@ def test_generators():
     social = generator_config(TrainOptions(pooling="social"))
     assert social.bottleneck_dim == social.encoder_h_dim
     symbolic = generator_config(TrainOptions(model="neurosym", weighting="ones"))
-    assert (symbolic.pooling, symbolic.weighting) == ("as_described", "ones")
+    assert (symbolic.pooling, symbolic.weighting) == ("as_described", WeightingConfig("ones"))
+
+
+def test_weightings_by_name(tmp_path, monkeypatch):
+    assert named_weighting("cnd") == WeightingConfig()
+    coarse = named_weighting("learned,quantisation_factor=0.1,table=cnd_shipped")
+    assert coarse == WeightingConfig("learned", table="cnd_shipped", quantisation_factor=0.1)
+    assert named_weighting(coarse.name) == coarse
+    options = TrainOptions(model="neurosym", weighting="quantised,quantisation_factor=0.05")
+    assert model_name(options) == "neurosym_as_described_quantised"
+    for text, reason in (
+        ("cdn", "weighting cdn: unknown weighting 'cdn'"),
+        ("cnd,tabel=cnd", "unknown field 'tabel'"),
+        ("cnd,decimals=x", "decimals = 'x' does not fit"),
+        ("no_such_module:mine", "cannot import no_such_module"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            named_weighting(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "weightings_of_mine.py").write_text(
+        "from neurosym_jax.symbolic import register_weighting\n"
+        "register_weighting('all_alike')(lambda positions, valid: 0 * positions[:, None, :, 0])\n"
+    )
+    assert named_weighting("weightings_of_mine:all_alike").name == "all_alike"
 
 
 def test_data(files):
