@@ -21,6 +21,12 @@ VERBS = {
     "sweep": Verb(
         "train and test many models, a process each", "training.sweep", "sweep", "SweepOptions"
     ),
+    "download": Verb(
+        "fetch ETH/UCY or SGAN's checkpoints; say how to get THÖR",
+        "data.download",
+        "download",
+        "DownloadOptions",
+    ),
     "inspect": Verb(
         "say what a recording, or a folder of them, holds",
         "data.inspect",

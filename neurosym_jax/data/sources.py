@@ -1,15 +1,15 @@
 """Where the recordings of a named scene come from: the embedded simulations, ETH/UCY, or a user.
 
-A source names its scenes and hands out their recordings. It reads lazily and once.
+A source names its scenes and hands out their recordings; it reads when it is asked.
 """
 
 import dataclasses
-import functools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal, cast
 
 from neurosym_jax.data import eth_ucy, formats, synthetic
+from neurosym_jax.data.published import data_folder, find
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
@@ -101,14 +101,31 @@ def _read_file(path: Path) -> list[Tracks]:
     return [formats.on_grid(tracks) for tracks in formats.read_any(path)]
 
 
-@functools.cache
-def open_source(data: Path | None) -> Source:
+def open_source(
+    data: Path | None, scene: str | None = None, model_scene: str | None = None
+) -> Source:
     """The source at `data`: ETH/UCY as SGAN arranges it, a recording or a folder of them.
 
-    With None, the embedded simulations.
+    What is not found there is looked for in the folder of downloaded data, see `published.find`.
+
+    Args:
+        data: with None, what was downloaded and has `scene`, else the embedded simulations.
+        scene: the one that is asked for by name.
+        model_scene: the one a model was trained to be tested on, taken where no scene is asked for.
+
+    Raises:
+        InputError: when nothing is there.
     """
     if data is None:
+        data = _downloaded(scene or model_scene)
+        if not data and scene in eth_ucy.SCENES:
+            raise InputError(
+                f"scene {scene} is of ETH/UCY: say with --data where that is, or fetch it once: "
+                "python -m neurosym_jax download eth-ucy"
+            )
+    if data is None:
         return Synthetic()
+    data = find(data)
     if eth_ucy.is_eth_ucy(data):
         return EthUcy(folder=data)
     paths = (data,) if data.is_file() else tuple(formats.data_files(data))
@@ -116,3 +133,10 @@ def open_source(data: Path | None) -> Source:
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
     return Files(scenes=tuple(names), paths=paths)
+
+
+def _downloaded(scene: str | None) -> Path | None:
+    """The folder of downloaded data that has this scene, if there is one."""
+    folder = data_folder() / ("eth-ucy" if scene in eth_ucy.SCENES else "thor")
+    known = scene in eth_ucy.SCENES or scene in {path.stem for path in folder.glob("*")}
+    return folder if known and folder.is_dir() else None

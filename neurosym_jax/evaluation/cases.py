@@ -1,10 +1,11 @@
 """What an evaluation consists of: which model is tested on which scene at which horizon."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.published import find
 from neurosym_jax.data.sources import Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
@@ -37,7 +38,7 @@ class Case:
 
 
 def make_cases(
-    source: Source,
+    open_for: Callable[[str | None, str | None], Source],
     checkpoints: Sequence[str | Path],
     *,
     scene: str | None = None,
@@ -50,17 +51,27 @@ def make_cases(
     A checkpoint is tested on the scene it was trained to be tested on, where the source has it,
     else on all scenes. Without checkpoints, those that ship are taken as far as they fit.
 
+    Args:
+        open_for: gives the source, from the scene asked for and the one that the first of the
+            given checkpoints was trained to be tested on; either may be None.
+        checkpoints: paths, looked for in the folder of downloaded data too.
+        scene: the one to test on.
+        test_on: recordings to test on.
+        obs_len: observed steps.
+        pred_len: steps to forecast.
+
     Raises:
         InputError: when what is asked for contradicts what a checkpoint is, or is not there.
     """
     if scene is not None and test_on:
         raise InputError("--scene and --test-on name two test sets: give one of them")
+    given = [(str(path), load_model(find(Path(path)))) for path in checkpoints]
+    source = open_for(scene, given[0][1].scene if given else None)
     if scene is not None and scene not in source.scenes:
         raise InputError(f"unknown scene {scene!r}: there are {', '.join(source.scenes)}")
     everywhere = ("+".join(test_on),) if test_on else source.scenes if scene is None else (scene,)
     tested: dict[TestSet, list[tuple[str, Model]]] = {}
-    for path in checkpoints or shipped_models(SHIPPED):
-        model = load_model(Path(path))
+    for path, model in given or [(str(p), load_model(p)) for p in shipped_models(SHIPPED)]:
         reason = _contradiction(model, source, scene, obs_len, pred_len)
         if reason and checkpoints:
             raise InputError(f"{path}: {reason}")
@@ -69,7 +80,7 @@ def make_cases(
         own = model.scene in source.scenes and not test_on
         for name in (model.scene,) if own else everywhere:
             test_set = TestSet(str(name), model.config.obs_len, model.config.pred_len)
-            tested.setdefault(test_set, []).append((str(path), model))
+            tested.setdefault(test_set, []).append((path, model))
     if not tested:
         default = GeneratorConfig()
         lengths = (obs_len or default.obs_len, pred_len or default.pred_len)

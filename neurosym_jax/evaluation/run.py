@@ -1,6 +1,7 @@
 """The evaluation that `python evaluate.py` runs: its options, and what it writes."""
 
 import dataclasses
+import functools
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,8 +34,8 @@ class EvaluateOptions:
     checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
     """Folders of ours or SGAN's .pt files, in one table; default: what ships in checkpoints/."""
     data: Annotated[Path | None, _named("PATH")] = None
-    """ETH/UCY as SGAN arranges it, or a text file (or a folder of them) of `frame ped x y`;
-    default: the embedded simulations."""
+    """A recording of any format in docs/data.md, a folder of them, or ETH/UCY as SGAN arranges it;
+    default: what was downloaded and has the scene, else the embedded simulations."""
     scene: Annotated[str | None, _named("NAME")] = None
     """One scene (eth, hotel, ..., or a file's name); default: a checkpoint's own, else all."""
     test_on: Annotated[tuple[str, ...], _named("NAME ...")] = ()
@@ -77,7 +78,7 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
     options.validate()
     start = time.perf_counter()
     cases = make_cases(
-        open_source(options.data),
+        functools.partial(open_source, options.data),
         options.checkpoint,
         scene=options.scene,
         test_on=options.test_on,

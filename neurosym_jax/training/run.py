@@ -14,7 +14,7 @@ from neurosym_jax.config import (
     to_json,
     weighting_from_text,
 )
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
@@ -59,7 +59,8 @@ class TrainOptions:
     set: tuple[str, ...] = ()
     """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=false."""
     data: Path | None = None
-    """ETH/UCY as SGAN arranges it; default: the embedded simulations."""
+    """ETH/UCY as SGAN arranges it, or a folder of recordings; default: what was downloaded and has
+    the scene, else the embedded simulations."""
     train_on: tuple[str, ...] = ()
     """Recordings by file name to train on, instead of a leave-one-out split."""
     validate_on: tuple[str, ...] = ()
@@ -90,7 +91,7 @@ def make_run(options: TrainOptions) -> Run:
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
-    source = open_source(options.data)
+    source = open_source(options.data, options.scene)
     if bool(options.train_on) != bool(options.validate_on):
         raise InputError("--train-on and --validate-on go together")
     if options.train_on:
@@ -117,7 +118,7 @@ def make_run(options: TrainOptions) -> Run:
         training=training,
         validation=validation,
         scene=scene,
-        data_name=_data_name(options),
+        data_name=_data_name(options, source),
     )
 
 
@@ -168,10 +169,10 @@ def recipe(options: TrainOptions) -> TrainConfig:
     return from_json(TrainConfig, fields, f"recipe {options.recipe}")
 
 
-def _data_name(options: TrainOptions) -> str:
+def _data_name(options: TrainOptions, source: Source) -> str:
     if options.train_on:
         return f"trained on {', '.join(Path(name).stem for name in options.train_on)}"
-    if options.data is None:
+    if isinstance(source, Synthetic):
         return f"trained on simulations ({options.scene or 'all'})"
     return f"trained without {options.scene}"
 

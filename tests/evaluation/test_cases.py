@@ -42,7 +42,7 @@ def described(*checkpoints, source=None, **asked):
             [tracks.recording for tracks in case.recordings],
             [path for path, _ in case.models],
         )
-        for case in make_cases(source or Named(), checkpoints, **asked)
+        for case in make_cases(lambda *_: source or Named(), checkpoints, **asked)
     ]
 
 

@@ -1,0 +1,192 @@
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from neurosym_jax.data.download import DownloadOptions, download
+from neurosym_jax.data.published import data_folder, find, published_files
+from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
+from neurosym_jax.errors import InputError
+
+SAMPLE = {"eth-ucy": "data/eth_ucy", "sgan-checkpoints": "checkpoints"}
+CSV = "Frame,Time,Helmet_1 X,Helmet_1 Y,Helmet_1 Z\n1,0.0,1000,2000,3\n2,0.01,1000,2000,3\n"
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """The folder of the user's data."""
+    monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path / "home"))
+    return tmp_path / "home"
+
+
+@pytest.fixture
+def site(shared, tmp_path):
+    """A copy of what is published, at its addresses."""
+    for collection, folder in SAMPLE.items():
+        for file in published_files(collection):
+            path = tmp_path / "site" / file.address
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.symlink_to(shared / folder / file.path)
+    return tmp_path / "site"
+
+
+def names(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def test_where_data_lie(tmp_path, monkeypatch):
+    monkeypatch.delenv("NEUROSYM_DATA", raising=False)
+    monkeypatch.delenv("XDG_DATA_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert data_folder() == tmp_path / ".local/share/neurosym_jax"
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
+    assert data_folder() == tmp_path / "share/neurosym_jax"
+    monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path / "mine"))
+    assert data_folder() == tmp_path / "mine"
+
+
+def test_every_file_is_pinned():
+    for collection, count in (("eth-ucy", 24), ("sgan-checkpoints", 20), ("thor", 0)):
+        files = published_files(collection)
+        assert len({file.path for file in files}) == len({f.address for f in files}) == count
+        assert all(len(file.sha256) == 64 and file.size > 0 for file in files)
+
+
+@pytest.mark.parametrize("collection", SAMPLE)
+def test_over_http_and_found_without_being_told(site, home, collection, capsys):
+    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
+    handler.log_message = lambda *_: None  # pyright: ignore
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+        options = DownloadOptions(collection, mirror=f"http://127.0.0.1:{server.server_port}")
+        assert download(options) == 0
+        assert download(options) == 0
+        server.shutdown()
+    out = capsys.readouterr().out.splitlines()
+    count = len(published_files(collection))
+    assert [line.split(", ")[-1] for line in out] == [
+        f"{n} of them fetched now" for n in (count, 0)
+    ]
+    assert [path.name for path in home.iterdir()] == [collection]
+    if collection == "eth-ucy":
+        wanted = EthUcy(folder=home / "eth-ucy")
+        assert open_source(None, "zara1") == open_source(None, None, "eth") == wanted
+        assert open_source(Path("eth-ucy")) == wanted
+        assert isinstance(open_source(None, "cross-path", "eth"), Synthetic)
+    else:
+        path = Path("sgan-models/eth_8_model.pt")
+        assert find(path) == home / "sgan-checkpoints" / path
+    assert isinstance(open_source(None), Synthetic)
+
+
+def test_without_it_a_scene_says_how_to_get_it(home):
+    with pytest.raises(InputError, match="fetch it once: python -m neurosym_jax download eth-ucy"):
+        open_source(None, "zara1")
+    assert isinstance(open_source(None, None, "zara1"), Synthetic)
+    assert find(Path("nowhere")) == Path("nowhere")
+
+
+def test_what_breaks_off_is_not_there_and_goes_on(site, home, capsys, monkeypatch):
+    lost = site / published_files("eth-ucy")[5].address
+    content = lost.resolve()
+    lost.unlink()
+    options = DownloadOptions("eth-ucy", mirror=str(site))
+    monkeypatch.setattr("neurosym_jax.data.transfer.PAUSE", 0.001)
+    for break_off in (lambda: None, lambda: lost.write_text("not it")):
+        break_off()
+        with pytest.raises(InputError, match=r"students001\.txt: .*run this again, or name"):
+            download(options)
+        assert not (home / "eth-ucy").exists()
+        assert len(names(home)) >= 4
+        with pytest.raises(InputError, match="download eth-ucy"):
+            open_source(None, "eth")
+    shutil.copy(content, lost)
+    assert download(options) == 0
+    assert "19 of them fetched now" in capsys.readouterr().out
+    assert names(home / "eth-ucy") == sorted(str(f.path) for f in published_files("eth-ucy"))
+
+
+def test_what_is_there_is_checked_and_never_overwritten(site, home, capsys):
+    options = DownloadOptions("eth-ucy", mirror=str(site))
+    download(options)
+    (home / "eth-ucy/all/biwi_eth.txt").unlink()
+    (home / "eth-ucy/mine.txt").write_text("mine")
+    assert download(options) == 0
+    assert "1 of them fetched now" in capsys.readouterr().out
+    (home / "eth-ucy/val/biwi_eth_val.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"biwi_eth_val\.txt: is not the published file"):
+        download(options)
+    assert (home / "eth-ucy/val/biwi_eth_val.txt").read_text() == "mine"
+    assert (home / "eth-ucy/mine.txt").read_text() == "mine"
+
+
+def test_another_folder(site, home, tmp_path, capsys):
+    options = DownloadOptions("eth-ucy", to=tmp_path / "there", mirror=site.as_uri())
+    assert download(options) == 0
+    assert f"export NEUROSYM_DATA={tmp_path / 'there'}" in capsys.readouterr().out
+    assert not home.exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"mirror": "ftp://a"}, "--mirror ftp://a: neither a folder nor an address"),
+        ({"timeout": 0}, "--timeout must be positive"),
+        ({"to": Path("/dev/null")}, "/dev/null/eth-ucy: "),
+    ],
+)
+def test_refused(tmp_path, changes, message):
+    options = {"to": tmp_path, "mirror": str(tmp_path)} | changes
+    with pytest.raises(InputError, match=message):
+        download(DownloadOptions("eth-ucy", **options))
+
+
+def test_thor_by_hand(home, capsys):
+    assert download(DownloadOptions("thor")) == 2
+    out = capsys.readouterr().out
+    assert "https://zenodo.org/records/3382145" in out
+    assert f"put the recordings into {home / 'thor'}" in out
+    assert "Nothing is there yet." in out
+    (home / "thor").mkdir(parents=True)
+    (home / "thor/Exp_1_run_1_6D.csv").write_text(CSV)
+    (home / "thor/broken.csv").write_text("Frame,Time\n")
+    assert download(DownloadOptions("thor")) == 0
+    out = capsys.readouterr().out
+    assert "Exp_1_run_1_6D.csv: QTM export" in out
+    assert "broken.csv: " in out
+    source = open_source(None, "Exp_1_run_1_6D")
+    assert isinstance(source, Files)
+    assert source.recordings("Exp_1_run_1_6D")[0].id.tolist() == [1]
+
+
+@pytest.mark.slow
+def test_killed_and_started_again(site, tmp_path, monkeypatch):
+    """Whenever the process ends, the folder is absent or whole."""
+    environment = {**os.environ, "NEUROSYM_DATA": str(tmp_path / "home")}
+    command = [sys.executable, "-m", "neurosym_jax", "download", "eth-ucy", "--mirror", str(site)]
+    code = f"""
+import os, sys
+from neurosym_jax.data import download as module, transfer
+real, left = os.replace, [int(sys.argv[1])]
+def replace(*paths):
+    left[0] -= 1
+    if left[0] < 0:
+        os.kill(os.getpid(), 9)
+    real(*paths)
+os.replace = replace
+module.download(module.DownloadOptions("eth-ucy", mirror={str(site)!r}))
+"""
+    for files in (0, 3, 20):
+        done = subprocess.run([sys.executable, "-c", code, str(files)], env=environment)
+        assert done.returncode == -9
+        assert not (tmp_path / "home/eth-ucy").exists()
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert ", 1 of them fetched now" in done.stdout
+    assert len(names(tmp_path / "home/eth-ucy")) == 24
