@@ -21,7 +21,7 @@ __all__ = [
 
 MAX_HEADER = 1 << 20
 """Bytes; a header carries the message's definition, a few kilobytes at most."""
-MAX_MESSAGE = 16 << 20
+MAX_MESSAGE = 4 << 20
 """Bytes; ten thousand people are about 1 MB."""
 
 
