@@ -21,7 +21,8 @@ qualitative calculus to analyse moving point objects" (2011). Three conventions 
 
 Both agents are taken at t-1, so T frames give T-1 states. The functions are pure, take any leading
 axes, and work under `jit` and `vmap`; symbols are piecewise constant, so nothing can be learnt
-through them. This is not the algebra of the states (see `states`) nor their neighbourhoods (`cnd`).
+through them (see `soft`). This is not the algebra of the states (see `states`) nor their
+neighbourhoods (`cnd`).
 """
 
 from typing import Literal, get_args
@@ -33,7 +34,16 @@ from jax.typing import ArrayLike
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.states import ABSENT
 
-__all__ = ["Convention", "pair_mask", "pairwise_qtc_c1", "qtc_b1", "qtc_bc1", "qtc_c1"]
+__all__ = [
+    "Convention",
+    "both_ways",
+    "pair_mask",
+    "pairwise_qtc_c1",
+    "qtc_b1",
+    "qtc_bc1",
+    "qtc_c1",
+    "side_factor",
+]
 
 Convention = Literal["distance", "line", "as_published"]
 
@@ -59,7 +69,7 @@ def qtc_b1(
     Raises:
         InputError: for an unknown convention.
     """
-    forth, back = _both_ways(k, l)
+    forth, back = both_ways(k, l)
     return jnp.stack(
         [_approach(*frames, quantisation_factor, convention) for frames in (forth, back)], axis=-1
     )
@@ -89,12 +99,11 @@ def qtc_c1(
     Raises:
         InputError: for an unknown convention.
     """
-    if side_quantisation_factor is None:
-        side_quantisation_factor = quantisation_factor if convention == "line" else 0.0
-    forth, back = _both_ways(k, l)
+    sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
+    forth, back = both_ways(k, l)
     return jnp.stack(
         [_approach(*frames, quantisation_factor, convention) for frames in (forth, back)]
-        + [_side(*frames, side_quantisation_factor, convention) for frames in (forth, back)],
+        + [_side(*frames, sides, convention) for frames in (forth, back)],
         axis=-1,
     )
 
@@ -179,7 +188,24 @@ def pair_mask(valid: ArrayLike | None, count: int) -> Array:
     return valid[:, None] & valid[None]
 
 
-def _both_ways(k: ArrayLike, l: ArrayLike):  # noqa: E741
+def side_factor(
+    quantisation_factor: ArrayLike, convention: str, given: ArrayLike | None
+) -> ArrayLike:
+    """The quantisation factor of q3 and q4, see `qtc_c1`; `given` is it, or None.
+
+    Raises:
+        InputError: for an unknown convention.
+    """
+    if convention not in get_args(Convention):
+        raise InputError(
+            f"unknown QTC convention {convention!r}: there are {', '.join(get_args(Convention))}"
+        )
+    if given is not None:
+        return given
+    return quantisation_factor if convention == "line" else 0.0
+
+
+def both_ways(k: ArrayLike, l: ArrayLike):  # noqa: E741
     """(mover before, mover after, other before) for k moving, then for l; x and y apart."""
     k0, k1 = _frames(k)
     l0, l1 = _frames(l)

@@ -1,0 +1,152 @@
+"""Differentiable QTC_C1: how probable each symbol is, and what alpha is to be expected then.
+
+A hard symbol (`qtc`) compares a margin d, metres that a step leads away from the other agent or to
+the right of the line to it, with a threshold q. A soft one blurs the comparison by a logistic error
+of scale `temperature`, T:
+
+    p(+) = sigmoid((d - q) / T),    p(-) = sigmoid((-d - q) / T),    p(0) = 1 - p(+) - p(-)
+
+As T goes to 0 the hard symbol gets probability 1, at a tie as well where q > 0; with q = 0 no
+symbol is ever 0 and a tie is half -, half +. Margins along and across the line are lengths divided
+by the pair's distance; within T of each other there is no line, and they are divided by T instead,
+so that nothing jumps where two agents meet. Norms have gradient 0 where they are 0. So values and
+gradients are finite everywhere, and outside of that distance each symbol is the hard one wherever
+its margin lies ten temperatures from the threshold (probability > 0.9999).
+
+The four symbols are taken as independent. This is not the hard calculus, nor which weighting a
+model has (see `weighting`).
+"""
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from neurosym_jax.symbolic.qtc import Convention, both_ways, qtc_c1, side_factor
+
+__all__ = ["soft_alpha", "soft_qtc_c1"]
+
+
+def soft_qtc_c1(
+    k: ArrayLike,
+    l: ArrayLike,  # noqa: E741 (the calculus calls the two points k and l)
+    *,
+    temperature: ArrayLike,
+    quantisation_factor: ArrayLike = 0.0,
+    convention: Convention = "distance",
+    side_quantisation_factor: ArrayLike | None = None,
+    straight_through: bool = False,
+) -> Array:
+    """Probabilities of the symbols of the pair (k, l); everything may be differentiated.
+
+    Args:
+        k: [..., T, 2] positions in metres.
+        l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
+        temperature: metres per step, > 0.
+        quantisation_factor: as for `qtc.qtc_c1`.
+        convention: as for `qtc.qtc_c1`.
+        side_quantisation_factor: as for `qtc.qtc_c1`.
+        straight_through: give the hard symbols probability 1, with the gradients of the soft ones.
+
+    Returns:
+        [..., T-1, 4, 3] probabilities of (-, 0, +) for q1 to q4.
+    """
+    sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
+    forth, back = both_ways(k, l)
+    approach = [_approach(*frames, temperature, convention) for frames in (forth, back)]
+    beside = [_side(*frames, temperature) for frames in (forth, back)]
+    soft = jnp.stack(
+        [_probabilities(margin, quantisation_factor, temperature) for margin in approach]
+        + [_probabilities(margin, sides, temperature) for margin in beside],
+        axis=-2,
+    )
+    if convention == "as_published":
+        # Its sides are never -: what would be is +.
+        folded = jnp.stack(
+            [jnp.zeros_like(soft[..., 0]), soft[..., 1], soft[..., 0] + soft[..., 2]], axis=-1
+        )
+        soft = jnp.concatenate([soft[..., :2, :], folded[..., 2:, :]], axis=-2)
+    if not straight_through:
+        return soft
+    states = qtc_c1(
+        k,
+        l,
+        quantisation_factor=quantisation_factor,
+        convention=convention,
+        side_quantisation_factor=side_quantisation_factor,
+    )
+    return jax.nn.one_hot(states + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
+
+
+def soft_alpha(
+    probabilities: ArrayLike, table: Literal["cnd", "cnd_shipped"] | ArrayLike = "cnd"
+) -> Array:
+    """The expected weight of a state whose symbols are independent.
+
+    Both named tables look at the number of zeros alone. `cnd_shipped`, 1 / (2^nonzero 3^zero), is
+    a product over symbols, and so is its expectation: prod (1/2 - p0 / 6). For `cnd` the
+    distribution of the number of zeros is made, symbol by symbol.
+
+    Args:
+        probabilities: [..., 4, 3] of (-, 0, +), see `soft_qtc_c1`.
+        table: a name, or [81] weights by state code.
+
+    Returns:
+        [...] weights.
+    """
+    probabilities = jnp.asarray(probabilities)
+    if isinstance(table, str):
+        zero = probabilities[..., 1]
+        if table == "cnd_shipped":
+            return jnp.prod(1 / 2 - zero / 6, axis=-1)
+        return _expected_by_zeros(zero)
+    rest = jnp.asarray(table, probabilities.dtype)
+    rest = rest.reshape((1,) * (probabilities.ndim - 2) + (-1,))
+    for symbol in (3, 2, 1, 0):
+        each = rest.reshape(*rest.shape[:-1], -1, 3)
+        rest = (each * probabilities[..., symbol, None, :]).sum(axis=-1)
+    return rest[..., 0]
+
+
+def _expected_by_zeros(zero: Array) -> Array:
+    """[...] of `cnd`: 1 / (3^z + 2^(4-z) - 2) for z zeros, from p(0) of each symbol [..., 4]."""
+    # count[z]: the probability of z zeros among the symbols so far.
+    count = [jnp.ones_like(zero[..., 0])]
+    for symbol in range(4):
+        p = zero[..., symbol]
+        stay, more = [of * (1 - p) for of in count], [of * p for of in count]
+        count = [stay[0], *(a + b for a, b in zip(stay[1:], more)), more[-1]]
+    return sum((of / (3**z + 2 ** (4 - z) - 2) for z, of in enumerate(count)), jnp.zeros(()))
+
+
+def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:
+    """[..., 3] of (-, 0, +)."""
+    above, below = (factor - margin) / temperature, (factor + margin) / temperature
+    # 1 - p(+) - p(-) without the cancellation: exactly 0 where the factor is.
+    zero = jax.nn.sigmoid(above) * jax.nn.sigmoid(below) * -jnp.expm1(-2 * factor / temperature)
+    return jnp.stack([jax.nn.sigmoid(-below), zero, jax.nn.sigmoid(-above)], axis=-1)
+
+
+def _approach(before, after, other, temperature: ArrayLike, convention: str) -> Array:
+    """Metres away from `other`, of q1 if the positions are k's and `other` is l's."""
+    (x0, y0), (x1, y1), (x, y) = before, after, other
+    if convention == "line":
+        away = -((x1 - x0) * (x - x0) + (y1 - y0) * (y - y0))
+        return away / jnp.maximum(_length(x - x0, y - y0), temperature)
+    return _length(x1 - x, y1 - y) - _length(x0 - x, y0 - y)
+
+
+def _side(before, after, other, temperature: ArrayLike) -> Array:
+    """Metres to the right of the line to `other`, of q3."""
+    (x0, y0), (x1, y1), (x, y) = before, after, other
+    right = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
+    return right / jnp.maximum(_length(x - x0, y - y0), temperature)
+
+
+def _length(x: Array, y: Array) -> Array:
+    """The norm, with gradient 0 where it is 0."""
+    square = x * x + y * y
+    stands = square == 0
+    return jnp.where(stands, 0, jnp.sqrt(jnp.where(stands, 1, square)))

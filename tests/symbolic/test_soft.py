@@ -1,0 +1,193 @@
+import functools
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax.symbolic.cnd import alpha_table
+from neurosym_jax.symbolic.qtc import qtc_c1
+from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
+from neurosym_jax.symbolic.weighting import alpha_from_states
+
+pytestmark = pytest.mark.usefixtures("double")
+
+CONVENTIONS = ("distance", "line", "as_published")
+TABLES = {
+    "cnd": alpha_table("c1", rule="dominance"),
+    "cnd_shipped": alpha_table("c1", rule="continuity", include_self=True),
+}
+
+
+@functools.partial(jax.jit, static_argnames=("convention", "straight_through"))
+def soft(k, l, temperature, factor=0.0, convention="distance", straight_through=False):  # noqa: E741
+    return soft_qtc_c1(
+        k,
+        l,
+        temperature=temperature,
+        quantisation_factor=factor,
+        convention=convention,
+        side_quantisation_factor=factor,
+        straight_through=straight_through,
+    )
+
+
+@functools.partial(jax.jit, static_argnames="convention")
+def hard(k, l, factor=0.0, convention="distance"):  # noqa: E741
+    return qtc_c1(
+        k, l, quantisation_factor=factor, convention=convention, side_quantisation_factor=factor
+    )
+
+
+def margins(k, l, convention):  # noqa: E741
+    """[..., T-1, 4] metres, and [..., T-1, 1] the distance, as the conventions define them."""
+    found = []
+    for a, b in ((k, l), (l, k)):
+        before, after, line = a[..., :-1, :], a[..., 1:, :], (b - a)[..., :-1, :]
+        apart, step = np.linalg.norm(line, axis=-1), after - before
+        away = np.linalg.norm(after - b[..., :-1, :], axis=-1) - apart
+        with np.errstate(invalid="ignore"):
+            if convention == "line":
+                away = -(step * line).sum(axis=-1) / apart
+            right = (step[..., 0] * line[..., 1] - step[..., 1] * line[..., 0]) / apart
+        found.append((away, right))
+    (q1, q3), (q2, q4) = found
+    return np.nan_to_num(np.stack([q1, q2, q3, q4], axis=-1)), apart[..., None]
+
+
+def golden_chains(golden):
+    """(k, l [..., T, 2], convention, quantisation factor) of everything that is stored."""
+    rows = json.loads((golden / "qtc" / "truth_table_81.json").read_text())["rows"]
+    steps = [np.array([row[name] for row in rows]) for name in "kl"]
+    arrays = np.load(golden / "qtc" / "neurosym_golden.npz")
+    windows = [arrays[name] for name in arrays if name.endswith("_xy")]
+    pairs = [(xy[i], xy[j]) for xy in windows for i in range(len(xy)) for j in range(len(xy))]
+    people = [np.stack(side) for side in zip(*pairs)]
+    for convention in CONVENTIONS:
+        for factor in (0.0, 0.05):
+            yield (*steps, convention, factor)
+            yield (*people, convention, factor)
+    for case in json.loads((golden / "qtc" / "qsrlib_cases.json").read_text())["cases"]:
+        factor = case["params"]["quantisation_factor"]
+        chain = [np.array(case[name]) for name in ("k_xy", "l_xy")]
+        yield (*chain, "line", factor)
+
+
+def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures(golden):
+    temperature = 1e-6
+    compared = ties = 0
+    for k, l, convention, factor in golden_chains(golden):  # noqa: E741
+        found = np.asarray(soft(k, l, temperature, factor, convention))
+        np.testing.assert_allclose(found.sum(axis=-1), 1, atol=1e-12)
+        states = np.asarray(hard(k, l, factor, convention))
+        margin, apart = margins(k, l, convention)
+        decided = abs(abs(margin) - factor) > 10 * temperature
+        decided[..., 2:] &= apart > temperature
+        certain = np.take_along_axis(found, (states + 1)[..., None], axis=-1)[..., 0]
+        assert (certain[decided] > 0.9999).all()
+        tied = (margin == 0) & (factor > 0)
+        assert (found[..., 1][tied] == 1).all()
+        compared, ties = compared + decided.sum(), ties + tied.sum()
+    assert compared > 30_000
+    assert ties > 5_000
+
+
+def test_ties_without_quantisation_are_half_and_half():
+    k, l = np.array([[0.0, 0], [0, 1]]), np.array([[4.0, 0], [4, 0]])  # noqa: E741
+    np.testing.assert_allclose(soft(k, l, 0.01)[0, 3], [0.5, 0, 0.5])
+    stands = soft(l, l, 0.01, 0.05)[0]  # Two who stand on one spot.
+    np.testing.assert_allclose(stands[:, 1], np.tanh(0.05 / 0.01 / 2))
+
+
+def test_probabilities_fade_over_a_temperature():
+    """k steps 6, 5 and 4 cm towards l at a threshold of 5: the half-way points are logistic."""
+    l = np.array([[4.0, 0], [4, 0]])  # noqa: E741
+    for step, odds in ((0.06, 1), (0.05, 0), (0.04, -1)):
+        towards = soft(np.array([[0.0, 0], [step, 0]]), l, 0.01, 0.05)[0, 0]
+        np.testing.assert_allclose(towards[0], 1 / (1 + np.exp(-odds)), rtol=1e-9)
+        np.testing.assert_allclose(towards[2], 1 / (1 + np.exp(10 + odds)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_straight_through_is_hard_with_soft_gradients(convention):
+    k, l = random_pairs(200)  # noqa: E741
+    through = soft(k, l, 0.05, 0.1, convention, straight_through=True)
+    states = np.asarray(hard(k, l, 0.1, convention))
+    np.testing.assert_array_equal(through, np.eye(3)[states + 1])
+    weights = np.random.default_rng(1).normal(size=(4, 3))
+
+    def total(k, factor, **kind):
+        return (soft(k, l, 0.05, factor, convention, **kind) * weights[None, None]).sum()
+
+    gradient = jax.grad(total, argnums=(0, 1))
+    for found, wanted in zip(gradient(k, 0.1, straight_through=True), gradient(k, 0.1)):
+        np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_expected_weights_are_sums_over_all_states(name):
+    draw = np.random.default_rng(0).dirichlet([0.5] * 3, (50, 4))
+    states = np.indices((3,) * 4).reshape(4, 81)
+    of_state = np.prod([draw[:, q, states[q]] for q in range(4)], axis=0)
+    wanted = of_state @ TABLES[name]
+    np.testing.assert_allclose(soft_alpha(draw, name), wanted, rtol=1e-12)
+    np.testing.assert_allclose(soft_alpha(draw, TABLES[name]), wanted, rtol=1e-12)
+
+
+def test_certain_symbols_weigh_what_the_table_says():
+    states = np.random.default_rng(0).integers(-1, 2, (40, 4))
+    table = np.random.default_rng(1).normal(size=81)
+    certain = np.eye(3)[states + 1]
+    np.testing.assert_array_equal(soft_alpha(certain, table), alpha_from_states(states, table))
+    for name, weights in TABLES.items():
+        wanted = alpha_from_states(states, weights)
+        np.testing.assert_allclose(soft_alpha(certain, name), wanted, rtol=1e-12)
+
+
+def random_pairs(count, seed=0):
+    """Steps of two people [count, 2, 2]: a fifth of each kind of degeneracy, the rest at random."""
+    draw = np.random.default_rng(seed)
+    k = draw.uniform(-2, 2, (count, 1, 2)) + draw.normal(0, 0.3, (count, 2, 2))
+    l = draw.uniform(-2, 2, (count, 1, 2)) + draw.normal(0, 0.3, (count, 2, 2))  # noqa: E741
+    kind = np.arange(count) % 10
+    k[kind == 1, 1] = k[kind == 1, 0]  # k stands.
+    l[kind == 2] = l[kind == 2][:, :1]  # l stands.
+    k[kind == 2] = k[kind == 2][:, :1]  # So does k.
+    l[kind == 3, 0] = k[kind == 3, 0]  # Both start on one spot,
+    l[kind == 4] = k[kind == 4]  # are one and the same,
+    l[kind == 5, 0] = k[kind == 5, 1]  # k steps onto l,
+    k[kind == 6] = l[kind == 6] = 0  # or nobody is anywhere.
+    k[kind == 7, :, 1] = l[kind == 7, :, 1] = 1  # All on one line.
+    k[kind == 8, 1] = k[kind == 8, 0] + [1e-9, 0]  # Hardly a step.
+    return k, l
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_gradients_are_finite_differences(convention):
+    """Of alpha, in all coordinates, the temperature and the threshold, of 10,000 pairs."""
+    pairs = np.stack(random_pairs(10_000), axis=1).reshape(-1, 8)
+    settings = np.broadcast_to([0.1, 0.15], (len(pairs), 2))
+    inputs = np.concatenate([pairs, settings], axis=1)
+    table = np.random.default_rng(2).normal(size=81)
+
+    def alpha(inputs):
+        k, l = inputs[:8].reshape(2, 2, 2)  # noqa: E741
+        return soft_alpha(soft(k, l, inputs[8], inputs[9], convention), table)[0]
+
+    gradient = np.asarray(jax.jit(jax.vmap(jax.grad(alpha)))(inputs))
+    assert np.isfinite(gradient).all()
+    small, values = 1e-7, jax.jit(jax.vmap(alpha))
+    for axis in range(10):
+        step = small * np.eye(10)[axis][None]
+        difference = np.asarray(values(inputs + step) - values(inputs - step)) / (2 * small)
+        np.testing.assert_allclose(gradient[:, axis], difference, rtol=1e-5, atol=1e-6)
+    assert (abs(gradient).max(axis=0) > 0.1).all()
+
+
+def test_gradients_in_single_precision_are_finite_where_nobody_is_anywhere():
+    with jax.enable_x64(False):
+        nowhere = jnp.zeros((3, 5, 2), jnp.float32)
+        for factor in (0.0, 0.05):
+            gradient = jax.grad(lambda k, f=factor: soft_alpha(soft(k, nowhere, 0.02, f)).sum())
+            assert np.isfinite(np.asarray(gradient(nowhere))).all()
