@@ -5,6 +5,7 @@ more does what is left to do.
 """
 
 import dataclasses
+import functools
 import json
 import os
 import subprocess
@@ -93,7 +94,7 @@ def sweep_runs(options: SweepOptions) -> list[TrainOptions]:
         InputError: for nothing to train, a scene the data has not or a recipe that cannot be.
     """
     refuse_below(1, {"--seeds": options.seeds, "--jobs": options.jobs})
-    source = open_source(options.data)
+    source = open_source(options.data, options.scenes[0] if options.scenes else None)
     scenes = options.scenes or source.scenes
     if unknown := [scene for scene in scenes if scene not in source.scenes]:
         raise InputError(f"unknown scene {unknown[0]!r}: there are {', '.join(source.scenes)}")
@@ -216,7 +217,7 @@ def _test(options: SweepOptions, runs: Sequence[TrainOptions]) -> list[dict[str,
     """Evaluate the models on their own test splits; rows as evaluate's, with `run`."""
     path = options.out / "sweep.json"
     of_path = {str(Path(str(run.out)) / "model"): run for run in runs}
-    cases = make_cases(open_source(options.data), list(of_path))
+    cases = make_cases(functools.partial(open_source, options.data), list(of_path))
     rows, _ = evaluate_cases(cases, Settings())
     for row in rows:
         run = of_path.get(row["checkpoint"])
