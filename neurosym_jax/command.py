@@ -1,12 +1,13 @@
 """From a command line to a call: options are a dataclass, bad input is one line, not a trace."""
 
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import tyro
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.runtime import enable_compilation_cache
 
 __all__ = ["run_command"]
@@ -26,8 +27,22 @@ def run_command(
     """
     enable_compilation_cache()
     try:
-        status = action(tyro.cli(options, args=arguments, prog=prog))
+        with warnings.catch_warnings():
+            warnings.showwarning = _show(warnings.showwarning)
+            status = action(tyro.cli(options, args=arguments, prog=prog))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
+    """How warnings are shown: those of the user's input in one line, others as before."""
+
+    def show(message: Warning | str, category: type[Warning], *where: object) -> None:
+        if issubclass(category, InputWarning):
+            print(f"warning: {message}", file=sys.stderr)
+        else:
+            otherwise(message, category, *where)
+
+    return show

@@ -1,10 +1,14 @@
-"""The exceptions that mean "your input, not our code": scripts print them as a single line."""
+"""What means "your input, not our code": commands print each as a single line."""
 
-__all__ = ["InputError", "TrainingError"]
+__all__ = ["InputError", "InputWarning", "TrainingError"]
 
 
 class InputError(ValueError):
     """Something a user gave cannot be used; the message names the file, the row and the reason."""
+
+
+class InputWarning(UserWarning):
+    """Something a user gave can be used but looks wrong; the message names the file."""
 
 
 class TrainingError(InputError):

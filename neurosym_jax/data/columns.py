@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +19,7 @@ from neurosym_jax.data.rows import assemble, frame_step, load_text, number_ids
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["Columns", "parse_columns", "read_columns"]
-
-Unit = Literal["m", "cm", "mm"]
-
-_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+__all__ = ["Columns", "names_tracks", "parse_columns", "read_columns"]
 
 _USUAL = {
     "time": ("time", "t", "timestamp", "stamp", "seconds", "time_s", "sec"),
@@ -66,7 +62,6 @@ def parse_columns(pairs: Sequence[str]) -> Columns:
 def read_columns(
     path: Path,
     columns: Columns = Columns(),
-    unit: Unit = "m",
     period: float = PERIOD,
     stride: float | None = None,
 ) -> Tracks:
@@ -75,7 +70,6 @@ def read_columns(
     Args:
         path: of a CSV (comma, semicolon or tab between the fields) or JSON file.
         columns: their names.
-        unit: of the coordinates.
         period: seconds; of use where frames are numbered.
         stride: frame numbers a period; their most common step if None.
 
@@ -83,8 +77,6 @@ def read_columns(
         InputError: naming file, row (from 1, the header not counted) and reason.
     """
     path = Path(path)
-    if unit not in _METRES:
-        raise InputError(f"{path}: the unit is one of {', '.join(_METRES)}, not {unit!r}")
     text = load_text(path)
     table = _json(path, text) if text.lstrip()[:1] in ("{", "[") else _csv(path, text)
     if not table:
@@ -101,9 +93,14 @@ def read_columns(
         raise InputError(f"{path}: the table has no rows")
     if clock == "frame":
         time = time / frame_step(path, time, stride) * period
-    with np.errstate(over="ignore"):
-        position = np.stack([x, y], axis=1) * _METRES[unit]
-    return assemble(path, time, number_ids(people), position)
+    return assemble(path, time, number_ids(people), np.stack([x, y], axis=1))
+
+
+def names_tracks(names: Sequence[str]) -> bool:
+    """Whether some of a header's names are usual for a time or frame, a person, x and y."""
+    known = {name.strip().lower() for name in names}
+    found = {key for key, usual in _USUAL.items() if known.intersection(usual)}
+    return found >= {"id", "x", "y"} and bool(found & {"time", "frame"})
 
 
 def _find(

@@ -19,6 +19,7 @@ __all__ = [
     "read_obsmat",
     "read_split",
     "read_text",
+    "split_files",
     "text_files",
     "whole_frames",
 ]
@@ -105,8 +106,8 @@ def is_eth_ucy(folder: Path) -> bool:
     return (folder / "all").is_dir()
 
 
-def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
-    """Recordings of one leave-one-out split.
+def split_files(folder: Path, scene: str, split: str) -> list[Path]:
+    """Files of one leave-one-out split.
 
     Args:
         folder: holds `all/`, `train/` and `val/`.
@@ -123,10 +124,18 @@ def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
         missing = [path for path in paths if not path.is_file()]
         if missing:
             raise InputError(f"{missing[0]}: missing, and scene {scene} needs it")
-    else:
-        held_out = {f"{name}_{split}.txt" for name in SCENES[scene]}
-        paths = [path for path in text_files(folder / split) if path.name not in held_out]
-    return [read_text(path) for path in paths]
+        return paths
+    held_out = {f"{name}_{split}.txt" for name in SCENES[scene]}
+    return [path for path in text_files(folder / split) if path.name not in held_out]
+
+
+def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
+    """Recordings of one split, see `split_files`, as SGAN reads them.
+
+    Raises:
+        InputError: also naming file, row and reason of what cannot be read.
+    """
+    return [read_text(path) for path in split_files(folder, scene, split)]
 
 
 def text_files(folder: Path) -> list[Path]:

@@ -1,32 +1,153 @@
 """Which reader a file is for, told from its content; and any recording on the benchmark's grid."""
 
 import codecs
+import dataclasses
 import json
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from neurosym_jax.data import columns, eth_ucy, thor, trajnet
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import SNAP, Tracks, resample
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 
-__all__ = ["FORMATS", "SUFFIXES", "data_files", "on_grid", "read_any", "sniff"]
-
-FORMATS = {
-    "text": "rows of `frame ped x y`",
-    "obsmat": "ETH's obsmat (`frame id x z y vx vz vy`)",
-    "cliff": "CLiFF-LHMP tracks (`time,id,x,y,speed,heading`)",
-    "qtm": "QTM export (THÖR, THÖR-MAGNI)",
-    "tracklets": "THÖR-MAGNI tracklets",
-    "trajnet": "TrajNet++",
-    "columns": "table with named columns",
-}
-"""What `sniff` answers: what that is."""
+__all__ = ["FORMATS", "SUFFIXES", "Format", "data_files", "on_grid", "read_any", "sniff"]
 
 SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson")
 """Endings of the files that are looked at in a folder."""
 
 _HEAD = 1 << 16  # bytes to tell a format by; a THÖR header is about 10 kB
+
+
+@dataclasses.dataclass(frozen=True)
+class Head:
+    """How a file begins."""
+
+    lines: tuple[str, ...]
+    """The lines that say something."""
+
+    @property
+    def first(self) -> str:
+        """The first of them."""
+        return self.lines[0].lstrip() if self.lines else ""
+
+    @property
+    def fields(self) -> list[str]:
+        """What stands in the first, whatever separates it."""
+        return self.first.split("#")[0].replace(",", " ").replace(";", " ").split()
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers the first is; 0 where it has anything else."""
+        try:
+            return len([float(field) for field in self.fields])
+        except ValueError:
+            return 0
+
+    @property
+    def names(self) -> list[str]:
+        """The first as the header of a CSV file."""
+        return [name.strip() for name in self.first.split(",")]
+
+
+@dataclasses.dataclass(frozen=True)
+class Format:
+    """One format."""
+
+    text: str
+    """What it is, for people."""
+    knows: Callable[[Head], bool]
+    """Whether a file that begins so is of it, if it is of none before it."""
+    read: Callable[[Path, ReadOptions, float], list[Tracks]]
+    """Its recordings; the number is the seconds that one step of frame numbers stands for."""
+    metric: bool = False
+    """Whether the unit of coordinates is fixed."""
+
+
+def _is_trajnet(head: Head) -> bool:
+    try:
+        row = json.loads(head.first)
+    except (ValueError, RecursionError):
+        # A row cut short is TrajNet++ still, and its reader says which.
+        return head.first.startswith(('{"track"', '{"scene"'))
+    return isinstance(row, dict) and row.keys() in ({"track"}, {"scene"})
+
+
+def _is_qtm(head: Head) -> bool:
+    return any(
+        line.startswith(("Frame\t", "Frame,")) and ("Helmet" in line or " X" in line)
+        for line in head.lines
+    )
+
+
+def _is_table(head: Head) -> bool:
+    if head.first.startswith(("{", "[")):
+        return True
+    # A binary file has no header; the reader of text says best what is wrong with it.
+    readable = head.first.isprintable() or "\t" in head.first
+    return bool(head.lines) and not head.numbers and readable
+
+
+FORMATS = {
+    "trajnet": Format(
+        "TrajNet++",
+        _is_trajnet,
+        lambda path, how, _: [trajnet.read_trajnet(path, how.stride_of(path)).tracks],
+        metric=True,
+    ),
+    "qtm": Format(
+        "QTM export (THÖR, THÖR-MAGNI)",
+        _is_qtm,
+        lambda path, *_: [thor.read_qtm(path)],
+        metric=True,
+    ),
+    "tracklets": Format(
+        "THÖR-MAGNI tracklets",
+        lambda head: set(thor.TRACKLET_COLUMNS) <= set(head.names),
+        lambda path, *_: thor.read_tracklets(path),
+        metric=True,
+    ),
+    "columns": Format(
+        "table with named columns",
+        _is_table,
+        lambda path, how, period: [
+            columns.read_columns(
+                path, columns.parse_columns(how.columns), period, how.stride_of(path)
+            )
+        ],
+    ),
+    "cliff": Format(
+        "CLiFF-LHMP tracks (`time,id,x,y,speed,heading`)",
+        lambda head: head.numbers == 6,
+        lambda path, *_: [thor.read_cliff(path)],
+        metric=True,
+    ),
+    "obsmat": Format(
+        "ETH's obsmat (`frame id x z y vx vz vy`)",
+        lambda head: head.numbers == 8,
+        lambda path, how, period: [eth_ucy.read_obsmat(path, period, how.stride_of(path))],
+        metric=True,
+    ),
+    "text": Format(
+        "rows of `frame ped x y`",
+        lambda head: True,
+        lambda path, how, period: [eth_ucy.read_text(path, period, how.stride_of(path))],
+    ),
+}
+"""By name, in the order in which they are asked whether they know a file."""
+
+
+def _head(path: Path) -> Head:
+    try:
+        with path.open("rb") as file:
+            start = file.read(_HEAD)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    text = start.removeprefix(codecs.BOM_UTF8).decode("utf-8", errors="ignore")
+    return Head(tuple(line for line in text.splitlines() if line.split("#")[0].strip()))
 
 
 def sniff(path: Path) -> str:
@@ -35,81 +156,35 @@ def sniff(path: Path) -> str:
     Raises:
         InputError: if it cannot be read.
     """
-    try:
-        with Path(path).open("rb") as file:
-            head = file.read(_HEAD)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    text = head.removeprefix(codecs.BOM_UTF8).decode("utf-8", errors="ignore")
-    lines = [line for line in text.splitlines() if line.split("#")[0].strip()]
-    if not lines:
-        return "text"
-    first = lines[0].lstrip()
-    if first[0] in "{[":
-        return "trajnet" if _is_trajnet(first) else "columns"
-    for line in lines:
-        if line.startswith(("Frame\t", "Frame,")) and ("Helmet" in line or " X" in line):
-            return "qtm"
-    fields = first.split("#")[0].replace(",", " ").replace(";", " ").split()
-    if not all(_is_number(field) for field in fields):
-        names = [name.strip() for name in first.split(",")]
-        if set(thor.TRACKLET_COLUMNS) <= set(names):
-            return "tracklets"
-        # A binary file has no header; the reader of text says best what is wrong with it.
-        return "columns" if first.isprintable() or "\t" in first else "text"
-    return {6: "cliff", 8: "obsmat"}.get(len(fields), "text")
-
-
-def _is_trajnet(line: str) -> bool:
-    try:
-        row = json.loads(line)
-    except (ValueError, RecursionError):
-        # A row cut short is TrajNet++ still, and its reader says which.
-        return line.startswith(('{"track"', '{"scene"'))
-    return isinstance(row, dict) and row.keys() in ({"track"}, {"scene"})
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True
+    head = _head(Path(path))
+    return next(name for name, form in FORMATS.items() if form.knows(head))
 
 
 def read_any(
-    path: Path,
-    *,
-    names: columns.Columns | None = None,
-    unit: columns.Unit = "m",
-    stride: float | None = None,
+    path: Path, options: ReadOptions = AS_IT_SAYS, frame_period: float = eth_ucy.PERIOD
 ) -> list[Tracks]:
     """The recordings in a file of any known format, on their own clocks.
 
     Args:
         path: of the file.
-        names: of the columns; the file is a table if given.
-        unit: of the coordinates of a table; the other formats have theirs.
-        stride: frame numbers a period, where frames are numbered; their most common step if None.
+        options: what the file does not say; it is a table if columns are named.
+        frame_period: seconds of the most common step between frames, or of the stride given, where
+            frames are numbered and the format does not fix their rate.
 
     Raises:
         InputError: naming file, row and reason.
     """
     path = Path(path)
-    kind = sniff(path) if names is None else "columns"
-    if kind == "columns":
-        return [columns.read_columns(path, names or columns.Columns(), unit, stride=stride)]
-    if unit != "m":
-        raise InputError(f"{path}: {FORMATS[kind]} is not a table whose unit can be chosen")
-    if kind == "tracklets":
-        return thor.read_tracklets(path)
-    if kind == "trajnet":
-        return [trajnet.read_trajnet(path, stride).tracks]
-    if kind == "text":
-        return [eth_ucy.read_text(path, stride=stride)]
-    if kind == "obsmat":
-        return [eth_ucy.read_obsmat(path, stride=stride)]
-    return [thor.read_cliff(path) if kind == "cliff" else thor.read_qtm(path)]
+    form = FORMATS["columns" if options.columns else sniff(path)]
+    metres = options.metres(path)
+    if metres == 1.0:
+        return form.read(path, options, frame_period)
+    if form.metric:
+        raise InputError(f"{path}: {form.text}: its unit is fixed, so none can be chosen")
+    return [
+        dataclasses.replace(tracks, position=tracks.position * metres)
+        for tracks in form.read(path, options, frame_period)
+    ]
 
 
 def on_grid(tracks: Tracks, period: float = eth_ucy.PERIOD) -> Tracks:
@@ -122,11 +197,29 @@ def on_grid(tracks: Tracks, period: float = eth_ucy.PERIOD) -> Tracks:
     return resample(tracks, period)
 
 
-def data_files(folder: Path) -> list[Path]:
-    """Every file of a folder whose ending is one of `SUFFIXES`, in order of name; at least one."""
+def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
+    """The recordings of a folder, by the endings `SUFFIXES`, in order of name; at least one.
+
+    Warns:
+        InputWarning: of a table that is left out, because it has no columns of tracks.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such file or folder")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     if not paths:
         raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")
-    return paths
+    if options.columns:
+        return paths
+    others = [path for path in paths if _is_of_something_else(path)]
+    for path in others:
+        warnings.warn(f"{path}: left out: it has no columns of tracks", InputWarning, stacklevel=2)
+    if len(others) == len(paths):
+        raise InputError(f"{folder}: its tables have no columns of tracks; name them, or others")
+    return [path for path in paths if path not in others]
+
+
+def _is_of_something_else(path: Path) -> bool:
+    """Whether this is a CSV table whose header names neither people nor places nor times."""
+    head = _head(path)
+    csv = "," in head.first and not head.first.startswith(("{", "["))
+    return csv and sniff(path) == "columns" and not columns.names_tracks(head.names)

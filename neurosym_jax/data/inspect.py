@@ -13,12 +13,11 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from neurosym_jax.data.columns import Unit, parse_columns
 from neurosym_jax.data.formats import FORMATS, SUFFIXES, on_grid, read_any, sniff
-from neurosym_jax.data.rows import InputWarning
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 
 __all__ = ["InspectOptions", "Summary", "inspect", "summarise", "suspicions"]
 
@@ -43,13 +42,8 @@ class InspectOptions:
     """A file, or a folder that is searched with its subfolders."""
     figure: Path | None = None
     """A PNG of all tracks."""
-    columns: tuple[str, ...] = ()
-    """Names of a table's columns: time=t id=person x=px y=py (or frame=...)."""
-    unit: Unit = "m"
-    """Unit of a table's coordinates."""
-    stride: float | None = None
-    """Frame numbers in 0.4 s, where frames are numbered; their most common step if not given.
-    For the eth recording with frames 10 apart, 6 gives the true time of its 15 frames a second."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How files are read."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,7 +115,7 @@ def suspicions(tracks: Tracks, summary: Summary) -> list[str]:
     if HURRY < median <= FAST:
         found.append(
             f"the median speed is {median:.2f} m/s, and people walk at 1.3: is the time between "
-            "frames longer than it is taken for? (the eth recording needs --stride 6)"
+            "frames longer than it is taken for? (SGAN's eth needs --eth-stride 6)"
         )
     if max(summary.extent) > ROOM and not median > FAST:
         found.append(
@@ -155,7 +149,6 @@ def _steps(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
 
 def inspect(options: InspectOptions) -> int:
     """Print what `options.path` holds; 2 if nothing in it could be read."""
-    names = parse_columns(options.columns) if options.columns else None
     folder = options.path.is_dir()
     paths = _files(options.path) if folder else [options.path]
     recordings: list[Tracks] = []
@@ -163,14 +156,14 @@ def inspect(options: InspectOptions) -> int:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always", InputWarning)
             try:
-                found = read_any(path, names=names, unit=options.unit, stride=options.stride)
+                found = read_any(path, options.read)
             except InputError as error:
                 if not folder:
                     raise
                 print(f"{error}\n")
                 continue
-        kind = "columns" if names else sniff(path)
-        print(f"{path}: {FORMATS[kind]}")
+        kind = "columns" if options.read.columns else sniff(path)
+        print(f"{path}: {FORMATS[kind].text}")
         for tracks in found:
             summary = summarise(tracks)
             print("\n".join(_lines(tracks, summary)))

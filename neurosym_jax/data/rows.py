@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import Tracks, make_tracks
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 
 __all__ = [
     "FAR",
     "LATE",
-    "InputWarning",
     "assemble",
     "frame_step",
     "load_text",
@@ -31,10 +30,6 @@ FAR = 1e9
 
 LATE = 1e11
 """Seconds; later than any clock, a float of that size still resolves 20 microseconds."""
-
-
-class InputWarning(UserWarning):
-    """A file is usable but looks wrong; the message names it and the row."""
 
 
 def load_text(path: Path) -> str:

@@ -10,6 +10,7 @@ from typing import Literal, cast
 
 from neurosym_jax.data import eth_ucy, formats, synthetic
 from neurosym_jax.data.published import data_folder, find
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
@@ -23,6 +24,8 @@ class Source:
     """Named scenes and their recordings."""
 
     scenes: tuple[str, ...]
+    read: ReadOptions = AS_IT_SAYS
+    """How files are read."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
         """Recordings of one split of `scene`.
@@ -46,13 +49,16 @@ class Source:
             if path is None:
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        return [tracks for path in paths if path is not None for tracks in _read_file(path)]
+        return [tracks for path in paths if path is not None for tracks in self._read_file(path)]
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         raise TypeError(f"{type(self).__name__} does not say how it reads a scene")
 
     def _paths(self) -> Iterable[Path]:
         return ()
+
+    def _read_file(self, path: Path) -> list[Tracks]:
+        return [formats.on_grid(tracks) for tracks in formats.read_any(path, self.read)]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +81,8 @@ class EthUcy(Source):
     scenes: tuple[str, ...] = tuple(eth_ucy.SCENES)
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        return eth_ucy.read_split(self.folder, scene, split)
+        paths = eth_ucy.split_files(self.folder, scene, split)
+        return [tracks for path in paths for tracks in self._read_file(path)]
 
     def _paths(self) -> Iterable[Path]:
         return sorted(self.folder.glob("*/*.txt"))
@@ -91,18 +98,17 @@ class Files(Source):
         if split != "test":
             raise InputError(f"{scene}: a single file has no {split} split")
         (path,) = (path for path in self.paths if path.stem == scene)
-        return _read_file(path)
+        return self._read_file(path)
 
     def _paths(self) -> Iterable[Path]:
         return self.paths
 
 
-def _read_file(path: Path) -> list[Tracks]:
-    return [formats.on_grid(tracks) for tracks in formats.read_any(path)]
-
-
 def open_source(
-    data: Path | None, scene: str | None = None, model_scene: str | None = None
+    data: Path | None,
+    scene: str | None = None,
+    model_scene: str | None = None,
+    read: ReadOptions = AS_IT_SAYS,
 ) -> Source:
     """The source at `data`: ETH/UCY as SGAN arranges it, a recording or a folder of them.
 
@@ -112,6 +118,7 @@ def open_source(
         data: with None, what was downloaded and has `scene`, else the embedded simulations.
         scene: the one that is asked for by name.
         model_scene: the one a model was trained to be tested on, taken where no scene is asked for.
+        read: how files are read.
 
     Raises:
         InputError: when nothing is there.
@@ -127,12 +134,12 @@ def open_source(
         return Synthetic()
     data = find(data)
     if eth_ucy.is_eth_ucy(data):
-        return EthUcy(folder=data)
-    paths = (data,) if data.is_file() else tuple(formats.data_files(data))
+        return EthUcy(folder=data, read=read)
+    paths = (data,) if data.is_file() else tuple(formats.data_files(data, read))
     names = [path.stem for path in paths]
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
-    return Files(scenes=tuple(names), paths=paths)
+    return Files(scenes=tuple(names), paths=paths, read=read)
 
 
 def _downloaded(scene: str | None) -> Path | None:

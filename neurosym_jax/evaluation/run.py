@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from neurosym_jax.checks import refuse_below, refuse_seed
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.cases import make_cases
@@ -40,6 +41,8 @@ class EvaluateOptions:
     """One scene (eth, hotel, ..., or a file's name); default: a checkpoint's own, else all."""
     test_on: Annotated[tuple[str, ...], _named("NAME ...")] = ()
     """Recordings by file name, taken as one test set, whatever a checkpoint was trained for."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How files are read."""
     obs_len: Annotated[int | None, _named("INT")] = None
     """Observed steps; default: the checkpoint's, else 8."""
     pred_len: Annotated[int | None, _named("INT")] = None
@@ -78,7 +81,7 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
     options.validate()
     start = time.perf_counter()
     cases = make_cases(
-        functools.partial(open_source, options.data),
+        functools.partial(open_source, options.data, read=options.read),
         options.checkpoint,
         scene=options.scene,
         test_on=options.test_on,

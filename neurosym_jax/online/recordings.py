@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.bags import is_bag, read_people
@@ -34,7 +35,7 @@ def read_frames(
         raise InputError(f"{path}: only a bag has topics")
     if not path.is_file():
         raise InputError(f"{path}: " + ("not a bag" if path.exists() else "no such file"))
-    recordings = read_any(path, stride=stride)
+    recordings = read_any(path, ReadOptions(stride=stride))
     if len(recordings) != 1:
         raise InputError(f"{path}: holds {len(recordings)} recordings, and a stream is one")
     return frames_of_tracks(recordings[0])

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from neurosym_jax.data.eth_ucy import read_text
+from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.linking import LinkOptions
@@ -23,11 +24,12 @@ class StitchOptions:
     """Join the tracks of one person that occlusions broke; write rows `frame ped x y`."""
 
     tracks: Annotated[Path, tyro.conf.Positional]
-    """Text file of rows `frame ped x y`."""
+    """A recording of any format in docs/data.md."""
     out: Path
     """File to write; nothing is overwritten."""
     period: float = 0.1
-    """Seconds between frames; 0.1 is a people tracker's, 0.4 that of ETH/UCY."""
+    """Seconds between frames, where they are numbered; 0.1 is a people tracker's, 0.4 that of
+    ETH/UCY. What is written has numbered frames."""
     fill: float = 2.0
     """Seconds; gaps up to this long are filled."""
     ids: Path | None = None
@@ -38,6 +40,8 @@ class StitchOptions:
     """Say which tracks were joined."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
     """When two tracks may be one person's."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How the file is read."""
 
 
 def stitch(options: StitchOptions) -> None:
@@ -57,8 +61,10 @@ def stitch(options: StitchOptions) -> None:
     if not 0 < options.period < float("inf"):
         raise InputError(f"period must be positive, not {options.period}")
     ids = None if options.ids is None else read_ids(options.ids)
-    tracks = read_text(options.tracks, options.period)
-    mended = mend(tracks, options.links, fill=options.fill, polygon=polygon, ids=ids)
+    recordings = read_any(options.tracks, options.read, options.period)
+    if len(recordings) != 1:
+        raise InputError(f"{options.tracks}: holds {len(recordings)} recordings: one is stitched")
+    mended = mend(recordings[0], options.links, fill=options.fill, polygon=polygon, ids=ids)
     write_text(options.out, mended.tracks, options.period)
     print(format_stitched(mended, joins=options.report))
 

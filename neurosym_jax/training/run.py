@@ -4,7 +4,9 @@ import dataclasses
 import importlib
 import json
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from neurosym_jax.config import (
     RECIPES,
@@ -14,6 +16,7 @@ from neurosym_jax.config import (
     to_json,
     weighting_from_text,
 )
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
@@ -65,6 +68,8 @@ class TrainOptions:
     """Recordings by file name to train on, instead of a leave-one-out split."""
     validate_on: tuple[str, ...] = ()
     """Recordings by file name to validate on; needed with --train-on."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How files are read."""
     out: Path | None = None
     """Folder of the run; default: runs/ and a name made of the options."""
     resume: bool = False
@@ -91,7 +96,7 @@ def make_run(options: TrainOptions) -> Run:
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
-    source = open_source(options.data, options.scene)
+    source = open_source(options.data, options.scene, read=options.read)
     if bool(options.train_on) != bool(options.validate_on):
         raise InputError("--train-on and --validate-on go together")
     if options.train_on:

@@ -185,22 +185,29 @@ def _train_all(runs: Sequence[TrainOptions], at_once: int) -> list[tuple[TrainOp
     return failed
 
 
-def _start(run: TrainOptions) -> subprocess.Popen:
+def _arguments(options: Any) -> list[str]:
+    """The command line that gives these options."""
     arguments = []
-    for field in dataclasses.fields(run):
-        value = getattr(run, field.name)
+    for field in dataclasses.fields(options):
+        value = getattr(options, field.name)
         name = f"--{field.name.replace('_', '-')}"
-        if value is True:
+        if dataclasses.is_dataclass(value):
+            arguments += _arguments(value)
+        elif value is True:
             arguments.append(name)
         elif isinstance(value, tuple):
             arguments += [name, *value] if value else []
         elif value not in (None, False):
             arguments += [name, str(value)]
+    return arguments
+
+
+def _start(run: TrainOptions) -> subprocess.Popen:
     folder = Path(str(run.out))
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOG).open("a") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", "neurosym_jax", "train", *arguments],
+            [sys.executable, "-m", "neurosym_jax", "train", *_arguments(run)],
             stdout=log,
             stderr=subprocess.STDOUT,
             # One thread each: as fast at these sizes, and the same bits wherever it runs.

@@ -11,15 +11,15 @@ from neurosym_jax.errors import InputError
 NAMED = Columns(time="t0", id="who", x="px", y="py")
 
 
-def test_named_columns_and_units(tmp_path):
+def test_named_columns(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text("who;px;note;py;t0\nAnn;1000;a;2000;0.5\nBob;-3;b;4;0.5\nAnn;1500;c;2000;1\n")
     names = parse_columns(["time=t0", "id=who", "x=px", "y=py"])
     assert names == NAMED
-    tracks = read_columns(path, names, unit="mm")
+    tracks = read_columns(path, names)
     assert_array_equal(tracks.id, [0, 0, 1])
     assert_array_equal(tracks.stamp, [0.5, 1, 0.5])
-    assert_array_equal(tracks.position, [[1, 2], [1.5, 2], [-0.003, 0.004]])
+    assert_array_equal(tracks.position, [[1000, 2000], [1500, 2000], [-3, 4]])
 
 
 @pytest.mark.parametrize("separator", [",", "\t", "; ", " "])

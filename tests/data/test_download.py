@@ -155,7 +155,7 @@ def test_thor_by_hand(home, capsys):
     assert "Nothing is there yet." in out
     (home / "thor").mkdir(parents=True)
     (home / "thor/Exp_1_run_1_6D.csv").write_text(CSV)
-    (home / "thor/broken.csv").write_text("Frame,Time\n")
+    (home / "thor/broken.csv").write_text("1,2\n")
     assert download(DownloadOptions("thor")) == 0
     out = capsys.readouterr().out
     assert "Exp_1_run_1_6D.csv: QTM export" in out

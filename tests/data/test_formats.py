@@ -9,12 +9,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.data.columns import read_columns
 from neurosym_jax.data.eth_ucy import read_obsmat, read_text
 from neurosym_jax.data.formats import FORMATS, data_files, on_grid, read_any, sniff
-from neurosym_jax.data.rows import InputWarning
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.thor import read_cliff, read_qtm, read_tracklets
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.trajnet import read_trajnet
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 
 SAMPLES = {
     "text": "780 1 8.4 3.6\n790 1 9.1 3.7\n",
@@ -45,10 +45,45 @@ def test_obsmat_and_the_stride_of_eth(tmp_path):
     assert_allclose(np.diff(tracks.stamp), [0.4])
     assert_array_equal(tracks.position, [[8.4, 3.6], [9.1, 3.7]])
     (tmp_path / "b.txt").write_text(SAMPLES["text"])
-    (tracks,) = read_any(tmp_path / "b.txt", stride=6)
+    (tracks,) = read_any(tmp_path / "b.txt", ReadOptions(stride=6))
     assert_allclose(np.diff(tracks.stamp), [0.4 * 10 / 6])
     with pytest.raises(InputError, match="the stride must be"):
-        read_any(tmp_path / "b.txt", stride=float("nan"))
+        read_any(tmp_path / "b.txt", ReadOptions(stride=float("nan")))
+
+
+def test_the_stride_of_eth_alone(tmp_path):
+    """Of SGAN's files only eth's frames are not 0.4 s apart."""
+    for name in ("biwi_eth_train", "crowds_zara01"):
+        (tmp_path / f"{name}.txt").write_text(SAMPLES["text"])
+    steps = [
+        np.diff(read_any(path, ReadOptions(eth_stride=6))[0].stamp).round(9).tolist()
+        for path in sorted(tmp_path.iterdir())
+    ]
+    assert steps == [[round(4 / 6, 9)], [0.4]]
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_units(tmp_path, kind):
+    path = tmp_path / "a.txt"
+    path.write_text(SAMPLES[kind])
+    options = ReadOptions(unit="cm")
+    if FORMATS[kind].metric:
+        with pytest.raises(InputError, match="its unit is fixed"):
+            read_any(path, options)
+    else:
+        position = read_any(path)[0].position
+        assert_allclose(read_any(path, options)[0].position, position / 100, rtol=1e-12)
+    with pytest.raises(InputError, match="the unit is one of m, cm, mm, not 'ft'"):
+        read_any(path, ReadOptions(unit="ft"))  # pyright: ignore
+
+
+def test_named_columns(tmp_path):
+    (tmp_path / "a.txt").write_text("when,who,a,b\n1,2,3000,4\n")
+    options = ReadOptions(columns=("time=when", "id=who", "x=a", "y=b"), unit="mm")
+    (tracks,) = read_any(tmp_path / "a.txt", options)
+    assert_array_equal(tracks.position, [[3, 0.004]])
+    with pytest.raises(InputError, match="columns are given as"):
+        read_any(tmp_path / "a.txt", ReadOptions(columns=("when",)))
 
 
 def test_real_samples_become_scenes(shared):
@@ -79,6 +114,14 @@ def test_folders(tmp_path):
     for name in ("b.tsv", "a.CSV", "LICENSE", "c.ndjson"):
         (tmp_path / name).touch()
     assert [path.name for path in data_files(tmp_path)] == ["a.CSV", "b.tsv", "c.ndjson"]
+    (tmp_path / "goals.csv").write_text("goal,x,y\n1,2,3\n")
+    with pytest.warns(InputWarning, match=r"goals\.csv: left out: it has no columns of tracks"):
+        assert len(data_files(tmp_path)) == 3
+    assert len(data_files(tmp_path, ReadOptions(columns=("id=goal",)))) == 4
+    for name in ("b.tsv", "a.CSV", "c.ndjson"):
+        (tmp_path / name).unlink()
+    with pytest.warns(InputWarning), pytest.raises(InputError, match="its tables have no columns"):
+        data_files(tmp_path)
 
 
 def survive(path):

@@ -3,6 +3,7 @@ import pytest
 
 from neurosym_jax.__main__ import main
 from neurosym_jax.data.inspect import InspectOptions, inspect, summarise, suspicions
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.track_figure import plot_tracks
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
@@ -43,7 +44,7 @@ def test_one_point():
     [
         (walk(1000), "look like millimetres"),
         (walk(100), "look like pixels"),
-        (walk(2.5), "needs --stride 6"),
+        (walk(2.5), "needs --eth-stride 6"),
         (walk(0.001), "hardly anybody moves"),
         (walk(period=2.0), r"2\.00 s apart: longer gaps than 1 s are not filled"),
     ],
@@ -103,8 +104,13 @@ def test_real_samples(shared, capsys):
     assert "altogether 6 recordings of 4 files" in out
     assert "warning" not in out
     assert inspect(InspectOptions(shared / "data/eth_ucy/all/biwi_eth.txt")) == 0
-    assert "needs --stride 6" in capsys.readouterr().out
-    assert inspect(InspectOptions(shared / "data/eth_ucy/all/biwi_eth.txt", stride=6)) == 0
+    assert "needs --eth-stride 6" in capsys.readouterr().out
+    assert (
+        inspect(
+            InspectOptions(shared / "data/eth_ucy/all/biwi_eth.txt", read=ReadOptions(eth_stride=6))
+        )
+        == 0
+    )
     assert "warning" not in capsys.readouterr().out
 
 

@@ -1,6 +1,7 @@
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
 from neurosym_jax.errors import InputError
 
@@ -57,3 +58,16 @@ def test_benchmark_folder(tmp_path):
     assert source.scenes == ("eth", "hotel", "univ", "zara1", "zara2")
     with pytest.raises(InputError, match=r"crowds_zara01\.txt: missing"):
         source.recordings("zara1")
+
+
+def test_options_of_reading_reach_the_files(tmp_path):
+    for part in ("all", "train"):
+        (tmp_path / part).mkdir()
+    for path in ("all/biwi_eth", "train/biwi_eth_train", "train/crowds_zara01_train"):
+        (tmp_path / f"{path}.txt").write_text("0 1 0 0\n10 1 1 0\n20 1 2 0\n")
+    source = open_source(tmp_path, read=ReadOptions(eth_stride=6))
+    (tracks,) = source.recordings("eth")
+    assert_allclose(tracks.position[:, 0], [0, 0.6, 1.2, 1.8])
+    assert [len(tracks.id) for tracks in source.recordings("hotel", "train")] == [4, 3]
+    (tracks,) = source.files(["crowds_zara01_train"])
+    assert len(tracks.id) == 3

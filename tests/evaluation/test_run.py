@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
@@ -120,6 +121,17 @@ def test_one_step_and_one_agent(options, tmp_path):
     assert [(row["scenes"], row["agents"], row["scene"]) for row in rows] == [(1, 1, "walk")] * 2
     assert rows[0]["joint"]["ade"] == pytest.approx(0, abs=1e-6)
     assert rows[0]["collision_rate"] == 0
+
+
+def test_any_table_in_a_folder(options, tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    rows = "".join(f"{0.4 * n},{who},{1000 * n},{who}\n" for n in range(17) for who in (1, 2))
+    (folder / "walk.csv").write_text(f"t,who,x,y\n{rows}")
+    read = ReadOptions(columns=("id=who",), unit="mm")
+    rows = run_evaluation(options(data=folder, read=read, samples=2))
+    assert [(row["scene"], row["scenes"], row["agents"]) for row in rows] == [("walk", 2, 4)] * 2
+    assert rows[0]["joint"]["fde"] == pytest.approx(0, abs=1e-5)
 
 
 @pytest.mark.parametrize(
