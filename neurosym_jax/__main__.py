@@ -39,6 +39,7 @@ VERBS = {
         "parity",
         "ParityOptions",
     ),
+    "ros1": Verb("forecast in a ROS 1 graph", "online.ros1", "ros1", "Ros1Options"),
     "stitch": Verb(
         "join tracks that occlusions broke", "online.stitch_verb", "stitch", "StitchOptions"
     ),

@@ -39,7 +39,9 @@ def truth_message(
     period: float,
     frame_id: str = "map",
 ) -> Any:
-    """The HumansTrajs of what happened, with the forecast's stamp; who was seen to the end.
+    """The HumansTrajs of what happened to those seen to the end; None if there is nobody.
+
+    It has the stamp of the forecast, so that the two can be put together.
 
     Raises:
         InputError: for a forecast that `Analytics` has not completed.
@@ -47,6 +49,8 @@ def truth_message(
     if forecast.future is None:
         raise InputError("the future of this forecast is not known yet")
     seen = np.isfinite(forecast.future).all(axis=(1, 2))
+    if not seen.any():
+        return None
     xy = np.concatenate([forecast.observed, forecast.future], axis=1)[seen]
     observed = forecast.observed.shape[1]
     steps = forecast.stamp + period * np.arange(1 - observed, xy.shape[1] - observed + 1)

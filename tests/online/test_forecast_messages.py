@@ -54,5 +54,7 @@ def test_the_truth_is_of_those_seen_to_the_end(types):
     assert stamp == 100.0
     assert [frame.ids.tolist() for frame in frames] == [[8]] * 7
     assert_array_equal(np.stack([frame.xy[0] for frame in frames[3:]]), future[1])
+    nobody = dataclasses.replace(there, future=np.full_like(future, np.nan))
+    assert truth_message(types, nobody, 0.4) is None
     with pytest.raises(InputError, match="not known yet"):
         truth_message(types, forecast(), 0.4)

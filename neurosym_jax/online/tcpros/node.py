@@ -108,7 +108,7 @@ class Node:
                     self._missed = ""
             except CallError as error:
                 if not self._missed:
-                    self._report(f"waiting for the master: {error}")
+                    self._report(f"waiting for the master at {self.master}: {error}")
                 self._missed = str(error)
             self._wake.wait(WATCH)
 

@@ -119,7 +119,8 @@ class _Link(threading.Thread):
                 # Its definition stays what it is. Restarted, it has another URI.
                 self._ending.wait()
             except OSError as error:
-                self._say(f"lost: {error}" if self.connected else f"not reached: {error}")
+                reason = error.strerror or str(error)
+                self._say(f"lost: {reason}" if self.connected else f"not reached: {reason}")
             self.connected, self._connection = False, None
             self._ending.wait(delay)
             delay = min(2 * delay, PATIENCE[1])
@@ -137,9 +138,9 @@ class _Link(threading.Thread):
             protocol, host, port = answer
             address = (str(host), int(port))
         except (TypeError, ValueError):
-            raise CallError(f"{self._uri}: no TCPROS address: {answer!r:.80}") from None
+            raise CallError(f"no TCPROS address: {answer!r:.80}") from None
         if protocol != "TCPROS" or not 0 < address[1] < 65536:
-            raise CallError(f"{self._uri}: no TCPROS address: {answer!r:.80}")
+            raise CallError(f"no TCPROS address: {answer!r:.80}")
         connection = socket.create_connection(address, HANDSHAKE)
         try:
             prepare(connection)

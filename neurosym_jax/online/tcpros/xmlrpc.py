@@ -5,6 +5,7 @@ As https://wiki.ros.org/ROS/Master_API and https://wiki.ros.org/ROS/Slave_API sa
 """
 
 import http.client
+import socket
 import xmlrpc.client
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -19,6 +20,11 @@ MAX_BODY = 4 << 20
 """Bytes; the state of a graph of thousands of topics stays below."""
 TIMEOUT = 5.0
 """Seconds."""
+
+
+_NONSENSE = (http.client.HTTPException, xmlrpc.client.Error, ExpatError)
+_NONSENSE += (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
+"""What Python's parsers raise at an answer that is none."""
 
 
 class CallError(ConnectionError):
@@ -59,10 +65,12 @@ def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> An
         with xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)) as proxy:
             answer = getattr(proxy, method)(*arguments)
         code, message, value = answer
-    except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError) as error:
-        raise CallError(f"{uri}: {error}") from None
-    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
-        raise CallError(f"{uri}: no answer of ROS to {method} ({error})") from None
+    except socket.gaierror:
+        raise CallError("its name is not known here (set ROS_IP where it runs)") from None
+    except OSError as error:
+        raise CallError(error.strerror or str(error)) from None
+    except _NONSENSE as error:
+        raise CallError(f"no answer of ROS to {method} ({error!s:.80})") from None
     if code != 1:
         raise Refused(str(message))
     return value

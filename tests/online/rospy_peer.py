@@ -1,0 +1,72 @@
+"""The other side of the tests of `ros1`: rospy, run by the system's Python. Prints JSON lines.
+
+`python3 rospy_peer.py ROLE NAME DEFINITIONS [RATE]`; DEFINITIONS is JSON {type: text}.
+"""
+
+import json
+import sys
+import time
+from math import isnan
+
+import rospy
+from genpy.dynamic import generate_dynamic
+
+PEOPLE, TRAJECTORIES = "people_msgs/People", "darko_perception_msgs/HumansTrajs"
+
+
+def talk(classes, rate):
+    """People 1 and 2 walk at 1 m/s; the stamps are 0.1 s apart, whatever the rate."""
+    publisher = rospy.Publisher("/people", classes[PEOPLE], queue_size=50)
+    people, person = classes[PEOPLE], classes["people_msgs/Person"]
+    start, n = time.time(), 0
+    while not rospy.is_shutdown():
+        message = people()
+        message.header.stamp = rospy.Time.from_sec(start + n / 10)
+        message.header.frame_id = "odom"
+        for id in (1, 2):
+            walker = person()
+            walker.name = str(id)
+            walker.position.x, walker.position.y = start % 1000 + n / 10, float(id)
+            message.people.append(walker)
+        publisher.publish(message)
+        n += 1
+        time.sleep(max(0.0, start + n / rate - time.time()))
+
+
+def listen(classes, rate):
+    """Says what comes on the three topics."""
+
+    def say(topic):
+        def hear(message):
+            steps = [
+                [[h.id, h.centroid.pose.position.x, h.centroid.pose.position.y] for h in s.humans]
+                for s in message.trajs
+            ]
+            assert not any(isnan(value) for step in steps for human in step for value in human)
+            row = {"topic": topic, "stamp": message.header.stamp.to_sec(), "steps": steps}
+            row["late"] = time.time() - row["stamp"]
+            row["frame"] = message.header.frame_id
+            print(json.dumps(row), flush=True)
+
+        return hear
+
+    for end in ("prediction_neurosym", "prediction_baseline", "gt"):
+        topic = "/hri/human_poses_" + end
+        rospy.Subscriber(topic, classes[TRAJECTORIES], say(topic), tcp_nodelay=True)
+    print(json.dumps({"topic": "ready"}), flush=True)
+    rospy.spin()
+
+
+def main():
+    """Play the role."""
+    role, name, path = sys.argv[1:4]
+    with open(path) as file:
+        definitions = json.load(file)
+    classes = {}
+    for kind, text in definitions.items():
+        classes.update(generate_dynamic(kind, text))
+    rospy.init_node(name, disable_signals=True)
+    {"talk": talk, "listen": listen}[role](classes, float((*sys.argv, "10")[4]))
+
+
+main()

@@ -1,0 +1,281 @@
+"""The node in a real ROS 1 graph: roscore, rospy and rosbag as Debian packages them."""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.synthetic import simulate
+from neurosym_jax.forecast import Model
+from neurosym_jax.model_folder import save_model
+from neurosym_jax.models import Generator
+from neurosym_jax.online import messages
+from neurosym_jax.online.bags import BagWriter
+from neurosym_jax.online.recordings import frames_of_tracks
+from neurosym_jax.online.tcpros.xmlrpc import CallError, call
+from neurosym_jax.scene import make_scene
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+ROOT = Path(__file__).resolve().parents[2]
+PEER = Path(__file__).with_name("rospy_peer.py")
+SYSTEM = "/usr/bin/python3"
+FORECASTS = ("/hri/human_poses_prediction_neurosym", "/hri/human_poses_prediction_baseline")
+PACKAGES = "python3-rospy python3-roslaunch python3-rosbag"
+
+
+class Process:
+    """A process that ends with the test; what it prints is kept line by line."""
+
+    def __init__(self, *command, env):
+        self.process = subprocess.Popen(
+            [str(part) for part in command],
+            env=env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def wait_for(self, condition, seconds=60.0):
+        """The first line from now on, or before, that fulfils `condition`."""
+        end, at = time.monotonic() + seconds, 0
+        while True:
+            while at < len(self.lines):
+                if condition(self.lines[at]):
+                    return self.lines[at]
+                at += 1
+            assert self.process.poll() is None, self.lines
+            assert time.monotonic() < end, self.lines
+            time.sleep(0.02)
+
+    def heard(self) -> list[dict]:
+        """What a listener has printed."""
+        return [json.loads(line) for line in list(self.lines) if line.startswith('{"')]
+
+    def wait_heard(self, condition, seconds=60.0) -> list[dict]:
+        """The rows heard, once `condition` holds for them."""
+        end = time.monotonic() + seconds
+        while not condition(rows := self.heard()):
+            assert self.process.poll() is None, self.lines
+            assert time.monotonic() < end, self.lines
+            time.sleep(0.02)
+        return rows
+
+    def end(self, number=signal.SIGKILL) -> int:
+        """Send a signal, wait, return the exit status; do nothing to what has ended."""
+        self.process.send_signal(number)
+        status = self.process.wait(20)
+        self._reader.join()
+        return status
+
+
+class Graph:
+    """A master on a port of its own, and processes around it."""
+
+    def __init__(self, folder: Path):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.uri = f"http://127.0.0.1:{self.port}"
+        self.env = {
+            "PATH": os.environ["PATH"],
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder),
+            "HOME": str(folder),
+        }
+        self._folder, self._processes = folder, contextlib.ExitStack()
+        self.definitions = folder / "definitions.json"
+        store = messages.typestore(1)
+        texts = {
+            name.replace("/msg/", "/"): store.generate_msgdef(name, ros_version=1)[0]
+            for name in (messages.PEOPLE, messages.HUMANS_TRAJS)
+        }
+        self.definitions.write_text(json.dumps(texts))
+        self.start_core()
+
+    def start_core(self):
+        """A new master on the same port."""
+        self.core = self.start("roscore", "-p", self.port)
+        end = time.monotonic() + 60
+        while True:
+            with contextlib.suppress(CallError):
+                # The log's node is the last thing that roscore starts.
+                call(self.uri, "lookupNode", "/tests", "/rosout")
+                return
+            assert time.monotonic() < end, self.core.lines
+            time.sleep(0.05)
+
+    def stop_core(self):
+        """With everything in it."""
+        self.core.end(signal.SIGINT)
+
+    def start(self, *command, **more) -> Process:
+        """A process in this graph."""
+        process = Process(*command, env={**self.env, **more})
+        self._processes.callback(process.end)
+        return process
+
+    def peer(self, role: str, name: str, rate: float = 10, definitions: Path | None = None):
+        """A rospy node."""
+        return self.start(SYSTEM, PEER, role, name, definitions or self.definitions, rate)
+
+    def listener(self) -> Process:
+        """A rospy node that hears our topics."""
+        listener = self.peer("listen", f"listener{time.monotonic_ns()}")
+        listener.wait_for(lambda line: "ready" in line)
+        return listener
+
+    def close(self):
+        """End all."""
+        # First, and gently: roscore's children are in process groups of their own.
+        self.stop_core()
+        self._processes.close()
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory):
+    usable = shutil.which("roscore") and Path(SYSTEM).exists()
+    if not usable or subprocess.run([SYSTEM, "-c", "import rospy"], capture_output=True).returncode:
+        pytest.skip(f"no ROS 1 here: apt-get install --no-install-recommends {PACKAGES}")
+    there = Graph(tmp_path_factory.mktemp("ros"))
+    yield there
+    there.close()
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory):
+    """Two small networks with random weights that observe 4 steps and forecast 3."""
+    folder = tmp_path_factory.mktemp("models")
+    rng = np.random.default_rng(0)
+    for pooling in ("pool_net", "as_described"):
+        config = GeneratorConfig(pooling=pooling, obs_len=4, pred_len=3, pool_hidden_dim=16)
+        scene, alpha = make_scene(np.zeros((1, 4, 2))), np.zeros((1, 1, 4))
+        noise = np.zeros(config.noise_dim)
+        shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
+        params = jax.tree.map(
+            lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
+        )
+        save_model(folder / pooling, Model(config, params))
+    return sorted(folder.iterdir())
+
+
+@pytest.fixture(scope="module")
+def node(graph, models):
+    """Our node, which lives through everything that the tests below do to the graph."""
+    command = (sys.executable, "-m", "neurosym_jax", "ros1", "--topic", "/people", "--samples", 3)
+    ours = {name: os.environ[name] for name in os.environ if name.startswith(("XDG", "JAX", "XLA"))}
+    node = graph.start(*command, "--max-people", 4, "--model", *models, **ours, PYTHONPATH=ROOT)
+    node.wait_for(lambda line: "listening" in line)
+    return node
+
+
+def count(topic: str, rows: list[dict]) -> int:
+    return sum(row["topic"] == topic for row in rows)
+
+
+def both(rows: list[dict]) -> bool:
+    """Whether both models were heard."""
+    return all(count(topic, rows) for topic in FORECASTS)
+
+
+def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
+    listener = graph.listener()
+    talker = graph.peer("talk", "tracker", rate=10)
+    rows = listener.wait_heard(lambda rows: both(rows) and count(messages.TRUTH_TOPIC, rows) > 1)
+    talker.end()
+    for row in rows[1:]:
+        steps = np.array(row["steps"])
+        assert steps.shape == (7, 2, 3)
+        assert row["frame"] == "odom"
+        assert (steps[:, :, 0] == [1, 2]).all()
+        known = 7 if row["topic"] == messages.TRUTH_TOPIC else 4
+        # They walk along x at 1 m/s, and the stamp is that of the last step observed.
+        start = steps[3, 0, 1]
+        assert_allclose(steps[:known, 0, 1] - start, 0.4 * np.arange(-3, known - 3), atol=1e-5)
+        assert_allclose(steps[:known, :, 2], [[1, 2]] * known, atol=1e-9)
+    delays = [row["late"] for row in rows if row["topic"] in FORECASTS]
+    print("from a frame's stamp to its forecast at a rospy listener, ms:", 1e3 * np.median(delays))
+    assert np.median(delays) < 0.5
+
+
+def test_the_tracker_is_killed_and_started_again(graph, node):
+    listener = graph.listener()
+    for _ in range(2):
+        before = len(listener.heard())
+        talker = graph.peer("talk", "tracker", rate=50)
+        listener.wait_heard(lambda rows, before=before: both(rows[before:]))
+        talker.end(signal.SIGKILL)
+
+
+def test_rosbag_plays_our_bag_into_the_node(graph, node, tmp_path):
+    path = tmp_path / "people.bag"
+    with BagWriter(path) as bag:
+        for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=3)):
+            frame = frame._replace(stamp=frame.stamp + 1e9)
+            bag.write("/people", frame.stamp, messages.make_people(bag.types, frame))
+    listener = graph.listener()
+    done = subprocess.run(
+        ["rosbag", "play", "--quiet", "--rate", "4", "--delay", "0.5", path],
+        env=graph.env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = listener.wait_heard(lambda rows: both(rows) and count(messages.TRUTH_TOPIC, rows))
+    stamps = [row["stamp"] for row in rows if row["topic"] in FORECASTS]
+    assert 1e9 < min(stamps) <= max(stamps) < 1e9 + 9
+
+
+def test_the_master_is_restarted(graph, node):
+    graph.stop_core()
+    node.wait_for(lambda line: "waiting for the master" in line)
+    graph.start_core()
+    node.wait_for(lambda line: "registers again" in line)
+    listener = graph.listener()
+    graph.peer("talk", "tracker", rate=50)
+    listener.wait_heard(both)
+
+
+def test_another_definition_is_refused_in_one_line(graph, node, tmp_path):
+    texts = json.loads(graph.definitions.read_text())
+    texts["people_msgs/People"] = texts["people_msgs/People"].replace("string name", "uint32 name")
+    path = tmp_path / "definitions.json"
+    path.write_text(json.dumps(texts))
+    before = len(node.lines)
+    graph.peer("talk", "impostor", definitions=path)
+    node.wait_for(lambda line: "refused:" in line)
+    time.sleep(0.5)
+    (line,) = [line for line in node.lines[before:] if "refused:" in line]
+    assert "not people_msgs/People with md5 18722f4b8db20cc2369740732357847b" in line
+
+
+def test_it_leaves_the_graph_when_told_to(graph, node):
+    assert node.end(signal.SIGTERM) == 0
+    with pytest.raises(CallError, match="unknown node"):
+        call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
+    assert "Traceback" not in "\n".join(node.lines)
+    assert "forecasts" in node.lines[-1]
