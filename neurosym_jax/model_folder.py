@@ -88,7 +88,7 @@ def _refuse_misshapen(config: GeneratorConfig, params: Any, source: str) -> None
     pairs = (1,) if config.pooling == "neurosym_ijcnn" else (1, 1)
     alpha = np.zeros((*pairs, config.obs_len))
     wanted: Any = jax.eval_shape(Generator(config).init, jax.random.key(0), example, noise, alpha)
-    if config.weighting is not None and (parameters := initial_parameters(config.weighting)):
+    if parameters := initial_parameters(config.weighting):
         wanted = {**wanted, "weighting": parameters}
     wanted, given = (
         {jax.tree_util.keystr(at): np.shape(leaf) for at, leaf in leaves}

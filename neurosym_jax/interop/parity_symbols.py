@@ -25,8 +25,9 @@ from neurosym_jax.interop.parity_networks import (
     stacked,
     state_dict,
 )
+from neurosym_jax.symbolic.built_in import alpha_from_states, table_of
 from neurosym_jax.symbolic.qtc import qtc_c1
-from neurosym_jax.symbolic.weighting import alpha_from_states, make_weighting, table_of
+from neurosym_jax.symbolic.weighting import make_weighting
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
 __all__ = ["neurosym", "qtc"]

@@ -9,16 +9,24 @@ function of one's own to call. The kinds:
   theory. What the papers describe.
 - `cnd_shipped`: the authors' own table, 1 / (2^nonzero 3^zero), which counts neighbours by
   continuity alone and staying as one of them; 4 decimals give it as they printed it.
-- `quantised`: `cnd` of symbols that are 0 below 5 cm a step.
+- `quantised`: `cnd` of symbols that are 0 below 5 cm a step; the threshold may be learnt, by
+  straight-through gradients.
+- `soft`: what `cnd` is expected to be where symbols fade into each other, see `soft`.
 - `learned`: 81 free weights, one a state, and one for the first step; they start at the table.
+- `transition`: P(q_t | q_(t-1)), how often people in the state before came into this one, counted
+  in the training data; at the first state P(q_t).
 - `ones`: nothing is weighted, at any step, observed or not: the neural part alone.
 - `zeros`: no weight for anyone but oneself. What the released training was fed with the authors'
   table, because its reader took the first character of a label such as `0.0625`.
+- `shuffled`: the weights of `quantised` with the wrong pairs. Each neighbour of an agent gets those
+  of the next nearer one, the nearest those of the farthest, and the last step first. A control: the
+  same weights in the same scene, saying nothing.
 
-This is not the pooling that uses the weights (see `models.symbolic_pooling`).
+This is neither how each of them is computed (see `built_in`) nor the pooling that uses the weights
+(see `models.symbolic_pooling`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -26,25 +34,15 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.cnd import alpha_table
-from neurosym_jax.symbolic.qtc import pair_mask, pairwise_qtc_c1
-from neurosym_jax.symbolic.states import encode_state
+from neurosym_jax.symbolic.built_in import Parameters, built_in_alpha, table_of
+from neurosym_jax.symbolic.qtc import pair_mask
+from neurosym_jax.symbolic.transitions import Scenes, count_transitions, transition_parameters
 from neurosym_jax.symbolic.weighting_config import KINDS, WeightingConfig, own_weighting
 
-__all__ = [
-    "Weighting",
-    "alpha_from_states",
-    "initial_parameters",
-    "make_weighting",
-    "scene_alpha",
-    "table_of",
-]
+__all__ = ["Weighting", "initial_parameters", "make_weighting", "scene_alpha"]
 
 Weighting = Callable[..., Array]
 """`(positions [N, T, 2] metres, valid [N] or None) -> alpha [N, N, T]`."""
-
-Parameters = Mapping[str, Any]
-"""What a weighting learns or estimates, by name; it lies in `params["weighting"]` of a model."""
 
 
 def make_weighting(
@@ -64,14 +62,30 @@ def make_weighting(
     return weigh
 
 
-def initial_parameters(config: WeightingConfig) -> dict[str, Any]:
-    """What the weighting has to learn, where it starts, float32; empty where there is nothing."""
+def initial_parameters(
+    config: WeightingConfig | None, scenes: Scenes | None = None
+) -> dict[str, Any]:
+    """What the weighting has to learn or to estimate, float32; empty where there is nothing.
+
+    Args:
+        config: the weighting, None for a model without.
+        scenes: the training data; `transition` is estimated from it, and without it knows nothing.
+    """
+    start: dict[str, Any] = {}
+    if config is None:
+        return start
     if config.kind not in KINDS:
         start = own_weighting(config.kind).start
-    elif config.kind == "learned" and config.learned:
-        start = {"table": table_of(config), "unobserved": 0.0}
-    else:
-        start = {}
+    elif config.kind == "transition":
+        counts = np.zeros((81, 81)) if scenes is None else count_transitions(config, scenes)
+        start = transition_parameters(counts)
+    elif config.learned:
+        if config.kind in ("quantised", "soft"):
+            start = {"log_quantisation_factor": np.log(config.quantisation_factor or 0.0)}
+        if config.kind == "soft":
+            start["log_temperature"] = np.log(config.temperature)
+        if config.kind in ("soft", "learned"):
+            start |= {"table": table_of(config), "unobserved": 0.0}
     return {name: np.asarray(value, np.float32) for name, value in start.items()}
 
 
@@ -100,49 +114,10 @@ def scene_alpha(
     positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
     count = len(positions)
     if config.kind in KINDS:
-        alpha = _built_in(config, parameters, positions, valid)
+        alpha = built_in_alpha(config, parameters, positions, valid)
     else:
         present = jnp.ones(count, bool) if valid is None else jnp.asarray(valid)
         alpha = own_weighting(config.kind).weigh(positions, present, **parameters)
     alpha = jnp.where(jnp.eye(count, dtype=bool)[..., None], 1, alpha.astype(positions.dtype))
     pairs = pair_mask(valid, count)
     return jnp.where((pairs & (pairs.sum() != 1))[..., None], alpha, 0)
-
-
-def table_of(config: WeightingConfig) -> np.ndarray:
-    """[81] float64: the weight of each QTC_C1 state, by its code, before anything is learnt."""
-    if config.kind in ("ones", "zeros"):
-        return np.full(81, float(config.kind == "ones"))
-    if "cnd_shipped" in (config.kind, config.table):
-        table = alpha_table("c1", rule="continuity", include_self=True)
-    else:
-        table = alpha_table("c1", rule="dominance")
-    return table if config.decimals is None else np.round(table, config.decimals)
-
-
-def alpha_from_states(states: ArrayLike, table: ArrayLike) -> Array:
-    """Weights [...] of QTC_C1 states [..., 4] in {-1, 0, 1}, from a table [81] by state code."""
-    return jnp.asarray(table).at[encode_state(states)].get(mode="clip")
-
-
-def _built_in(
-    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
-) -> Array:
-    """[N, N, T] of the kinds that are a table, before self, padding and solitude are seen to."""
-    states = pairwise_qtc_c1(
-        positions,
-        valid,
-        quantisation_factor=config.quantisation_factor or 0.0,
-        convention=config.convention,
-        side_quantisation_factor=config.side_quantisation_factor,
-    )
-    table = parameters.get("table", table_of(config))
-    unobserved = parameters.get("unobserved", float(config.kind == "ones"))
-    observed = alpha_from_states(states, jnp.asarray(table, positions.dtype))
-    return _with_first_step(observed, unobserved)
-
-
-def _with_first_step(observed: Array, unobserved: ArrayLike) -> Array:
-    """[N, N, T] from the weights [N, N, T-1] of states, and of the step before any of them."""
-    first = jnp.broadcast_to(jnp.asarray(unobserved, observed.dtype), (*observed.shape[:2], 1))
-    return jnp.concatenate([first, observed], axis=-1)

@@ -106,7 +106,7 @@ class WeightingConfig:
         if self.convention not in get_args(Convention):
             known = ", ".join(get_args(Convention))
             raise InputError(f"unknown QTC convention {self.convention!r}: there are {known}")
-        if self.learned and self.kind == "quantised" and not self.quantisation_factor:
+        if self.learned and self.kind in ("quantised", "soft") and not self.quantisation_factor:
             raise InputError("a quantisation_factor of 0 cannot be learned: its logarithm is")
 
     @property

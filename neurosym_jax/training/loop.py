@@ -11,6 +11,7 @@ import hashlib
 import json
 import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecast import Model
 from neurosym_jax.generator_forecaster import GeneratorForecaster
 from neurosym_jax.model_folder import save_model
+from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.card import CARD, write_card
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
@@ -98,7 +100,8 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     key = jax.random.key(config.seed)
     example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
     steps_key = jax.random.fold_in(key, 1)
-    state = initial_state(run.generator, config, example, jax.random.fold_in(key, 0))
+    weighting = initial_parameters(run.generator.weighting, _observed(run.training))
+    state = initial_state(run.generator, config, example, jax.random.fold_in(key, 0), weighting)
     best = _copy(_validated(config, state))
     validations: list[dict[str, Any]] = []
     record = {**run.describe(), "environment": run_environment()}
@@ -139,6 +142,12 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     model = Model(run.generator, best, run.scene)
     _finish(run, folder, model, record, validations)
     return model
+
+
+def _observed(windows: Windows) -> Iterator[tuple[Any, Any]]:
+    """Batches (positions, valid) of what a weighting may be estimated from, if it asks for any."""
+    for batch in make_batches(windows):
+        yield batch.scene.observed, batch.scene.valid
 
 
 def _copy(params: Any) -> Any:

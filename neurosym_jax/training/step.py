@@ -39,9 +39,16 @@ class TrainState(NamedTuple):
 
 
 def initial_state(
-    generator_config: GeneratorConfig, config: TrainConfig, example: Scene, key: Array
+    generator_config: GeneratorConfig,
+    config: TrainConfig,
+    example: Scene,
+    key: Array,
+    weighting: Any = None,
 ) -> TrainState:
-    """Parameters as SGAN initialises them, fresh optimisers; `example` is one scene."""
+    """Parameters as SGAN initialises them, fresh optimisers; `example` is one scene.
+
+    `weighting` are the weighting's parameters, None for where they start.
+    """
     of_generator, of_discriminator = jax.random.split(key)
     agents = example.valid.shape[0]
     observed = example.replace(future=None)
@@ -51,9 +58,10 @@ def initial_state(
         jnp.zeros((agents, generator_config.noise_dim)),
         jnp.zeros((agents, agents, generator_config.obs_len)),
     )
-    weighting = generator_config.weighting
-    if weighting is not None and (parameters := initial_parameters(weighting)):
-        generator = {**generator, "weighting": jax.tree.map(jnp.asarray, parameters)}
+    if weighting is None:
+        weighting = initial_parameters(generator_config.weighting)
+    if weighting:
+        generator = {**generator, "weighting": jax.tree.map(jnp.asarray, weighting)}
     discriminator = ()
     if config.adversarial_weight:
         discriminator = Discriminator(config.discriminator).init(

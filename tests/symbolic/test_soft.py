@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from neurosym_jax.symbolic.built_in import alpha_from_states
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import qtc_c1
 from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
-from neurosym_jax.symbolic.weighting import alpha_from_states
 
 pytestmark = pytest.mark.usefixtures("double")
 

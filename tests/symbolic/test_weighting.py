@@ -9,19 +9,14 @@ from hypothesis import strategies as st
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic import weighting_config
+from neurosym_jax.symbolic.built_in import alpha_from_states, table_of
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.weighting import (
-    alpha_from_states,
-    initial_parameters,
-    make_weighting,
-    scene_alpha,
-    table_of,
-)
+from neurosym_jax.symbolic.weighting import initial_parameters, make_weighting, scene_alpha
 from neurosym_jax.symbolic.weighting_config import WeightingConfig, register_weighting
 
-NAMES = ("cnd", "cnd_shipped", "quantised", "learned", "ones", "zeros")
+NAMES = weighting_config.KINDS
 RELEASED = WeightingConfig("cnd_shipped", convention="as_published", decimals=4)
 
 
@@ -42,6 +37,11 @@ def codes_of(positions):
 
 def walks(agents, seed=0, steps=8):
     return np.random.default_rng(seed).integers(-9, 10, (agents, steps, 2)).astype(np.float32)
+
+
+def jittered(agents, seed=0):
+    """Walks in which nobody is as far from somebody as somebody else."""
+    return walks(agents, seed) + np.random.default_rng(seed).normal(0, 0.1, (agents, 8, 2))
 
 
 def test_shipped_weights_of_real_windows(real_windows):
@@ -108,7 +108,7 @@ def test_whoever_is_alone_weighs_nothing(weighting, slots):
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), agents=st.sampled_from([1, 2, 5, 9]))
 def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
-    positions, draw = walks(9, seed), np.random.default_rng(seed)
+    positions, draw = jittered(9, seed).astype(np.float32), np.random.default_rng(seed)
     slots = draw.permutation(9)[:agents]
     valid = np.isin(np.arange(9), slots)
     padded = np.asarray(alpha_of(positions, valid, weighting))
@@ -146,6 +146,80 @@ def test_a_table_is_learnt():
     codes = np.asarray(codes_of(positions))[others]
     np.testing.assert_array_equal(gradient["table"], np.bincount(codes.ravel(), minlength=81))
     np.testing.assert_array_equal(alpha_of(positions, None, "learned"), alpha_of(positions))
+
+
+def test_the_wrong_pairs_get_the_same_weights():
+    positions = np.random.default_rng(0).normal(0, 0.06, (5, 8, 2)).cumsum(axis=1)
+    positions, valid = positions.astype(np.float32), np.array([1, 1, 0, 1, 1], bool)
+    quantised = np.asarray(alpha_of(positions, valid, "quantised"))
+    shuffled = np.asarray(alpha_of(positions, valid, "shuffled"))
+    np.testing.assert_array_equal(np.sort(shuffled, axis=None), np.sort(quantised, axis=None))
+    apart = np.linalg.norm(positions[:, -1] - positions[0, -1], axis=-1)
+    nearest, *_, farthest = sorted((1, 3, 4), key=lambda j: apart[j])
+    np.testing.assert_array_equal(shuffled[0, nearest, 1:], quantised[0, farthest, :0:-1])
+    assert (shuffled != quantised).mean() > 0.2
+
+
+def test_transitions_weigh_as_often_as_they_were_seen():
+    config = WeightingConfig("transition", quantisation_factor=1.5)
+    scenes = [(np.stack([walks(3, seed)]), np.array([[True, True, seed > 0]])) for seed in range(4)]
+    parameters = initial_parameters(config, scenes)
+    chains = [
+        codes[0, i, j]
+        for positions, valid in scenes
+        for codes in [coarse_codes(positions)]
+        for i in range(3)
+        for j in range(3)
+        if i != j and valid[0, i] and valid[0, j]
+    ]
+    seen = np.ones((81, 81))
+    for chain in chains:
+        np.add.at(seen, (chain[:-1], chain[1:]), 1)
+    probability = seen / seen.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(parameters["transition"], probability, rtol=1e-6)
+    alpha = scene_alpha(config, parameters, scenes[1][0][0])
+    chain = coarse_codes(scenes[1][0])[0, 0, 1]
+    wanted = [0, seen[chain[0]].sum() / seen.sum(), *probability[chain[:-1], chain[1:]]]
+    np.testing.assert_allclose(alpha[0, 1], wanted, rtol=1e-5)
+    np.testing.assert_array_equal(initial_parameters(config)["transition"], np.float32(1 / 81))
+
+
+@jax.jit
+@jax.vmap
+def coarse_codes(positions):
+    return encode_state(pairwise_qtc_c1(positions, quantisation_factor=1.5))
+
+
+@pytest.mark.parametrize("kind", ["quantised", "soft", "learned", "transition"])
+def test_what_is_learned_has_gradients(kind):
+    config = WeightingConfig(kind, learned=True)
+    positions = np.random.default_rng(0).normal(0, 0.05, (4, 8, 2)).cumsum(axis=1)
+    positions[3] = positions[2]  # Two on one spot.
+    parameters = initial_parameters(config)
+    weights = np.random.default_rng(1).normal(size=(4, 4, 8))
+    gradient = jax.jit(
+        jax.grad(lambda given: (scene_alpha(config, given, positions) * weights).sum())
+    )(parameters)
+    assert gradient.keys() == parameters.keys() != set()
+    for name, value in gradient.items():
+        assert np.isfinite(value).all()
+        assert np.abs(value).max() > 1e-3, name
+    start = make_weighting(config)(positions)
+    if kind == "quantised":  # Straight through: the weights are the hard ones.
+        np.testing.assert_array_equal(start, make_weighting(kind)(positions))
+
+
+def test_what_is_estimated_is_not_trained():
+    config = WeightingConfig("transition")
+    total = jax.grad(lambda given: scene_alpha(config, given, walks(3)).sum())
+    assert not any(value.any() for value in total(initial_parameters(config)).values())
+
+
+def test_soft_weights_are_the_quantised_where_symbols_are_certain():
+    sharp = WeightingConfig("soft", temperature=1e-4)
+    np.testing.assert_allclose(
+        make_weighting(sharp)(walks(4)), alpha_of(walks(4), None, "quantised"), atol=1e-6
+    )
 
 
 def test_integer_positions_give_real_weights():

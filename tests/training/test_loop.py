@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 from neurosym_jax.checkpoint import TrainingCheckpoints
+from neurosym_jax.data.batching import make_batches
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.model_folder import load_model
+from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training import loop
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.lock import sole_writer
@@ -194,3 +197,17 @@ def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch)
     jax.tree.map(np.testing.assert_array_equal, model.params, kept[1])
     assert json.loads((tmp_path / "run.json").read_text())["validation"]["step"] == 50
     assert sorted(TrainingCheckpoints(tmp_path / "checkpoints")._steps()) == [50, 75]
+
+
+@pytest.mark.slow
+def test_what_a_weighting_estimates_is_kept_as_it_was_counted(with_recipe, tmp_path):
+    run = with_recipe(steps=25, ema=0.0)
+    weighting = WeightingConfig("transition")
+    network = dataclasses.replace(run.generator, pooling="as_described", weighting=weighting)
+    train_run(dataclasses.replace(run, generator=network), tmp_path / "run")
+    model = load_model(tmp_path / "run" / "model")
+    assert model.config == network
+    scenes = [(b.scene.observed, b.scene.valid) for b in make_batches(run.training)]
+    estimated = initial_parameters(weighting, scenes)
+    jax.tree.map(np.testing.assert_array_equal, model.params["weighting"], estimated)
+    assert estimated["transition"].max() > 0.1
