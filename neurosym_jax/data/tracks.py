@@ -33,6 +33,12 @@ class Tracks:
     """[R, 2] float64 metres in the recording's frame."""
     imputed: np.ndarray
     """[R] bool; True where the point was interpolated across a gap, not observed."""
+    known: np.ndarray | None = None
+    """[R] seconds: the stamp of the last observation that a point depends on; None where all are
+    observed at their own stamps."""
+    foreseen: np.ndarray | None = None
+    """[R, 2] metres: where the point lies as far as one could tell before `known`, see `resample`;
+    None as there."""
 
 
 def make_tracks(
@@ -106,6 +112,12 @@ def resample(
     a point that is imputed itself. Plain changes of rate are hence not imputation; a frame that
     the tracker lost is.
 
+    A point between two source points depends on the later one, which need not have been observed
+    when somebody stands at the grid point and looks ahead. So every point also has the place where
+    the agent's earlier points alone put it: straight on from the last one, at the mean velocity of
+    the period before it (of what there is, if that is shorter; where there is nothing, it stays).
+    `windows` takes that one for what is observed before `known`.
+
     Args:
         tracks: R rows.
         period: seconds between grid points.
@@ -154,6 +166,9 @@ def resample(
     weight = np.clip((grid_stamp - stamp[row]) / span, 0.0, 1.0)[:, None]
     # In this form a person who stands still stays exactly still, as QTC's zero symbols need.
     between = position[row] + weight * (position[after] - position[row])
+    ahead = (
+        position[row] + (grid_stamp - stamp[row])[:, None] * _velocity(tracks, joined, period)[row]
+    )
     lost = np.append(same & (step > 1.5 * np.median(step[same])), False) if same.any() else joined
     return Tracks(
         recording=name,
@@ -161,7 +176,24 @@ def resample(
         id=tracks.id[row],
         position=np.where(exact[:, None], position[row], between),
         imputed=tracks.imputed[row] | tracks.imputed[after] | (lost[row] & ~exact),
+        known=np.where(exact, grid_stamp, stamp[after]),
+        foreseen=np.where(exact[:, None], position[row], ahead),
     )
+
+
+def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
+    """[R, 2] m/s at every row: the mean over the `period` seconds before it, and a little more.
+
+    `joined [R]` says which rows the next one follows on; nothing reaches across the others.
+    """
+    step = np.where(joined[:-1], np.diff(tracks.stamp), 2 * period)
+    clock = np.concatenate([[0.0], np.cumsum(step)])  # ascending over all agents
+    first = np.maximum.accumulate(np.where(np.append(True, ~joined[:-1]), np.arange(len(clock)), 0))
+    since = np.searchsorted(clock, clock - period + SNAP, side="right") - 1
+    since = np.maximum(since, first)
+    span = (tracks.stamp - tracks.stamp[since])[:, None]
+    moved = tracks.position - tracks.position[since]
+    return np.divide(moved, span, out=np.zeros_like(moved), where=span > 0)
 
 
 def _refuse(recording: str, at_fault: ArrayLike, reason: str) -> None:

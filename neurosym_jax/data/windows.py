@@ -1,8 +1,9 @@
 """Cut recordings into windows of people who are present together: SGAN's windows, exactly.
 
 A window spans `obs_len + pred_len` consecutive stamps of its recording (gaps in time included, as
-in SGAN) and holds the agents seen at every one of them. Windows are stored agent by agent, without
-padding; `data.batching` makes padded scenes of them.
+in SGAN) and holds the agents seen at every one of them. What is observed in it depends on nothing
+that was recorded later. Windows are stored agent by agent, without padding; `data.batching` makes
+padded scenes of them.
 """
 
 import dataclasses
@@ -10,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import scene_identity
 
@@ -69,7 +70,7 @@ def cut_windows(
         InputError: when no recording is long enough, or nobody stays for a whole window.
     """
     recordings = list(recordings)
-    parts = [_cut(tracks, obs_len + pred_len, skip, min_agents) for tracks in recordings]
+    parts = [_cut(tracks, obs_len, pred_len, skip, min_agents) for tracks in recordings]
     sizes = np.concatenate([sizes for _, _, sizes, _ in parts]) if parts else np.zeros(0, int)
     if len(sizes) == 0:
         raise InputError(_why_none(recordings, obs_len + pred_len, min_agents))
@@ -82,8 +83,9 @@ def cut_windows(
     )
 
 
-def _cut(tracks: Tracks, length: int, skip: int, min_agents: int):
+def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int):
     """One recording's (position, agent, sizes, identity)."""
+    length = obs_len + pred_len
     _, step = np.unique(tracks.stamp, return_inverse=True)
     # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
     # `length - 1` steps are all there.
@@ -97,8 +99,20 @@ def _cut(tracks: Tracks, length: int, skip: int, min_agents: int):
     enough = sizes >= min_agents
     first = first[np.repeat(enough, sizes)]
     position = tracks.position[first[:, None] + np.arange(length)]
+    _forget_the_future(position[:, :obs_len], tracks, first[:, None] + np.arange(obs_len))
     identity = scene_identity(tracks.recording, starts[enough])
     return position, tracks.id[first], sizes[enough], identity
+
+
+def _forget_the_future(observed: np.ndarray, tracks: Tracks, rows: np.ndarray) -> None:
+    """Put what rests on observations after the window's last observed step where it was foreseen.
+
+    `observed [A, obs_len, 2]` are the positions of the tracks' `rows [A, obs_len]`.
+    """
+    if tracks.known is None or tracks.foreseen is None:
+        return
+    late = tracks.known[rows] > tracks.stamp[rows[:, -1:]] + 2 * SNAP
+    observed[late] = tracks.foreseen[rows[late]]
 
 
 def _why_none(recordings: list[Tracks], length: int, min_agents: int) -> str:

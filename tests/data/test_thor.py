@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.thor import ROBOTS, read_cliff, read_qtm, read_tracklets
-from neurosym_jax.data.tracks import resample
+from neurosym_jax.data.tracks import make_tracks, resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 
@@ -127,6 +127,15 @@ def test_unaligned_clocks_become_scenes(shared):
         windows = cut_windows([resample(tracks, 0.4)], 8, 8)
         assert windows.scenes > 100
         assert windows.sizes.max() >= 4
+        # What is observed until a moment is the same whatever comes after it.
+        moment = tracks.stamp.min() + 0.4 * 500
+        moved = tracks.position + 5.0 * (tracks.stamp > moment)[:, None]
+        other = make_tracks(tracks.recording, tracks.stamp, tracks.id, moved)
+        others = cut_windows([resample(other, 0.4)], 8, 8)
+        early = np.repeat(windows.identity[:, 1] + 7 <= 500, windows.sizes)
+        assert 100 < early.sum() < len(early)
+        assert_array_equal(windows.position[early, :8], others.position[early, :8])
+        assert np.abs(windows.position[early] - others.position[early]).max() > 4
 
 
 def test_bad_cliff(tmp_path):

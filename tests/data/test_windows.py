@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.data.eth_ucy import read_split
-from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 
@@ -134,3 +134,60 @@ def test_no_recordings():
 
 def test_one_agent_where_asked():
     assert cut_windows([walk(20, 1)], 8, 8, min_agents=1).scenes == 5
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 999),
+    step=st.floats(0.05, 0.7),
+    jitter=st.floats(0, 0.3),
+    lost=st.floats(0, 0.3),
+    line=st.integers(3, 20),
+)
+def test_what_is_observed_knows_nothing_of_the_future(seed, step, jitter, lost, line):
+    """Whatever happens after the last observed step, bit for bit; clocks are the agents' own."""
+    rng = np.random.default_rng(seed)
+    stamp = [rng.uniform(0, 0.4) + np.cumsum(step + jitter * rng.random(60)) for _ in range(3)]
+    ids = np.repeat(np.arange(3), 60)
+    stamp, position = np.concatenate(stamp), rng.normal(size=(180, 2)).cumsum(axis=0)
+    kept = rng.random(180) >= lost
+    stamp, ids, position = stamp[kept], ids[kept], position[kept]
+    moment = stamp.min() + 0.4 * line
+    other = np.where((stamp > moment + SNAP)[:, None], rng.normal(size=position.shape), position)
+
+    def observed(points):
+        try:
+            windows = cut_windows([resample(make_tracks("r", stamp, ids, points), 0.4)], 4, 3)
+        except InputError:
+            return None
+        scene = np.repeat(windows.identity[:, 1], windows.sizes)
+        return windows, scene + 3 <= line, np.stack([scene, windows.agent], 1)
+
+    found, changed = observed(position), observed(other)
+    if found is None or changed is None:
+        assert found is changed
+        return
+    (before, early, which), (after, _, same) = found, changed
+    assert_array_equal(which, same)
+    assert_array_equal(before.position[early, :4], after.position[early, :4])
+
+
+def test_what_is_foreseen():
+    """At 0.4 s a walker was last seen at 0.3 s, at 1 m/s; he then turned round."""
+    stamp = [0, 0.1, 0.3, 0.5, 0.9]
+    walk = make_tracks("r", stamp, [1] * 5, np.stack([[0, 0.1, 0.3, 0.1, 0.1], [0] * 5], 1))
+    windows = cut_windows([resample(walk, 0.4)], 2, 1, min_agents=1)
+    np.testing.assert_allclose(windows.position[0, :, 0], [0, 0.4, 0.1], atol=1e-12)
+    # As a step of the future the same point lies between what was seen before and after it.
+    windows = cut_windows([resample(walk, 0.4)], 1, 2, min_agents=1)
+    np.testing.assert_allclose(windows.position[0, :, 0], [0, 0.2, 0.1], atol=1e-12)
+
+
+def test_nobody_is_foreseen_across_a_gap_or_from_one_point():
+    tracks = make_tracks(
+        "r", [0.1, 2.1, 2.5, 2.7], [1] * 4, np.array([[9.0, 9], [1, 1], [2, 1], [2, 1]])
+    )
+    grid = resample(tracks, 0.4, start=0.0)
+    assert_array_equal(grid.stamp.round(9), [2.4])
+    assert_array_equal(grid.foreseen, [[1, 1]])
+    assert_array_equal(grid.known, [2.5])
