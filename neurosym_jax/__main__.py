@@ -40,6 +40,12 @@ VERBS = {
         "ParityOptions",
     ),
     "ros1": Verb("forecast in a ROS 1 graph", "online.ros1", "ros1", "Ros1Options"),
+    "replay": Verb(
+        "forecast a recording as if it were live",
+        "online.replay_verb",
+        "replay",
+        "ReplayOptions",
+    ),
     "stitch": Verb(
         "join tracks that occlusions broke", "online.stitch_verb", "stitch", "StitchOptions"
     ),

@@ -154,5 +154,8 @@ class BagWriter:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
         """Write index and metadata, so that what was written before an interruption is there."""
         self._writer.close()

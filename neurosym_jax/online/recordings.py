@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.data.formats import read_any
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.bags import is_bag, read_people
@@ -16,14 +16,14 @@ __all__ = ["frames_of_tracks", "read_frames", "tracks_of_frames"]
 
 
 def read_frames(
-    path: Path, topic: str | None = None, stride: float | None = None
+    path: Path, topic: str | None = None, options: ReadOptions = AS_IT_SAYS
 ) -> Iterator[Frame]:
     """The frames of a bag or of a file of tracks, in its order.
 
     Args:
         path: a bag (see `online.bags`), or any file that `data.formats.read_any` reads.
         topic: of the people in a bag.
-        stride: of a file of tracks, the frame numbers that 0.4 s are; the most common step if None.
+        options: of a file of tracks, what it does not say itself.
 
     Raises:
         InputError: naming the file and the reason, possibly after some frames of a damaged bag.
@@ -35,7 +35,7 @@ def read_frames(
         raise InputError(f"{path}: only a bag has topics")
     if not path.is_file():
         raise InputError(f"{path}: " + ("not a bag" if path.exists() else "no such file"))
-    recordings = read_any(path, ReadOptions(stride=stride))
+    recordings = read_any(path, options)
     if len(recordings) != 1:
         raise InputError(f"{path}: holds {len(recordings)} recordings, and a stream is one")
     return frames_of_tracks(recordings[0])

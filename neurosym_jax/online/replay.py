@@ -1,0 +1,68 @@
+"""A stream of frames through stitching, prediction and analytics; as fast as it was, or can be.
+
+`for event in replay(...)` is all there is: screens and files look at the events. Files are opened
+elsewhere (`online.recordings`, `online.forecast_files`), the command is `online.replay_verb`.
+"""
+
+import math
+import time
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.live_stitching import OnlineStitcher
+from neurosym_jax.online.messages import Frame
+from neurosym_jax.online.predictor import Forecast, Predictor
+
+__all__ = ["Event", "replay"]
+
+LONGEST = 10.0
+"""Seconds of the recording that are waited for at most between two frames."""
+
+
+class Event(NamedTuple):
+    """What a frame led to."""
+
+    frame: Frame
+    """As the predictor saw it, its ids mended where there is a stitcher."""
+    forecast: Forecast | None
+    """Where the frame completed a step."""
+    scored: list[Forecast]
+    """Those whose future is known now."""
+
+
+def replay(
+    frames: Iterable[Frame],
+    predictor: Predictor,
+    analytics: Analytics,
+    *,
+    rate: float = math.inf,
+    stitcher: OnlineStitcher | None = None,
+) -> Iterator[Event]:
+    """Push frames one by one; an event for each.
+
+    At the end, `analytics.finish()` scores the forecasts that still wait.
+
+    Args:
+        frames: a live stream or a recording's.
+        predictor: of one or several models.
+        analytics: their score.
+        rate: speed, 1 is that of the stamps; infinite does not wait.
+        stitcher: mends ids first, if given.
+
+    Raises:
+        InputError: for a rate that is not positive.
+    """
+    if not rate > 0:
+        raise InputError(f"rate must be positive, not {rate}")
+    due, last = time.monotonic(), math.inf
+    for frame in frames:
+        if math.isfinite(rate) and math.isfinite(frame.stamp):
+            due += min(max(frame.stamp - last, 0.0), LONGEST) / rate
+            time.sleep(max(0.0, due - time.monotonic()))
+            last = frame.stamp
+        if stitcher is not None:
+            frame = frame._replace(ids=stitcher.push(*frame))
+        forecast = predictor.push(*frame)
+        yield Event(frame, forecast, [] if forecast is None else analytics.add(forecast))

@@ -1,0 +1,71 @@
+"""`python -m neurosym_jax replay RECORDING --model MODEL`: a recording as if it were live."""
+
+import contextlib
+import dataclasses
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.forecast_files import open_forecast_file
+from neurosym_jax.online.live_options import LiveOptions, make_predictor
+from neurosym_jax.online.live_stitching import OnlineStitcher
+from neurosym_jax.online.recordings import read_frames
+from neurosym_jax.online.replay import replay as events_of
+from neurosym_jax.online.summary import format_summary
+
+__all__ = ["ReplayOptions", "replay"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ReplayOptions(LiveOptions):
+    """Forecast a recording frame by frame, and score the forecasts."""
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """A bag (ROS 1 `.bag`; folder, `.db3` or `.mcap` of ROS 2), or a file of tracks."""
+    topic: str | None = None
+    """Of the people in a bag; found by itself where there is only one."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How a file of tracks is read."""
+    rate: float | Literal["max"] = "max"
+    """1 is as fast as it was."""
+    stitch: bool = False
+    """Join the tracks that occlusions broke."""
+    out: Path | None = None
+    """Forecasts and what happened: `.bag`, `.db3`, `.mcap` or `.jsonl`; nothing is overwritten."""
+    frame_id: str = "map"
+    """The coordinates' frame, in a bag that is written."""
+
+
+def replay(options: ReplayOptions) -> None:
+    """Do what the verb says.
+
+    Raises:
+        InputError: naming the file, and what is wrong with it or with a model.
+    """
+    rate = math.inf if options.rate == "max" else options.rate
+    stitcher = OnlineStitcher() if options.stitch else None
+    frames = read_frames(options.recording, options.topic, options.read)
+    analytics = Analytics()
+    with contextlib.ExitStack() as stack:
+        out = None
+        if options.out is not None:
+            out = open_forecast_file(options.out, options.period, options.frame_id)
+            stack.callback(out.close)
+        predictor = make_predictor(options, options.recording.stem)
+        events = events_of(frames, predictor, analytics, rate=rate, stitcher=stitcher)
+        try:
+            for event in events:
+                if out is not None:
+                    out.add(event)
+        except KeyboardInterrupt:
+            print("interrupted; until then:")
+        for done in analytics.finish():
+            if out is not None:
+                out.score(done)
+        print(format_summary(analytics.summary(), predictor.health))
+        if out is not None:
+            print(f"forecasts are in {out.path}")
