@@ -1,13 +1,14 @@
 """What a forecaster is: k futures of one scene, and where scenes gain their batch axis.
 
-A forecaster is written for one scene, `one(params, scene, noise)`; `batch` maps it over padded
-scenes. Equal forecasters are equal to `jax.jit`, so they share compiled programs. Which networks
-there are to forecast with is not said here.
+A forecaster is written for one scene, `one(params, scene, noise)`; `packed` maps it over batches of
+padded scenes. Equal forecasters are equal to `jax.jit`, so they share compiled programs. Which
+networks there are to forecast with is not said here.
 """
 
 import abc
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -15,10 +16,10 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.noise import NoiseSpec
-from neurosym_jax.packing import in_parts, pack_agents
+from neurosym_jax.packing import Map, in_parts, pack_agents, unpacked
 from neurosym_jax.scene import Scene
 
-__all__ = ["AgentwiseForecaster", "Forecaster", "forecast_scene"]
+__all__ = ["AgentwiseForecaster", "Forecaster", "bare", "forecast_scene"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,21 +40,33 @@ class Forecaster(abc.ABC):
         `noise` is `[k, dim]`, or `[k, N, dim]` where the spec says per agent.
         """
 
-    def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
-        """`[k, A, pred_len, 2]`: futures of the A valid agents of `scenes`, scene after scene.
+    def packed(
+        self,
+        params: Any,
+        scenes: Sequence[Scene],
+        noises: Sequence[np.ndarray],
+        run: Map = map,
+    ) -> np.ndarray:
+        """Futures of all valid agents of some batches, batch after batch, scene after scene.
 
-        `scenes` has a leading axis of B scenes, `noise` is `[k, B, dim]` or `[k, B, N, dim]`.
+        Args:
+            params: of the forecaster.
+            scenes: batches, each with a leading axis of B scenes.
+            noises: for each batch, `[k, B, dim]` or `[k, B, N, dim]`.
+            run: applies a function to pieces of the work that do not depend on each other.
+
+        Returns:
+            [k, A, pred_len, 2] metres relative to each scene's origin.
         """
-        futures = np.asarray(_over_scenes(self, params, scenes, noise))
-        return futures[:, np.asarray(scenes.valid)]
+
+        def of_batch(batch: Scene, noise: np.ndarray) -> np.ndarray:
+            return np.asarray(_over_scenes(self, params, batch, noise))[:, np.asarray(batch.valid)]
+
+        return np.concatenate(list(run(of_batch, map(bare, scenes), noises)), axis=1)
 
     def batch(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
-        """`packed` in its places, `[k, B, N, pred_len, 2]`; zero where a slot is not valid."""
-        valid = np.asarray(scenes.valid)
-        packed = self.packed(params, scenes, noise)
-        futures = np.zeros((len(packed), *valid.shape, *packed.shape[2:]), packed.dtype)
-        futures[:, valid] = packed
-        return futures
+        """`packed` of one batch in its places, `[k, B, N, pred_len, 2]`; zero where not valid."""
+        return unpacked(self.packed(params, [scenes], [noise]), np.asarray(scenes.valid))
 
 
 class AgentwiseForecaster(Forecaster):
@@ -63,12 +76,23 @@ class AgentwiseForecaster(Forecaster):
     of one size: a single compiled program serves every bucket.
     """
 
-    def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
+    def packed(
+        self,
+        params: Any,
+        scenes: Sequence[Scene],
+        noises: Sequence[np.ndarray],
+        run: Map = map,
+    ) -> np.ndarray:
         """See `Forecaster.packed`."""
+        agents, noise = pack_agents(scenes, noises)
         return in_parts(
-            lambda scene, noise: forecast_scene(self, params, scene, noise),
-            *pack_agents(scenes, noise),
+            lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise, run
         )
+
+
+def bare(scene: Scene) -> Scene:
+    """Without the truth and the host's float64 origin, which no forecaster sees."""
+    return scene.replace(future=None, origin=None)
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -10,10 +11,10 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.forecaster import Forecaster, forecast_scene
+from neurosym_jax.forecaster import Forecaster, bare, forecast_scene
 from neurosym_jax.models import Generator
 from neurosym_jax.noise import NoiseSpec
-from neurosym_jax.packing import in_parts, pack_agents
+from neurosym_jax.packing import Map, in_parts, pack_agents
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import scene_alpha
 
@@ -42,20 +43,30 @@ class GeneratorForecaster(Forecaster):
         context = encode_scene(self.config, params, scene)
         return decode_scene(self.config, params, context, scene, noise)
 
-    def packed(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
+    def packed(
+        self,
+        params: Any,
+        scenes: Sequence[Scene],
+        noises: Sequence[np.ndarray],
+        run: Map = map,
+    ) -> np.ndarray:
         """See `Forecaster.packed`; what looks at no neighbours works on packed agents."""
         if self.config.pool_every_timestep:
-            return super().packed(params, scenes, noise)
-        agents, noise = pack_agents(scenes, noise)
+            return super().packed(params, scenes, noises, run)
+        agents, noise = pack_agents(scenes, noises)
         if self.config.pooling == "none":
             return in_parts(
-                lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise
+                lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise, run
             )
-        context = np.asarray(_encode_scenes(self.config, params, scenes))[np.asarray(scenes.valid)]
+
+        def contexts(batch: Scene) -> np.ndarray:
+            return np.asarray(_encode_scenes(self.config, params, batch))[np.asarray(batch.valid)]
+
         return in_parts(
             lambda part, noise: _decode_agents(self.config, params, *part, noise),
-            (context, agents),
+            (np.concatenate(list(run(contexts, map(bare, scenes)))), agents),
             noise,
+            run,
         )
 
 
@@ -80,6 +91,12 @@ def decode_scene(
 _decode_agents = jax.jit(decode_scene, static_argnums=0)
 
 
+def _encode_scenes(config: GeneratorConfig, params: Any, scenes: Scene) -> Array:
+    """Contexts `[B, N, C]` of a batch."""
+    # Nothing of it depends on the horizon, so checkpoints of all horizons share the programs.
+    return _encode(dataclasses.replace(config, pred_len=1), params, scenes)
+
+
 @functools.partial(jax.jit, static_argnums=0)
-def _encode_scenes(config, params, scenes):
+def _encode(config, params, scenes):
     return jax.vmap(functools.partial(encode_scene, config), in_axes=(None, 0))(params, scenes)

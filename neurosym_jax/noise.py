@@ -18,7 +18,7 @@ from neurosym_jax.checks import refuse_seed
 
 __all__ = ["NoiseSpec", "draw_noise", "scene_noise"]
 
-CHUNK = 256
+CHUNK = 1024
 """Streams drawn in one call, so that one compiled program serves any number of scenes."""
 
 

@@ -4,7 +4,7 @@ Work that looks at no neighbour can take them so: nothing is computed for paddin
 compiled program serves scenes of every size.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax
@@ -13,38 +13,61 @@ from jax import Array
 
 from neurosym_jax.scene import Scene
 
-__all__ = ["PART", "in_parts", "pack_agents"]
+__all__ = ["PART", "Map", "in_parts", "pack_agents", "unpacked"]
 
-PART = 256
+PART = 128
 """Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
 
-
-def pack_agents(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndarray]:
-    """The valid agents of a batch as one scene of A agents, and their noise `[k, A, dim]`."""
-    valid = np.asarray(scenes.valid)
-    if noise.ndim == 3:
-        noise = np.broadcast_to(
-            noise[:, :, None], (*noise.shape[:2], valid.shape[1], noise.shape[2])
-        )
-    agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], scenes.replace(identity=None))
-    return agents, noise[:, valid]
+Map = Callable[..., Iterable[Any]]
+"""`map`, or that of an executor, whose calls may then run at once."""
 
 
-def in_parts(forecast: Callable[[Any, Any], Array], agents: Any, noise: np.ndarray) -> np.ndarray:
+def pack_agents(scenes: Sequence[Scene], noises: Sequence[np.ndarray]) -> tuple[Scene, np.ndarray]:
+    """The valid agents of some batches as one scene of A agents, and their noise `[k, A, dim]`.
+
+    A noise is `[k, B, dim]` or, per agent, `[k, B, N, dim]` for its batch of B scenes of N slots.
+    """
+    masks = [np.asarray(batch.valid) for batch in scenes]
+    without = [batch.replace(identity=None, origin=None, future=None) for batch in scenes]
+    agents = jax.tree.map(
+        lambda *leaves: np.concatenate([leaf[mask] for leaf, mask in zip(leaves, masks)]), *without
+    )
+    parts = [
+        noise[:, mask] if noise.ndim == 4 else np.repeat(noise, mask.sum(axis=1), axis=1)
+        for noise, mask in zip(noises, masks)
+    ]
+    return agents, np.concatenate(parts, axis=1)
+
+
+def in_parts(
+    forecast: Callable[[Any, Any], Array], agents: Any, noise: np.ndarray, run: Map = map
+) -> np.ndarray:
     """`forecast(agents, noise)` in parts of `PART` agents: `[k, A, pred_len, 2]`.
 
-    `agents` are arrays with a leading axis of A agents, `noise` is `[k, A, dim]`.
+    Args:
+        forecast: from a part of `agents` and of `noise` to `[k, PART, pred_len, 2]`.
+        agents: arrays with a leading axis of A agents, A >= 1.
+        noise: [k, A, dim].
+        run: applies a function to every part.
     """
     count = noise.shape[1]
-    parts = []
-    for at in range(0, max(count, 1), PART):
+
+    def of_part(at: int) -> np.ndarray:
         short = max(0, at + PART - count)
 
-        def part(leaf: np.ndarray, axis: int, at: int = at, short: int = short) -> np.ndarray:
-            index = (slice(None),) * axis + (slice(at, at + PART),)
+        def part(leaf: np.ndarray, axis: int) -> np.ndarray:
+            taken = leaf[(slice(None),) * axis + (slice(at, at + PART),)]
             widths = [(0, short if dim == axis else 0) for dim in range(leaf.ndim)]
-            return np.pad(leaf[index], widths) if short else leaf[index]
+            return np.pad(taken, widths) if short else taken
 
         futures = forecast(jax.tree.map(lambda leaf: part(leaf, 0), agents), part(noise, 1))
-        parts.append(np.asarray(futures)[:, : PART - short])
-    return np.concatenate(parts, axis=1)
+        return np.asarray(futures)[:, : PART - short]
+
+    return np.concatenate(list(run(of_part, range(0, count, PART))), axis=1)
+
+
+def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """`futures [k, A, ...]` in their places `valid [B, N]`: `[k, B, N, ...]`, elsewhere zero."""
+    places = np.zeros((len(futures), *valid.shape, *futures.shape[2:]), futures.dtype)
+    places[:, valid] = futures
+    return places

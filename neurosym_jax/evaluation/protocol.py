@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -11,20 +11,27 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.environment import cpu_threads
+from neurosym_jax.environment import cpu_cores
 from neurosym_jax.evaluation.metrics import (
     SceneErrors,
     collisions,
     join_errors,
     scene_errors,
 )
+from neurosym_jax.evaluation.programs import compile_ahead, wait_for
 from neurosym_jax.forecaster import Forecaster
 from neurosym_jax.noise import NoiseSpec, draw_noise
-from neurosym_jax.runtime import compile_seconds
+from neurosym_jax.packing import Map, unpacked
 from neurosym_jax.scene import Scene
 from neurosym_jax.scene_forecaster import SceneForecaster
 
 __all__ = ["Evaluation", "evaluate", "latency"]
+
+GROUP = 2**18
+"""Samples of agent slots that are forecast before their errors are taken: some 50 MB."""
+
+Work = tuple[Batch, np.ndarray]
+"""A batch and its noise."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,7 +45,7 @@ class Evaluation:
     samples: int
     """k; 1 for a deterministic forecaster, whatever was asked for."""
     compiling: float
-    """Seconds of tracing and compiling, 0 where every program was there already."""
+    """Seconds of waiting for programs, 0 where all were there already."""
     evaluating: float
     """Seconds of everything else."""
 
@@ -69,41 +76,53 @@ def evaluate(
     """Errors of `forecaster` on every scene of `batches`; the truth is in the scenes."""
     spec = forecaster.noise
     samples = samples if spec.dim else 1
-    start, compiled = time.perf_counter(), compile_seconds()
-    work = list(zip(batches, _noises(spec, batches, samples, seed)))
-    shapes = [batch.scene.valid.shape for batch in batches]
-    # One batch of every shape compiles what it needs; the others then keep all cores busy, which
-    # one batch of small matrices does not. Batches do not depend on each other.
-    leaders = [shapes.index(shape) for shape in dict.fromkeys(shapes)]
-    one = functools.partial(_evaluate_batch, forecaster, params, with_collisions)
-    results = {index: one(*work[index]) for index in leaders}
-    with ThreadPoolExecutor(cpu_threads()) as pool:
-        rest = [index for index in range(len(work)) if index not in results]
-        results |= zip(rest, pool.map(lambda index: one(*work[index]), rest))
-    seconds, compiled = time.perf_counter() - start, compile_seconds() - compiled
+    start = time.perf_counter()
+    group = functools.partial(_evaluate_group, forecaster, params, with_collisions)
+    with ThreadPoolExecutor(cpu_cores()) as pool:
+        compiling = wait_for(compile_ahead(pool, forecaster, params, batches, samples))
+        work = zip(batches, _noises(spec, batches, samples, seed))
+        parts = [group(part, pool.map) for part in _groups(work, samples)]
+    seconds = time.perf_counter() - start
 
-    errors, colliding = zip(*(results[index] for index in range(len(work))))
+    errors, colliding = zip(*parts)
     index = np.concatenate([batch.index for batch in batches])
     joined = join_errors(errors, np.argsort(index[index >= 0]))
     rate = sum(colliding) / joined.agents.sum() if with_collisions else None
-    return Evaluation(joined, rate, samples, compiled, seconds - compiled)
+    return Evaluation(joined, rate, samples, compiling, seconds - compiling)
 
 
-def _evaluate_batch(
-    forecaster: Forecaster, params: Any, with_collisions: bool, batch: Batch, noise: np.ndarray
+def _groups(work: Iterable[Work], samples: int) -> Iterator[list[Work]]:
+    """`work` in pieces whose futures fit into memory, however many windows there are."""
+    group, slots = [], 0
+    for batch, noise in work:
+        group.append((batch, noise))
+        slots += batch.scene.valid.size
+        if slots * samples >= GROUP:
+            yield group
+            group, slots = [], 0
+    if group:
+        yield group
+
+
+def _evaluate_group(
+    forecaster: Forecaster,
+    params: Any,
+    with_collisions: bool,
+    work: Sequence[Work],
+    run: Map,
 ) -> tuple[SceneErrors, float]:
-    """Errors of a batch, and how many of its agents collide (mean over samples)."""
-    # The forecaster sees neither the truth nor the host's float64 origin.
-    scenes = batch.scene.replace(future=None, origin=None)
-    future = batch.scene.future[scenes.valid]
-    sizes = scenes.valid.sum(axis=1)
+    """Errors of some batches, and how many of their agents collide (mean over samples)."""
+    scenes, noises = [batch.scene for batch, _ in work], [noise for _, noise in work]
+    forecast = forecaster.packed(params, scenes, noises, run)
+    masks = [scene.valid for scene in scenes]
+    future = np.concatenate([scene.future[scene.valid] for scene in scenes])
+    sizes = np.concatenate([mask.sum(axis=1) for mask in masks])
     colliding = 0.0
     if with_collisions:
-        forecast = forecaster.batch(params, scenes, noise)
-        colliding = float(_colliding(forecast, scenes.valid))
-        forecast = forecast[:, scenes.valid]
-    else:
-        forecast = forecaster.packed(params, scenes, noise)
+        ends = np.cumsum([mask.sum() for mask in masks])
+        pieces = np.split(forecast, ends[:-1], axis=1)
+        places = (unpacked(piece, mask) for piece, mask in zip(pieces, masks))
+        colliding = sum(float(each) for each in run(_colliding, places, masks))
     return scene_errors(forecast, future, sizes[sizes > 0]), colliding
 
 

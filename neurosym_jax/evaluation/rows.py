@@ -3,19 +3,21 @@
 import dataclasses
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from neurosym_jax.data.batching import make_batches, single_scene
+from neurosym_jax.data.batching import Batch, make_batches, single_scene
 from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.environment import cpu_cores
 from neurosym_jax.evaluation.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.evaluation.cases import Case
 from neurosym_jax.evaluation.figures import Shown
+from neurosym_jax.evaluation.programs import compile_ahead, compile_single_ahead, wait_for
 from neurosym_jax.evaluation.protocol import Evaluation, evaluate, latency
 from neurosym_jax.forecaster import Forecaster
-from neurosym_jax.runtime import compile_seconds
 from neurosym_jax.scene import pad_scene
 
 __all__ = ["Row", "Settings", "evaluate_cases"]
@@ -41,6 +43,19 @@ class Settings:
     """Whether the collision rate is computed."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Test:
+    """A case, its recordings cut, and what takes part in it."""
+
+    case: Case
+    windows: Windows
+    batches: list[Batch]
+    contestants: list[tuple[str | None, str, Forecaster, Any]]
+    """(checkpoint, model, forecaster, params), plain constant velocity first."""
+    loading: float
+    """Seconds."""
+
+
 def evaluate_cases(cases: Sequence[Case], settings: Settings) -> tuple[list[Row], list[Shown]]:
     """Rows of all cases in their order, the baselines before the models, and what to draw of each.
 
@@ -49,41 +64,64 @@ def evaluate_cases(cases: Sequence[Case], settings: Settings) -> tuple[list[Row]
     """
     rows: list[Row] = []
     shown: list[Shown] = []
-    total = sum(len(case.models) + 2 for case in cases)
-    with tqdm(total=total, desc="evaluating", unit="model", disable=None, leave=False) as bar:
-        for case in cases:
-            for row, of_row in _evaluate_case(case, settings):
-                rows.append(row)
-                shown.append(of_row)
-                bar.update()
+    tests = [_cut(case, settings) for case in cases]
+    total = sum(len(test.contestants) for test in tests)
+    pool = ThreadPoolExecutor(cpu_cores())
+    try:
+        for test in tests:
+            for _, _, forecaster, params in test.contestants:
+                compile_ahead(pool, forecaster, params, test.batches, settings.samples)
+                _compile_single(pool, test, SHOWN, forecaster, params, settings)
+        with tqdm(total=total, desc="evaluating", unit="model", disable=None, leave=False) as bar:
+            for test in tests:
+                for row, of_row in _evaluate_test(pool, test, settings):
+                    rows.append(row)
+                    shown.append(of_row)
+                    bar.update()
+    finally:
+        pool.shutdown(cancel_futures=True)
     return rows, shown
 
 
-def _evaluate_case(case: Case, settings: Settings) -> Iterator[tuple[Row, Shown]]:
-    """The baselines and then the case's checkpoints."""
+def _cut(case: Case, settings: Settings) -> _Test:
     start = time.perf_counter()
-    test = case.test_set
-    windows = cut_windows(
-        case.recordings, test.obs_len, test.pred_len, min_agents=settings.min_agents
-    )
+    lengths = case.test_set.obs_len, case.test_set.pred_len
+    windows = cut_windows(case.recordings, *lengths, min_agents=settings.min_agents)
     batches = make_batches(windows)
-    loading = time.perf_counter() - start
+    contestants = [
+        (None, "constant velocity", ConstantVelocity(lengths[1]), ()),
+        (None, "constant velocity, sampled", ConstantVelocitySampled(lengths[1]), ()),
+        *((path, model.name, model.forecaster, model.params) for path, model in case.models),
+    ]
+    return _Test(case, windows, batches, contestants, time.perf_counter() - start)
+
+
+def _compile_single(
+    pool: Executor, test: _Test, slots: int, forecaster: Forecaster, params: Any, settings: Settings
+) -> Future:
+    obs_len, samples = test.windows.obs_len, settings.samples
+    return compile_single_ahead(pool, forecaster, params, slots, obs_len, samples)
+
+
+def _evaluate_test(pool: Executor, test: _Test, settings: Settings) -> Iterator[tuple[Row, Shown]]:
+    """The baselines and then the case's checkpoints."""
+    test_set, windows, loading = test.case.test_set, test.windows, test.loading
     common = {"samples": settings.samples, "seed": settings.seed}
     asked = {**common, "with_collisions": settings.collisions}
     example = None
-    for checkpoint, name, forecaster, params in _contestants(case):
-        result = evaluate(forecaster, params, batches, **asked)
+    for checkpoint, name, forecaster, params in test.contestants:
+        result = evaluate(forecaster, params, test.batches, **asked)
         if example is None:
             example = single_scene(windows, _typical(windows, result))
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(SHOWN, len(example.valid)))
-        compiled = compile_seconds()
+        slots = len(example.valid)
+        compiled = wait_for([_compile_single(pool, test, slots, forecaster, params, settings)])
         seconds, forecast = latency(forecaster, params, example, **common)
-        compiled = compile_seconds() - compiled
         row = {
             "checkpoint": checkpoint,
             "model": name,
-            **dataclasses.asdict(test),
+            **dataclasses.asdict(test_set),
             "samples": result.samples,
             "seed": settings.seed,
             "scenes": windows.scenes,
@@ -99,17 +137,8 @@ def _evaluate_case(case: Case, settings: Settings) -> Iterator[tuple[Row, Shown]
             },
             "forecasts_per_second": result.agents * result.samples / result.evaluating,
         }
-        yield row, Shown(test, name, example, forecast, result.horizon)
+        yield row, Shown(test_set, name, example, forecast, result.horizon)
         loading = 0.0
-
-
-def _contestants(case: Case) -> Iterator[tuple[str | None, str, Forecaster, Any]]:
-    """(checkpoint, model, forecaster, params), plain constant velocity first."""
-    pred_len = case.test_set.pred_len
-    yield None, "constant velocity", ConstantVelocity(pred_len), ()
-    yield None, "constant velocity, sampled", ConstantVelocitySampled(pred_len), ()
-    for path, model in case.models:
-        yield path, model.name, model.forecaster, model.params
 
 
 def _typical(windows: Windows, constant_velocity: Evaluation) -> int:

@@ -64,12 +64,14 @@ class Decoder(nn.Module):
         def step(state, _):
             gates, cell = state
             hidden, cell = lstm_update(gates, cell)
-            return (hidden @ feedback + feedback_bias, cell), hidden
+            # Here and not after the loop: were the hidden states its output, they would be
+            # computed twice, once to be stacked and once for the product.
+            return (hidden @ feedback + feedback_bias, cell), self.hidden2pos(hidden)
 
         gates = displacement @ kernel + bias + hidden @ recurrent
         state = (gates, jnp.zeros_like(hidden))
-        _, states = jax.lax.scan(step, state, length=self.config.pred_len)
-        return jnp.moveaxis(self.hidden2pos(states), 0, 1)
+        _, displacements = jax.lax.scan(step, state, length=self.config.pred_len)
+        return jnp.moveaxis(displacements, 0, 1)
 
     def _pooled(self, hidden: Array, position: Array, displacement: Array, valid: Array) -> Array:
         unroll = nn.scan(
