@@ -10,7 +10,6 @@ import dataclasses
 import functools
 import queue
 import signal
-import struct
 import sys
 import time
 from collections.abc import Callable
@@ -34,6 +33,8 @@ __all__ = ["ForecastNode", "Ros1Options", "ros1"]
 
 WAITING = 32
 """Messages that wait at most: three seconds of a tracker's."""
+LAST = 2.0**31 - 1000
+"""Seconds; rosbags counts ROS 1's in 32 bits with a sign, and forecasts lie ahead."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,13 +121,19 @@ class ForecastNode:
                     self.late += 1
 
     def _work(self, data: bytes) -> None:
+        from rosbags.serde import SerdeError
+
         try:
             message = self._store.deserialize_ros1(data, PEOPLE)
-        except (ValueError, AssertionError, LookupError, struct.error):
+        except SerdeError:
+            self.malformed += 1
+            return
+        frame = frame_of_people(message)
+        if not 0 <= frame.stamp < LAST:
             self.malformed += 1
             return
         self._frame_id = message.header.frame_id
-        forecast = self.predictor.push(*frame_of_people(message))
+        forecast = self.predictor.push(*frame)
         if forecast is not None:
             self._publish(forecast)
 

@@ -1,43 +1,18 @@
 """Online is offline: the same windows, the same noise, the same forecasts."""
 
-import functools
-from typing import Any
-
-import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.synthetic import simulate
 from neurosym_jax.data.tracks import resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import Model, predict
-from neurosym_jax.models import Generator
+from neurosym_jax.forecast import predict
 from neurosym_jax.noise import draw_noise
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.runtime import compile_seconds
-from neurosym_jax.scene import make_scene
-
-SMALL: dict[str, Any] = {"obs_len": 4, "pred_len": 3, "pool_hidden_dim": 16}
-
-
-@functools.cache
-def model(pooling: Any = "pool_net", noise_mix_type: Any = "global") -> Model:
-    """A small network with random weights."""
-    config = GeneratorConfig(pooling=pooling, noise_mix_type=noise_mix_type, **SMALL)
-    scene = make_scene(np.zeros((1, 4, 2)))
-    alpha = np.zeros((1, 1, 4))
-    shapes = jax.eval_shape(
-        Generator(config).init, jax.random.key(0), scene, np.zeros(config.noise_dim), alpha
-    )
-    rng = np.random.default_rng(1)
-    params = jax.tree.map(
-        lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
-    )
-    return Model(config, params)
 
 
 def stream(tracks):
@@ -47,7 +22,7 @@ def stream(tracks):
         yield stamp, tracks.id[here], tracks.position[here]
 
 
-def test_frame_by_frame_equals_batches_of_windows():
+def test_frame_by_frame_equals_batches_of_windows(model):
     tracks = simulate("cross-path", 3, 12.0, people=5)
     models = {"sgan": model(), "neurosym": model("as_described", "ped")}
     predictor = Predictor(models, samples=3, seed=7, recording=tracks.recording, max_people=8)
@@ -73,7 +48,7 @@ def test_frame_by_frame_equals_batches_of_windows():
             assert_array_equal(online.ids, windows.agent[part])
 
 
-def test_equals_predict_with_people_coming_and_going():
+def test_equals_predict_with_people_coming_and_going(model):
     rng = np.random.default_rng(0)
     predictor = Predictor(model(), samples=2, seed=3, recording="r", max_people=4)
     sizes = set()
@@ -94,7 +69,7 @@ def test_equals_predict_with_people_coming_and_going():
     assert {1, 2, 3} <= sizes
 
 
-def test_the_most_central_sample():
+def test_the_most_central_sample(model):
     predictor = Predictor(model(), samples=6, max_people=4)
     for n in range(4):
         forecast = predictor.push(n * 0.4, [1, 2], [[n * 0.4, 0], [0, 1]])
@@ -104,7 +79,7 @@ def test_the_most_central_sample():
     assert result.central == (between**2).sum(axis=(1, 2, 3, 4)).argmin()
 
 
-def test_nothing_compiles_after_the_start_and_crowds_are_reported():
+def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
     rng = np.random.default_rng(0)
     predictor = Predictor(model(), samples=2, max_people=8, max_tracks=30)
     compiled = compile_seconds()
@@ -124,7 +99,7 @@ def test_nothing_compiles_after_the_start_and_crowds_are_reported():
     assert compile_seconds() == compiled
 
 
-def test_misuse_is_refused():
+def test_misuse_is_refused(model):
     with pytest.raises(InputError, match="steps"):
         Predictor({})
     with pytest.raises(InputError, match="samples"):

@@ -12,21 +12,16 @@ import threading
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.synthetic import simulate
-from neurosym_jax.forecast import Model
 from neurosym_jax.model_folder import save_model
-from neurosym_jax.models import Generator
 from neurosym_jax.online import messages
 from neurosym_jax.online.bags import BagWriter
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.online.tcpros.xmlrpc import CallError, call
-from neurosym_jax.scene import make_scene
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -165,19 +160,11 @@ def graph(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def models(tmp_path_factory):
-    """Two small networks with random weights that observe 4 steps and forecast 3."""
+def models(tmp_path_factory, model):
+    """Two folders of models."""
     folder = tmp_path_factory.mktemp("models")
-    rng = np.random.default_rng(0)
     for pooling in ("pool_net", "as_described"):
-        config = GeneratorConfig(pooling=pooling, obs_len=4, pred_len=3, pool_hidden_dim=16)
-        scene, alpha = make_scene(np.zeros((1, 4, 2))), np.zeros((1, 1, 4))
-        noise = np.zeros(config.noise_dim)
-        shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
-        params = jax.tree.map(
-            lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
-        )
-        save_model(folder / pooling, Model(config, params))
+        save_model(folder / pooling, model(pooling))
     return sorted(folder.iterdir())
 
 

@@ -139,7 +139,7 @@ class Node:
                 uris = call(
                     self.master, "registerSubscriber", self.name, topic.name, topic.type, self.uri
                 )
-                subscriber.update(_uris(uris))
+                subscriber.update(_uris(uris), all_of_them=False)
         except CallError:
             self._registered = False
             raise

@@ -61,11 +61,16 @@ class Subscriber:
         with self._lock:
             return [uri for uri, link in self._links.items() if link.connected]
 
-    def update(self, uris: Iterable[str]) -> None:
+    def update(self, uris: Iterable[str], all_of_them: bool = True) -> None:
         """Connect to the publishers that the master names.
 
         One that it no longer names is left when its connection ends, not before: a master that was
         restarted has forgotten publishers that go on publishing.
+
+        Args:
+            uris: of the publishers.
+            all_of_them: whether others are gone. The answer to a registration may be older than an
+                update that has come meanwhile, so it only adds.
         """
         with self._lock:
             if self._closed:
@@ -73,7 +78,7 @@ class Subscriber:
             wanted = list(dict.fromkeys(uris))
             self._links = {uri: link for uri, link in self._links.items() if link.is_alive()}
             for uri, link in list(self._links.items()):
-                link.wanted = uri in wanted
+                link.wanted = uri in wanted or (link.wanted and not all_of_them)
                 if not link.wanted and not link.connected:
                     self._links.pop(uri).close()
             new = [uri for uri in wanted if uri not in self._links]

@@ -5,6 +5,7 @@ As https://wiki.ros.org/ROS/Master_API and https://wiki.ros.org/ROS/Slave_API sa
 """
 
 import http.client
+import re
 import socket
 import xmlrpc.client
 from collections.abc import Callable, Mapping
@@ -81,8 +82,10 @@ class _Handler(SimpleXMLRPCRequestHandler):
 
     def do_POST(self) -> None:
         length = self.headers.get("Content-Length", "")
-        if not length.isascii() or not length.isdigit() or int(length) > MAX_BODY:
-            self.send_error(413 if length else 411)
+        if not re.fullmatch("[0-9]{1,9}", length):
+            self.send_error(411)
+        elif int(length) > MAX_BODY:
+            self.send_error(413)
         elif "Content-Encoding" in self.headers:
             self.send_error(501)
         else:

@@ -16,6 +16,7 @@ class Master:
     """What clients need of https://wiki.ros.org/ROS/Master_API; `port` 0 is any free one."""
 
     def __init__(self):
+        self.telling = threading.Lock()
         self.nodes: dict[str, str] = {}
         self.publishers: dict[str, list[str]] = defaultdict(list)
         self.subscribers: dict[str, list[str]] = defaultdict(list)
@@ -57,13 +58,14 @@ class Master:
         return self.nodes[name]
 
     def _tell(self, topic):
-        def tell(uris, publishers):
-            for uri in uris:
-                with contextlib.suppress(CallError):
-                    call(uri, "publisherUpdate", "/master", topic, publishers)
+        def tell():
+            with self.telling:
+                publishers = list(self.publishers[topic])
+                for uri in list(self.subscribers[topic]):
+                    with contextlib.suppress(CallError):
+                        call(uri, "publisherUpdate", "/master", topic, publishers)
 
-        lists = list(self.subscribers[topic]), list(self.publishers[topic])
-        threading.Thread(target=tell, args=lists).start()
+        threading.Thread(target=tell).start()
 
 
 @pytest.fixture

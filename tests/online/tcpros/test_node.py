@@ -41,6 +41,15 @@ def test_a_publisher_that_was_restarted_is_found_again(graph, wait):
     assert heard == [b"0", b"1", b"2"]
 
 
+def test_a_late_answer_of_the_master_takes_no_publisher_away(graph, wait):
+    subscriber = graph("listener").subscribe(CHATTER, lambda data, uri: None)
+    talker = graph("talker")
+    subscriber.update([talker.uri])
+    subscriber.update([], all_of_them=False)
+    talker.advertise(CHATTER)
+    wait(lambda: subscriber.publishers == [talker.uri])
+
+
 def test_a_connection_that_breaks_is_made_again(graph, wait):
     subscriber = graph("listener").subscribe(CHATTER, lambda data, uri: None)
     talker = graph("talker")
