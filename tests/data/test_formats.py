@@ -1,3 +1,5 @@
+import time
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -9,11 +11,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.data.columns import read_columns
 from neurosym_jax.data.eth_ucy import read_obsmat, read_text
 from neurosym_jax.data.formats import FORMATS, data_files, on_grid, read_any, sniff
+from neurosym_jax.data.inspect import summarise, suspicions
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.thor import read_cliff, read_qtm, read_tracklets
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.trajnet import read_trajnet
+from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 
 SAMPLES = {
@@ -124,8 +128,41 @@ def test_folders(tmp_path):
         data_files(tmp_path)
 
 
+SIZE = 40_000
+NONSENSE = {
+    one: one.encode() * (SIZE // len(one))
+    for one in ("9", "[", '{"a":', "\t", ",", "\n", '"', "\0", "1 ", "1 2 3 4\n", "#", "1e", "-")
+} | {
+    "a row of 6D without end": SAMPLES["qtm"].encode() + b"1\t" * (SIZE // 2),
+    "a header without end": b"Frame\t" + b"Helmet_1 X\t" * (SIZE // 11),
+    "one point for ever": SAMPLES["trajnet"].encode() * (SIZE // 44),
+    "an open quote": SAMPLES["columns"].encode() + b'"' * SIZE,
+}
+
+
+@pytest.mark.parametrize("content", NONSENSE.values(), ids=NONSENSE)
+def test_nonsense_takes_no_time_and_little_memory(content, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_bytes(content)
+    start = time.process_time()
+    tracemalloc.start()
+    survive(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2**20 + 150 * SIZE
+    assert time.process_time() - start < 10
+
+
 def survive(path):
-    """Every reader gives tracks or one line."""
+    """Every reader gives tracks or one line, and all that comes after reading takes the tracks."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            for tracks in read_any(path):
+                suspicions(tracks, summarise(tracks))
+                cut_windows([on_grid(tracks)], 1, 1, min_agents=1)
+        except InputError:
+            pass
     for reader in READERS:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

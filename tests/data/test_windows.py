@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.eth_ucy import read_split
+from neurosym_jax.data.eth_ucy import SCENES, read_split
 from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
@@ -110,6 +110,14 @@ def test_the_largest_split_is_cut_fast(shared):
         cut_windows(recordings, 8, 12)
         seconds.append(time.process_time() - start)
     assert min(seconds) < 0.4
+
+
+def test_the_whole_benchmark_is_read_and_cut_in_time(shared):
+    start = time.process_time()
+    for scene in SCENES:
+        for split in ("train", "val", "test"):
+            cut_windows(read_split(shared / "data/eth_ucy", scene, split), 8, 8)
+    assert time.process_time() - start < 1.5
 
 
 def walk(frames: int, agents: int, name: str = "walk") -> Tracks:
