@@ -27,6 +27,9 @@ VERBS = {
         "download",
         "DownloadOptions",
     ),
+    "report": Verb(
+        "compare a sweep's models, with intervals", "training.report", "report", "ReportOptions"
+    ),
     "inspect": Verb(
         "say what a recording, or a folder of them, holds",
         "data.inspect",

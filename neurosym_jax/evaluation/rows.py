@@ -15,6 +15,7 @@ from neurosym_jax.environment import cpu_cores
 from neurosym_jax.evaluation.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.evaluation.cases import Case
 from neurosym_jax.evaluation.figures import Shown
+from neurosym_jax.evaluation.paired import METRICS, ErrorsByScene
 from neurosym_jax.evaluation.programs import compile_ahead, compile_single_ahead, wait_for
 from neurosym_jax.evaluation.protocol import Evaluation, evaluate, latency
 from neurosym_jax.forecaster import Forecaster
@@ -56,14 +57,18 @@ class _Test:
     """Seconds."""
 
 
-def evaluate_cases(cases: Sequence[Case], settings: Settings) -> tuple[list[Row], list[Shown]]:
-    """Rows of all cases in their order, the baselines before the models, and what to draw of each.
+def evaluate_cases(
+    cases: Sequence[Case], settings: Settings
+) -> tuple[list[Row], list[Shown], list[ErrorsByScene]]:
+    """Rows of all cases in their order, the baselines before the models; for each also what to
+    draw and its errors scene by scene.
 
     Raises:
         InputError: for recordings without a single window.
     """
     rows: list[Row] = []
     shown: list[Shown] = []
+    errors: list[ErrorsByScene] = []
     tests = [_cut(case, settings) for case in cases]
     total = sum(len(test.contestants) for test in tests)
     pool = ThreadPoolExecutor(cpu_cores())
@@ -74,13 +79,14 @@ def evaluate_cases(cases: Sequence[Case], settings: Settings) -> tuple[list[Row]
                 _compile_single(pool, test, SHOWN, forecaster, params, settings)
         with tqdm(total=total, desc="evaluating", unit="model", disable=None, leave=False) as bar:
             for test in tests:
-                for row, of_row in _evaluate_test(pool, test, settings):
+                for row, of_row, by_scene in _evaluate_test(pool, test, settings):
                     rows.append(row)
                     shown.append(of_row)
+                    errors.append(by_scene)
                     bar.update()
     finally:
         pool.shutdown(cancel_futures=True)
-    return rows, shown
+    return rows, shown, errors
 
 
 def _cut(case: Case, settings: Settings) -> _Test:
@@ -103,7 +109,9 @@ def _compile_single(
     return compile_single_ahead(pool, forecaster, params, slots, obs_len, samples)
 
 
-def _evaluate_test(pool: Executor, test: _Test, settings: Settings) -> Iterator[tuple[Row, Shown]]:
+def _evaluate_test(
+    pool: Executor, test: _Test, settings: Settings
+) -> Iterator[tuple[Row, Shown, ErrorsByScene]]:
     """The baselines and then the case's checkpoints."""
     test_set, windows, loading = test.case.test_set, test.windows, test.loading
     common = {"samples": settings.samples, "seed": settings.seed}
@@ -137,7 +145,13 @@ def _evaluate_test(pool: Executor, test: _Test, settings: Settings) -> Iterator[
             },
             "forecasts_per_second": result.agents * result.samples / result.evaluating,
         }
-        yield row, Shown(test_set, name, example, forecast, result.horizon)
+        by_scene = ErrorsByScene(
+            np.stack([getattr(result.errors, metric) for metric in METRICS], axis=1),
+            result.errors.agents,
+            windows.identity,
+            test_set.obs_len + test_set.pred_len,
+        )
+        yield row, Shown(test_set, name, example, forecast, result.horizon), by_scene
         loading = 0.0
 
 

@@ -90,7 +90,7 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
     )
     loading = time.perf_counter() - start
     settings = Settings(options.samples, options.seed, options.min_agents, options.collisions)
-    rows, shown = evaluate_cases(cases, settings)
+    rows, shown, _ = evaluate_cases(cases, settings)
     rows[0]["seconds"]["loading"] += loading
     write_json(options.json, {"format": FORMAT, "rows": rows})
     print(format_table(rows))

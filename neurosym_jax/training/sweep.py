@@ -28,6 +28,7 @@ from neurosym_jax.evaluation.rows import Settings, evaluate_cases
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.loop import RUN
 from neurosym_jax.training.run import TrainOptions, generator_config, model_name, recipe
+from neurosym_jax.training.sweep_errors import write_errors
 from neurosym_jax.training.sweep_table import format_sweep
 
 __all__ = ["SweepOptions", "sweep", "sweep_runs"]
@@ -88,7 +89,7 @@ def sweep(options: SweepOptions) -> int:
 
 
 def sweep_runs(options: SweepOptions) -> list[TrainOptions]:
-    """One training for each model, weighting, scene, horizon and seed, in that order.
+    """One training for each seed, model, weighting, scene and horizon, in that order.
 
     Raises:
         InputError: for nothing to train, a scene the data has not or a recipe that cannot be.
@@ -111,11 +112,13 @@ def sweep_runs(options: SweepOptions) -> list[TrainOptions]:
             data=options.data,
             resume=True,
         )
+        # Seed by seed: whenever it is interrupted, all models have been trained as often; and
+        # what one seed compiled the next one finds.
+        for seed in range(options.seeds)
         for model in options.models
         for kind in _kinds(model, options.weightings)
         for scene in scenes
         for pred_len in options.pred_lens
-        for seed in range(options.seeds)
     ]
     for run in runs[:1]:
         recipe(run)  # All have the same; refused here, it is refused once.
@@ -225,17 +228,19 @@ def _test(options: SweepOptions, runs: Sequence[TrainOptions]) -> list[dict[str,
     path = options.out / "sweep.json"
     of_path = {str(Path(str(run.out)) / "model"): run for run in runs}
     cases = make_cases(functools.partial(open_source, options.data), list(of_path))
-    rows, _ = evaluate_cases(cases, Settings())
+    rows, _, errors = evaluate_cases(cases, Settings())
     for row in rows:
         run = of_path.get(row["checkpoint"])
         row["run"] = run and {
             "model": "sgan" if run.model == "sgan" else run.variant,
             "weighting": None if run.model == "sgan" else run.weighting,
             "recipe": run.recipe,
+            "training": to_json(recipe(run)),
             "seed": run.seed,
             "validation": _facts(run)["validation"],
         }
     write_json(path, {"format": FORMAT, "rows": rows})
+    write_errors(options.out, rows, errors)
     for name, run in of_path.items():
         lengths = (run.scene, run.obs_len, run.pred_len)
         own = [

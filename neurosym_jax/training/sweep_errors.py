@@ -1,0 +1,51 @@
+"""What a sweep leaves beside its rows: every model's errors, scene by scene."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.paired import ErrorsByScene
+
+__all__ = ["read_sweep", "write_errors"]
+
+FILE = "scenes.npz"
+
+
+def write_errors(
+    folder: Path, rows: Sequence[dict[str, Any]], errors: Sequence[ErrorsByScene]
+) -> None:
+    """Write `scenes.npz` into the sweep's folder, in the order of the rows."""
+    arrays = {}
+    for index, (row, of_row) in enumerate(zip(rows, errors)):
+        if row["run"]:
+            arrays[f"errors_{index}"] = of_row.errors
+            arrays[f"agents_{index}"] = of_row.agents
+            arrays[f"identity_{index}"] = of_row.identity
+    np.savez_compressed(folder / FILE, **arrays)
+
+
+def read_sweep(folder: Path) -> tuple[list[dict[str, Any]], dict[int, ErrorsByScene]]:
+    """The rows of a sweep, and by their index the errors of those that were trained.
+
+    Raises:
+        InputError: where `folder` holds no sweep, or one without errors scene by scene.
+    """
+    try:
+        rows = json.loads((folder / "sweep.json").read_text())["rows"]
+        with np.load(folder / FILE) as arrays:
+            return rows, {
+                index: ErrorsByScene(
+                    arrays[f"errors_{index}"],
+                    arrays[f"agents_{index}"],
+                    arrays[f"identity_{index}"],
+                    row["obs_len"] + row["pred_len"],
+                )
+                for index, row in enumerate(rows)
+                if row["run"]
+            }
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None

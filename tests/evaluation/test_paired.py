@@ -1,0 +1,85 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from neurosym_jax.evaluation.paired import (
+    METRICS,
+    ErrorsByScene,
+    mean_difference,
+    paired_difference,
+)
+
+
+def runs(better_by=0.0, spread=0.0, seeds=3, scenes=400, seed=0, noise=0.02):
+    """(ours, theirs): the same test set, ours better by so many metres an agent."""
+    draw = np.random.default_rng(seed)
+    agents = draw.integers(2, 6, scenes).astype(float)
+    hard = draw.uniform(0.2, 2.0, (scenes, 1)) * agents[:, None]
+    identity = np.stack([np.zeros(scenes), np.arange(scenes)], axis=1).astype(np.uint32)
+    ours, theirs = [], []
+    for shift in draw.normal(0, spread, seeds) if spread else np.zeros(seeds):
+        own = draw.normal(0, noise, (scenes, 4)) * agents[:, None]
+        theirs.append(ErrorsByScene(hard * np.ones(4), agents, identity, 16))
+        better = (better_by + shift) * agents[:, None]
+        ours.append(ErrorsByScene(hard - better + own, agents, identity, 16))
+    return ours, theirs
+
+
+def test_a_difference_is_per_agent_and_found_where_it_is():
+    difference = paired_difference(*runs(better_by=0.05))
+    np.testing.assert_allclose(difference.mean, -0.05, atol=0.005)
+    for metric in METRICS:
+        for low, high in filter(None, difference.intervals(metric).values()):
+            assert -0.06 < low < high < -0.04
+
+
+def test_equal_models_do_not_differ():
+    ours, _ = runs()
+    difference = paired_difference(ours, ours)
+    assert difference.intervals("joint_ade") == dict.fromkeys(
+        ("scenes", "seeds", "both"), (0.0, 0.0)
+    )
+    assert mean_difference([difference, difference]).intervals("joint_fde")["both"] == (0.0, 0.0)
+
+
+def test_seeds_that_differ_widen_the_interval_as_student_says():
+    difference = paired_difference(*runs(better_by=0.05, spread=0.1, noise=0.0))
+    low, high = difference.intervals("joint_ade")["both"]
+    of_seeds = difference.seeds[:, 0]
+    half = 4.303 * of_seeds.std(ddof=1) / np.sqrt(3)
+    assert (high - low) / 2 == pytest.approx(half, rel=0.15)
+    narrow = difference.intervals("joint_ade")["seeds"]
+    assert narrow.high - narrow.low < (high - low) / 2.5
+
+
+def test_a_single_seed_speaks_of_the_scenes_alone():
+    intervals = paired_difference(*runs(seeds=1)).intervals("joint_ade")
+    assert intervals["seeds"] is None
+    assert intervals["both"] == intervals["scenes"]
+
+
+def test_windows_that_share_steps_are_drawn_together():
+    """An error that lasts for sixteen windows is one observation and not sixteen."""
+    ours, theirs = runs(noise=0.0, seeds=1)
+    lasting = np.repeat(np.random.default_rng(1).normal(0, 0.05, 25), 16)[:, None]
+    agents = ours[0].agents[:, None]
+    ours = [dataclasses.replace(ours[0], errors=ours[0].errors + lasting * agents)]
+    low, high = paired_difference(ours, theirs).intervals("joint_ade")["scenes"]
+    assert (high - low) / 2 == pytest.approx(1.96 * 0.05 / np.sqrt(25), rel=0.35)
+
+
+@pytest.mark.parametrize("better_by", [0.0, 0.03])
+def test_intervals_hold_what_they_promise(better_by):
+    """Of 60 repetitions with three seeds the 95 % intervals cover the truth nearly always."""
+    covered = 0
+    for repetition in range(60):
+        given = runs(better_by, spread=0.02, seed=repetition, scenes=160)
+        low, high = paired_difference(*given, seed=repetition).intervals("joint_ade")["both"]
+        covered += low <= -better_by <= high
+    assert covered >= 53
+
+
+def test_a_mean_over_test_sets_weighs_them_equally():
+    parts = [paired_difference(*runs(better, scenes=n)) for better, n in ((0.1, 32), (0.3, 320))]
+    assert mean_difference(parts).mean == pytest.approx(-0.2, abs=0.02)
