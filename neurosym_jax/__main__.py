@@ -42,6 +42,12 @@ VERBS = {
         "parity",
         "ParityOptions",
     ),
+    "experiment": Verb(
+        "repeat the robot paper's experiment on simulated recordings",
+        "online.experiment",
+        "experiment",
+        "ExperimentOptions",
+    ),
     "ros1": Verb("forecast in a ROS 1 graph", "online.ros1", "ros1", "Ros1Options"),
     "replay": Verb(
         "forecast a recording as if it were live",
