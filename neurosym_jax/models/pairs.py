@@ -1,5 +1,6 @@
-"""The part of every pooling that works on pairs: second layer, and maximum over the neighbours."""
+"""The part of every pooling that works on pairs: two layers, and the maximum over neighbours."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -12,30 +13,99 @@ from neurosym_jax.models.layers import Affine
 
 __all__ = ["max_over_neighbours"]
 
+FirstLayer = Callable[[Any, Any, Any, Any], Array]
+
 
 def max_over_neighbours(
-    first_layer: Callable[[Any], Array], agents: Any, second: Affine, valid: Array
+    first_layer: FirstLayer,
+    shared: Any,
+    agents: Any,
+    neighbours: Any,
+    pairs: Any,
+    second: Affine,
+    valid: Array,
 ) -> Array:
-    """`max_j relu(W relu(first_layer(i)_j) + b)` over valid j, for every agent i.
+    """`max_j relu(W relu(first_layer of i and j) + b)` over valid j, for every agent i.
 
-    Agents are taken one by one, and the first layer's output is computed again for the gradient:
-    so the widest array is `[N, hidden]`, which stays in the cache where `[N, N, hidden]` does not.
+    Agents are taken one by one, so the widest array is `[N, hidden]`, which stays in the cache
+    where `[N, N, hidden]` does not. The gradient is that of the neighbours who won the maximum, one
+    for each of the B outputs (of equals, the first): the others have none, and are not looked at
+    again. It is written by hand, so there is no forward-mode derivative.
 
     Args:
-        first_layer: from agent i's slice of `agents` to `[N, hidden]`, one row a neighbour j.
-        agents: arrays with a leading axis of N agents.
+        first_layer: `(shared, own, theirs, of_pair) -> [hidden]` of one pair, before its ReLU: from
+            `shared`, and from slices of the next three.
+        shared: what all pairs share: parameters.
+        agents: arrays with a leading axis of N agents i.
+        neighbours: arrays with a leading axis of N agents j.
+        pairs: arrays `[N, N, ...]` of (i, j).
         second: the second layer, `hidden -> B`.
         valid: [N] bool.
 
     Returns:
         [N, B], finite and at least 0 for every slot.
     """
-    kernel, bias = second.kernel, second.bias
+    layer = jax.vmap(first_layer, in_axes=(None, None, 0, 0))
+    return _maximum(layer, shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
 
-    @jax.checkpoint
-    def of_agent(agent: Any) -> Array:
-        pairs = nn.relu(nn.relu(first_layer(agent)) @ kernel + bias)
-        # The last ReLU makes every candidate non-negative, so zero is neutral for the maximum.
-        return jnp.where(valid[:, None], pairs, 0).max(axis=0)
 
-    return jax.lax.map(of_agent, agents)
+@functools.partial(jax.custom_vjp, nondiff_argnums=(0,))
+def _maximum(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
+    def of_agent(agent):
+        return _candidates(layer, shared, neighbours, kernel, bias, valid, *agent).max(axis=0)
+
+    return jax.lax.map(of_agent, (agents, pairs))
+
+
+def _candidates(layer, shared, neighbours, kernel, bias, valid, own, of_pairs) -> Array:
+    """[N, B] of every neighbour of one agent; 0, neutral for the maximum, where not valid."""
+    hidden = nn.relu(layer(shared, own, neighbours, of_pairs))
+    # The last ReLU makes every candidate non-negative.
+    return jnp.where(valid[:, None], nn.relu(hidden @ kernel + bias), 0)
+
+
+def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
+    slots = jnp.arange(len(valid))[:, None]
+
+    def of_agent(agent):
+        values = _candidates(layer, shared, neighbours, kernel, bias, valid, *agent)
+        highest = values.max(axis=0)
+        # `argmax` is several times slower on a CPU than these two reductions.
+        return highest, jnp.where(values == highest, slots, len(valid) - 1).min(axis=0)
+
+    highest, winner = jax.lax.map(of_agent, (agents, pairs))
+    return highest, (shared, agents, neighbours, pairs, kernel, highest, winner)
+
+
+def _backward(layer, saved, cotangent):
+    shared, agents, neighbours, pairs, kernel, highest, winner = saved
+    cotangent = jnp.where(highest > 0, cotangent, 0)
+    weight = kernel.T
+
+    def of_agent(sums, agent):
+        of_shared, of_neighbours, of_weight = sums
+        own, of_pairs, winner, cotangent = agent
+        theirs, chosen = jax.tree.map(
+            lambda rows: jnp.take(rows, winner, axis=0), (neighbours, of_pairs)
+        )
+        before, pull = jax.vjp(layer, shared, own, theirs, chosen)
+        active = jnp.where(before > 0, cotangent[:, None], 0)
+        more, of_own, of_theirs, of_chosen = pull(active * weight)
+        sums = (
+            jax.tree.map(jnp.add, of_shared, more),
+            _add_rows(of_neighbours, winner, of_theirs),
+            of_weight + active * before,
+        )
+        return sums, (of_own, _add_rows(jax.tree.map(jnp.zeros_like, of_pairs), winner, of_chosen))
+
+    zeros = jax.tree.map(jnp.zeros_like, (shared, neighbours, weight))
+    sums, (of_agents, of_pairs) = jax.lax.scan(of_agent, zeros, (agents, pairs, winner, cotangent))
+    of_shared, of_neighbours, of_weight = sums
+    return of_shared, of_agents, of_neighbours, of_pairs, of_weight.T, cotangent.sum(axis=0), None
+
+
+def _add_rows(arrays: Any, rows: Array, values: Any) -> Any:
+    return jax.tree.map(lambda array, value: array.at[rows].add(value), arrays, values)
+
+
+_maximum.defvjp(_forward, _backward)

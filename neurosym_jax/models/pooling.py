@@ -48,7 +48,11 @@ class HiddenPooling(nn.Module):
         of_embedding, of_hidden = jnp.split(first.kernel, [self.embedding_dim])
         v = positions @ (self.spatial_embedding.kernel @ of_embedding)
         u = v + hidden @ of_hidden + (self.spatial_embedding.bias @ of_embedding + first.bias)
-        return max_over_neighbours(lambda own: u - own, v, second, valid)
+        return max_over_neighbours(_difference, (), v, u, (), second, valid)
+
+
+def _difference(_, v: Array, u: Array, __) -> Array:
+    return u - v
 
 
 class SocialPooling(nn.Module):

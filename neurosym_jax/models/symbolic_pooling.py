@@ -69,14 +69,15 @@ class SymbolicPooling(_HistoryPooling):
         folded = folded.reshape(3 * self.obs_len, self.hidden_dim)
         of_neighbour = hidden @ of_hidden + first.bias
 
-        def first_layer(agent: tuple[Array, Array]) -> Array:
-            own, weight = agent
-            x, y = jnp.moveaxis(observed - own, -1, 0)
-            return (
-                jnp.concatenate([weight * x, weight * y, weight], axis=-1) @ folded + of_neighbour
-            )
+        return max_over_neighbours(
+            _described_pair, folded, observed, (observed, of_neighbour), alpha, second, valid
+        )
 
-        return max_over_neighbours(first_layer, (observed, alpha), second, valid)
+
+def _described_pair(folded: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
+    observed, of_neighbour = theirs
+    x, y = (observed - own).T
+    return jnp.concatenate([alpha * x, alpha * y, alpha]) @ folded + of_neighbour
 
 
 class RosPooling(_HistoryPooling):
@@ -99,13 +100,16 @@ class RosPooling(_HistoryPooling):
         shifted = own + self.spatial_embedding.bias
         of_neighbour = hidden @ of_hidden + first.bias
 
-        def first_layer(agent: tuple[Array, Array]) -> Array:
-            own, weight = agent
-            embedded = (shifted - own).reshape(agents, self.obs_len, self.embedding_dim)
-            weighted = embedded * weight[..., None]
-            return weighted.reshape(agents, -1) @ of_steps + of_neighbour
+        shifted, own = (x.reshape(agents, self.obs_len, -1) for x in (shifted, own))
+        return max_over_neighbours(
+            _ros_pair, of_steps, own, (shifted, of_neighbour), alpha, second, valid
+        )
 
-        return max_over_neighbours(first_layer, (own, alpha), second, valid)
+
+def _ros_pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
+    shifted, of_neighbour = theirs
+    weighted = (shifted - own) * alpha[:, None]
+    return weighted.ravel() @ of_steps + of_neighbour
 
 
 class IjcnnPooling(_HistoryPooling):
