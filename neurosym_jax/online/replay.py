@@ -15,7 +15,7 @@ from neurosym_jax.online.live_stitching import OnlineStitcher
 from neurosym_jax.online.messages import Frame
 from neurosym_jax.online.predictor import Forecast, Predictor
 
-__all__ = ["Event", "replay"]
+__all__ = ["Event", "advance", "replay"]
 
 LONGEST = 10.0
 """Seconds of the recording that are waited for at most between two frames."""
@@ -30,6 +30,19 @@ class Event(NamedTuple):
     """Where the frame completed a step."""
     scored: list[Forecast]
     """Those whose future is known now."""
+
+
+def advance(
+    frame: Frame,
+    predictor: Predictor,
+    analytics: Analytics,
+    stitcher: OnlineStitcher | None = None,
+) -> Event:
+    """Push one frame through everything."""
+    if stitcher is not None:
+        frame = frame._replace(ids=stitcher.push(*frame))
+    forecast = predictor.push(*frame)
+    return Event(frame, forecast, [] if forecast is None else analytics.add(forecast))
 
 
 def replay(
@@ -62,7 +75,4 @@ def replay(
             due += min(max(frame.stamp - last, 0.0), LONGEST) / rate
             time.sleep(max(0.0, due - time.monotonic()))
             last = frame.stamp
-        if stitcher is not None:
-            frame = frame._replace(ids=stitcher.push(*frame))
-        forecast = predictor.push(*frame)
-        yield Event(frame, forecast, [] if forecast is None else analytics.add(forecast))
+        yield advance(frame, predictor, analytics, stitcher)

@@ -13,10 +13,13 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.forecast_messages import forecast_message, truth_message
 from neurosym_jax.online.live_options import LiveOptions, make_predictor
+from neurosym_jax.online.live_stitching import OnlineStitcher
 from neurosym_jax.online.messages import (
     HUMANS_TRAJS,
     PEOPLE,
@@ -26,8 +29,10 @@ from neurosym_jax.online.messages import (
     frame_of_people,
     typestore,
 )
-from neurosym_jax.online.predictor import Forecast, Predictor
-from neurosym_jax.online.tcpros import Node, Topic
+from neurosym_jax.online.predictor import Predictor
+from neurosym_jax.online.replay import advance
+from neurosym_jax.online.summary import format_summary
+from neurosym_jax.online.tcpros import Node, Publisher, Topic, global_name
 
 __all__ = ["ForecastNode", "Ros1Options", "ros1"]
 
@@ -41,8 +46,12 @@ LAST = 2.0**31 - 1000
 class Ros1Options(LiveOptions):
     """Forecast the people of a ROS 1 graph until interrupted; needs no ROS here."""
 
-    topic: str = PEOPLE_TOPICS[0]
-    """Of the people, people_msgs/People."""
+    topic: str | None = None
+    """Of the people, people_msgs/People; by default the first of /people_tracker/people_filtered
+    and, with --stitch, /people_tracker/people."""
+    stitch: bool = False
+    """Join the tracks that occlusions broke, and publish the people on
+    /people_tracker/people_filtered."""
     master: str | None = None
     """URI; by default $ROS_MASTER_URI, else http://localhost:11311."""
     name: str = "neurosym_jax"
@@ -61,30 +70,76 @@ class ForecastNode:
             InputError: for a topic, name or URI that is none, or if rosbags is not installed.
         """
         self.predictor, self.analytics = predictor, Analytics()
+        self.stitcher = OnlineStitcher() if options.stitch else None
         self.malformed = self.late = 0
         """Messages that could not be read; that came faster than they could be worked on."""
         self._store = typestore(1)
         self._waiting: queue.Queue[bytes] = queue.Queue(WAITING)
-        self._frame_id = "map"
         self._status, self._report = options.status, report
-        people = self._topic(options.topic, PEOPLE)
+        filtered, raw = PEOPLE_TOPICS
+        people = self._topic(options.topic or (raw if options.stitch else filtered), PEOPLE)
+        if options.stitch and people.name == filtered:
+            raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
         self.node = Node(options.name, options.master, report)
+        advertise = self.node.advertise
         self._forecasts = {
-            name: self.node.advertise(self._topic(forecast_topic(name), HUMANS_TRAJS))
+            name: advertise(self._topic(forecast_topic(name), HUMANS_TRAJS))
             for name in predictor.models
         }
-        self._truth = self.node.advertise(self._topic(TRUTH_TOPIC, HUMANS_TRAJS))
-        self.node.subscribe(people, self._hear)
+        self._truth = advertise(self._topic(TRUTH_TOPIC, HUMANS_TRAJS))
+        self._mended = advertise(self._topic(filtered, PEOPLE)) if options.stitch else None
+        self.node.subscribe(people, self.hear)
+        report(f"{self.node.name}: listening to {people.name}, master {self.node.master}")
 
     def run(self) -> None:
         """Forecast until the node is stopped."""
         looked = time.monotonic()
         while not self.node.stopped.is_set():
             with contextlib.suppress(queue.Empty):
-                self._work(self._waiting.get(timeout=0.2))
+                self.work(self._waiting.get(timeout=0.2))
             if self._status and time.monotonic() - looked >= self._status:
                 looked = time.monotonic()
                 self._report(self.status())
+
+    def hear(self, data: bytes, publisher: str = "") -> None:
+        """Queue a serialised People; where there are too many the oldest is left out."""
+        while True:
+            try:
+                return self._waiting.put_nowait(data)
+            except queue.Full:
+                with contextlib.suppress(queue.Empty):
+                    self._waiting.get_nowait()
+                    self.late += 1
+
+    def work(self, data: bytes) -> None:
+        """Take in a serialised People, and publish what it leads to."""
+        from rosbags.serde import SerdeError
+
+        try:
+            message = self._store.deserialize_ros1(data, PEOPLE)
+        except SerdeError:
+            self.malformed += 1
+            return
+        frame = frame_of_people(message)
+        if not 0 <= frame.stamp < LAST:
+            self.malformed += 1
+            return
+        event = advance(frame, self.predictor, self.analytics, self.stitcher)
+        if self._mended is not None:
+            for person, id in zip(message.people, event.frame.ids.tolist()):
+                person.name = str(id)
+            self._send(self._mended, message)
+        say: dict[str, Any] = {
+            "types": self._store.types,
+            "period": self.predictor.window.period,
+            "frame_id": message.header.frame_id,
+        }
+        for name, publisher in self._forecasts.items():
+            if event.forecast is not None and publisher.subscribers:
+                self._send(publisher, forecast_message(forecast=event.forecast, model=name, **say))
+        for done in event.scored:
+            if self._truth.subscribers and (truth := truth_message(forecast=done, **say)):
+                self._send(self._truth, truth)
 
     def status(self) -> str:
         """How it went so far, in one line."""
@@ -98,9 +153,11 @@ class ForecastNode:
             for name, means in summary["models"].items()
             if means["people"]
         ]
+        if self.stitcher is not None:
+            parts.append(f"{self.stitcher.joined} tracks joined")
         counts = {**health, "malformed": self.malformed, "late": self.late}
-        parts.append(", ".join(f"{name} {n}" for name, n in counts.items() if n))
-        return "; ".join(filter(None, parts))
+        wrong = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
+        return "; ".join(parts + ([", ".join(wrong)] if wrong else []))
 
     def close(self) -> None:
         """Leave the graph."""
@@ -108,45 +165,10 @@ class ForecastNode:
 
     def _topic(self, name: str, kind: str) -> Topic:
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)
-        return Topic(name, kind.replace("/msg/", "/"), md5, definition)
+        return Topic(global_name(name), kind.replace("/msg/", "/"), md5, definition)
 
-    def _hear(self, data: bytes, publisher: str) -> None:
-        """Queue a message; where there are too many the oldest is left out."""
-        while True:
-            try:
-                return self._waiting.put_nowait(data)
-            except queue.Full:
-                with contextlib.suppress(queue.Empty):
-                    self._waiting.get_nowait()
-                    self.late += 1
-
-    def _work(self, data: bytes) -> None:
-        from rosbags.serde import SerdeError
-
-        try:
-            message = self._store.deserialize_ros1(data, PEOPLE)
-        except SerdeError:
-            self.malformed += 1
-            return
-        frame = frame_of_people(message)
-        if not 0 <= frame.stamp < LAST:
-            self.malformed += 1
-            return
-        self._frame_id = message.header.frame_id
-        forecast = self.predictor.push(*frame)
-        if forecast is not None:
-            self._publish(forecast)
-
-    def _publish(self, forecast: Forecast) -> None:
-        say = {"types": self._store.types, "period": self.predictor.window.period}
-        say["frame_id"] = self._frame_id
-        for name, publisher in self._forecasts.items():
-            if publisher.subscribers:
-                message = forecast_message(forecast=forecast, model=name, **say)
-                publisher.publish(bytes(self._store.serialize_ros1(message, HUMANS_TRAJS)))
-        for done in self.analytics.add(forecast):
-            if self._truth.subscribers and (message := truth_message(forecast=done, **say)):
-                self._truth.publish(bytes(self._store.serialize_ros1(message, HUMANS_TRAJS)))
+    def _send(self, publisher: Publisher, message: Any) -> None:
+        publisher.publish(bytes(self._store.serialize_ros1(message, message.__msgtype__)))
 
 
 def ros1(options: Ros1Options) -> None:
@@ -156,13 +178,12 @@ def ros1(options: Ros1Options) -> None:
         InputError: for a model, topic, name or URI that cannot be used.
     """
     report = functools.partial(print, file=sys.stderr, flush=True)
-    predictor = make_predictor(options)
-    node = ForecastNode(predictor, options, report)
+    node = ForecastNode(make_predictor(options), options, report)
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: node.node.stopped.set())
-        report(f"{node.node.name}: listening to {options.topic}, master {node.node.master}")
         node.run()
     finally:
         node.close()
-    report(node.status())
+    node.analytics.finish()
+    print(format_summary(node.analytics.summary(), node.predictor.health))

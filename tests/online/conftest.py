@@ -1,5 +1,6 @@
-"""A network small enough to compile in a second."""
+"""A network small enough to compile in a second, and a ROS 1 node without ROS."""
 
+import contextlib
 import functools
 from collections.abc import Callable
 from typing import Any
@@ -11,6 +12,8 @@ import pytest
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecast import Model
 from neurosym_jax.models import Generator
+from neurosym_jax.online.predictor import Predictor
+from neurosym_jax.online.tcpros.xmlrpc import SlaveServer
 from neurosym_jax.scene import make_scene
 
 
@@ -37,3 +40,23 @@ def model() -> Callable[..., Model]:
         return Model(config, params)
 
     return make
+
+
+@pytest.fixture
+def forecast_node(model):
+    """`forecast_node(**options)` is our node, with a master that knows nobody."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    from neurosym_jax.online.ros1 import ForecastNode, Ros1Options
+
+    with contextlib.ExitStack() as stack:
+
+        def make(**options: Any) -> ForecastNode:
+            master = SlaveServer("127.0.0.1", {})
+            stack.callback(master.close)
+            uri = f"http://127.0.0.1:{master.server_address[1]}"
+            predictor = Predictor({"SGAN": model()}, samples=2, max_people=4)
+            node = ForecastNode(predictor, Ros1Options((), master=uri, **options), print)
+            stack.callback(node.close)
+            return node
+
+        yield make

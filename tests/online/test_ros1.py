@@ -17,6 +17,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.data.synthetic import simulate
+from neurosym_jax.errors import InputError
 from neurosym_jax.model_folder import save_model
 from neurosym_jax.online import messages
 from neurosym_jax.online.bags import BagWriter
@@ -178,6 +179,26 @@ def node(graph, models):
     return node
 
 
+def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_node, monkeypatch):
+    node, sent = forecast_node(stitch=True, topic="raw"), []
+    monkeypatch.setattr(node._mended, "publish", sent.append)
+    store = messages.typestore(1)
+    for n in range(40):
+        # The tracker loses person 1 for half a second and takes them for somebody new.
+        ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
+        xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
+        message = messages.make_people(store.types, messages.Frame(1e9 + n / 10, ids, xy), "odom")
+        message.people[0].tags = ["kept"]
+        node.work(bytes(store.serialize_ros1(message, messages.PEOPLE)))
+    back = [store.deserialize_ros1(data, messages.PEOPLE) for data in sent]
+    assert {person.name for message in back for person in message.people} == {"1", "2"}
+    assert all(message.people[0].tags == ["kept"] for message in back)
+    assert back[-1].header.frame_id == "odom"
+    assert "1 tracks joined" in node.status()
+    with pytest.raises(InputError, match="--topic must be another"):
+        forecast_node(stitch=True, topic=messages.PEOPLE_TOPICS[0])
+
+
 def count(topic: str, rows: list[dict]) -> int:
     return sum(row["topic"] == topic for row in rows)
 
@@ -265,4 +286,4 @@ def test_it_leaves_the_graph_when_told_to(graph, node):
     with pytest.raises(CallError, match="unknown node"):
         call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
     assert "Traceback" not in "\n".join(node.lines)
-    assert "forecasts" in node.lines[-1]
+    assert any("joint best" in line for line in node.lines)
