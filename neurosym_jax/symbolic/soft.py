@@ -102,12 +102,15 @@ def soft_alpha(
         if table == "cnd_shipped":
             return jnp.prod(1 / 2 - zero / 6, axis=-1)
         return _expected_by_zeros(zero)
-    rest = jnp.asarray(table, probabilities.dtype)
-    rest = rest.reshape((1,) * (probabilities.ndim - 2) + (-1,))
-    for symbol in (3, 2, 1, 0):
-        each = rest.reshape(*rest.shape[:-1], -1, 3)
-        rest = (each * probabilities[..., symbol, None, :]).sum(axis=-1)
-    return rest[..., 0]
+    q1, q2, q3, q4 = jnp.moveaxis(probabilities, -2, 0)
+    approaches, sides = _both(q1, q2), _both(q3, q4)
+    weights = jnp.asarray(table, probabilities.dtype).reshape(9, 9)
+    return (approaches @ weights * sides).sum(axis=-1)
+
+
+def _both(first: Array, second: Array) -> Array:
+    """[..., 9] probabilities of two symbols from [..., 3] of each."""
+    return (first[..., :, None] * second[..., None, :]).reshape(*first.shape[:-1], 9)
 
 
 def _expected_by_zeros(zero: Array) -> Array:
@@ -123,10 +126,11 @@ def _expected_by_zeros(zero: Array) -> Array:
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:
     """[..., 3] of (-, 0, +)."""
-    above, below = (factor - margin) / temperature, (factor + margin) / temperature
+    not_plus = jax.nn.sigmoid((factor - margin) / temperature)
+    not_minus = jax.nn.sigmoid((factor + margin) / temperature)
     # 1 - p(+) - p(-) without the cancellation: exactly 0 where the factor is.
-    zero = jax.nn.sigmoid(above) * jax.nn.sigmoid(below) * -jnp.expm1(-2 * factor / temperature)
-    return jnp.stack([jax.nn.sigmoid(-below), zero, jax.nn.sigmoid(-above)], axis=-1)
+    zero = not_plus * not_minus * -jnp.expm1(-2 * factor / temperature)
+    return jnp.stack([1 - not_minus, zero, 1 - not_plus], axis=-1)
 
 
 def _approach(before, after, other, temperature: ArrayLike, convention: str) -> Array:

@@ -43,12 +43,15 @@ def _setting(data: dict[str, Any], name: str) -> str:
     changes = [f"{k}={v}" for k, v in training.items() if k != "seed" and v != usual[k]]
     sets = {row["scene"]: f"{row['scene']} ({row['scenes']} windows)" for row in rows}
     seeds = len({row["run"]["seed"] for row in rows})
+    alone = "One seed says nothing of others. " if seeds == 1 else ""
     return (
         f"{len(rows)} runs of one budget: recipe `{recipe}`"
         f"{' with ' + ', '.join(f'`{change}`' for change in changes) if changes else ''}, "
-        f"{rows[0]['obs_len']} steps observed and {rows[0]['pred_len']} forecast, {seeds} seeds. "
+        f"{rows[0]['obs_len']} steps observed and {rows[0]['pred_len']} forecast, "
+        f"{seeds} seed{'s' * (seeds > 1)}. "
         f"Tested on {', '.join(sets.values())}, "
-        f"best of {rows[0]['samples']}. Written from the sweep's folder by\n\n"
+        f"best of {rows[0]['samples']}. "
+        f"{alone}Written from the sweep's folder by\n\n"
         f"    python -m neurosym_jax report SWEEP --out {name}"
     )
 
@@ -69,8 +72,10 @@ def verdict(of_metric: dict[str, Any]) -> str:
 
 
 def _answer(compared: Sequence[Compared], reference: str) -> str:
-    lines = [f"Against `{reference}`, {'in the mean over test sets' * (len(compared) > 1)}:", ""]
-    for one in _of(compared, reference=reference, scene=_whole(compared)):
+    whole = _whole(compared)
+    where = "in the mean over test sets" if whole == "mean" else f"on {whole}"
+    lines = [f"Against `{reference}`, {where}:", ""]
+    for one in _of(compared, reference=reference, scene=whole):
         said = {metric: verdict(one[metric]) for metric in METRICS}
         kinds = list(dict.fromkeys(said.values()))
         words = (
