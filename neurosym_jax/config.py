@@ -24,6 +24,7 @@ __all__ = [
     "GeneratorConfig",
     "TrainConfig",
     "from_json",
+    "renewed",
     "to_json",
     "weighting_from_text",
 ]
@@ -52,6 +53,8 @@ class GeneratorConfig:
 
     obs_len: int = 8
     pred_len: int = 8
+    period: float = 0.4
+    """Seconds between time steps, in training."""
     embedding_dim: int = 16
     encoder_h_dim: int = 32
     decoder_h_dim: int = 32
@@ -72,8 +75,9 @@ class GeneratorConfig:
         """Refuse, in words, what the networks cannot be built from."""
         counts = [field.name for field in dataclasses.fields(self) if field.type is int]
         refuse_below(1, _named(self, *(name for name in counts if name != "noise_dim")))
-        if not 0 < self.neighborhood_size < float("inf"):
-            raise InputError(f"neighborhood_size must be positive, not {self.neighborhood_size}")
+        for name in ("period", "neighborhood_size"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"{name} must be positive, not {getattr(self, name)}")
         if not 0 <= self.noise_dim < self.decoder_h_dim:
             raise InputError(
                 f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
@@ -254,6 +258,15 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
         return cls(**fields)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def renewed(cls: type[Any], data: dict[str, Any], source: str) -> dict[str, Any]:
+    """The JSON form that `cls` has today of `data`, which an earlier version may have written.
+
+    Raises:
+        InputError: as `from_json`.
+    """
+    return json.loads(json.dumps(to_json(from_json(cls, data, source))))
 
 
 def weighting_from_text(text: str, source: str = "weighting") -> WeightingConfig:

@@ -9,6 +9,7 @@ from neurosym_jax.config import (
     GeneratorConfig,
     TrainConfig,
     from_json,
+    renewed,
     to_json,
 )
 from neurosym_jax.errors import InputError
@@ -122,3 +123,13 @@ def test_what_needs_a_context_perceptron():
     assert not dataclasses.replace(none, noise_dim=0).needs_context_mlp
     assert dataclasses.replace(none, noise_dim=0, encoder_h_dim=48).needs_context_mlp
     assert dataclasses.replace(none, noise_dim=0, pooling="pool_net").needs_context_mlp
+
+
+def test_what_was_written_before_models_had_a_period():
+    old = to_json(GeneratorConfig(pred_len=12))
+    del old["period"]
+    assert from_json(GeneratorConfig, old) == GeneratorConfig(pred_len=12, period=0.4)
+    assert renewed(GeneratorConfig, old, "run.json")["period"] == 0.4
+    for period in (0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="period must be positive"):
+            GeneratorConfig(period=period)

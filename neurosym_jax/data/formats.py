@@ -11,7 +11,7 @@ import numpy as np
 
 from neurosym_jax.data import columns, eth_ucy, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import SNAP, Tracks, resample
+from neurosym_jax.data.tracks import SNAP, Tracks, common, resample
 from neurosym_jax.errors import InputError, InputWarning
 
 __all__ = ["FORMATS", "SUFFIXES", "Format", "data_files", "on_grid", "read_any", "sniff"]
@@ -188,11 +188,19 @@ def read_any(
 
 
 def on_grid(tracks: Tracks, period: float = eth_ucy.PERIOD) -> Tracks:
-    """`tracks` as they are if all stamps lie on one grid of `period` seconds, else resampled."""
+    """`tracks` as they are if they have steps of `period` seconds on one grid, else resampled.
+
+    Raises:
+        InputError: for a period that is no usable number.
+    """
+    if not 0 < period < np.inf:
+        raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
     place = (tracks.stamp - tracks.stamp.min()) / period
     # Stamps of large frame numbers are rounded by more than SNAP.
     tolerance = SNAP / period + 4 * np.finfo(float).eps * np.abs(tracks.stamp).max() / period
-    if np.all(np.abs(place - np.rint(place)) <= tolerance):
+    steps = np.diff(np.unique(np.rint(place)))
+    usual = len(steps) == 0 or common(steps) == 1.0
+    if usual and np.all(np.abs(place - np.rint(place)) <= tolerance):
         return tracks
     return resample(tracks, period)
 

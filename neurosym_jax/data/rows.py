@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.tracks import Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, InputWarning
 
 __all__ = [
@@ -116,8 +116,8 @@ def frame_step(path: Path, frame: np.ndarray, stride: float | None) -> float:
         InputError: for a stride that is not a usable number.
     """
     if stride is None:
-        steps, counts = np.unique(np.diff(np.unique(frame)), return_counts=True)
-        return float(steps[np.argmax(counts)]) if len(steps) else 1.0
+        steps = np.diff(np.unique(frame))
+        return common(steps) if len(steps) else 1.0
     if not 1e-3 <= stride <= 1e9:
         raise InputError(f"{path}: the stride must be 0.001 to 1e9 frames, not {stride}")
     return stride

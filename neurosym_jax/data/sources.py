@@ -6,7 +6,7 @@ A source names its scenes and hands out their recordings; it reads when it is as
 import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 from neurosym_jax.data import eth_ucy, formats, synthetic
 from neurosym_jax.data.published import data_folder, find
@@ -26,6 +26,8 @@ class Source:
     scenes: tuple[str, ...]
     read: ReadOptions = AS_IT_SAYS
     """How files are read."""
+    period: float = eth_ucy.PERIOD
+    """Seconds between the steps that recordings are brought to."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
         """Recordings of one split of `scene`.
@@ -35,7 +37,7 @@ class Source:
         """
         if scene not in self.scenes:
             raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
-        return self._read(scene, split)
+        return self._on_grid(self._read(scene, split))
 
     def files(self, names: Sequence[str]) -> list[Tracks]:
         """Recordings chosen by path, or by file name without ending among the source's files.
@@ -49,7 +51,9 @@ class Source:
             if path is None:
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        return [tracks for path in paths if path is not None for tracks in self._read_file(path)]
+        return self._on_grid(
+            [tracks for path in paths if path is not None for tracks in self._read_file(path)]
+        )
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         raise TypeError(f"{type(self).__name__} does not say how it reads a scene")
@@ -58,7 +62,10 @@ class Source:
         return ()
 
     def _read_file(self, path: Path) -> list[Tracks]:
-        return [formats.on_grid(tracks) for tracks in formats.read_any(path, self.read)]
+        return formats.read_any(path, self.read)
+
+    def _on_grid(self, recordings: Sequence[Tracks]) -> list[Tracks]:
+        return [formats.on_grid(tracks, self.period) for tracks in recordings]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,6 +116,7 @@ def open_source(
     scene: str | None = None,
     model_scene: str | None = None,
     read: ReadOptions = AS_IT_SAYS,
+    period: float = eth_ucy.PERIOD,
 ) -> Source:
     """The source at `data`: ETH/UCY as SGAN arranges it, a recording or a folder of them.
 
@@ -119,6 +127,7 @@ def open_source(
         scene: the one that is asked for by name.
         model_scene: the one a model was trained to be tested on, taken where no scene is asked for.
         read: how files are read.
+        period: seconds between the steps of what is handed out.
 
     Raises:
         InputError: when nothing is there.
@@ -130,16 +139,17 @@ def open_source(
                 f"scene {scene} is of ETH/UCY: say with --data where that is, or fetch it once: "
                 "python -m neurosym_jax download eth-ucy"
             )
+    how: Any = {"read": read, "period": period}
     if data is None:
-        return Synthetic()
+        return Synthetic(**how)
     data = find(data)
     if eth_ucy.is_eth_ucy(data):
-        return EthUcy(folder=data, read=read)
+        return EthUcy(folder=data, **how)
     paths = (data,) if data.is_file() else tuple(formats.data_files(data, read))
     names = [path.stem for path in paths]
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
-    return Files(scenes=tuple(names), paths=paths, read=read)
+    return Files(scenes=tuple(names), paths=paths, **how)
 
 
 def _downloaded(scene: str | None) -> Path | None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["SNAP", "Tracks", "make_tracks", "resample"]
+__all__ = ["SNAP", "Tracks", "common", "make_tracks", "resample"]
 
 SNAP = 1e-6
 """Seconds: a source stamp this near a grid point is on it, so that clocks written in decimals,
@@ -194,6 +194,12 @@ def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
     span = (tracks.stamp - tracks.stamp[since])[:, None]
     moved = tracks.position - tracks.position[since]
     return np.divide(moved, span, out=np.zeros_like(moved), where=span > 0)
+
+
+def common(values: np.ndarray) -> float:
+    """The most common of one number or more, the least if several are."""
+    kinds, counts = np.unique(values, return_counts=True)
+    return float(kinds[np.argmax(counts)])
 
 
 def _refuse(recording: str, at_fault: ArrayLike, reason: str) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from neurosym_jax.data.tracks import SNAP, Tracks
+from neurosym_jax.data.tracks import SNAP, Tracks, common
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import scene_identity
 
@@ -32,6 +32,8 @@ class Windows:
     """[S, 2] uint32 (recording digest, index of the first stamp)."""
     obs_len: int
     """Observed steps; the rest is the future."""
+    period: float = 0.4
+    """Seconds between steps: the most common between stamps."""
 
     @property
     def scenes(self) -> int:
@@ -71,22 +73,23 @@ def cut_windows(
     """
     recordings = list(recordings)
     parts = [_cut(tracks, obs_len, pred_len, skip, min_agents) for tracks in recordings]
-    sizes = np.concatenate([sizes for _, _, sizes, _ in parts]) if parts else np.zeros(0, int)
+    sizes = np.concatenate([sizes for _, _, sizes, *_ in parts]) if parts else np.zeros(0, int)
     if len(sizes) == 0:
         raise InputError(_why_none(recordings, obs_len + pred_len, min_agents))
     return Windows(
         position=np.concatenate([position for position, *_ in parts]),
         agent=np.concatenate([agent for _, agent, *_ in parts]),
         bounds=np.concatenate([[0], np.cumsum(sizes)]),
-        identity=np.concatenate([identity for *_, identity in parts]),
+        identity=np.concatenate([identity for *_, identity, _ in parts]),
         obs_len=obs_len,
+        period=common(np.concatenate([steps for *_, steps in parts]).round(6)),
     )
 
 
 def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int):
-    """One recording's (position, agent, sizes, identity)."""
+    """One recording's (position, agent, sizes, identity, seconds between its stamps)."""
     length = obs_len + pred_len
-    _, step = np.unique(tracks.stamp, return_inverse=True)
+    stamps, step = np.unique(tracks.stamp, return_inverse=True)
     # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
     # `length - 1` steps are all there.
     last = np.arange(length - 1, len(step))
@@ -101,7 +104,7 @@ def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
     position = tracks.position[first[:, None] + np.arange(length)]
     _forget_the_future(position[:, :obs_len], tracks, first[:, None] + np.arange(obs_len))
     identity = scene_identity(tracks.recording, starts[enough])
-    return position, tracks.id[first], sizes[enough], identity
+    return position, tracks.id[first], sizes[enough], identity, np.diff(stamps)
 
 
 def _forget_the_future(observed: np.ndarray, tracks: Tracks, rows: np.ndarray) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.eth_ucy import PERIOD
 from neurosym_jax.evaluation.cases import TestSet
 from neurosym_jax.scene import Scene, to_world
 
@@ -25,6 +24,8 @@ class Shown:
     """[k, N, pred_len, 2] world metres."""
     horizon: np.ndarray
     """[pred_len] mean error in metres over the whole test set."""
+    period: float
+    """Seconds between steps."""
 
 
 def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
@@ -55,7 +56,7 @@ def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
         for kind, figure in {
             "forecasts": plot_forecasts(observed, truth, best, f"{title}: {joint}"),
             "fan": plot_fan(observed, truth, fan, f"{title}: {names[-1]}"),
-            "horizon": plot_horizon_errors(horizons, PERIOD, f"{title}: {joint}"),
+            "horizon": plot_horizon_errors(horizons, members[0].period, f"{title}: {joint}"),
         }.items():
             paths.append(save_figure(figure, where.with_name(f"{where.name}_{kind}.png")))
     return paths

@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any
@@ -12,6 +13,7 @@ from tqdm import tqdm
 from neurosym_jax.data.batching import Batch, make_batches, single_scene
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.environment import cpu_cores
+from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.evaluation.cases import Case
 from neurosym_jax.evaluation.figures import Shown
@@ -93,6 +95,15 @@ def _cut(case: Case, settings: Settings) -> _Test:
     start = time.perf_counter()
     lengths = case.test_set.obs_len, case.test_set.pred_len
     windows = cut_windows(case.recordings, *lengths, min_agents=settings.min_agents)
+    for path, model in case.models:
+        trained = model.config.period
+        if abs(trained - windows.period) > 0.01 * trained:
+            warnings.warn(
+                f"{path}: was trained on steps of {trained:g} s and is tested on steps of "
+                f"{windows.period:g} s (--period {trained:g} would bring the test to its own)",
+                InputWarning,
+                stacklevel=2,
+            )
     batches = make_batches(windows)
     contestants = [
         (None, "constant velocity", ConstantVelocity(lengths[1]), ()),
@@ -151,7 +162,8 @@ def _evaluate_test(
             windows.identity,
             test_set.obs_len + test_set.pred_len,
         )
-        yield row, Shown(test_set, name, example, forecast, result.horizon), by_scene
+        shown = Shown(test_set, name, example, forecast, result.horizon, windows.period)
+        yield row, shown, by_scene
         loading = 0.0
 
 

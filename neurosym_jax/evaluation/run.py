@@ -47,6 +47,8 @@ class EvaluateOptions:
     """Observed steps; default: the checkpoint's, else 8."""
     pred_len: Annotated[int | None, _named("INT")] = None
     """Steps to forecast; default: the checkpoint's, else 8."""
+    period: float = 0.4
+    """Seconds between steps; recordings that have others are resampled."""
     samples: int = 20
     """Forecasts of each scene, k."""
     seed: int = 0
@@ -81,7 +83,7 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
     options.validate()
     start = time.perf_counter()
     cases = make_cases(
-        functools.partial(open_source, options.data, read=options.read),
+        functools.partial(open_source, options.data, read=options.read, period=options.period),
         options.checkpoint,
         scene=options.scene,
         test_on=options.test_on,

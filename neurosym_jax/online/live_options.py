@@ -17,8 +17,8 @@ class LiveOptions:
 
     model: tuple[Path, ...]
     """Folders of models, or torch checkpoints; several forecast side by side."""
-    period: float = 0.4
-    """Seconds between the model's steps."""
+    period: float | None = None
+    """Seconds between steps; default: those that the models were trained on."""
     max_people: int = 64
     """In a forecast; of more, the nearest to the middle are taken."""
     samples: int = 20

@@ -64,7 +64,7 @@ class Predictor:
     def __init__(
         self,
         models: Model | Mapping[str, Model],
-        period: float = 0.4,
+        period: float | None = None,
         max_people: int = 64,
         samples: int = 20,
         seed: int = 0,
@@ -79,7 +79,7 @@ class Predictor:
 
         Args:
             models: a model, called by its own name, or models by name.
-            period: seconds between the model's steps.
+            period: seconds between steps; those that the models were trained on if None.
             max_people: in a forecast; of more, the nearest are taken.
             samples: k futures of each model.
             seed: of the noise, together with `recording` and the index of the first observed step.
@@ -96,10 +96,13 @@ class Predictor:
         lengths = {model.config.obs_len for model in self.models.values()}
         if len(lengths) != 1:
             raise InputError(f"models must observe the same number of steps, not {sorted(lengths)}")
+        periods = {model.config.period for model in self.models.values()}
+        if period is None and len(periods) != 1:
+            raise InputError(f"models must have steps of one length, not {sorted(periods)} s")
         refuse_below(1, {"max_people": max_people})
         self.window = Window(
             lengths.pop(),
-            period,
+            periods.pop() if period is None else period,
             max_gap=max_gap,
             timeout=timeout,
             reset_after=reset_after,

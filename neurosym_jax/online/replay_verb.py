@@ -51,11 +51,11 @@ def replay(options: ReplayOptions) -> None:
     frames = read_frames(options.recording, options.topic, options.read)
     analytics = Analytics()
     with contextlib.ExitStack() as stack:
+        predictor = make_predictor(options, options.recording.stem)
         out = None
         if options.out is not None:
-            out = open_forecast_file(options.out, options.period, options.frame_id)
+            out = open_forecast_file(options.out, predictor.window.period, options.frame_id)
             stack.callback(out.close)
-        predictor = make_predictor(options, options.recording.stem)
         events = events_of(frames, predictor, analytics, rate=rate, stitcher=stitcher)
         try:
             for event in events:

@@ -20,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from neurosym_jax.checkpoint import TrainingCheckpoints
-from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, to_json
+from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, renewed, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.environment import code_version, run_environment
@@ -217,6 +217,9 @@ def _resumed(
     if not resume:
         raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
     ours = json.loads(json.dumps(ours))
+    if "generator" in record:
+        generator = renewed(GeneratorConfig, record["generator"], str(folder))
+        record = {**record, "generator": generator}
     for name, value in ours.items():
         if name != "environment" and record.get(name) != value:
             raise InputError(f"{folder}: holds another run: its {name} differs")

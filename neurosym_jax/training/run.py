@@ -53,6 +53,8 @@ class TrainOptions:
     """Observed steps."""
     pred_len: int = 8
     """Steps to forecast."""
+    period: float = 0.4
+    """Seconds between steps; recordings that have others are resampled."""
     recipe: Literal["ours", "sgan"] = "ours"
     """How it is trained, see docs/training.md."""
     seed: int = 0
@@ -96,7 +98,7 @@ def make_run(options: TrainOptions) -> Run:
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
-    source = open_source(options.data, options.scene, read=options.read)
+    source = open_source(options.data, options.scene, read=options.read, period=options.period)
     if bool(options.train_on) != bool(options.validate_on):
         raise InputError("--train-on and --validate-on go together")
     if options.train_on:
@@ -118,7 +120,7 @@ def make_run(options: TrainOptions) -> Run:
         cut_windows(tracks, options.obs_len, options.pred_len) for tracks in recordings
     )
     return Run(
-        generator=generator_config(options),
+        generator=dataclasses.replace(generator_config(options), period=training.period),
         config=recipe(options),
         training=training,
         validation=validation,

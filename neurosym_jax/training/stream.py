@@ -5,6 +5,8 @@ A batch has a fixed number of scenes of every bucket, in proportion to how many 
 of squared scene sizes. Within a bucket every scene comes once before any comes again.
 """
 
+import dataclasses
+
 import jax
 import numpy as np
 
@@ -78,11 +80,11 @@ def _cropped(
         rows.append(member)
     kept = np.concatenate(rows)
     bounds = np.concatenate([[0], np.cumsum([len(member) for member in rows])])
-    cropped = Windows(
+    cropped = dataclasses.replace(
+        windows,
         position=windows.position[kept],
         agent=windows.agent[kept],
         bounds=bounds,
         identity=windows.identity[chosen],
-        obs_len=windows.obs_len,
     )
     return cropped, np.arange(len(chosen))

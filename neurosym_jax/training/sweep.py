@@ -18,7 +18,7 @@ from typing import Any, Literal
 from tqdm import tqdm
 
 from neurosym_jax.checks import refuse_below
-from neurosym_jax.config import GeneratorConfig, from_json, to_json
+from neurosym_jax.config import GeneratorConfig, renewed, to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.environment import cpu_cores
 from neurosym_jax.errors import InputError
@@ -152,9 +152,7 @@ def _finished(run: TrainOptions) -> bool:
     if not (folder / "model").is_dir() or not (folder / RUN).is_file():
         return False
     facts = json.loads((folder / RUN).read_text())
-    # Read and written again, because a weighting was once no more than its kind.
-    trained = to_json(from_json(GeneratorConfig, facts["generator"], str(folder / RUN)))
-    facts["generator"] = json.loads(json.dumps(trained))
+    facts["generator"] = renewed(GeneratorConfig, facts["generator"], str(folder / RUN))
     wanted = {"generator": to_json(generator_config(run)), "training": to_json(recipe(run))}
     for part, fields in json.loads(json.dumps(wanted)).items():
         for name, value in fields.items():

@@ -108,6 +108,18 @@ def test_what_is_on_the_grid_stays_as_it_is(shared):
     assert_allclose(on_grid(off).stamp, [0, 0.4, 0.8])
 
 
+def test_another_rate():
+    tracks = make_tracks("a", 0.4 * np.arange(9), [1] * 9, np.stack([np.arange(9)] * 2, 1))
+    for period in (0.2, 0.4, 0.8):
+        found = on_grid(tracks, period)
+        assert_allclose(np.diff(found.stamp), period)
+        assert_allclose(found.position[:, 0], found.stamp / 0.4, atol=1e-12)
+        assert cut_windows([found], 2, 2, min_agents=1).period == period
+    for period in (0, -0.4, np.nan, np.inf):
+        with pytest.raises(InputError, match="a: the period must be positive"):
+            on_grid(tracks, period)
+
+
 def test_time_that_runs_backward_is_told(tmp_path):
     (tmp_path / "a.csv").write_text("t,id,x,y\n1,1,0,0\n0,1,0,0\n")
     with pytest.warns(InputWarning, match=r"row 2: time runs backward for agent 1 \(1 times"):

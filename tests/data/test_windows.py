@@ -165,11 +165,13 @@ def test_what_is_observed_knows_nothing_of_the_future(seed, step, jitter, lost, 
 
     def observed(points):
         try:
-            windows = cut_windows([resample(make_tracks("r", stamp, ids, points), 0.4)], 4, 3)
+            grid = resample(make_tracks("r", stamp, ids, points), 0.4)
+            windows = cut_windows([grid], 4, 3)
         except InputError:
             return None
         scene = np.repeat(windows.identity[:, 1], windows.sizes)
-        return windows, scene + 3 <= line, np.stack([scene, windows.agent], 1)
+        early = np.unique(grid.stamp)[scene + 3] <= moment + SNAP
+        return windows, early, np.stack([scene, windows.agent], 1)
 
     found, changed = observed(position), observed(other)
     if found is None or changed is None:

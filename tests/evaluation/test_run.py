@@ -1,4 +1,5 @@
 import json
+import warnings
 
 import jax
 import numpy as np
@@ -6,7 +7,7 @@ import pytest
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.reading import ReadOptions
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
 from neurosym_jax.forecast import Model
@@ -134,6 +135,19 @@ def test_any_table_in_a_folder(options, tmp_path):
     assert rows[0]["joint"]["fde"] == pytest.approx(0, abs=1e-5)
 
 
+def test_another_rate_than_in_training_is_told(options, tmp_path):
+    config = GeneratorConfig(pred_len=2, obs_len=2, period=0.2, pooling="none", mlp_dim=8)
+    save_model(tmp_path / "m", Model(config, random_params(config)))
+    assert load_model(tmp_path / "m").config.period == 0.2
+    given = {"checkpoint": (str(tmp_path / "m"),), "samples": 2, "scene": "cross-path"}
+    with pytest.warns(InputWarning, match=r"m: was trained on steps of 0\.2 s and is tested on"):
+        run_evaluation(options(**given, collisions=False))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        rows = run_evaluation(options(**given, collisions=False, period=0.2))
+    assert rows[0]["joint"]["ade"] > 0
+
+
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
@@ -142,6 +156,7 @@ def test_any_table_in_a_folder(options, tmp_path):
         ({"seed": 2**32}, "--seed must lie in"),
         ({"scene": "zara9"}, "unknown scene 'zara9'"),
         ({"pred_len": 999}, "too few frames"),
+        ({"period": 0.0}, "the period must be positive, not 0"),
     ],
 )
 def test_refused(options, tmp_path, fields, message):
@@ -175,3 +190,10 @@ def test_published_numbers(shared, options, name):
     assert row["joint"]["ade"] == pytest.approx(ade, abs=0.02)
     assert row["joint"]["fde"] == pytest.approx(fde, abs=0.02)
     assert row["samples"] == 20
+
+
+def test_every_real_sample_of_thor(shared, options):
+    with pytest.warns(InputWarning, match=r"goals_positions\.csv: left out"):
+        rows = run_evaluation(options(data=shared / "data/thor", samples=2, collisions=False))
+    assert len(rows) == 6
+    assert all(row["scenes"] > 200 and 0.2 < row["joint"]["ade"] < 0.7 for row in rows)

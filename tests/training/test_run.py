@@ -213,6 +213,14 @@ def test_weightings_by_name(tmp_path, monkeypatch):
     assert named_weighting("weightings_of_mine:all_alike").name == "all_alike"
 
 
+def test_a_model_knows_its_rate(files):
+    names = {"train_on": ("walk",), "validate_on": ("check",), "obs_len": 4, "pred_len": 4}
+    for period in (0.4, 0.2):
+        run = make_run(TrainOptions(data=files, period=period, **names))
+        assert run.generator.period == run.training.period == run.validation.period == period
+    assert run.training.scenes > 100
+
+
 def test_data(files):
     options = TrainOptions(train_on=(str(files / "walk.txt"),), obs_len=4, pred_len=4)
     with pytest.raises(InputError, match="go together"):
