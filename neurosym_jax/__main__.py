@@ -55,6 +55,7 @@ VERBS = {
         "replay",
         "ReplayOptions",
     ),
+    "ros2": Verb("forecast in a ROS 2 graph", "online.ros2", "ros2", "Ros2Options"),
     "stitch": Verb(
         "join tracks that occlusions broke", "online.stitch_verb", "stitch", "StitchOptions"
     ),
