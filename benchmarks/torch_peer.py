@@ -1,4 +1,4 @@
-"""One training iteration of SGAN in torch, written as batched as torch allows: a fair opponent.
+"""SGAN and its training iteration in torch, written as batched as torch allows: a fair opponent.
 
 It encodes and pools once for all samples, decodes the samples together, and treats all pairs of all
 scenes at once instead of looping over scenes; the loss and the networks are SGAN's. It exists to be
@@ -12,7 +12,7 @@ import torch
 from torch import nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-__all__ = ["TorchPeer"]
+__all__ = ["Generator", "TorchPeer", "pairs_of"]
 
 EMBEDDING, HIDDEN, D_HIDDEN, MLP, POOL, BOTTLENECK, NOISE = 16, 32, 48, 64, 512, 8, 8
 
@@ -20,6 +20,16 @@ EMBEDDING, HIDDEN, D_HIDDEN, MLP, POOL, BOTTLENECK, NOISE = 16, 32, 48, 64, 512,
 def _mlp(*sizes: int) -> nn.Sequential:
     pairs = itertools.pairwise(sizes)
     return nn.Sequential(*[layer for pair in pairs for layer in (nn.Linear(*pair), nn.ReLU())])
+
+
+def pairs_of(sizes: torch.Tensor) -> torch.Tensor:
+    """[2, P] all ordered pairs (i, j) of agents of the same scene, each with itself too."""
+    each = torch.repeat_interleave(sizes, sizes)
+    i = torch.repeat_interleave(torch.arange(len(each)), each)
+    first = torch.repeat_interleave(sizes.cumsum(0) - sizes, sizes)
+    start = torch.repeat_interleave(each.cumsum(0) - each, each)
+    j = first[i] + torch.arange(len(i)) - start
+    return torch.stack([i, j])
 
 
 class _Pooling(nn.Module):
@@ -50,12 +60,16 @@ class _Encoder(nn.Module):
         return self.lstm(self.embedding(moves))[1][0][0]
 
 
-class _Generator(nn.Module):
-    def __init__(self, pred_len: int):
+class Generator(nn.Module):
+    """SGAN's, with pooling once or without."""
+
+    def __init__(self, pred_len: int, pooling: bool = True):
+        """The published sizes, and torch's initial weights."""
         super().__init__()
         self.pred_len = pred_len
-        self.encoder, self.pooling = _Encoder(HIDDEN), _Pooling(HIDDEN, BOTTLENECK)
-        self.context = _mlp(HIDDEN + BOTTLENECK, MLP, HIDDEN - NOISE)
+        self.encoder = _Encoder(HIDDEN)
+        self.pooling = _Pooling(HIDDEN, BOTTLENECK) if pooling else None
+        self.context = _mlp(HIDDEN + BOTTLENECK * pooling, MLP, HIDDEN - NOISE)
         self.embedding = nn.Linear(2, EMBEDDING)
         self.cell = nn.LSTMCell(EMBEDDING, HIDDEN)
         self.out = nn.Linear(HIDDEN, 2)
@@ -63,7 +77,9 @@ class _Generator(nn.Module):
     def forward(self, moves, last, pairs, noise):
         """`moves [T, A, 2]`, `noise [k, A, 8]` to displacements `[k, A, pred_len, 2]`."""
         hidden = self.encoder(moves)
-        context = self.context(torch.cat([hidden, self.pooling(hidden, last, pairs)], dim=1))
+        if self.pooling is not None:
+            hidden = torch.cat([hidden, self.pooling(hidden, last, pairs)], dim=1)
+        context = self.context(hidden)
         samples, agents, _ = noise.shape
         hidden = torch.cat([context.expand(samples, -1, -1), noise], dim=2).flatten(0, 1)
         cell = torch.zeros_like(hidden)
@@ -74,6 +90,26 @@ class _Generator(nn.Module):
             move = self.out(hidden)
             steps.append(move)
         return torch.stack(steps, dim=1).unflatten(0, (samples, agents))
+
+    def load_original(self, state: dict[str, torch.Tensor]) -> None:
+        """Take the weights of a published checkpoint's `g_state`."""
+        names = {
+            "encoder.spatial_embedding.": "encoder.embedding.",
+            "encoder.encoder.": "encoder.lstm.",
+            "decoder.spatial_embedding.": "embedding.",
+            "decoder.hidden2pos.": "out.",
+            "decoder.decoder.": "cell.",
+            "pool_net.spatial_embedding.": "pooling.embedding.",
+            "pool_net.mlp_pre_pool.": "pooling.mlp.",
+            "mlp_decoder_context.": "context.",
+        }
+        mine = {}
+        for name, value in state.items():
+            for theirs, ours in names.items():
+                if name.startswith(theirs):
+                    rest = name.removeprefix(theirs)
+                    mine[ours + (rest.removesuffix("_l0") if ours == "cell." else rest)] = value
+        self.load_state_dict(mine)
 
 
 class _Discriminator(nn.Module):
@@ -96,10 +132,9 @@ class TorchPeer:
         self.moves, self.future = moves.transpose(0, 1).contiguous(), future
         self.sizes = torch.as_tensor(sizes)
         self.scene = torch.repeat_interleave(torch.arange(len(sizes)), self.sizes)
-        same = [torch.ones(size, size) for size in sizes]
-        self.pairs = torch.block_diag(*same).nonzero().T.contiguous()
+        self.pairs = pairs_of(self.sizes)
         self.best_k, self.clip = best_k, clip
-        self.generator, self.discriminator = _Generator(future.shape[1]), _Discriminator()
+        self.generator, self.discriminator = Generator(future.shape[1]), _Discriminator()
         for module in (*self.generator.modules(), *self.discriminator.modules()):
             if isinstance(module, nn.Linear):
                 nn.init.kaiming_normal_(module.weight)

@@ -18,7 +18,13 @@ from neurosym_jax.packing import Map, in_parts, pack_agents
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import scene_alpha
 
-__all__ = ["GeneratorForecaster", "decode_scene", "encode_scene"]
+__all__ = [
+    "GeneratorForecaster",
+    "decode_agents",
+    "decode_scene",
+    "encode_scene",
+    "encode_scenes",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,10 +66,10 @@ class GeneratorForecaster(Forecaster):
             )
 
         def contexts(batch: Scene) -> np.ndarray:
-            return np.asarray(_encode_scenes(self.config, params, batch))[np.asarray(batch.valid)]
+            return np.asarray(encode_scenes(self.config, params, batch))[np.asarray(batch.valid)]
 
         return in_parts(
-            lambda part, noise: _decode_agents(self.config, params, *part, noise),
+            lambda part, noise: decode_agents(self.config, params, *part, noise),
             (np.concatenate(list(run(contexts, map(bare, scenes)))), agents),
             noise,
             run,
@@ -88,10 +94,10 @@ def decode_scene(
     return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
 
 
-_decode_agents = jax.jit(decode_scene, static_argnums=0)
+decode_agents = jax.jit(decode_scene, static_argnums=0)
 
 
-def _encode_scenes(config: GeneratorConfig, params: Any, scenes: Scene) -> Array:
+def encode_scenes(config: GeneratorConfig, params: Any, scenes: Scene) -> Array:
     """Contexts `[B, N, C]` of a batch."""
     # Nothing of it depends on the horizon, so checkpoints of all horizons share the programs.
     return _encode(dataclasses.replace(config, pred_len=1), params, scenes)

@@ -1,72 +1,58 @@
-"""Seconds of one discriminator and one generator step of recipe `sgan`: ours beside torch's.
+"""A training iteration of recipe `sgan`, a discriminator and a generator step: ours and torch's.
 
 Everybody trains on the same 64 scenes of zara1's training split (about 780 agents), best of 20,
 8 + 8 steps, with the published sizes. The opponents are `torch_peer` and, with `--reference`, the
-original code, whose own step functions and networks are run on the CPU. Rounds alternate between
-the contestants, so that what else the machine does falls on all of them.
-
-    python benchmarks/train_step.py --data ../shared/data/eth_ucy [--reference PATH] [--json FILE]
+original code, whose own step functions and networks are run on the CPU.
 """
 
 import argparse
-import importlib.util
-import json
-import os
-import platform
-import statistics
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks.light import Work, decoding, encoding, limit, lstm, machine_rates
+from benchmarks.timing import OURS, alternate, rows
 
-def main() -> None:
-    """Measure, print a table, write JSON where asked to."""
-    parser = argparse.ArgumentParser(description="Time a training step of ours beside torch's.")
-    parser.add_argument("--data", type=Path, required=True, help="ETH/UCY as SGAN arranges it")
-    parser.add_argument("--reference", type=Path, help="a checkout of SGAN (agrimgupta92/sgan)")
-    parser.add_argument("--rounds", type=int, default=10, help="measured iterations of each")
-    parser.add_argument("--threads", type=int, default=os.cpu_count(), help="of each contestant")
-    parser.add_argument("--json", type=Path, help="file for the numbers")
-    options = parser.parse_args()
-    if importlib.util.find_spec("torch") is None:
-        sys.exit("error: torch is missing, and there is nobody to compare with: pip install torch")
-    if options.reference and not (options.reference / "scripts" / "train.py").is_file():
-        sys.exit(f"error: {options.reference}: no checkout of SGAN: it has no scripts/train.py")
-    os.environ["NPROC"] = str(options.threads)  # Before jax is imported.
 
-    batches = read_batches(options.data)
-    contestants = {"neurosym_jax": ours(batches)}
+def measure(options: Any) -> dict[str, Any]:
+    """See the module."""
+    batches = read_batches(options.need("data"))
+    contestants = {OURS: ours(batches)}
     arrays = [unpadded(batches, index) for index in (0, 1)]
-    contestants["torch peer"] = peer(arrays, options.threads)
+    if options.torch:
+        contestants["torch peer"] = peer(arrays)
     if options.reference:
         contestants["original"] = original(arrays, options.reference)
-    agents = [len(array["observed"]) for array in arrays]
-    seconds = measure(contestants, options.rounds)
+    seconds = alternate(contestants, 3 * options.repeats, warm=2)
+    scenes, agents = (len(arrays[0][name]) for name in ("sizes", "observed"))
+    table = rows(f"{scenes} scenes, {agents} agents, best of 20", seconds)
+    work = _work(arrays[0], discriminator=True) + _work(arrays[1], discriminator=False)
+    return {
+        "title": "a training iteration",
+        "rows": table,
+        "light": limit(work, machine_rates(), table[0]["median"]),
+    }
 
-    medians = {name: statistics.median(times) for name, times in seconds.items()}
-    scenes = len(arrays[0]["sizes"])
-    print(f"{scenes} scenes, {agents[0]} and {agents[1]} agents, {options.threads} threads")
-    print(f"one discriminator and one generator step, median of {options.rounds}:")
-    for name, times in seconds.items():
-        ratio = medians[name] / medians["neurosym_jax"]
-        spread = f"{min(times):.3f} to {max(times):.3f}"
-        print(f"  {name:14} {medians[name]:7.3f} s  ({spread})  {ratio:5.1f} times ours")
-    if options.json:
-        result = {
-            "format": 1,
-            "scenes": scenes,
-            "agents": agents,
-            "threads": options.threads,
-            "machine": platform.machine(),
-            "seconds": seconds,
-            "median": medians,
-            "ratio": {name: m / medians["neurosym_jax"] for name, m in medians.items()},
-        }
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+
+def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
+    """Of one network's step; a gradient costs twice what its forward pass does."""
+    from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
+
+    config, scores = GeneratorConfig(), DiscriminatorConfig()
+    agents, sizes = len(array["observed"]), array["sizes"].astype(float)
+    pairs = float((sizes**2).sum())
+    inner, width = scores.pool_hidden_dim, scores.h_dim
+    judged = lstm(agents, config.obs_len + config.pred_len, width)
+    judged += Work(agents * 2 * (width + 2) * inner + pairs * 2 * inner * width, 0)
+    judged += Work(agents * 2 * scores.mlp_dim * (width + 1), 0)
+    context = encoding(config, agents, pairs)
+    if discriminator:
+        return context + decoding(config, agents, 1) + judged * (2 * 3)
+    # All 20 are decoded; the best and the one that is judged once more, with a gradient.
+    decoded = decoding(config, agents, 20) + decoding(config, agents, 2) * 3
+    return context * 3 + decoded + judged * 3
 
 
 def read_batches(data: Path):
@@ -100,10 +86,8 @@ def ours(batches) -> Callable[[], None]:
     import jax
 
     from neurosym_jax.config import RECIPES, GeneratorConfig
-    from neurosym_jax.runtime import enable_compilation_cache
     from neurosym_jax.training.step import initial_state, train_step
 
-    enable_compilation_cache()
     generator, config = GeneratorConfig(), RECIPES["sgan"]
     batches = jax.device_put(batches)
     example = jax.tree.map(lambda leaf: leaf[0, 0], batches[0])
@@ -121,12 +105,10 @@ def ours(batches) -> Callable[[], None]:
     return iterate
 
 
-def peer(arrays, threads: int) -> Callable[[], None]:
+def peer(arrays) -> Callable[[], None]:
     """Our own torch, see `torch_peer`; its two steps take the two batches."""
-    import torch
-    from torch_peer import TorchPeer
+    from benchmarks.torch_peer import TorchPeer
 
-    torch.set_num_threads(threads)
     wanted = ("observed", "moves", "future_moves", "sizes")
     first, second = (
         TorchPeer(*[array[name] for name in wanted], best_k=20, clip=2.0) for array in arrays
@@ -143,13 +125,9 @@ def original(arrays, reference: Path) -> Callable[[], None]:
     """The original's own step functions, networks and losses, kept on the CPU."""
     import torch
 
-    torch.Tensor.cuda = lambda self, *args, **kwargs: self  # It calls .cuda() unasked.
-    sys.path.insert(0, str(reference))
-    spec = importlib.util.spec_from_file_location("sgan_train", reference / "scripts" / "train.py")
-    assert spec is not None
-    assert spec.loader is not None
-    train = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(train)
+    from benchmarks.original import load_script
+
+    train = load_script(reference, "train")
     args = argparse.Namespace(
         obs_len=8,
         best_k=20,
@@ -198,19 +176,3 @@ def _collated(array: dict[str, np.ndarray]):
     tracks = [torch.as_tensor(array[name]).transpose(0, 1).contiguous() for name in names]
     bounds = torch.as_tensor(np.stack([ends - array["sizes"], ends], axis=1))
     return [*tracks, torch.zeros(agents), torch.ones(agents, steps), bounds]
-
-
-def measure(contestants: dict[str, Callable[[], None]], rounds: int) -> dict[str, list[float]]:
-    """Seconds of each round of each contestant, after two that are not counted."""
-    seconds: dict[str, list[float]] = {name: [] for name in contestants}
-    for number in range(rounds + 2):
-        for name, iterate in contestants.items():
-            start = time.perf_counter()
-            iterate()
-            if number >= 2:
-                seconds[name].append(time.perf_counter() - start)
-    return seconds
-
-
-if __name__ == "__main__":
-    main()

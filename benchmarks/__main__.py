@@ -1,0 +1,85 @@
+"""Every measurement by its name: `python -m benchmarks [NAME ...]`; all of them without a name.
+
+The opponents are torch where it is installed and, with `--reference`, the original code. Numbers
+are printed and, with `--json`, written in one form (`timing.row`), which `docs/benchmarks.py` makes
+a page of.
+"""
+
+import dataclasses
+import importlib
+import importlib.util
+import json
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from benchmarks.timing import text
+from neurosym_jax.checks import refuse_below
+from neurosym_jax.command import run_command
+from neurosym_jax.environment import cpu_cores, run_environment
+from neurosym_jax.errors import InputError
+
+FORMAT = 1
+
+Name = Literal["zoo", "training", "symbols", "online", "cold", "reading", "growth"]
+NAMES: tuple[Name, ...] = ("zoo", "training", "symbols", "online", "cold", "reading", "growth")
+
+
+@dataclasses.dataclass(frozen=True)
+class BenchmarkOptions:
+    """Measure ours beside torch's, warm, in rounds that alternate; medians and spreads."""
+
+    names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
+    """What to measure: the evaluation of the published checkpoints, a training iteration, QTC and
+    alpha of all pairs, online latency, a cold process, reading and windowing, growth."""
+    data: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """ETH/UCY as SGAN arranges it; zoo, training and reading need it."""
+    checkpoints: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """The folder of sgan-models and sgan-p-models; zoo needs it."""
+    reference: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """A checkout of SGAN (agrimgupta92/sgan), measured too where torch is installed."""
+    repeats: int = 5
+    """Rounds that count."""
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File for the numbers; those of other names in it are kept."""
+
+    @property
+    def torch(self) -> bool:
+        """Whether there is torch to compare with."""
+        return importlib.util.find_spec("torch") is not None
+
+    def need(self, name: Literal["data", "checkpoints"]) -> Path:
+        """An option that a benchmark cannot do without."""
+        value = getattr(self, name)
+        if value is None:
+            raise InputError(f"--{name} is needed for this")
+        return value
+
+
+def run(options: BenchmarkOptions) -> None:
+    """Measure, print, write."""
+    refuse_below(1, {"--repeats": options.repeats})
+    if options.reference and not options.torch:
+        raise InputError("--reference needs torch, which is not installed")
+    needs = {"zoo": ("data", "checkpoints"), "training": ("data",), "reading": ("data",)}
+    for name in options.names:
+        if absent := [need for need in needs.get(name, ()) if getattr(options, need) is None]:
+            raise InputError(f"--{absent[0]} is needed for {name}")
+    for name in options.names:
+        result = importlib.import_module(f"benchmarks.{name}").measure(options)
+        print(f"{name}: {text(result)}\n", flush=True)
+        if options.json:
+            machine = {**run_environment(), "cores": cpu_cores()}
+            _write(options.json, name, {**result, "machine": machine})
+
+
+def _write(path: Path, name: str, result: dict) -> None:
+    data = json.loads(path.read_text()) if path.exists() else {"format": FORMAT, "benchmarks": {}}
+    data["benchmarks"][name] = result
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(data, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    run_command(BenchmarkOptions, run, prog="python -m benchmarks")

@@ -1,0 +1,81 @@
+"""How time and memory grow with agents in a scene, samples, and windows; each in its own process.
+
+SGAN with pooling and random weights; seconds are of a warm repeat, memory is the process's peak.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.timing import OURS, Row, row
+
+POINTS = {
+    "agents": (2, 8, 32, 128, 512),
+    "samples": (1, 10, 100, 1000),
+    "windows": (10, 1000, 10_000, 100_000),
+}
+
+
+def measure(options: Any) -> dict[str, Any]:
+    """See the module."""
+    table: list[Row] = []
+    for axis, points in POINTS.items():
+        for point in points:
+            done = subprocess.run(
+                [sys.executable, "-m", "benchmarks.growth", axis, str(point)],
+                cwd=Path(__file__).resolve().parents[1],
+                check=True,
+                capture_output=True,
+                text=True,
+            )
+            found = json.loads(done.stdout)
+            table.append(row(f"{axis} {point}", OURS, found["seconds"], peak_mb=found["peak_mb"]))
+    return {"title": "growth", "rows": table}
+
+
+def one(axis: str, point: int) -> dict[str, Any]:
+    """Seconds of warm repeats and the process's peak memory in MB."""
+    from benchmarks.online import random_model
+    from neurosym_jax.config import GeneratorConfig
+    from neurosym_jax.data.batching import make_batches
+    from neurosym_jax.data.windows import Windows
+    from neurosym_jax.evaluation.protocol import evaluate
+    from neurosym_jax.forecast import predict
+
+    model = random_model(GeneratorConfig())
+    rng = np.random.default_rng(0)
+    seconds = []
+    if axis == "windows":
+        # Scenes of four people, so that the count alone grows.
+        sizes = np.full(point // 4 + 1, 4)
+        windows = Windows(
+            position=rng.normal(0, 0.3, (sizes.sum(), 16, 2)).cumsum(axis=1),
+            agent=np.arange(sizes.sum()),
+            bounds=np.concatenate([[0], np.cumsum(sizes)]),
+            identity=np.stack([np.zeros(len(sizes)), np.arange(len(sizes))], 1).astype(np.uint32),
+            obs_len=8,
+        )
+        arguments: dict[str, Any] = {"samples": 20, "seed": 0, "with_collisions": False}
+        for _ in range(3):
+            start = time.perf_counter()
+            evaluate(model.forecaster, model.params, make_batches(windows), **arguments)
+            seconds.append(time.perf_counter() - start)
+    else:
+        agents, samples = (point, 20) if axis == "agents" else (10, point)
+        observed = rng.uniform(0, 20, (agents, 1, 2)) + np.zeros((1, 8, 1))
+        for _ in range(4):
+            start = time.perf_counter()
+            predict(model, observed, samples=samples)
+            seconds.append(time.perf_counter() - start)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"seconds": seconds[1:], "peak_mb": peak}
+
+
+if __name__ == "__main__":
+    print(json.dumps(one(sys.argv[1], int(sys.argv[2]))))

@@ -1,0 +1,44 @@
+"""Reading ETH/UCY's test recordings and cutting windows of 8 + 12 steps: ours, the original's."""
+
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks.timing import OURS, alternate, rows
+
+
+def measure(options: Any) -> dict[str, Any]:
+    """See the module."""
+    from neurosym_jax.data.batching import make_batches
+    from neurosym_jax.data.eth_ucy import SCENES, read_split
+    from neurosym_jax.data.windows import cut_windows
+
+    data, counts = options.need("data"), {}
+
+    def ours() -> None:
+        windows = [cut_windows(read_split(data, scene, "test"), 8, 12) for scene in SCENES]
+        for each in windows:
+            make_batches(each)
+        counts[OURS] = sum(each.agents for each in windows)
+
+    contestants: dict[str, Callable[[], object]] = {OURS: ours}
+    if options.reference:
+        from benchmarks.original import folder_of, load_script
+
+        load_script(options.reference, "evaluate_model")
+        from sgan.data.trajectories import (  # pyright: ignore[reportMissingImports]
+            TrajectoryDataset,
+        )
+
+        def original() -> None:
+            counts["original"] = 0
+            for names in SCENES.values():
+                with folder_of([data / "all" / f"{name}.txt" for name in names]) as folder:
+                    dataset = TrajectoryDataset(folder, obs_len=8, pred_len=12, delim="tab")
+                counts["original"] += len(dataset.obs_traj)
+
+        contestants["original"] = original
+    seconds = alternate(contestants, options.repeats)
+    if len(set(counts.values())) > 1:
+        raise AssertionError(f"not the same windows: {counts}")
+    case = f"{counts[OURS]} agent windows"
+    return {"title": "reading and windowing", "rows": rows(case, seconds)}

@@ -1,0 +1,103 @@
+"""QTC_C1 and alpha of all ordered pairs over a window: compiled, in torch, and in plain Python.
+
+The plain loop goes pair by pair and step by step, as a labelling script does; it stands for the
+original's labelling, which is of that kind, and is timed on fewer scenes for that reason. All three
+must give the same alpha.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from benchmarks.timing import OURS, alternate, rows
+
+AGENTS, SCENES, STEPS, OF_LOOP = 32, 64, 8, 2
+
+
+def measure(options: Any) -> dict[str, Any]:
+    """See the module."""
+    import jax
+
+    from neurosym_jax.symbolic.cnd import alpha_table
+    from neurosym_jax.symbolic.weighting import make_weighting
+
+    rng = np.random.default_rng(0)
+    walks = rng.uniform(0, 8, (SCENES, AGENTS, 1, 2)) + rng.normal(
+        0, 0.4, (SCENES, AGENTS, STEPS, 2)
+    ).cumsum(axis=2)
+    walks = walks.astype(np.float32)
+    table = alpha_table("c1", rule="dominance").astype(np.float32)
+    compiled = jax.jit(jax.vmap(make_weighting("cnd")))
+    found: dict[str, np.ndarray] = {}
+
+    def ours() -> None:
+        found[OURS] = np.asarray(compiled(walks))
+
+    contestants: dict[str, Callable[[], object]] = {OURS: ours}
+    if options.torch:
+
+        def peer() -> None:
+            found["torch peer"] = _torch_alpha(walks, table)
+
+        contestants["torch peer"] = peer
+    seconds = alternate(contestants, options.repeats, warm=3)
+
+    def loop() -> None:
+        found["plain loop"] = _loop(walks[:OF_LOOP], table)
+
+    of_loop = alternate({"plain loop": loop}, max(1, options.repeats // 2), warm=0)
+    seconds["plain loop"] = [each * SCENES / OF_LOOP for each in of_loop["plain loop"]]
+    for who, alpha in found.items():
+        agreed = np.mean(alpha == found[OURS][: len(alpha)])
+        if agreed < 0.9999:
+            raise AssertionError(f"{who} agrees in {agreed:.4%} of alpha only")
+    pairs = SCENES * AGENTS * (AGENTS - 1)
+    case = f"{pairs} pairs, {STEPS} steps"
+    return {"title": "QTC and alpha of all pairs", "rows": rows(case, seconds)}
+
+
+def _torch_alpha(walks: np.ndarray, table: np.ndarray) -> np.ndarray:
+    import torch
+
+    with torch.inference_mode():
+        position = torch.from_numpy(walks)
+        before, after = position[:, :, :-1], position[:, :, 1:]
+        k0, k1, l0 = before[:, :, None], after[:, :, None], before[:, None]
+        line, move = l0 - k0, k1 - k0
+        towards = torch.linalg.vector_norm(k1 - l0, dim=-1)
+        q1 = torch.sign(towards - torch.linalg.vector_norm(line, dim=-1))
+        q3 = torch.sign(move[..., 0] * line[..., 1] - move[..., 1] * line[..., 0])
+        code = (q1 + 1) * 27 + (q1.transpose(1, 2) + 1) * 9
+        code += (q3 + 1) * 3 + q3.transpose(1, 2) + 1
+        alpha = torch.zeros(*code.shape[:3], STEPS)
+        alpha[..., 1:] = torch.from_numpy(table)[code.long()]
+        alpha[:, torch.arange(AGENTS), torch.arange(AGENTS)] = 1
+        return alpha.numpy()
+
+
+def _loop(walks: np.ndarray, table: np.ndarray) -> np.ndarray:
+    scenes = walks.tolist()
+    alpha = np.zeros((len(scenes), AGENTS, AGENTS, STEPS), np.float32)
+    for number, scene in enumerate(scenes):
+        for i, k in enumerate(scene):
+            for j, l in enumerate(scene):  # noqa: E741
+                for step in range(STEPS):
+                    if i == j:
+                        alpha[number, i, j, step] = 1
+                    elif step:
+                        mine = _symbols(k[step - 1], k[step], l[step - 1])
+                        other = _symbols(l[step - 1], l[step], k[step - 1])
+                        code = 27 * mine[0] + 9 * other[0] + 3 * mine[1] + other[1]
+                        alpha[number, i, j, step] = table[code]
+    return alpha
+
+
+def _symbols(before: list[float], after: list[float], other: list[float]) -> tuple[int, int]:
+    """(q1 + 1, q3 + 1) of a mover."""
+    now, then = math.dist(after, other), math.dist(before, other)
+    line = other[0] - before[0], other[1] - before[1]
+    left = (after[0] - before[0]) * line[1]
+    right = (after[1] - before[1]) * line[0]
+    return 1 + (now > then) - (now < then), 1 + (left > right) - (left < right)

@@ -1,0 +1,74 @@
+"""Seconds of several contestants, and the one form in which every benchmark gives its numbers."""
+
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+OURS = "neurosym_jax"
+
+Row = dict[str, Any]
+"""case, who, unit, median, low, high, repeats; and whatever else is known of it."""
+
+
+def alternate(
+    contestants: Mapping[str, Callable[[], object]], rounds: int, warm: int = 1
+) -> dict[str, list[float]]:
+    """Seconds of each round of each contestant, after `warm` rounds that do not count.
+
+    Rounds alternate, so that what else the machine does falls on all of them.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in contestants}
+    for number in range(warm + rounds):
+        for name, run in contestants.items():
+            start = time.perf_counter()
+            run()
+            if number >= warm:
+                seconds[name].append(time.perf_counter() - start)
+    return seconds
+
+
+def row(case: str, who: str, values: Sequence[float], unit: str = "s", **more: Any) -> Row:
+    """Median and spread of one contestant."""
+    return {
+        "case": case,
+        "who": who,
+        "unit": unit,
+        "median": statistics.median(values),
+        "low": min(values),
+        "high": max(values),
+        "repeats": len(values),
+        **more,
+    }
+
+
+def rows(case: str, seconds: Mapping[str, Sequence[float]]) -> list[Row]:
+    """A row each, with `ratio`: how many times our median theirs is."""
+    found = [row(case, who, values) for who, values in seconds.items()]
+    ours = next(each["median"] for each in found if each["who"] == OURS)
+    return [{**each, "ratio": each["median"] / ours} for each in found]
+
+
+def text(result: Mapping[str, Any]) -> str:
+    """A benchmark's result for people."""
+    lines = [result["title"]]
+    for each in result["rows"]:
+        scale, unit = (1000, "ms") if each["unit"] == "s" and each["median"] < 0.5 else (1, "")
+        unit = unit or each["unit"]
+        low, middle, high = (f"{each[part] * scale:.4g}" for part in ("low", "median", "high"))
+        more = f"  {each['ratio']:.1f} times ours" if each.get("ratio", 1) != 1 else ""
+        more += "".join(
+            f"  {name} {each[name]:.4g}" for name in ("p99", "peak_mb", "ade") if name in each
+        )
+        lines.append(
+            f"  {each['case']:32} {each['who']:14} {middle:>9} {unit} ({low} to {high}){more}"
+        )
+    if light := result.get("light"):
+        lines.append(
+            f"  speed of light {light['seconds']:.4g} s: {light['flops'] / 1e9:.3g} GFLOP and "
+            f"{light['transcendentals'] / 1e9:.3g} G of tanh and sigmoid; reached "
+            f"{100 * light['fraction']:.0f} %"
+        )
+    for name, seconds in result.get("stages", {}).items():
+        lines.append(f"    {name:30} {seconds:.3g} s")
+    return "\n".join(lines)

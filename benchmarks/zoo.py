@@ -1,0 +1,169 @@
+"""Evaluation of SGAN's 20 published checkpoints, best of 20: ours, torch as it can be, and theirs.
+
+Data and checkpoints are read before the clock starts; what is timed is forecasting, errors
+included. Everybody reports the mean of the 20 joint ADEs, which differ by their random numbers.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.light import Work, decoding, encoding, limit, machine_rates
+from benchmarks.timing import OURS, alternate, rows
+
+SAMPLES = 20
+
+
+def measure(options: Any) -> dict[str, Any]:
+    """See the module."""
+    from neurosym_jax.data.batching import make_batches
+    from neurosym_jax.data.sources import open_source
+    from neurosym_jax.data.windows import cut_windows
+    from neurosym_jax.evaluation.protocol import evaluate
+    from neurosym_jax.model_folder import load_model
+
+    source = open_source(options.need("data"))
+    paths = sorted(options.need("checkpoints").glob("*/*_model.pt"))
+    models = [load_model(path) for path in paths]
+    windows = {
+        (model.scene, model.config.pred_len): cut_windows(
+            source.recordings(str(model.scene)), model.config.obs_len, model.config.pred_len
+        )
+        for model in models
+    }
+    tests = [windows[model.scene, model.config.pred_len] for model in models]
+    batches = {name: make_batches(test) for name, test in windows.items()}
+    ades: dict[str, list[float]] = {}
+
+    def ours() -> None:
+        ades[OURS] = [
+            evaluate(
+                model.forecaster,
+                model.params,
+                batches[model.scene, model.config.pred_len],
+                samples=SAMPLES,
+                seed=0,
+                with_collisions=False,
+            ).mean("joint_ade")
+            for model in models
+        ]
+
+    contestants: dict[str, Callable[[], object]] = {OURS: ours}
+    if options.torch:
+        contestants["torch peer"] = _peer(paths, tests, ades)
+    seconds = alternate(contestants, options.repeats)
+    if options.reference:
+        seconds["original"] = [_original(options, paths, ades)]
+    work = Work(0, 0)
+    for model, test in zip(models, tests):
+        pairs = float((test.sizes.astype(float) ** 2).sum())
+        work += encoding(model.config, test.agents, pairs)
+        work += decoding(model.config, test.agents, SAMPLES)
+    table = [
+        {**each, "ade": float(np.mean(ades[each["who"]]))}
+        for each in rows(f"{len(paths)} checkpoints, best of {SAMPLES}", seconds)
+    ]
+    largest = max(range(len(models)), key=lambda index: tests[index].agents)
+    return {
+        "title": "evaluation of the published checkpoints",
+        "rows": table,
+        "light": limit(work, machine_rates(), table[0]["median"]),
+        "stages": _stages(models[largest], tests[largest]),
+    }
+
+
+def _peer(paths: list[Path], tests: list[Any], ades: dict[str, list[float]]):
+    import torch
+
+    from benchmarks.torch_eval import TorchForecaster, chunks_of
+
+    peers = [
+        TorchForecaster.of(torch.load(path, map_location="cpu", weights_only=True))
+        for path in paths
+    ]
+    chunks = {id(test): chunks_of(test) for test in tests}
+
+    def run() -> None:
+        ades["torch peer"] = [
+            peer.evaluate(chunks[id(test)], SAMPLES)[0] for peer, test in zip(peers, tests)
+        ]
+
+    return run
+
+
+def _original(options: Any, paths: list[Path], ades: dict[str, list[float]]) -> float:
+    """Seconds of one round: it takes a minute or more."""
+    import torch
+
+    from benchmarks.original import Arguments, folder_of, load_script
+    from neurosym_jax.data.eth_ucy import SCENES
+
+    script = load_script(options.reference, "evaluate_model")
+    spent, found = 0.0, []
+    for path in paths:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+        generator = script.get_generator(checkpoint)
+        args = Arguments(checkpoint["args"] | {"loader_num_workers": 0})
+        names = SCENES[args.dataset_name]
+        with folder_of([options.data / "all" / f"{name}.txt" for name in names]) as folder:
+            _, loader = script.data_loader(args, folder)
+        start = time.perf_counter()
+        ade, _ = script.evaluate(args, loader, generator, SAMPLES)
+        spent += time.perf_counter() - start
+        found.append(float(ade))
+    ades["original"] = found
+    return spent
+
+
+def _stages(model: Any, windows: Any) -> dict[str, float]:
+    """Seconds of each stage of the largest test set, one after the other on one thread."""
+    runs = [_one_by_one(model, windows) for _ in range(3)]
+    return {name: sorted(run[name] for run in runs)[1] for name in runs[0]}
+
+
+class _Clock:
+    """Seconds by name, each from the one before."""
+
+    def __init__(self):
+        self.seconds: dict[str, float] = {}
+        self.last = time.perf_counter()
+
+    def done(self, name: str) -> None:
+        now = time.perf_counter()
+        self.seconds[name], self.last = now - self.last, now
+
+
+def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
+    from neurosym_jax.data.batching import make_batches
+    from neurosym_jax.evaluation.metrics import scene_errors
+    from neurosym_jax.forecaster import bare
+    from neurosym_jax.generator_forecaster import decode_agents, encode_scenes
+    from neurosym_jax.noise import draw_noise
+    from neurosym_jax.packing import in_parts, pack_agents
+
+    config, params, spec = model.config, model.params, model.forecaster.noise
+    clock = _Clock()
+    scenes = [batch.scene for batch in make_batches(windows)]
+    clock.done("windows to batches")
+    noises = [draw_noise(spec, 0, each.identity, SAMPLES, 1) for each in scenes]
+    clock.done("noise")
+    agents, noise = pack_agents(scenes, noises)
+    clock.done("packing")
+    contexts = np.concatenate(
+        [np.asarray(encode_scenes(config, params, bare(each)))[each.valid] for each in scenes]
+    )
+    clock.done("encoding and pooling")
+
+    def decode(part: Any, noise: Any) -> Any:
+        return decode_agents(config, params, *part, noise)
+
+    futures = in_parts(decode, (contexts, agents), noise)
+    clock.done("decoding")
+    future = np.concatenate([each.future[each.valid] for each in scenes])
+    sizes = np.concatenate([each.valid.sum(axis=1) for each in scenes])
+    scene_errors(futures, future, sizes[sizes > 0])
+    clock.done("errors")
+    return clock.seconds
