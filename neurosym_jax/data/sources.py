@@ -18,6 +18,9 @@ __all__ = ["EthUcy", "Files", "Source", "Split", "Synthetic", "open_source"]
 
 Split = Literal["train", "val", "test"]
 
+TRAIN_SHARE = 0.8
+"""Of the duration of a recording of `Files`; the rest is for validation."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Source:
@@ -97,18 +100,41 @@ class EthUcy(Source):
 
 @dataclasses.dataclass(frozen=True)
 class Files(Source):
-    """A user's files of any known format; each is a scene of its own, named after the file."""
+    """A user's files of any known format; each is a scene of its own, named after the file.
+
+    A scene is tested on its whole file and left out of training: of every recording in the other
+    files, the first `TRAIN_SHARE` of its duration is for training and the rest for validation.
+    """
 
     paths: tuple[Path, ...] = ()
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        if split != "test":
-            raise InputError(f"{scene}: a single file has no {split} split")
-        (path,) = (path for path in self.paths if path.stem == scene)
-        return self._read_file(path)
+        own = [path for path in self.paths if path.stem == scene]
+        if split == "test":
+            return self._read_file(own[0])
+        others = [path for path in self.paths if path not in own]
+        if not others:
+            raise InputError(f"{scene}: the only recording, so nothing is left to train on")
+        recordings = [tracks for path in others for tracks in self._read_file(path)]
+        parts = [_part(tracks, split) for tracks in recordings]
+        return [part for part in parts if len(part.id)]
 
     def _paths(self) -> Iterable[Path]:
         return self.paths
+
+
+def _part(tracks: Tracks, split: Split) -> Tracks:
+    """What is for training, or for validation; nothing of one is interpolated from the other."""
+    first, last = tracks.stamp.min(), tracks.stamp.max()
+    early = tracks.stamp < first + TRAIN_SHARE * (last - first)
+    kept = early if split == "train" else ~early
+    return Tracks(
+        recording=tracks.recording,
+        stamp=tracks.stamp[kept],
+        id=tracks.id[kept],
+        position=tracks.position[kept],
+        imputed=tracks.imputed[kept],
+    )
 
 
 def open_source(

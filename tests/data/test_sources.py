@@ -3,7 +3,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
-from neurosym_jax.errors import InputError
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.errors import InputError, InputWarning
 
 
 def test_without_data_the_simulations():
@@ -26,15 +27,52 @@ def test_each_file_is_a_scene(tmp_path):
     assert tracks.recording == "b"
     by_name, by_path = source.files(["a", str(tmp_path / "a.csv")])
     assert_array_equal(by_name.position, by_path.position)
-    with pytest.raises(InputError, match="b: a single file has no train split"):
-        source.recordings("b", "train")
     with pytest.raises(InputError, match="c: no such file, nor a recording among a, b"):
         source.files(["a", "c"])
 
 
 def test_one_file(tmp_path):
     (tmp_path / "walk.txt").write_text("0 1 2 3\n")
-    assert open_source(tmp_path / "walk.txt").scenes == ("walk",)
+    source = open_source(tmp_path / "walk.txt")
+    assert source.scenes == ("walk",)
+    with pytest.raises(InputError, match="walk: the only recording, so nothing is left to train"):
+        source.recordings("walk", "train")
+
+
+def test_leave_one_recording_out(tmp_path):
+    for name, first in (("a", 0), ("b", 100), ("c", 200)):
+        rows = [f"{first + n} {who} {first + n} {who}" for n in range(10) for who in (1, 2)]
+        (tmp_path / f"{name}.txt").write_text("\n".join(rows))
+    (tmp_path / "d.txt").write_text("0 1 2 3\n")  # One point can only be validated on.
+    source = open_source(tmp_path)
+    found = {
+        split: {
+            tracks.recording: tracks.position[tracks.id == 1, 0].tolist()
+            for tracks in source.recordings("b", split)
+        }
+        for split in ("train", "val", "test")
+    }
+    assert found == {
+        "train": {"a": list(range(8)), "c": list(range(200, 208))},
+        "val": {"a": [8, 9], "c": [208, 209], "d": [2]},
+        "test": {"b": list(range(100, 110))},
+    }
+
+
+def test_real_folds_of_thor(shared):
+    """No window is in two splits, and every recording but the test's is in both others."""
+    with pytest.warns(InputWarning, match="goals_positions"):
+        source = open_source(shared / "data/thor")
+    assert [name.split("_")[1] for name in source.scenes] == ["thor1", "thor3", "Scenario"]
+    for scene in source.scenes:
+        splits = [source.recordings(scene, split) for split in ("train", "val", "test")]
+        train, val, test = ({tracks.recording for tracks in split} for split in splits)
+        assert train == val
+        assert not train & test
+        windows = [cut_windows(split, 8, 8) for split in splits]
+        assert min(part.scenes for part in windows) > 40
+        ends = {tracks.recording: tracks.stamp.max() for tracks in splits[0]}
+        assert all(tracks.stamp.min() > ends[tracks.recording] for tracks in splits[1])
 
 
 def test_names_that_differ_in_ending_alone(tmp_path):
