@@ -30,6 +30,9 @@ VERBS = {
     "report": Verb(
         "compare a sweep's models, with intervals", "training.report", "report", "ReportOptions"
     ),
+    "symbols": Verb(
+        "show a recording's QTC symbols and weights", "views.symbols", "symbols", "SymbolsOptions"
+    ),
     "inspect": Verb(
         "say what a recording, or a folder of them, holds",
         "data.inspect",
