@@ -41,14 +41,13 @@ def measure(options: Any) -> dict[str, Any]:
 
 def one(axis: str, point: int) -> dict[str, Any]:
     """Seconds of warm repeats and the process's peak memory in MB."""
-    from benchmarks.online import random_model
     from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.data.windows import Windows
     from neurosym_jax.evaluation.protocol import evaluate
     from neurosym_jax.forecast import predict
 
-    model = random_model(GeneratorConfig())
+    model = _random_model(GeneratorConfig())
     rng = np.random.default_rng(0)
     seconds = []
     if axis == "windows":
@@ -75,6 +74,26 @@ def one(axis: str, point: int) -> dict[str, Any]:
             seconds.append(time.perf_counter() - start)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {"seconds": seconds[1:], "peak_mb": peak}
+
+
+def _random_model(config: Any) -> Any:
+    """A model of torch's initial weights, in kind."""
+    import jax
+
+    from neurosym_jax.forecast import Model
+    from neurosym_jax.models import Generator
+    from neurosym_jax.scene import make_scene
+
+    scene = make_scene(np.zeros((1, config.obs_len, 2)))
+    alpha = np.zeros((1, 1, config.obs_len))
+    shapes = jax.eval_shape(
+        Generator(config).init, jax.random.key(0), scene, np.zeros(config.noise_dim), alpha
+    )
+    rng = np.random.default_rng(0)
+    params = jax.tree.map(
+        lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
+    )
+    return Model(config, params)
 
 
 if __name__ == "__main__":
