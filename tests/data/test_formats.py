@@ -224,3 +224,49 @@ def test_truncated_anywhere_or_in_another_encoding(kind, tmp_path):
         survive(path)
     path.write_text(SAMPLES[kind], encoding="utf-16")
     survive(path)
+
+
+def written(kind, rows):
+    """The text of a file of this format with rows (step of 0.4 s, person, x, y) in metres."""
+    if kind == "qtm":
+        people = sorted({person for _, person, _, _ in rows})
+        at = {(step, person): (1000 * x, 1000 * y, 1700.0) for step, person, x, y in rows}
+        header = [f"Helmet_{person} {axis}" for person in people for axis in "XYZ"]
+        lines = [["Frame", "Time", *header]]
+        for step in sorted({step for step, *_ in rows}):
+            fields = [at.get((step, person), (0.0, 0.0, 0.0)) for person in people]
+            lines.append([str(step), repr(0.4 * step), *[repr(v) for xyz in fields for v in xyz]])
+        return "\n".join(["FREQUENCY\t100", *map("\t".join, lines)])
+    form = {
+        "text": "{f}\t{p}\t{x!r}\t{y!r}",
+        "obsmat": "{f} {p} {x!r} 0 {y!r} 0 0 0",
+        "cliff": "{t!r},{p},{x!r},{y!r},0,0",
+        "tracklets": "{t!r},{x!r},{y!r},Helmet_{p},0",
+        "trajnet": '{{"track": {{"f": {f}, "p": {p}, "x": {x!r}, "y": {y!r}}}}}',
+        "columns": "{t!r};{p};{x!r};{y!r}",
+    }[kind]
+    head = {"tracklets": ["Time,x,y,ag_id,tracklet_id"], "columns": ["time;person;x;y"]}
+    lines = [form.format(f=10 * s, t=0.4 * s, p=p, x=x, y=y) for s, p, x, y in rows]
+    return "\n".join([*head.get(kind, []), *lines])
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_what_is_written_is_read(kind, data, tmp_path_factory):
+    steps = data.draw(st.integers(3, 12))
+    rng = np.random.default_rng(data.draw(st.integers(0, 999)))
+    rows = [
+        (step, person, *rng.uniform(-50, 50, 2).round(4).tolist())
+        for person in (1, 2, 7)
+        for step in range(steps)
+        if person == 1 or rng.random() < 0.7
+    ]
+    path = tmp_path_factory.mktemp("w") / "walk.txt"
+    path.write_text(written(kind, rows))
+    assert sniff(path) == kind
+    (tracks,) = read_any(path)
+    assert tracks.recording == ("walk_1" if kind == "tracklets" else "walk")
+    assert_array_equal(tracks.id, [row[1] for row in rows])
+    assert_allclose(tracks.stamp, [0.4 * row[0] for row in rows], atol=1e-9)
+    assert_allclose(tracks.position, [row[2:] for row in rows], rtol=0, atol=1e-9)
