@@ -24,7 +24,6 @@ __all__ = [
     "GeneratorConfig",
     "TrainConfig",
     "from_json",
-    "renewed",
     "to_json",
     "weighting_from_text",
 ]
@@ -258,15 +257,6 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
         return cls(**fields)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
-
-
-def renewed(cls: type[Any], data: dict[str, Any], source: str) -> dict[str, Any]:
-    """The JSON form that `cls` has today of `data`, which an earlier version may have written.
-
-    Raises:
-        InputError: as `from_json`.
-    """
-    return json.loads(json.dumps(to_json(from_json(cls, data, source))))
 
 
 def weighting_from_text(text: str, source: str = "weighting") -> WeightingConfig:

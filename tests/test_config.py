@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 
@@ -9,10 +10,10 @@ from neurosym_jax.config import (
     GeneratorConfig,
     TrainConfig,
     from_json,
-    renewed,
     to_json,
 )
 from neurosym_jax.errors import InputError
+from neurosym_jax.training.loop import generator_of_today
 
 
 @pytest.mark.parametrize(
@@ -129,7 +130,7 @@ def test_what_was_written_before_models_had_a_period():
     old = to_json(GeneratorConfig(pred_len=12))
     del old["period"]
     assert from_json(GeneratorConfig, old) == GeneratorConfig(pred_len=12, period=0.4)
-    assert renewed(GeneratorConfig, old, "run.json")["period"] == 0.4
+    assert generator_of_today(old, Path("run"))["period"] == 0.4
     for period in (0, -1.0, float("nan")):
         with pytest.raises(InputError, match="period must be positive"):
             GeneratorConfig(period=period)

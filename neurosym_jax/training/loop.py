@@ -20,7 +20,7 @@ import numpy as np
 from tqdm import tqdm
 
 from neurosym_jax.checkpoint import TrainingCheckpoints
-from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, renewed, to_json
+from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, from_json, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.environment import code_version, run_environment
@@ -36,7 +36,7 @@ from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.step import TrainState, initial_state, train_step
 from neurosym_jax.training.stream import SceneStream
 
-__all__ = ["CHUNK", "RUN", "Run", "data_digest", "train_run"]
+__all__ = ["CHUNK", "RUN", "Run", "data_digest", "generator_of_today", "train_run"]
 
 RUN = "run.json"
 
@@ -210,6 +210,15 @@ def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     return {"val_ade": ade, "val_fde": fde, "val_score": score}
 
 
+def generator_of_today(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A run's generator as it is written today; an earlier version may have written `data`.
+
+    Raises:
+        InputError: naming `folder`, for what no version wrote.
+    """
+    return json.loads(json.dumps(to_json(from_json(GeneratorConfig, data, str(folder)))))
+
+
 def _resumed(
     found: tuple[int, Any, dict[str, Any]], ours: dict[str, Any], folder: Path, resume: bool
 ) -> tuple[TrainState, Any, list[dict[str, Any]]]:
@@ -218,8 +227,7 @@ def _resumed(
         raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
     ours = json.loads(json.dumps(ours))
     if "generator" in record:
-        generator = renewed(GeneratorConfig, record["generator"], str(folder))
-        record = {**record, "generator": generator}
+        record = {**record, "generator": generator_of_today(record["generator"], folder)}
     for name, value in ours.items():
         if name != "environment" and record.get(name) != value:
             raise InputError(f"{folder}: holds another run: its {name} differs")
