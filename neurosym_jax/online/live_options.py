@@ -31,8 +31,10 @@ def load_models(paths: tuple[Path, ...]) -> dict[str, Model]:
     """Models by the name they are shown under: "NeuroSyM" and "SGAN", or their files' names.
 
     Raises:
-        InputError: for what is no model, or for two of one kind whose files are named alike.
+        InputError: for no path, what is no model, or two of one kind whose files are named alike.
     """
+    if not paths:
+        raise InputError("--model needs at least one model")
     models = [load_model(path) for path in paths]
     names = ["NeuroSyM" if model.config.symbolic else "SGAN" for model in models]
     if len(set(names)) < len(names):

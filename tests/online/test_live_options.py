@@ -16,5 +16,7 @@ def test_names_of_models_side_by_side():
     assert list(load_models((sgan,))) == ["SGAN"]
     both = load_models((sgan, SHIPPED / "sgan_zara2_8_8"))
     assert list(both) == ["sgan_zara1_8_8", "sgan_zara2_8_8"]
+    with pytest.raises(InputError, match="at least one"):
+        load_models(())
     with pytest.raises(InputError, match="differ in kind or name"):
         load_models((sgan, sgan))

@@ -20,7 +20,7 @@ from neurosym_jax.data.synthetic import simulate
 from neurosym_jax.errors import InputError
 from neurosym_jax.model_folder import save_model
 from neurosym_jax.online import messages
-from neurosym_jax.online.bags import BagWriter
+from neurosym_jax.online.bags import BagWriter, read_messages, read_people
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.online.tcpros.xmlrpc import CallError, call
 
@@ -33,6 +33,19 @@ FORECASTS = ("/hri/human_poses_prediction_neurosym", "/hri/human_poses_predictio
 PACKAGES = "python3-rospy python3-roslaunch python3-rosbag"
 
 
+def wait(condition, process: "Process | None" = None) -> None:
+    """Until `condition` holds, two minutes at most, and as long as the process lives."""
+    end = time.monotonic() + 120
+    while True:
+        with contextlib.suppress(CallError):
+            if condition():
+                return
+        said = process.lines if process else []
+        assert process is None or process.process.poll() is None, said
+        assert time.monotonic() < end, said
+        time.sleep(0.02)
+
+
 class Process:
     """A process that ends with the test; what it prints is kept line by line."""
 
@@ -43,6 +56,7 @@ class Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
+            start_new_session=True,
         )
         self.lines: list[str] = []
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -53,34 +67,23 @@ class Process:
         for line in self.process.stdout:
             self.lines.append(line.rstrip("\n"))
 
-    def wait_for(self, condition, seconds=60.0):
-        """The first line from now on, or before, that fulfils `condition`."""
-        end, at = time.monotonic() + seconds, 0
-        while True:
-            while at < len(self.lines):
-                if condition(self.lines[at]):
-                    return self.lines[at]
-                at += 1
-            assert self.process.poll() is None, self.lines
-            assert time.monotonic() < end, self.lines
-            time.sleep(0.02)
+    def wait_for(self, condition):
+        """Until a line, from now on or before, fulfils `condition`."""
+        wait(lambda: any(map(condition, list(self.lines))), self)
 
     def heard(self) -> list[dict]:
         """What a listener has printed."""
         return [json.loads(line) for line in list(self.lines) if line.startswith('{"')]
 
-    def wait_heard(self, condition, seconds=60.0) -> list[dict]:
+    def wait_heard(self, condition) -> list[dict]:
         """The rows heard, once `condition` holds for them."""
-        end = time.monotonic() + seconds
-        while not condition(rows := self.heard()):
-            assert self.process.poll() is None, self.lines
-            assert time.monotonic() < end, self.lines
-            time.sleep(0.02)
-        return rows
+        wait(lambda: condition(self.heard()), self)
+        return self.heard()
 
     def end(self, number=signal.SIGKILL) -> int:
-        """Send a signal, wait, return the exit status; do nothing to what has ended."""
-        self.process.send_signal(number)
+        """Send a signal to the process and its children, wait, return the exit status."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, number)
         status = self.process.wait(20)
         self._reader.join()
         return status
@@ -114,14 +117,8 @@ class Graph:
     def start_core(self):
         """A new master on the same port."""
         self.core = self.start("roscore", "-p", self.port)
-        end = time.monotonic() + 60
-        while True:
-            with contextlib.suppress(CallError):
-                # The log's node is the last thing that roscore starts.
-                call(self.uri, "lookupNode", "/tests", "/rosout")
-                return
-            assert time.monotonic() < end, self.core.lines
-            time.sleep(0.05)
+        # The log's node is the last thing that roscore starts.
+        wait(lambda: call(self.uri, "lookupNode", "/tests", "/rosout"), self.core)
 
     def stop_core(self):
         """With everything in it."""
@@ -237,13 +234,16 @@ def test_the_tracker_is_killed_and_started_again(graph, node):
         talker.end(signal.SIGKILL)
 
 
-def test_rosbag_plays_our_bag_into_the_node(graph, node, tmp_path):
-    path = tmp_path / "people.bag"
+def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
+    path, recorded = tmp_path / "people.bag", tmp_path / "recorded.bag"
     with BagWriter(path) as bag:
         for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=3)):
             frame = frame._replace(stamp=frame.stamp + 1e9)
             bag.write("/people", frame.stamp, messages.make_people(bag.types, frame))
     listener = graph.listener()
+    recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS)
+    uri = call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
+    wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 2)
     done = subprocess.run(
         ["rosbag", "play", "--quiet", "--rate", "4", "--delay", "0.5", path],
         env=graph.env,
@@ -254,8 +254,16 @@ def test_rosbag_plays_our_bag_into_the_node(graph, node, tmp_path):
     )
     assert done.returncode == 0, done.stderr
     rows = listener.wait_heard(lambda rows: both(rows) and count(messages.TRUTH_TOPIC, rows))
-    stamps = [row["stamp"] for row in rows if row["topic"] in FORECASTS]
-    assert 1e9 < min(stamps) <= max(stamps) < 1e9 + 9
+    heard = {(row["topic"], round(row["stamp"], 6)) for row in rows if row["topic"] in FORECASTS}
+    assert all(1e9 < stamp < 1e9 + 9 for _, stamp in heard)
+    recorder.end(signal.SIGINT)
+    there = {
+        (topic, round(messages.read_trajectories(message)[0], 6))
+        for topic, message in read_messages(recorded)
+        if topic in FORECASTS
+    }
+    assert len(heard & there) > 10
+    assert 40 < len(list(read_people(recorded, "/people"))) <= 81
 
 
 def test_the_master_is_restarted(graph, node):

@@ -31,10 +31,9 @@ def global_name(name: str) -> str:
     Raises:
         InputError: if it is not a ROS name.
     """
-    name = "/" + name.lstrip("/")
-    if not re.fullmatch(r"(/[A-Za-z]\w*)+", name, re.ASCII):
+    if not re.fullmatch(r"/?[A-Za-z]\w*(/[A-Za-z]\w*)*", name, re.ASCII):
         raise InputError(f"not a ROS name: {name!r}")
-    return name
+    return "/" + name.removeprefix("/")
 
 
 def master_uri(given: str | None = None) -> str:
