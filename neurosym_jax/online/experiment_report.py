@@ -1,9 +1,8 @@
 """The report of `online.experiment`: tables, figures, and what the robot paper printed."""
 
 import dataclasses
-import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,25 +10,12 @@ import numpy as np
 from neurosym_jax.data.synthetic import Scenario
 from neurosym_jax.environment import run_environment
 from neurosym_jax.online.document import Document
-from neurosym_jax.online.experiment import (
-    FAULTS,
-    ExperimentOptions,
-    Recording,
-    complete,
-    published,
-)
-from neurosym_jax.online.predictor import Forecast
-from neurosym_jax.online.recordings import tracks_of_frames
+from neurosym_jax.online.experiment_figures import add_figures
+from neurosym_jax.online.experiment_results import Recording, Results
 
 __all__ = ["write_report"]
 
-Latencies = Mapping[Scenario, Mapping[str, Mapping[str, float]]]
-"""Milliseconds, by scenario, model and percentile."""
-
 NAMES: dict[Scenario, str] = {"all-forward": "A, all-forward", "cross-path": "B, cross-path"}
-DOTS, COLOURS = 80, 96
-"""Per inch, and in a figure: so that each has a few tens of kilobytes."""
-
 PAPER = (
     ("A, all-forward", "SGAN", "12.4, 16.32", "2.28, 3.24"),
     ("A, all-forward", "NeuroSyM", "7.06, 2.52", "1.31, 0.68"),
@@ -41,39 +27,33 @@ PAPER_RUNTIME = (("A, all-forward", "4.17, 5.37"), ("B, cross-path", "5.19, 7.36
 """Seconds, two values a scenario."""
 
 
-def write_report(
-    options: ExperimentOptions,
-    chosen: Mapping[Scenario, Sequence[Path]],
-    recordings: Sequence[Recording],
-    latencies: Latencies,
-) -> Path:
-    """Write `experiment.md`, `.html` and `.json`, and the figures; the HTML's path."""
+def write_report(out: Path, results: Results) -> Path:
+    """Write `experiment.md`, `.html` and `.json`, and the figures, to `out`; the HTML's path."""
     document = Document("The robot experiment, repeated on simulated recordings")
-    _introduce(document, options, chosen)
+    _introduce(document, results)
     for number, scenario in zip(("I", "II"), NAMES):
-        here = [each for each in recordings if each.scenario == scenario]
+        here = [each for each in results.recordings if each.scenario == scenario]
         document.heading(f"Scenario {NAMES[scenario]}")
         _error_table(document, f"Table {number}. Errors in scenario {NAMES[scenario]}", here)
-        _figures(document, options.out, here)
-    _runtime(document, latencies)
-    _chain(document, recordings)
+        add_figures(document, out, here)
+    _runtime(document, results)
+    _chain(document, results.recordings)
     _paper(document)
-    _write_json(options, recordings, latencies)
-    (options.out / "experiment.md").write_text(document.markdown(options.out))
-    page = options.out / "experiment.html"
+    _write_json(out / "experiment.json", results)
+    (out / "experiment.md").write_text(document.markdown(out))
+    page = out / "experiment.html"
     page.write_text(document.html())
     return page
 
 
-def _introduce(
-    document: Document, options: ExperimentOptions, chosen: Mapping[Scenario, Sequence[Path]]
-) -> None:
+def _introduce(document: Document, results: Results) -> None:
+    faults, chosen = results.faults, results.models
     document.text(
         f"""Two people in a room of 5 m x 8.2 m, two scenarios, two recordings of
-        {options.seconds:.0f} s each: they walk abreast to the room's end and back (A), or cross
+        {results.seconds:.0f} s each: they walk abreast to the room's end and back (A), or cross
         each other's way (B). A social-force simulation walks them. A tracker at 10 Hz sees them:
-        noise of {100 * FAULTS.noise:.0f} cm, and each person is lost every 20 s on average, for
-        {FAULTS.dropout_seconds:.0f} s on average, to come back under a new id. Bags keep what it
+        noise of {100 * faults.noise:.0f} cm, and each person is lost every 20 s on average, for
+        {faults.dropout_seconds:.0f} s on average, to come back under a new id. Bags keep what it
         says; they are read back and go frame by frame through stitching, prediction and analytics,
         as live messages would. **These are not the paper's recordings**, which are not public: the
         numbers show that the chain works and what it costs, not how a method ranks on real
@@ -131,91 +111,14 @@ def _error_table(document: Document, caption: str, recordings: Sequence[Recordin
     )
 
 
-def _figures(document: Document, out: Path, recordings: Sequence[Recording]) -> None:
-    from PIL import Image  # comes with matplotlib
-
-    from neurosym_jax.data.track_figure import plot_tracks
-    from neurosym_jax.plotting import plot_fan, plot_forecasts, plot_horizon_errors
-
-    first = recordings[0]
-    names = list(first.summary["models"])
-
-    def add(kind: str, figure, caption: str) -> None:
-        path = out / "figures" / f"experiment_{first.scenario}_{kind}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, dpi=DOTS)
-        Image.open(buffer).convert("RGB").quantize(COLOURS).save(path, optimize=True)
-        document.figure(path, caption)
-
-    mended = [
-        frame._replace(ids=ids) for frame, ids in zip(first.frames, first.mended, strict=True)
-    ]
-    tracks = [
-        tracks_of_frames(iter(first.frames), "as the tracker named them"),
-        tracks_of_frames(iter(mended), "stitched"),
-    ]
-    add("tracks", plot_tracks(tracks), "Recording 1: a colour an id, a dot where each begins.")
-    for kind, forecast, caption in _moments(first, names[-1]):
-        assert forecast.future is not None
-        seconds = forecast.stamp - first.frames[0].stamp
-        figure = plot_forecasts(
-            forecast.observed,
-            forecast.future,
-            {name: published(forecast, name) for name in names},
-            f"{seconds:.1f} s into recording 1",
-        )
-        add(kind, figure, caption)
-        if kind == "median":
-            samples = forecast.models[names[-1]].samples
-            figure = plot_fan(forecast.observed, forecast.future, samples, names[-1])
-            add("fan", figure, f"The same moment with all samples of {names[-1]}.")
-    errors = {
-        name: np.average(
-            [recording.scores[name].horizon for recording in recordings],
-            axis=0,
-            weights=[recording.scores[name].sequences for recording in recordings],
-        )
-        for name in first.scores
-    }
-    add(
-        "horizon",
-        plot_horizon_errors(errors, 0.4, "error over the horizon"),
-        "Mean error of the published forecast at each step, both recordings.",
-    )
-
-
-def _moments(recording: Recording, model: str) -> list[tuple[str, Forecast, str]]:
-    """Forecasts to show, chosen by rule and not by looks."""
-    kept = complete(recording.forecasts)
-    futures = np.array([forecast.future for forecast in kept])
-    distance = np.linalg.norm(
-        np.stack([published(forecast, model) for forecast in kept]) - futures, axis=-1
-    )
-    order = np.argsort(distance.mean(axis=(1, 2)), kind="stable")
-    near = np.linalg.norm(futures[:, 0] - futures[:, 1], axis=-1).min(axis=1)
-    return [
-        (
-            "median",
-            kept[int(order[len(order) // 2])],
-            f"The forecast of recording 1 in which {model}'s error is the median.",
-        ),
-        (
-            "closest",
-            kept[int(near.argmin())],
-            "The forecast of recording 1 in which the two people come closest to each other.",
-        ),
-    ]
-
-
-def _runtime(document: Document, latencies: Latencies) -> None:
+def _runtime(document: Document, results: Results) -> None:
     document.heading("Runtime")
     document.table(
         "Table III. Compute latency in milliseconds, from a frame's arrival to its forecast",
         ["Scenario", "Model", "p50", "p90", "p99"],
         [
             [NAMES[scenario], name, *(f"{latency[key]:.2f}" for key in ("p50", "p90", "p99"))]
-            for scenario, models in latencies.items()
+            for scenario, models in results.latencies.items()
             for name, latency in models.items()
         ],
     )
@@ -284,14 +187,12 @@ def _paper(document: Document) -> None:
     )
 
 
-def _write_json(
-    options: ExperimentOptions, recordings: Sequence[Recording], latencies: Latencies
-) -> None:
+def _write_json(path: Path, results: Results) -> None:
     data = {
         "environment": run_environment(),
-        "seeds": options.seeds,
-        "samples": options.samples,
-        "latency_ms": latencies,
+        "seeds": results.seeds,
+        "samples": results.samples,
+        "latency_ms": results.latencies,
         "recordings": [
             {
                 "scenario": each.scenario,
@@ -301,7 +202,7 @@ def _write_json(
                 "scores": {name: dataclasses.asdict(s) for name, s in each.scores.items()},
                 "analytics": each.summary,
             }
-            for each in recordings
+            for each in results.recordings
         ],
     }
-    (options.out / "experiment.json").write_text(json.dumps(data, indent=1) + "\n")
+    path.write_text(json.dumps(data, indent=1) + "\n")

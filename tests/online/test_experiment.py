@@ -9,6 +9,7 @@ import pytest
 from neurosym_jax.errors import InputError
 from neurosym_jax.online import experiment as of
 from neurosym_jax.online.bags import read_people
+from neurosym_jax.online.experiment_results import score
 from neurosym_jax.online.predictor import Forecast, ModelForecast
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -60,14 +61,14 @@ def test_scores_by_hand():
     lonely = Forecast(
         0.4, 8, np.array([1, 2]), walk[:, :8], {"m": result}, {}, 1e-3, future=unknown
     )
-    score = of._score([forecast, lonely], "m")
-    assert score.sequences == 1
-    assert (score.ade, score.fde) == pytest.approx((2.0, 2.0))
-    assert (score.best_ade, score.best_fde) == pytest.approx((1.0, 1.0))
-    assert (score.sum_ade, score.sum_fde) == pytest.approx((32.0, 4.0))
-    assert of._score([forecast], None).fde == pytest.approx(0.0, abs=1e-9)
+    result = score([forecast, lonely], "m")
+    assert result.sequences == 1
+    assert (result.ade, result.fde) == pytest.approx((2.0, 2.0))
+    assert (result.best_ade, result.best_fde) == pytest.approx((1.0, 1.0))
+    assert (result.sum_ade, result.sum_fde) == pytest.approx((32.0, 4.0))
+    assert score([forecast], None).fde == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(InputError, match="too short"):
-        of._score([lonely], "m")
+        score([lonely], "m")
 
 
 def test_models_of_other_steps_are_refused(tmp_path):
