@@ -1,0 +1,93 @@
+"""What the work of a command is, in counts that no other process can disturb.
+
+python -m benchmarks.counts            # prints them
+python -m benchmarks.counts --write    # makes them the baseline
+
+`tests/test_counts.py` fails where one is above `benchmarks/baseline.json`. FLOPs and bytes are
+those of XLA's cost analysis of the program before it is optimised, in which the body of a loop over
+steps counts once: they show growth, not the work (which `benchmarks.light` has).
+"""
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+BASELINE = Path(__file__).with_name("baseline.json")
+PEOPLE, SAMPLES = 16, 20
+
+
+def counts() -> dict[str, float]:
+    """Programs compiled by each command, then FLOPs and bytes of a forecast of each model."""
+    return {**_programs(), **_costs()}
+
+
+def _programs() -> dict[str, float]:
+    import jax
+    import numpy as np
+
+    from neurosym_jax.evaluation.cases import SHIPPED
+    from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+    from neurosym_jax.forecast import predict
+    from neurosym_jax.model_folder import load_model
+    from neurosym_jax.online.predictor import Predictor
+
+    compiled = 0
+
+    def count(event: str, duration: float, **_: Any) -> None:
+        nonlocal compiled
+        compiled += event == "/jax/core/compile/backend_compile_duration"
+
+    jax.monitoring.register_event_duration_secs_listener(count)
+    found: dict[str, float] = {}
+
+    def done(name: str) -> None:
+        nonlocal compiled
+        found[f"programs: {name}"], compiled = compiled, 0
+        jax.clear_caches()
+
+    names = ("sgan_simulations_8_8", "neurosym_simulations_8_8")
+    sgan = load_model(SHIPPED / names[0])
+    predict(sgan, np.zeros((5, 8, 2)))
+    done("a forecast")
+    Predictor(sgan, max_people=64)
+    done("an online predictor for 64 people")
+    with tempfile.TemporaryDirectory() as folder:
+        paths = tuple(str(SHIPPED / name) for name in names)
+        options = {"json": Path(folder) / "rows.json", "figures": False, "collisions": False}
+        run_evaluation(EvaluateOptions(checkpoint=paths, scene="cross-path", **options))
+    done("the evaluation of two models on a scene")
+    return found
+
+
+def _costs() -> dict[str, float]:
+    import jax
+    import numpy as np
+
+    from neurosym_jax.config import GeneratorConfig
+    from neurosym_jax.forecaster import forecast_scene
+    from neurosym_jax.generator_forecaster import GeneratorForecaster
+    from neurosym_jax.models import Generator
+    from neurosym_jax.scene import make_scene, pad_scene
+
+    found: dict[str, float] = {}
+    for pooling in ("none", "pool_net", "as_described"):
+        config = GeneratorConfig(pooling=pooling)
+        scene = pad_scene(make_scene(np.zeros((1, 8, 2))), PEOPLE).replace(origin=None)
+        noise, alpha = np.zeros(config.noise_dim), np.zeros((PEOPLE, PEOPLE, 8))
+        params = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
+        noises = np.zeros((SAMPLES, config.noise_dim), np.float32)
+        forecaster = GeneratorForecaster(config)
+        cost: Any = forecast_scene.lower(forecaster, params, scene, noises).cost_analysis()
+        found[f"MFLOP: a forecast, {pooling}"] = round(cost["flops"] / 1e6, 3)
+        found[f"MB: a forecast, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
+    return found
+
+
+if __name__ == "__main__":
+    # Printed last, after what the commands say.
+    text = json.dumps(counts(), indent=1)
+    if sys.argv[1:] == ["--write"]:
+        BASELINE.write_text(text + "\n")
+    print(text)
