@@ -40,6 +40,10 @@ class Forecaster(abc.ABC):
         `noise` is `[k, dim]`, or `[k, N, dim]` where the spec says per agent.
         """
 
+    def scene_bytes(self, samples: int, slots: int) -> float:
+        """About what forecasting one scene takes in memory: futures, and states of its agents."""
+        return 4.0 * samples * slots * (8 * self.pred_len + 256)
+
     def packed(
         self,
         params: Any,

@@ -44,6 +44,17 @@ class GeneratorForecaster(Forecaster):
         config = self.config
         return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
 
+    def scene_bytes(self, samples: int, slots: int) -> float:
+        """See `Forecaster.scene_bytes`; symbols and grids are of pairs."""
+        config, pairs = self.config, 0.0
+        if config.symbolic:
+            pairs = 16.0 * config.obs_len
+        elif config.pooling == "social":
+            # With pooling at every step each sample has its own grid.
+            each = samples if config.pool_every_timestep else 1
+            pairs = 2.0 * config.grid_size**2 * each
+        return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
+
     def one(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.one`."""
         context = encode_scene(self.config, params, scene)

@@ -13,6 +13,7 @@ from jax import Array
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.forecaster import Forecaster, forecast_scene
+from neurosym_jax.memory import refuse_beyond_memory
 from neurosym_jax.noise import scene_noise
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
@@ -40,14 +41,26 @@ class SceneForecaster:
         self.samples = samples if forecaster.noise.dim else 1
         self._params = jax.device_put(params)
         self._key = jax.random.key(seed)
+        self._fits = 0
 
     def __call__(self, scene: Scene) -> np.ndarray:
         """`[k, N, pred_len, 2]` float64 metres in the frame of `scene`'s origin: see `finish`."""
         return self.finish(self.start(scene), scene)
 
     def start(self, scene: Scene) -> Array:
-        """Begin the forecast of `scene`, of N slots, without waiting for it."""
+        """Begin the forecast of `scene`, of N slots, without waiting for it.
+
+        Raises:
+            InputError: for more samples or people than there is memory for.
+        """
         slots = int(bucket_of(len(scene.valid)))
+        if slots > self._fits:
+            refuse_beyond_memory(
+                f"a forecast of {len(scene.valid)} people with {self.samples} samples",
+                self.forecaster.scene_bytes(self.samples, slots),
+                "ask for fewer samples, or forecast fewer people at once",
+            )
+            self._fits = slots
         # The program sees neither the truth nor the host's float64 origin.
         padded = pad_scene(scene.replace(future=None), slots).replace(origin=None)
         spec = self.forecaster.noise

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -20,6 +20,7 @@ from neurosym_jax.evaluation.metrics import (
 )
 from neurosym_jax.evaluation.programs import compile_ahead, wait_for
 from neurosym_jax.forecaster import Forecaster
+from neurosym_jax.memory import refuse_beyond_memory
 from neurosym_jax.noise import NoiseSpec, draw_noise
 from neurosym_jax.packing import Map, unpacked
 from neurosym_jax.scene import Scene
@@ -29,9 +30,6 @@ __all__ = ["Evaluation", "evaluate", "latency"]
 
 GROUP = 2**18
 """Samples of agent slots that are forecast before their errors are taken: some 50 MB."""
-
-Work = tuple[Batch, np.ndarray]
-"""A batch and its noise."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,15 +71,25 @@ def evaluate(
     seed: int,
     with_collisions: bool = True,
 ) -> Evaluation:
-    """Errors of `forecaster` on every scene of `batches`; the truth is in the scenes."""
-    spec = forecaster.noise
-    samples = samples if spec.dim else 1
+    """Errors of `forecaster` on every scene of `batches`; the truth is in the scenes.
+
+    Raises:
+        InputError: for a seed out of range, or more samples than there is memory for.
+    """
+    samples = samples if forecaster.noise.dim else 1
+    groups = list(_groups(batches, samples))
+    slots = max(sum(batch.scene.valid.size for batch in group) for group in groups)
+    refuse_beyond_memory(
+        f"evaluating {slots} people at once with {samples} samples",
+        # Futures, a copy in their places, offsets from the truth; and the noise.
+        4.0 * samples * slots * (6 * forecaster.pred_len + 2 * forecaster.noise.dim),
+        "ask for fewer samples",
+    )
     start = time.perf_counter()
-    group = functools.partial(_evaluate_group, forecaster, params, with_collisions)
+    group = functools.partial(_evaluate_group, forecaster, params, samples, seed, with_collisions)
     with ThreadPoolExecutor(cpu_cores()) as pool:
         compiling = wait_for(compile_ahead(pool, forecaster, params, batches, samples))
-        work = zip(batches, _noises(spec, batches, samples, seed))
-        parts = [group(part, pool.map) for part in _groups(work, samples)]
+        parts = [group(part, pool.map) for part in groups]
     seconds = time.perf_counter() - start
 
     errors, colliding = zip(*parts)
@@ -91,15 +99,14 @@ def evaluate(
     return Evaluation(joined, rate, samples, compiling, seconds - compiling)
 
 
-def _groups(work: Iterable[Work], samples: int) -> Iterator[list[Work]]:
-    """`work` in pieces whose futures fit into memory, however many windows there are."""
-    group, slots = [], 0
-    for batch, noise in work:
-        group.append((batch, noise))
-        slots += batch.scene.valid.size
-        if slots * samples >= GROUP:
+def _groups(batches: Sequence[Batch], samples: int) -> Iterator[list[Batch]]:
+    """`batches` in pieces whose futures fit into memory, however many windows there are."""
+    group: list[Batch] = []
+    for batch in batches:
+        group.append(batch)
+        if sum(each.scene.valid.size for each in group) * samples >= GROUP:
             yield group
-            group, slots = [], 0
+            group = []
     if group:
         yield group
 
@@ -107,12 +114,15 @@ def _groups(work: Iterable[Work], samples: int) -> Iterator[list[Work]]:
 def _evaluate_group(
     forecaster: Forecaster,
     params: Any,
+    samples: int,
+    seed: int,
     with_collisions: bool,
-    work: Sequence[Work],
+    batches: Sequence[Batch],
     run: Map,
 ) -> tuple[SceneErrors, float]:
     """Errors of some batches, and how many of their agents collide (mean over samples)."""
-    scenes, noises = [batch.scene for batch, _ in work], [noise for _, noise in work]
+    scenes = [batch.scene for batch in batches]
+    noises = list(_noises(forecaster.noise, scenes, samples, seed))
     forecast = forecaster.packed(params, scenes, noises, run)
     masks = [scene.valid for scene in scenes]
     future = np.concatenate([scene.future[scene.valid] for scene in scenes])
@@ -127,17 +137,16 @@ def _evaluate_group(
 
 
 def _noises(
-    spec: NoiseSpec, batches: Sequence[Batch], samples: int, seed: int
+    spec: NoiseSpec, scenes: Sequence[Scene], samples: int, seed: int
 ) -> Iterator[np.ndarray]:
     """Noise of each batch, `[k, B, dim]` or `[k, B, N, dim]`."""
     if spec.per_agent:
-        for batch in batches:
-            scene = batch.scene
+        for scene in scenes:
             yield draw_noise(spec, seed, scene.identity, samples, scene.valid.shape[1])
     else:
-        # One number of scenes would be a program of its own, so all are drawn together.
-        identity = np.concatenate([batch.scene.identity for batch in batches])
-        ends = np.cumsum([len(batch.index) for batch in batches])
+        # Drawn together, because each draw is of a fixed number of scenes or more.
+        ends = np.cumsum([len(scene.identity) for scene in scenes])
+        identity = np.concatenate([scene.identity for scene in scenes])
         yield from np.split(draw_noise(spec, seed, identity, samples, 1), ends[:-1], axis=1)
 
 

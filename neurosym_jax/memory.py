@@ -1,0 +1,41 @@
+"""Whether an allocation can fit: said before it is tried, with the number that makes it smaller."""
+
+import os
+from pathlib import Path
+
+from neurosym_jax.errors import InputError
+
+__all__ = ["available_memory", "refuse_beyond_memory"]
+
+
+def available_memory() -> float:
+    """Bytes that can be had without swapping; all of the machine's where only that is known."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        fields = dict(line.split(":") for line in lines)
+        return 1024.0 * int(fields["MemAvailable"].split()[0])
+    except (OSError, KeyError, ValueError):
+        pass
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return float("inf")
+
+
+def refuse_beyond_memory(what: str, needed: float, remedy: str) -> None:
+    """Refuse what needs more than the memory there is.
+
+    Args:
+        what: is to be computed, for people.
+        needed: bytes.
+        remedy: what to lower, for people.
+
+    Raises:
+        InputError: naming both sizes and the remedy.
+    """
+    there = available_memory()
+    if needed > there:
+        raise InputError(
+            f"{what} needs some {needed / 1e9:.1f} GB of memory, and {there / 1e9:.1f} GB are "
+            f"free: {remedy}"
+        )
