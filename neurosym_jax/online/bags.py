@@ -4,7 +4,7 @@ Needs rosbags, which is imported when a bag is opened. What people's messages sa
 `online.messages`; other recordings of people are read in `online.recordings`.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,13 @@ from neurosym_jax.online.messages import (
     typestore,
 )
 
-__all__ = ["SUFFIXES", "BagWriter", "is_bag", "read_messages", "read_people"]
+__all__ = ["SUFFIXES", "BagWriter", "frame_id_of", "is_bag", "read_messages", "read_people"]
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 """Of ROS 1's file and of the files in ROS 2's folders."""
+
+TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
+"""What mends a file, by its ending."""
 
 READERS = {PEOPLE: frame_of_people, HUMANS: frame_of_humans}
 """How a message of people becomes a frame, by its type."""
@@ -47,7 +50,20 @@ def read_people(path: Path, topic: str | None = None) -> Iterator[Frame]:
         yield READERS[message.__msgtype__](message)
 
 
-def read_messages(path: Path, choose: Any = None) -> Iterator[tuple[str, Any]]:
+def frame_id_of(path: Path, topic: str | None = None) -> str:
+    """The coordinates' frame in a bag's first message of people; `topic` as for `read_people`.
+
+    Raises:
+        InputError: as `read_people`.
+    """
+    for _, message in read_messages(path, lambda topics: [_choose(path, topics, topic)]):
+        return message.header.frame_id
+    return ""
+
+
+def read_messages(
+    path: Path, choose: Callable[[dict[str, str]], Collection[str]] | None = None
+) -> Iterator[tuple[str, Any]]:
     """Topic and message of those topics that `choose({topic: type})` names; of all if None.
 
     Raises:
@@ -72,7 +88,16 @@ def read_messages(path: Path, choose: Any = None) -> Iterator[tuple[str, Any]]:
     except Exception as error:
         # A damaged file makes rosbags, its databases and its decompressors raise anything at all.
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: cannot be read as a bag: {reason}") from None
+        raise InputError(f"{path}: cannot be read as a bag: {reason}{_advice(path)}") from None
+
+
+def _advice(path: Path) -> str:
+    """What may help where a recorder was interrupted."""
+    names = [path.name] if path.is_file() else [each.name for each in path.iterdir()]
+    for suffix, tool in TOOLS.items():
+        if any(name.endswith(suffix) for name in names):
+            return f"; if it was cut short, `{tool}` may mend it"
+    return ""
 
 
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:

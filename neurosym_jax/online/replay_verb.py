@@ -10,6 +10,7 @@ import tyro
 
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.bags import frame_id_of, is_bag
 from neurosym_jax.online.forecast_files import open_forecast_file
 from neurosym_jax.online.live_options import LiveOptions, make_predictor
 from neurosym_jax.online.live_stitching import OnlineStitcher
@@ -36,8 +37,8 @@ class ReplayOptions(LiveOptions):
     """Join the tracks that occlusions broke."""
     out: Path | None = None
     """Forecasts and what happened: `.bag`, `.db3`, `.mcap` or `.jsonl`; nothing is overwritten."""
-    frame_id: str = "map"
-    """The coordinates' frame, in a bag that is written."""
+    frame_id: str = ""
+    """The coordinates' frame, in a bag that is written; by default that of a bag read, else map."""
 
 
 def replay(options: ReplayOptions) -> None:
@@ -54,7 +55,10 @@ def replay(options: ReplayOptions) -> None:
         predictor = make_predictor(options, options.recording.stem)
         out = None
         if options.out is not None:
-            out = open_forecast_file(options.out, predictor.window.period, options.frame_id)
+            frame_id = options.frame_id
+            if not frame_id and is_bag(options.recording):
+                frame_id = frame_id_of(options.recording, options.topic)
+            out = open_forecast_file(options.out, predictor.window.period, frame_id or "map")
             stack.callback(out.close)
         events = events_of(frames, predictor, analytics, rate=rate, stitcher=stitcher)
         try:

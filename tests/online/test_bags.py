@@ -67,7 +67,7 @@ def test_a_bag_cut_short_is_one_clear_line(tmp_path, kind):
     whole = file.read_bytes()
     for part in (0.9, 0.5, 0.01, 0.0):
         file.write_bytes(whole[: int(part * len(whole))])
-        with pytest.raises(InputError, match=r"run.*cannot be read as a bag") as error:
+        with pytest.raises(InputError, match=r"run.*cannot be read as a bag.*cut short") as error:
             list(read_people(path))
         assert "\n" not in str(error.value)
 

@@ -45,6 +45,17 @@ def run(*arguments) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True)
 
 
+def options_of(recording: Path, models, out: Path, **others) -> replay_verb.ReplayOptions:
+    return replay_verb.ReplayOptions(
+        recording=recording,
+        model=tuple(Path(model) for model in models),
+        samples=3,
+        max_people=4,
+        out=out,
+        **others,
+    )
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:
     """A bag of 14 s with three people, whom the tracker loses now and then."""
@@ -52,18 +63,19 @@ def recording(tmp_path_factory) -> Path:
     with BagWriter(tmp_path_factory.mktemp("bags") / "run.db3") as bag:
         for frame in frames_of_tracks(tracks):
             frame = frame._replace(stamp=frame.stamp + 1.7e9)
-            bag.write("/people", frame.stamp, messages.make_people(bag.types, frame))
+            bag.write("/people", frame.stamp, messages.make_people(bag.types, frame, "odom"))
     return bag.path
 
 
-def test_the_whole_way_and_back(recording, tmp_path):
+def test_the_whole_way_and_back(recording, tmp_path, capsys):
     lines, bag = tmp_path / "forecasts.jsonl", tmp_path / "forecasts.bag"
-    options = [recording, "--model", *MODELS, "--samples", "3", "--max-people", "4"]
-    for out in (lines, bag):
-        done = run(*options, "--out", out)
-        assert done.returncode == 0, done.stderr
-        assert "141 frames" in done.stdout
-        assert all(word in done.stdout for word in ("SGAN", "NeuroSyM", "p99", "joint best"))
+    replay_verb.replay(options_of(recording, MODELS, lines))
+    inside = capsys.readouterr().out
+    done = run(recording, "--model", *MODELS, "--samples", 3, "--max-people", 4, "--out", bag)
+    assert done.returncode == 0, done.stderr
+    for said in (inside, done.stdout):
+        assert "141 frames" in said
+        assert all(word in said for word in ("SGAN", "NeuroSyM", "p99", "joint best"))
     rows = [json.loads(line) for line in lines.read_text().splitlines()]
     assert [row["index"] for row in rows] == sorted(row["index"] for row in rows)
     assert {len(row["models"]["SGAN"]["samples"]) for row in rows} == {3}
@@ -81,6 +93,7 @@ def test_the_whole_way_and_back(recording, tmp_path):
             stamp, steps = messages.read_trajectories(message)
             assert stamp == pytest.approx(row["stamp"], abs=1e-6)
             assert_array_equal(steps[8].ids, row["ids"])
+            assert message.header.frame_id == "odom"
             model = row["models"][name]
             central = np.array(model["samples"])[model["central"]]
             assert_allclose(np.stack([step.xy for step in steps[8:]], 1), central, atol=6e-4)
@@ -90,10 +103,10 @@ def test_the_whole_way_and_back(recording, tmp_path):
     assert "future unknown" in done.stdout
 
 
-def test_the_table_is_the_errors_of_the_lines(recording, tmp_path):
+def test_the_table_is_the_errors_of_the_lines(recording, tmp_path, capsys):
     out = tmp_path / "forecasts.jsonl"
-    done = run(recording, "--model", MODELS[0], "--samples", "3", "--stitch", "--out", out)
-    assert done.returncode == 0, done.stderr
+    replay_verb.replay(options_of(recording, MODELS[:1], out, stitch=True))
+    table = capsys.readouterr().out
     ade, people = 0.0, 0
     for row in map(json.loads, out.read_text().splitlines()):
         future = np.array(row["future"], float)
@@ -102,7 +115,7 @@ def test_the_table_is_the_errors_of_the_lines(recording, tmp_path):
         errors = np.linalg.norm(samples - future[known], axis=-1).mean(axis=-1)
         ade += errors.sum(axis=1).min()
         people += int(known.sum())
-    (line,) = [line for line in done.stdout.splitlines() if line.strip().startswith("SGAN")]
+    (line,) = [line for line in table.splitlines() if line.strip().startswith("SGAN")]
     assert float(line.split()[1]) == pytest.approx(ade / people, abs=2e-3)
     assert int(line.split()[-1]) == people
 
