@@ -46,8 +46,8 @@ class Subscriber:
         Args:
             topic: what is listened to.
             caller: name of the node.
-            hear: is called with every message, serialised, and its publisher's name, in the
-                publisher's thread.
+            hear: is called with every message, serialised, and its publisher's URI, in a thread
+                of that publisher's.
             report: is told, in one line, who is connected, lost or refused.
         """
         self.topic, self.caller, self.hear, self.report = topic, caller, hear, report
@@ -141,12 +141,11 @@ class _Link(threading.Thread):
         answer = call(self._uri, "requestTopic", caller, topic.name, [["TCPROS"]])
         try:
             protocol, host, port = answer
-            address = (str(host), int(port))
-        except (TypeError, ValueError):
+            if protocol != "TCPROS":
+                raise ValueError(protocol)
+            connection = socket.create_connection((str(host), int(port)), HANDSHAKE)
+        except (TypeError, ValueError, OverflowError):
             raise CallError(f"no TCPROS address: {answer!r:.80}") from None
-        if protocol != "TCPROS" or not 0 < address[1] < 65536:
-            raise CallError(f"no TCPROS address: {answer!r:.80}")
-        connection = socket.create_connection(address, HANDSHAKE)
         try:
             prepare(connection)
             self._connection = connection

@@ -135,6 +135,7 @@ def test_a_publisher_that_talks_nonsense(graph, wait):
 
 
 BAD = [0, "", [], ["TCPROS"], ["TCPROS", 7, "x"], ["TCPROS", "", -1], ["UDPROS", "a", 1], [1] * 9]
+BAD += [["TCPROS", host, 1] for host in ("a" * 100, "..", "\x00", "no such host", {"a": 1})]
 
 BODIES = [
     b"",
