@@ -13,6 +13,7 @@ from neurosym_jax.config import (
     to_json,
 )
 from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.loop import generator_of_today
 
 
@@ -24,6 +25,7 @@ from neurosym_jax.training.loop import generator_of_today
         GeneratorConfig(pooling="social", bottleneck_dim=32, pool_every_timestep=True),
         GeneratorConfig(noise_type="uniform", noise_mix_type="ped", neighborhood_size=3),
         GeneratorConfig(pooling="as_described"),
+        GeneratorConfig(pooling="neurosym_ros", weighting=WeightingConfig("soft", learned=True)),
         DiscriminatorConfig(kind="local"),
         *RECIPES.values(),
     ],
@@ -33,6 +35,13 @@ def test_json_round_trip(config):
     assert from_json(type(config), data) == config
     assert from_json(type(config), json.dumps(data)) == config
     assert data["format"] == 1
+
+
+def test_a_weighting_may_be_its_name_as_it_once_was():
+    for name in ("cnd", "cnd_shipped", "ones", "zeros"):
+        data = {"format": 1, "pooling": "as_described", "weighting": name}
+        assert from_json(GeneratorConfig, data).weighting == WeightingConfig(name)
+    assert GeneratorConfig(pooling="as_described").weighting == WeightingConfig("cnd")
 
 
 def test_defaults_are_those_of_the_published_checkpoints():

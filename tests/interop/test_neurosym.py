@@ -147,6 +147,13 @@ def test_a_released_file_says_neither_network_nor_weighting(tmp_path):
             load_torch_checkpoint(path)
 
 
+def test_learned_weights_have_no_place_in_torch(tmp_path):
+    learned = dataclasses.replace(ROS, weighting="learned")
+    params = generator_params_from_torch(random_state(learned), learned)
+    with pytest.raises(InputError, match="learned: no torch has them"):
+        export_torch_checkpoint(tmp_path / "a.pt", learned, params)
+
+
 def test_hidden_width_is_the_released_codes(tmp_path):
     narrow = dataclasses.replace(ROS, pool_hidden_dim=64)
     params = generator_params_from_torch(random_state(narrow), narrow)
