@@ -47,7 +47,9 @@ def read_people(path: Path, topic: str | None = None) -> Iterator[Frame]:
         InputError: at the first frame, or where the bag is damaged, naming the file and the reason.
     """
     for _, message in read_messages(path, lambda topics: [_choose(path, topics, topic)]):
-        yield READERS[message.__msgtype__](message)
+        # Two publishers may have disagreed about the type of one topic.
+        if message.__msgtype__ in READERS:
+            yield READERS[message.__msgtype__](message)
 
 
 def frame_id_of(path: Path, topic: str | None = None) -> str:
