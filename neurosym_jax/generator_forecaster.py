@@ -24,6 +24,7 @@ __all__ = [
     "decode_scene",
     "encode_scene",
     "encode_scenes",
+    "interact_scene",
 ]
 
 
@@ -88,12 +89,18 @@ class GeneratorForecaster(Forecaster):
 
 
 def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
-    """Context `[N, C]` of one scene: symbols and alpha (NeuroSyM), encoding, pooling."""
+    """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
+    hidden = Generator(config).apply(params, scene.displacement, method="observe")
+    return interact_scene(config, params, hidden, scene)
+
+
+def interact_scene(config: GeneratorConfig, params: Any, hidden: Any, scene: Scene) -> Any:
+    """The part of `encode_scene` that looks at neighbours; `hidden [N, H]` is the other's."""
     alpha = None
     if config.weighting is not None:
         weights = params.get("weighting", {})
         alpha = scene_alpha(config.weighting, weights, scene.observed, scene.valid)
-    return Generator(config).apply(params, scene, alpha, method="encode")
+    return Generator(config).apply(params, hidden, scene, alpha, method="interact")
 
 
 def decode_scene(

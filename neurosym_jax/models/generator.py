@@ -1,8 +1,8 @@
 """The generator of SGAN and NeuroSyM, for one scene and one noise vector.
 
-`encode` (LSTM, pooling, context) does not depend on the noise, so best-of-k encodes once and maps
-`decode` over k noises. Scenes in a batch and samples are axes that `jax.vmap` adds (see
-`forecast`).
+`encode` does not depend on the noise, so best-of-k encodes once and maps `decode` over k noises. Of
+its two parts `observe` (LSTM) looks at no neighbour, `interact` (pooling, context) does. Scenes in
+a batch and samples are axes that `jax.vmap` adds (see `generator_forecaster`).
 """
 
 import jax.numpy as jnp
@@ -51,7 +51,14 @@ class Generator(nn.Module):
 
     def encode(self, scene: Scene, alpha: Array | None = None) -> Array:
         """What is known before the noise: `[N, decoder_h_dim - noise_dim]`."""
-        context = self.encoder(scene.displacement)
+        return self.interact(self.observe(scene.displacement), scene, alpha)
+
+    def observe(self, displacement: Array) -> Array:
+        """Hidden states `[N, encoder_h_dim]` after `displacement [N, obs_len, 2]`, in metres."""
+        return self.encoder(displacement)
+
+    def interact(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
+        """What `encode` returns, from the hidden states that `observe` returns."""
         if self.config.pooling != "none":
             if self.config.symbolic:
                 pooled = self.pooling(context, scene.observed, scene.valid, alpha)

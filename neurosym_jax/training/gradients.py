@@ -22,7 +22,7 @@ from neurosym_jax.training.losses import (
     distance_errors,
     squared_displacement_errors,
 )
-from neurosym_jax.training.rollout import Groups, decode_groups, encode_groups
+from neurosym_jax.training.rollout import Groups, decode_groups, encode_groups, over_slots
 
 __all__ = ["Metrics", "discriminator_gradient", "generator_gradient"]
 
@@ -46,9 +46,13 @@ def discriminator_gradient(
     fakes = decode_groups(generator_config, generator, contexts, groups, noises)
     valid = _slots([scene.valid for scene in groups])
 
+    # Real and fake trajectories as twice as many scenes, judged at once.
+    twice = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), groups)
+    futures = [jnp.concatenate([scene.future, fake[0]]) for scene, fake in zip(groups, fakes)]
+
     def loss(params: Any) -> Array:
-        real = _scores(config, params, groups, [scene.future for scene in groups])
-        fake = _scores(config, params, groups, [future[0] for future in fakes])
+        halves = [jnp.split(part, 2) for part in _scores(config, params, twice, futures)]
+        real, fake = (_slots(half) for half in zip(*halves))
         return adversarial_loss(real, label_real, valid) + adversarial_loss(fake, label_fake, valid)
 
     value, gradient = jax.value_and_grad(loss)(discriminator)
@@ -98,7 +102,8 @@ def generator_gradient(
         metrics = {"g_variety": variety}
         total = config.l2_weight * variety
         if config.adversarial_weight:
-            scores = _scores(config, discriminator, groups, [future[-1] for future in futures])
+            judged = [future[-1] for future in futures]
+            scores = _slots(_scores(config, discriminator, groups, judged))
             valid = _slots([scene.valid for scene in groups])
             metrics["g_adversarial"] = adversarial_loss(scores, label, valid)
             total = total + config.adversarial_weight * metrics["g_adversarial"]
@@ -148,20 +153,21 @@ def _variety_loss(config: TrainConfig, criterion, groups: Groups, futures: list[
     return total if config.criterion == "squared_displacement" else total / weight
 
 
-def _scores(config: TrainConfig, params: Any, groups: Groups, futures: Sequence[Array]) -> Array:
-    """Discriminator scores of all slots, `futures [scenes, slots, pred_len, 2]` of each group."""
-    score = jax.vmap(
-        lambda positions, displacement, valid: Discriminator(config.discriminator).apply(
-            params, positions, displacement, valid
-        )
-    )
-    scores = []
-    for scene, future in zip(groups, futures):
-        positions = jnp.concatenate([scene.observed, future], axis=2)
-        moves = _steps(scene.observed[:, :, -1:], future)
-        displacement = jnp.concatenate([scene.displacement, moves], axis=2)
-        scores.append(score(positions, displacement, scene.valid))
-    return _slots(scores)
+def _scores(
+    config: TrainConfig, params: Any, groups: Groups, futures: Sequence[Array]
+) -> list[Array]:
+    """Discriminator scores `[scenes, slots]` of `futures [scenes, slots, pred_len, 2]`."""
+    apply = functools.partial(Discriminator(config.discriminator).apply, params)
+    moves = [
+        jnp.concatenate([scene.displacement, _steps(scene.observed[:, :, -1:], future)], axis=2)
+        for scene, future in zip(groups, futures)
+    ]
+    hidden = over_slots(functools.partial(apply, method="observe"), moves)
+    judge: Any = jax.vmap(functools.partial(apply, method="judge"))
+    return [
+        judge(part, jnp.concatenate([scene.observed, future], axis=2), scene.valid)
+        for part, scene, future in zip(hidden, groups, futures)
+    ]
 
 
 def _slots(parts: Sequence[Array]) -> Array:

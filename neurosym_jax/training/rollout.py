@@ -1,13 +1,13 @@
 """A generator over the groups of one training batch: futures of many scenes and samples at once.
 
-A batch is a tuple of Scenes, one for each bucket, `[scenes, slots, ...]`. Encoding and pooling are
-mapped over each group's scenes; where the decoder does not look at neighbours, all slots of all
-groups are decoded together.
+A batch is a tuple of Scenes, one for each size class, `[scenes, slots, ...]`. Pooling is mapped
+over each group's scenes; what looks at no neighbour takes all slots of all groups together.
 """
 
+import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -15,10 +15,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.generator_forecaster import decode_scene, encode_scene
+from neurosym_jax.generator_forecaster import decode_scene, interact_scene
+from neurosym_jax.models import Generator
 from neurosym_jax.scene import Scene
 
-__all__ = ["Groups", "augment", "decode_groups", "draw_group_noise", "encode_groups"]
+__all__ = ["Groups", "augment", "decode_groups", "draw_group_noise", "encode_groups", "over_slots"]
 
 Groups = tuple[Scene, ...]
 
@@ -70,8 +71,20 @@ def draw_group_noise(
 
 def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[Array]:
     """Contexts `[scenes, slots, C]` of each group."""
-    encode = jax.vmap(lambda scene: encode_scene(config, params, scene))
-    return [encode(scene.replace(future=None)) for scene in groups]
+    observe = functools.partial(Generator(config).apply, params, method="observe")
+    hidden = over_slots(observe, [scene.displacement for scene in groups])
+    interact = jax.vmap(lambda hidden, scene: interact_scene(config, params, hidden, scene))
+    return [interact(part, scene.replace(future=None)) for part, scene in zip(hidden, groups)]
+
+
+def over_slots(function: Callable[[Array], Any], parts: Sequence[Array]) -> list[Array]:
+    """`function` of `[A, ...]`, all slots together, from and to `[scenes, slots, ...]` parts."""
+    shapes = [part.shape[:2] for part in parts]
+    out = function(jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts]))
+    cuts = _cuts([math.prod(shape) for shape in shapes])
+    return [
+        part.reshape(*shape, *part.shape[1:]) for part, shape in zip(jnp.split(out, cuts), shapes)
+    ]
 
 
 def decode_groups(

@@ -1,8 +1,8 @@
 """An endless stream of training batches that depends on (seed, step) alone.
 
-A batch has a fixed number of scenes of every bucket, in proportion to how many the data has
+A batch has a fixed number of scenes of every size class, in proportion to how many the data has
 (stratified by size), so that one compiled step serves all batches and pairwise work follows the sum
-of squared scene sizes. Within a bucket every scene comes once before any comes again.
+of squared scene sizes. Within a class every scene comes once before any comes again.
 """
 
 import dataclasses
@@ -10,9 +10,10 @@ import dataclasses
 import jax
 import numpy as np
 
-from neurosym_jax.data.batching import bucket_of, gather_scenes
+from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import Scene
+from neurosym_jax.training.size_classes import quota, size_classes
 
 __all__ = ["SceneStream"]
 
@@ -29,17 +30,18 @@ class SceneStream:
     ):
         self.windows, self.seed, self.max_agents = windows, seed, max_agents
         sizes = windows.sizes if max_agents is None else np.minimum(windows.sizes, max_agents)
-        buckets = bucket_of(sizes)
-        share = batch_scenes / len(sizes)
-        self._slots = [int(bucket) for bucket in np.unique(buckets)]
-        self._members = [np.flatnonzero(buckets == slots) for slots in self._slots]
-        self._quotas = [max(1, round(len(members) * share)) for members in self._members]
+        classes = size_classes(sizes, batch_scenes)
+        class_of = np.searchsorted(classes, sizes)
+        self._slots = classes.tolist()
+        self._members = [np.flatnonzero(class_of == index) for index in range(len(classes))]
+        counts = np.array([len(members) for members in self._members])
+        self._quotas = quota(counts, len(sizes), batch_scenes).tolist()
 
     def steps(self, first: int, count: int) -> tuple[Scene, ...]:
-        """`count` batches from `first` on: a Scene for each bucket, `[count, quota, slots, .]`."""
-        return tuple(self._bucket(index, first, count) for index in range(len(self._slots)))
+        """`count` batches from `first` on: a Scene for each class, `[count, quota, slots, .]`."""
+        return tuple(self._of_class(index, first, count) for index in range(len(self._slots)))
 
-    def _bucket(self, index: int, first: int, count: int) -> Scene:
+    def _of_class(self, index: int, first: int, count: int) -> Scene:
         members, quota, slots = self._members[index], self._quotas[index], self._slots[index]
         place = np.arange(first * quota, (first + count) * quota)
         epoch, within = np.divmod(place, len(members))

@@ -48,8 +48,16 @@ def make_windows():
     return random_walks
 
 
+@pytest.fixture(scope="session", autouse=True)
+def cheap_classes():
+    """Lets these few small scenes have several size classes, as real ones have."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("neurosym_jax.training.size_classes.COST_OF_A_CLASS", 20)
+        yield
+
+
 @pytest.fixture(scope="session")
-def windows() -> Windows:
+def windows(cheap_classes) -> Windows:
     return random_walks([2, 3, 4, 2, 7, 5, 3, 9, 2, 2, 11, 3, 4])
 
 
