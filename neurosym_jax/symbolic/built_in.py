@@ -96,9 +96,8 @@ def _by_transitions(
     codes = pair_codes(config, positions, valid)
     first = given["state"].at[codes[..., :1]].get(mode="clip")
     later = given["transition"].at[codes[..., :-1], codes[..., 1:]].get(mode="clip")
-    return jnp.concatenate([jnp.zeros_like(first), first, later], axis=-1)[
-        ..., : positions.shape[1]
-    ]
+    alpha = jnp.concatenate([jnp.zeros_like(first), first, later], axis=-1)
+    return alpha[..., : positions.shape[1]]  # A single step has neither.
 
 
 def _to_the_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -> Array:

@@ -76,7 +76,7 @@ def plot_states(
     `counts` [81] pair-steps, `texts` of the 81 states, `table` and `learned` [81] or None. The 24
     most frequent states are shown, coloured by their number of zeros.
     """
-    order = np.argsort(-counts, kind="stable")[:SHOWN]
+    order = np.argsort(-counts, kind="stable")[: min(SHOWN, np.count_nonzero(counts))]
     share = 100 * counts / max(counts.sum(), 1)
     rest = share.sum() - share[order].sum()
     figure = Figure(figsize=(12, 8), layout="constrained", facecolor="white")
@@ -102,7 +102,7 @@ def plot_states(
             panels[1].plot(learned[order], place, "o", color="#D55E00", ms=7, label="learned")
         panels[1].plot(table[order], place, "|", color="#222222", ms=14, mew=3, label="table")
         panels[1].set(xlabel="weight alpha", title="what the state weighs")
-        panels[1].legend(frameon=False, loc="lower right")
+        panels[1].legend(frameon=False, loc="upper right")
         low, high = panels[1].get_xlim()
         panels[1].set_xlim(min(0.0, low), 1.05 * high)
     for axes in panels:
