@@ -14,6 +14,7 @@ import numpy as np
 
 from neurosym_jax.checkpoint import digest, read_arrays, write_arrays
 from neurosym_jax.config import FORMAT, GeneratorConfig, from_json
+from neurosym_jax.data.published import find
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model
 from neurosym_jax.models import Generator
@@ -48,12 +49,12 @@ def save_model(folder: Path | str, model: Model) -> None:
 
 
 def load_model(path: Path | str) -> Model:
-    """Read a model's folder, or a torch checkpoint file of SGAN.
+    """Read a model's folder, or a torch checkpoint file of SGAN, also one that was downloaded.
 
     Raises:
         InputError: for anything that is not such a thing, is damaged, or has another format.
     """
-    path = Path(path)
+    path = find(Path(path))
     if path.is_file():
         from neurosym_jax.interop.torch import load_torch_checkpoint
 

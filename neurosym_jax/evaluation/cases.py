@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.data.published import find
 from neurosym_jax.data.sources import Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
@@ -54,7 +53,7 @@ def make_cases(
     Args:
         open_for: gives the source, from the scene asked for and the one that the first of the
             given checkpoints was trained to be tested on; either may be None.
-        checkpoints: paths, looked for in the folder of downloaded data too.
+        checkpoints: paths, see `load_model`.
         scene: the one to test on.
         test_on: recordings to test on.
         obs_len: observed steps.
@@ -65,7 +64,7 @@ def make_cases(
     """
     if scene is not None and test_on:
         raise InputError("--scene and --test-on name two test sets: give one of them")
-    given = [(str(path), load_model(find(Path(path)))) for path in checkpoints]
+    given = [(str(path), load_model(Path(path))) for path in checkpoints]
     source = open_for(scene, given[0][1].scene if given else None)
     if scene is not None and scene not in source.scenes:
         raise InputError(f"unknown scene {scene!r}: there are {', '.join(source.scenes)}")
