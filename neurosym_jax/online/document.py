@@ -11,7 +11,8 @@ from typing import Any
 __all__ = ["Document"]
 
 STYLE = """
-:root { --ink: #1d2733; --soft: #5b6775; --line: #dfe4ea; --back: #ffffff; --tint: #f5f7fa; }
+:root { color-scheme: light dark;
+  --ink: #1d2733; --soft: #5b6775; --line: #dfe4ea; --back: #ffffff; --tint: #f5f7fa; }
 @media (prefers-color-scheme: dark) {
   :root { --ink: #e6eaf0; --soft: #a3adb9; --line: #333c47; --back: #14191f; --tint: #1c232b; }
 }

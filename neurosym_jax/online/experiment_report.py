@@ -55,9 +55,8 @@ def _introduce(document: Document, results: Results) -> None:
         noise of {100 * faults.noise:.0f} cm, and each person is lost every 20 s on average, for
         {faults.dropout_seconds:.0f} s on average, to come back under a new id. Bags keep what it
         says; they are read back and go frame by frame through stitching, prediction and analytics,
-        as live messages would. **These are not the paper's recordings**, which are not public: the
-        numbers show that the chain works and what it costs, not how a method ranks on real
-        people."""
+        as live messages would. **These are not the paper's recordings**: the numbers show that the
+        chain works and what it costs, not how a method ranks on real people."""
     )
     document.code("python -m neurosym_jax experiment --out results/experiment")
     document.table(
