@@ -6,14 +6,13 @@ always computed. The minima of ADE and of FDE are taken independently, as SGAN d
 """
 
 import dataclasses
-from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-__all__ = ["COLLISION_DISTANCE", "SceneErrors", "collisions", "join_errors", "scene_errors"]
+__all__ = ["COLLISION_DISTANCE", "SceneErrors", "collisions", "scene_errors"]
 
 COLLISION_DISTANCE = 0.2
 """Metres between two people's centres under which they collide."""
@@ -35,6 +34,15 @@ class SceneErrors:
     """[S] metres, the same of the error at the last step."""
     horizon: np.ndarray
     """[S, pred_len] metres, agents' summed error at each step in the sample of best joint ADE."""
+
+    def table(self) -> np.ndarray:
+        """[S, 5 + pred_len] all fields side by side, in their order."""
+        return np.column_stack([getattr(self, each.name) for each in dataclasses.fields(self)])
+
+    @classmethod
+    def of_table(cls, table: np.ndarray) -> "SceneErrors":
+        """The inverse of `table`."""
+        return cls(*table[:, :5].T, horizon=table[:, 5:])
 
 
 def scene_errors(forecast: np.ndarray, future: np.ndarray, sizes: np.ndarray) -> SceneErrors:
@@ -60,16 +68,6 @@ def scene_errors(forecast: np.ndarray, future: np.ndarray, sizes: np.ndarray) ->
         marginal_ade=np.add.reduceat(ade.min(axis=0), first),
         marginal_fde=np.add.reduceat(fde.min(axis=0), first),
         horizon=np.add.reduceat(distance[best, np.arange(len(best))], first, dtype=np.float64),
-    )
-
-
-def join_errors(parts: Sequence[SceneErrors], order: np.ndarray) -> SceneErrors:
-    """The scenes of all parts, one after the other, then taken in `order [S]`."""
-    return SceneErrors(
-        **{
-            field.name: np.concatenate([getattr(part, field.name) for part in parts])[order]
-            for field in dataclasses.fields(SceneErrors)
-        }
     )
 
 

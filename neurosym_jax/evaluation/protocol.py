@@ -11,11 +11,11 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
+from neurosym_jax.distributed import share, sum_over_processes
 from neurosym_jax.environment import cpu_cores
 from neurosym_jax.evaluation.metrics import (
     SceneErrors,
     collisions,
-    join_errors,
     scene_errors,
 )
 from neurosym_jax.evaluation.programs import compile_ahead, wait_for
@@ -28,8 +28,9 @@ from neurosym_jax.scene_forecaster import SceneForecaster
 
 __all__ = ["Evaluation", "evaluate", "latency"]
 
-GROUP = 2**18
-"""Samples of agent slots that are forecast before their errors are taken: some 50 MB."""
+GROUP = 2**17
+"""Samples of agent slots that are forecast before their errors are taken, some 25 MB; and what one
+of several processes takes at a time."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,16 +87,23 @@ def evaluate(
         "ask for fewer samples",
     )
     start = time.perf_counter()
-    group = functools.partial(_evaluate_group, forecaster, params, samples, seed, with_collisions)
+    errors_of = functools.partial(
+        _evaluate_group, forecaster, params, samples, seed, with_collisions
+    )
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        compiling = wait_for(compile_ahead(pool, forecaster, params, batches, samples))
-        parts = [group(part, pool.map) for part in groups]
+        mine = [batch for _, group in share(groups) for batch in group]
+        compiling = wait_for(compile_ahead(pool, forecaster, params, mine, samples))
+        done = {number: errors_of(part, pool.map) for number, part in share(groups)}
+    # Every process fills in its scenes; those of the others are zero here.
+    table = np.zeros((sum((batch.index >= 0).sum() for batch in batches), 5 + forecaster.pred_len))
+    colliding = np.zeros(len(groups))
+    for number, (errors, count) in done.items():
+        index = np.concatenate([batch.index for batch in groups[number]])
+        table[index[index >= 0]] = errors.table()
+        colliding[number] = count
+    joined = SceneErrors.of_table(sum_over_processes(table))
+    rate = sum_over_processes(colliding).sum() / joined.agents.sum() if with_collisions else None
     seconds = time.perf_counter() - start
-
-    errors, colliding = zip(*parts)
-    index = np.concatenate([batch.index for batch in batches])
-    joined = join_errors(errors, np.argsort(index[index >= 0]))
-    rate = sum(colliding) / joined.agents.sum() if with_collisions else None
     return Evaluation(joined, rate, samples, compiling, seconds - compiling)
 
 

@@ -11,6 +11,7 @@ import tyro
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
+from neurosym_jax.distributed import ALONE, Processes, is_first, join
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.cases import make_cases
 from neurosym_jax.evaluation.figures import draw_figures
@@ -63,6 +64,8 @@ class EvaluateOptions:
     """Draw figures."""
     collisions: bool = True
     """Compute the collision rate, the only part whose work is quadratic in people."""
+    processes: Processes = ALONE
+    """Several processes that share the work, on one machine or many; see docs/scaling.md."""
 
     def validate(self) -> None:
         """Refuse, before the work and not after it, what cannot be evaluated or written."""
@@ -81,6 +84,7 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
         InputError: for data, checkpoints or options that cannot be used.
     """
     options.validate()
+    join(options.processes)
     start = time.perf_counter()
     cases = make_cases(
         functools.partial(open_source, options.data, read=options.read, period=options.period),
@@ -94,6 +98,8 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
     settings = Settings(options.samples, options.seed, options.min_agents, options.collisions)
     rows, shown, _ = evaluate_cases(cases, settings)
     rows[0]["seconds"]["loading"] += loading
+    if not is_first():
+        return rows
     write_json(options.json, {"format": FORMAT, "rows": rows})
     print(format_table(rows))
     if not any(case.models for case in cases):
