@@ -94,10 +94,10 @@ def graph(master):
 
 @pytest.fixture
 def wait():
-    """`wait(condition)` until it holds, ten seconds at most."""
+    """`wait(condition)` until it holds, half a minute at most."""
 
     def until(condition: Callable[[], object]) -> None:
-        end = time.monotonic() + 10
+        end = time.monotonic() + 30
         while not condition():
             assert time.monotonic() < end, "waited in vain"
             time.sleep(0.01)

@@ -129,7 +129,7 @@ def test_a_subscriber_that_does_not_read_delays_nobody_and_is_dropped(graph, wai
             publisher.publish(bytes(1 << 18))
             took = max(took, time.perf_counter() - start)
             wait(lambda n=n: len(heard) == n + 1)
-        assert took < 0.1
+        assert took < 0.4
         wait(lambda: publisher.subscribers == ["/listener"])
     assert talker.said == ["/chatter: dropped the subscriber /slow, which does not read"]
 
