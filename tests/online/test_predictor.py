@@ -1,5 +1,7 @@
 """Online is offline: the same windows, the same noise, the same forecasts."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -106,3 +108,11 @@ def test_misuse_is_refused(model):
         Predictor(model(), samples=0)
     with pytest.raises(InputError, match="seed"):
         Predictor(model(), seed=-1)
+
+
+def test_the_models_steps_are_the_windows(model):
+    one = model()
+    other = dataclasses.replace(one, config=dataclasses.replace(one.config, period=0.2))
+    assert Predictor(other, max_people=1, samples=1).window.period == 0.2
+    with pytest.raises(InputError, match=r"steps of one length, not \[0\.2, 0\.4\] s"):
+        Predictor({"one": one, "other": other})
