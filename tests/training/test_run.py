@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.config import RECIPES
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.run import (
     TrainOptions,
@@ -219,6 +219,20 @@ def test_a_model_knows_its_rate(files):
         run = make_run(TrainOptions(data=files, period=period, **names))
         assert run.generator.period == run.training.period == run.validation.period == period
     assert run.training.scenes > 100
+
+
+@pytest.mark.parametrize("model", ["sgan", "neurosym"])
+def test_one_recording_of_thor_left_out(shared, model):
+    with pytest.warns(InputWarning, match="goals_positions"):
+        run = make_run(
+            TrainOptions(
+                model=model, data=shared / "data/thor", scene="CLiFF-LHMP_thor3_exp-3-run-2"
+            )
+        )
+    assert run.scene == "CLiFF-LHMP_thor3_exp-3-run-2"
+    assert run.data_name == "trained without CLiFF-LHMP_thor3_exp-3-run-2"
+    counts = [(part.scenes, part.agents) for part in (run.training, run.validation)]
+    assert counts == [(2237, 7656), (496, 1699)]
 
 
 def test_data(files):
