@@ -13,10 +13,14 @@ import signal
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
+
+import tyro
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.dashboard import Dashboard
+from neurosym_jax.online.dashboard.options import ViewOptions, open_dashboard
 from neurosym_jax.online.forecast_messages import forecast_message, truth_message
 from neurosym_jax.online.live_options import LiveOptions, make_predictor
 from neurosym_jax.online.live_stitching import OnlineStitcher
@@ -58,6 +62,9 @@ class Ros1Options(LiveOptions):
     """Of this node."""
     status: float = 10.0
     """Seconds between lines that say how it goes; 0 for none."""
+    view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
+        default_factory=ViewOptions
+    )
 
 
 class ForecastNode:
@@ -71,6 +78,8 @@ class ForecastNode:
         """
         self.predictor, self.analytics = predictor, Analytics()
         self.stitcher = OnlineStitcher() if options.stitch else None
+        self.dashboard: Dashboard | None = None
+        """Shown every frame, where there is one."""
         self.malformed = self.late = 0
         """Messages that could not be read; that came faster than they could be worked on."""
         self._store = typestore(1)
@@ -125,6 +134,8 @@ class ForecastNode:
             self.malformed += 1
             return
         event = advance(frame, self.predictor, self.analytics, self.stitcher)
+        if self.dashboard is not None:
+            self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
         if self._mended is not None:
             for person, id in zip(message.people, event.frame.ids.tolist()):
                 person.name = str(id)
@@ -162,6 +173,8 @@ class ForecastNode:
     def close(self) -> None:
         """Leave the graph."""
         self.node.close()
+        if self.dashboard is not None:
+            self.dashboard.close()
 
     def _topic(self, name: str, kind: str) -> Topic:
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)
@@ -182,6 +195,9 @@ def ros1(options: Ros1Options) -> None:
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: node.node.stopped.set())
+        if options.view.dashboard:
+            node.dashboard = open_dashboard(options.view, node.predictor, node.node.name)
+            report(f"{node.node.name}: the page is at {node.dashboard.url}")
         node.run()
     finally:
         node.close()

@@ -69,14 +69,20 @@ def recording(tmp_path_factory) -> Path:
 
 def test_the_whole_way_and_back(recording, tmp_path, capsys):
     lines, bag = tmp_path / "forecasts.jsonl", tmp_path / "forecasts.bag"
+    page = tmp_path / "replay.html"
     replay_verb.replay(options_of(recording, MODELS, lines))
     inside = capsys.readouterr().out
-    done = run(recording, "--model", *MODELS, "--samples", 3, "--max-people", 4, "--out", bag)
+    few = ["--samples", 3, "--max-people", 4]
+    done = run(recording, "--model", *MODELS, *few, "--out", bag, "--html", page)
     assert done.returncode == 0, done.stderr
     for said in (inside, done.stdout):
         assert "141 frames" in said
         assert all(word in said for word in ("SGAN", "NeuroSyM", "p99", "joint best"))
     rows = [json.loads(line) for line in lines.read_text().splitlines()]
+    told = [json.loads(line) for line in page.read_text().splitlines() if line[:2] == '{"']
+    assert told[0]["models"] == ["SGAN", "NeuroSyM"]
+    assert len(told) == 1 + 141 + 1
+    assert sum(bool(line.get("step")) for line in told) == len(rows)
     assert [row["index"] for row in rows] == sorted(row["index"] for row in rows)
     assert {len(row["models"]["SGAN"]["samples"]) for row in rows} == {3}
     # The bag has the same forecasts, and the people that were replayed.

@@ -1,0 +1,159 @@
+// The panels beside the scene: errors, the pair and its symbols, latency, people left out.
+
+const GLYPHS = { "-1": "−", 0: "0", 1: "+" };
+const APPROACH = { "-1": "nears", 0: "keeps from", 1: "leaves" };
+const SIDE = { "-1": "to the left", 0: "on the line", 1: "to the right" };
+const REASONS = {
+  short: "observed too briefly",
+  unseen: "not seen at the last step",
+  crowded: "too many; others are nearer",
+  "future unknown": "forecasts without a known future",
+};
+const STATES = 14; // columns of the chain of states
+
+const find = (id) => document.getElementById(id);
+
+function make(name, text = "", properties = {}) {
+  return Object.assign(document.createElement(name), { textContent: text }, properties);
+}
+
+// Set text only where it changes, so that nothing that is selected or read aloud is disturbed.
+function say(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+class Panels {
+  constructor(recording, style, onPair) {
+    this.recording = recording;
+    this.style = style;
+    const { weighting } = recording;
+    say(find("convention"), weighting ? `QTC_C1, weights of ${weighting.model}` : "QTC_C1");
+    find("convention").title = weighting ? `weighting ${weighting.name}` : "";
+    find("alpha").hidden = !weighting;
+    for (const id of ["k", "l"]) {
+      find(id).onchange = () => onPair([find("k").value, find("l").value]);
+    }
+  }
+
+  show({ moment, step, latest, pair }) {
+    this.showErrors(moment?.score);
+    this.showPair(step, pair, moment);
+    this.showLatency(moment, latest);
+    this.showDropped(moment, latest);
+  }
+
+  showErrors(score) {
+    if (score === this.score) return;
+    this.score = score;
+    const [first] = Object.values(this.recording.steps[0]?.models ?? {});
+    say(find("best-of"), first ? `best of ${first.samples[0].length}, metres` : "metres");
+    const keys = ["joint_ade", "joint_fde", "marginal_ade", "marginal_fde"];
+    const models = score?.models ?? {};
+    const best = keys.map((key) => Math.min(...Object.values(models).map((each) => each[key] ?? Infinity)));
+    const rows = this.recording.models.map((name) => {
+      const row = make("tr");
+      const head = make("th", "", { scope: "row" });
+      const swatch = make("span", "", { className: "swatch" });
+      swatch.style.background = `var(--model-${this.style.get(name)})`;
+      head.append(swatch, name);
+      row.append(head);
+      keys.forEach((key, n) => {
+        const value = models[name]?.[key] ?? null;
+        const cell = make("td", value === null ? "–" : value.toFixed(2));
+        cell.dataset.key = key;
+        if (value !== null && value === best[n] && this.recording.models.length > 1) cell.className = "best";
+        row.append(cell);
+      });
+      row.append(make("td", String(models[name]?.people ?? 0)));
+      return row;
+    });
+    find("errors").tBodies[0].replaceChildren(...rows);
+    const curves = this.recording.models
+      .map((name) => ({ name, look: this.style.get(name), values: models[name]?.horizon ?? [] }))
+      .filter(({ values }) => values.length && values[0] !== null);
+    find("horizon").parentElement.hidden = !curves.length;
+    if (curves.length) drawHorizon(find("horizon"), curves, this.recording.period);
+  }
+
+  showPair(step, pair, moment) {
+    this.offer(step, pair);
+    const known = step && this.recording.pair(step, ...pair);
+    const key = known ? `${step.t} ${pair} ${this.recording.steps[0].t}` : "";
+    if (key === this.shownPair) return;
+    this.shownPair = key;
+    const [k, l] = pair.map(shorten);
+    const symbols = known ? known.symbols : [null, null, null, null];
+    const words = (n) => {
+      const [mover, other] = n % 2 ? [l, k] : [k, l];
+      return n < 2 ? `${mover} ${APPROACH[symbols[n]]} ${other}` : `${mover} ${SIDE[symbols[n]]}`;
+    };
+    find("symbols").replaceChildren(...symbols.map((symbol, n) => {
+      const tile = make("div");
+      const told = make("dd");
+      told.append(make("b", symbol === null ? "·" : GLYPHS[symbol]), make("span", symbol === null ? "" : words(n)));
+      tile.append(make("dt", `q${n + 1}`), told);
+      return tile;
+    }));
+    say(find("distance"), known ? `${known.distance.toFixed(2)} m apart` : "");
+    const [meter, output] = [find("alpha").children[1], find("alpha").children[2]];
+    const alpha = known?.alpha ?? null;
+    meter.max = Math.max(0.2, alpha ?? 0);
+    meter.value = alpha ?? 0;
+    meter.textContent = output.textContent = alpha === null ? "–" : alpha.toFixed(3);
+    const chain = known
+      ? this.recording.stepsUntil(step, STATES).map((each) => this.recording.pair(each, ...pair)) : [];
+    while (chain.length < STATES) chain.unshift(null);
+    find("chain").tBodies[0].replaceChildren(...[0, 1, 2, 3].map((n) => {
+      const row = make("tr");
+      row.append(make("th", `q${n + 1}`, { scope: "row" }));
+      row.append(...chain.map((state) => make("td", state ? GLYPHS[state.symbols[n]] : "·")));
+      return row;
+    }));
+  }
+
+  // The people who can be chosen.
+  offer(step, pair) {
+    const ids = [...new Set([...(step?.ids ?? []), ...pair])].filter((id) => id !== "");
+    const key = ids.join(" ");
+    if (key !== this.offered) {
+      this.offered = key;
+      for (const id of ["k", "l"]) {
+        find(id).replaceChildren(...ids.map((person) => make("option", shorten(person), { value: person })));
+      }
+    }
+    ["k", "l"].forEach((id, n) => {
+      if (find(id).value !== pair[n] && document.activeElement !== find(id)) find(id).value = pair[n];
+    });
+  }
+
+  showLatency(moment, latest) {
+    if (!latest || latest === this.timed) return;
+    this.timed = latest;
+    const { p50, p99 } = latest.score.latency_ms;
+    find("percentiles").replaceChildren(
+      make("b", `${latest.latency.toFixed(1)} ms`), ` median ${p50.toFixed(1)}, p99 ${p99.toFixed(1)}`,
+    );
+    const newest = this.recording.steps.slice(0, after(this.recording.steps, latest.t)).slice(-60);
+    drawLatencies(find("latencies"), newest.map((step) => step.latency));
+  }
+
+  showDropped(moment, latest) {
+    const reasons = Map.groupBy(Object.entries(latest?.dropped ?? {}), ([, reason]) => reason);
+    const key = JSON.stringify([latest?.dropped, moment?.more, moment?.score?.dropped]);
+    if (key === this.left) return;
+    this.left = key;
+    const items = [];
+    for (const [reason, people] of reasons) {
+      const item = make("li", `${REASONS[reason] ?? reason}:`);
+      item.append(...people.slice(0, 12).map(([id]) => make("span", shorten(id), { title: id })));
+      if (people.length > 12) item.append(` and ${people.length - 12} more`);
+      items.push(item);
+    }
+    if (moment?.more) items.push(make("li", `${moment.more} more were seen than are shown`));
+    if (!items.length) items.push(make("li", "nobody"));
+    find("dropped").replaceChildren(...items);
+    const totals = Object.entries(moment?.score?.dropped ?? {});
+    say(find("totals"), totals.length
+      ? `So far: ${totals.map(([reason, count]) => `${count} ${reason}`).join(", ")}` : "");
+  }
+}
