@@ -9,6 +9,7 @@ import tyro
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.training.comparison import compare, one_horizon
+from neurosym_jax.training.learned_tables import learned_changes
 from neurosym_jax.training.report_text import format_report
 from neurosym_jax.training.sweep_errors import read_sweep
 
@@ -44,13 +45,25 @@ def report(options: ReportOptions) -> None:
     data: dict[str, Any] = {
         "format": FORMAT,
         "training": rows[chosen[0]]["run"]["training"],
-        "rows": [rows[index] for index in chosen],
+        "rows": [_kept(rows[index]) for index in chosen],
         "comparisons": [comparison.to_json() for comparison in comparisons],
+        "learned": learned_changes([rows[index] for index in chosen]),
     }
     write_json(target.with_suffix(".json"), data)
     from neurosym_jax.training.forest import plot_forest
 
     plot_forest(data["comparisons"], target.with_suffix(".png"))
-    text = format_report(data, figure=target.with_suffix(".png").name, name=target.name)
+    written = "" if options.out is None else f" --out {options.out}"
+    against = " ".join(options.against)
+    command = f"python -m neurosym_jax report SWEEP --against {against}{written}"
+    text = format_report(data, target.with_suffix(".png").name, command)
     target.write_text(text)
     print(f"{text}\n{target}, {target.with_suffix('.json')}, {target.with_suffix('.png')}")
+
+
+def _kept(row: dict[str, Any]) -> dict[str, Any]:
+    """What a row says of errors, and of the run they are of, without where its files lie."""
+    names = ("model", "scene", "obs_len", "pred_len", "samples", "scenes", "agents")
+    errors = {name: row[name] for name in ("joint", "marginal")}
+    run = {name: row["run"][name] for name in ("model", "weighting", "recipe", "seed")}
+    return {**{name: row[name] for name in names}, **errors, "run": run}

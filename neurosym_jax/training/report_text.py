@@ -4,8 +4,11 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from neurosym_jax.config import RECIPES, to_json
 from neurosym_jax.evaluation.paired import METRICS
+from neurosym_jax.training.learned_tables import agreement
 from neurosym_jax.training.sweep_table import format_sweep
 
 __all__ = ["format_report"]
@@ -21,22 +24,25 @@ from Student's t. The bootstrap over so few seeds, given below, is too narrow to
 Compared = dict[str, Any]
 
 
-def format_report(data: dict[str, Any], figure: str, name: str) -> str:
-    """The Markdown of `training.report`'s JSON."""
+def format_report(data: dict[str, Any], figure: str, command: str) -> str:
+    """The Markdown of `training.report`'s JSON; `command` is the one that writes it."""
     compared: list[Compared] = data["comparisons"]
     references = list(dict.fromkeys(one["reference"] for one in compared))
-    parts = ["# Weightings compared", _setting(data, name), "## The answer"]
+    parts = ["# Weightings compared", _setting(data, command), "## The answer"]
     parts += [_answer(compared, reference) for reference in references]
     parts.append(_exceptions(compared))
     parts += [f"![Differences and their intervals]({figure})", "## The differences", INTERVALS]
     for reference in references:
         parts += [f"### Less {reference}", _differences(compared, reference)]
-    parts += ["### What the uncertainty comes from", _sources(compared), "## The errors"]
+    parts += ["### What the uncertainty comes from", _sources(compared)]
+    if data["learned"]:
+        parts += ["## What was learned", _learned(data["learned"])]
+    parts.append("## The errors")
     parts.append(format_sweep(data["rows"]))
     return "\n\n".join(part.rstrip() for part in parts) + "\n"
 
 
-def _setting(data: dict[str, Any], name: str) -> str:
+def _setting(data: dict[str, Any], command: str) -> str:
     rows, training = data["rows"], data["training"]
     recipe = rows[0]["run"]["recipe"]
     usual = json.loads(json.dumps(to_json(RECIPES[recipe])))
@@ -51,9 +57,29 @@ def _setting(data: dict[str, Any], name: str) -> str:
         f"{seeds} seed{'s' * (seeds > 1)}. "
         f"Tested on {', '.join(sets.values())}, "
         f"best of {rows[0]['samples']}. "
-        f"{alone}Written from the sweep's folder by\n\n"
-        f"    python -m neurosym_jax report SWEEP --out {name}"
+        f"{alone}Trained and written by\n\n"
+        f"{_command(rows, changes)}\n"
+        f"    {command}"
     )
+
+
+def _command(rows: Sequence[Compared], changes: Sequence[str]) -> str:
+    """The sweep's command line."""
+    named = {"as_described": "neurosym"}
+    models = dict.fromkeys(named.get(row["run"]["model"], row["run"]["model"]) for row in rows)
+    kinds = dict.fromkeys(row["run"]["weighting"] for row in rows if row["run"]["weighting"])
+    lengths = f"--obs-len {rows[0]['obs_len']} --pred-lens {rows[0]['pred_len']}"
+    options = {
+        "--models": models,
+        "--weightings": kinds,
+        "--scenes": dict.fromkeys(row["scene"] for row in rows),
+        "--seeds": [str(1 + max(row["run"]["seed"] for row in rows))],
+        "--recipe": [rows[0]["run"]["recipe"]],
+        "--set": changes,
+    }
+    words = [f"{name} {' '.join(values)}" for name, values in options.items() if values]
+    lines = ["    python -m neurosym_jax sweep --data DATA --out SWEEP", lengths, *words]
+    return " \\\n        ".join(lines)
 
 
 def _of(compared: Sequence[Compared], **named: str) -> list[Compared]:
@@ -91,7 +117,23 @@ def _answer(compared: Sequence[Compared], reference: str) -> str:
         lines.append(
             f"- `{one['model']}`: joint ADE {_cell(ade)} m, {_signed(percent, 1)} %: {words}."
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, "", _bounds(_of(compared, reference=reference, scene=whole))])
+
+
+def _bounds(mine: Sequence[Compared]) -> str:
+    """How many are told apart at all, and what the intervals still allow."""
+    counts = {
+        kind: sum(verdict(one[metric]) == kind for one in mine for metric in METRICS)
+        for kind in ("better", "worse")
+    }
+    low = min(one["joint_ade"]["both"][0] / one["joint_ade"]["reference"] for one in mine)
+    high = max(one["joint_ade"]["both"][1] / one["joint_ade"]["reference"] for one in mine)
+    return (
+        f"Of these {len(mine) * len(METRICS)} comparisons ({len(mine)} models, {len(METRICS)} "
+        f"errors) {counts['better']} are told to be better and {counts['worse']} worse. What the "
+        f"intervals allow of joint ADE lies between {_signed(100 * low, 1)} % and "
+        f"{_signed(100 * high, 1)} %."
+    )
 
 
 def _exceptions(compared: Sequence[Compared]) -> str:
@@ -133,6 +175,25 @@ def _sources(compared: Sequence[Compared]) -> str:
         better = f"{sum(value < 0 for value in ade['of_seeds'])} of {len(ade['of_seeds'])}"
         spans = [_span(ade[name]) for name in ("scenes", "seeds", "both")]
         lines.append(f"| {' | '.join([one['model'], one['reference'], *spans, better])} |")
+    return "\n".join(lines)
+
+
+def _learned(learned: dict[str, dict[str, list[list[float]]]]) -> str:
+    lines = [
+        "Weights of the 16 states without a zero, less where they started: mean and spread over "
+        "the states, and how the changes of two seeds correlate (1: every seed learns the same, "
+        "0: each its own).",
+        "",
+        "| model | test set | mean change | spread | correlation of seeds |",
+        "|" + "---|" * 5,
+    ]
+    for model, of_model in learned.items():
+        for scene, of_seeds in of_model.items():
+            mean = _signed(float(np.mean(of_seeds)))
+            spread = float(np.mean(np.std(of_seeds, axis=1)))
+            found = agreement(of_seeds)
+            told = "-" if found is None else _signed(found, 2)
+            lines.append(f"| {model} | {scene} | {mean} | {spread:.3f} | {told} |")
     return "\n".join(lines)
 
 

@@ -7,6 +7,7 @@ from neurosym_jax.config import TrainConfig, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.report import FORMAT, write_json
+from neurosym_jax.training import report as module
 from neurosym_jax.training.report import ReportOptions, report
 from neurosym_jax.training.sweep_errors import write_errors
 
@@ -14,8 +15,10 @@ BETTER = {"SGAN": 0.0, "NeuroSyM, ones": 0.01, "NeuroSyM, cnd": 0.1}
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, monkeypatch):
     """A sweep of three models of which one is 9 cm better than the others, on two test sets."""
+    changes = {"learned": {"eth": [[0.1, 0.2, 0.4], [0.2, 0.4, 0.8], [0.1, 0.2, 0.4]]}}
+    monkeypatch.setattr(module, "learned_changes", lambda rows: changes)
     draw = np.random.default_rng(0)
     rows, errors = [], []
     for model, better in BETTER.items():
@@ -32,6 +35,7 @@ def folder(tmp_path):
                         "model": model,
                         "scene": scene,
                         "scenes": count,
+                        "agents": 3 * count,
                         "obs_len": 8,
                         "pred_len": 8,
                         "samples": 20,
@@ -39,6 +43,7 @@ def folder(tmp_path):
                         "marginal": {"ade": mean[2], "fde": mean[3]},
                         "run": {
                             "model": "sgan" if model == "SGAN" else "as_described",
+                            "weighting": None if model == "SGAN" else model[10:],
                             "recipe": "ours",
                             "training": to_json(TrainConfig(seed=seed, steps=600)),
                             "seed": seed,
@@ -60,9 +65,13 @@ def test_what_is_better_is_called_so(folder):
     _, against_ones, against_sgan = text.split("Against `")
     assert "- `cnd`: joint ADE −0.09" in against_ones
     assert "better." in against_ones
+    assert "4 are told to be better" in against_ones
+    assert "--weightings ones cnd" in text
+    assert "--set steps=600" in text
     assert "- `SGAN`: joint ADE +0.0" in against_ones
     assert "`cnd` is better than `SGAN` on zara1 in marginal FDE" in against_sgan
     assert "constant velocity" not in text
+    assert "| learned | eth | +0.311 | 0.166 | +1.00 |" in text
     data = json.loads((folder / "ablation.json").read_text())
     whole = {(one["model"], one["reference"]): one for one in data["comparisons"]}
     found = whole["cnd", "ones"]
