@@ -29,8 +29,9 @@ def load_script(reference: Path, name: str) -> Any:
         raise InputError(f"{reference}: no checkout of SGAN: it has no scripts/{name}.py")
     import torch
 
-    for moved in (torch.Tensor, torch.nn.Module):
-        moved.cuda = lambda self, *args, **kwargs: self  # It calls .cuda() unasked.
+    # It calls .cuda() unasked, and views tensors that today's torch wants contiguous for that.
+    torch.Tensor.cuda = lambda self, *args, **kwargs: self.contiguous()
+    torch.nn.Module.cuda = lambda self, *args, **kwargs: self
     # Its own dependency has not been installable since Python 3.10.
     sys.modules.setdefault("attrdict", types.SimpleNamespace(AttrDict=Arguments))  # pyright: ignore
     if str(reference) not in sys.path:
