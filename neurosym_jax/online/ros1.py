@@ -134,8 +134,6 @@ class ForecastNode:
             self.malformed += 1
             return
         event = advance(frame, self.predictor, self.analytics, self.stitcher)
-        if self.dashboard is not None:
-            self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
         if self._mended is not None:
             for person, id in zip(message.people, event.frame.ids.tolist()):
                 person.name = str(id)
@@ -151,6 +149,8 @@ class ForecastNode:
         for done in event.scored:
             if self._truth.subscribers and (truth := truth_message(forecast=done, **say)):
                 self._send(self._truth, truth)
+        if self.dashboard is not None:
+            self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
 
     def status(self) -> str:
         """How it went so far, in one line."""

@@ -9,12 +9,15 @@ only one that needs it, and the predictor knows nothing of it.
 
 import dataclasses
 import sys
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import tyro
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.dashboard import Dashboard
+from neurosym_jax.online.dashboard.options import ViewOptions, open_dashboard
 from neurosym_jax.online.live_options import LiveOptions, make_predictor
 from neurosym_jax.online.live_stitching import OnlineStitcher
 from neurosym_jax.online.messages import PEOPLE_TOPICS, Frame, forecast_topic, frame_of_people
@@ -43,6 +46,9 @@ class Ros2Options(LiveOptions):
     """Join the tracks that occlusions broke."""
     name: str = "neurosym_jax"
     """Of this node."""
+    view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
+        default_factory=ViewOptions
+    )
 
 
 class ForecastNode:
@@ -60,6 +66,8 @@ class ForecastNode:
         self.types = _message_types(options.message)
         self.predictor, self.analytics = predictor, Analytics()
         self.stitcher = OnlineStitcher() if options.stitch else None
+        self.dashboard: Dashboard | None = None
+        """Shown every frame, where there is one."""
         self._nearest = NearestIds()
         self.node = rclpy.create_node(options.name)
         self._poses, self._markers = (
@@ -82,6 +90,8 @@ class ForecastNode:
                 header = self._header(event.forecast.stamp, message.header.frame_id)
                 self._poses[name].publish(self._pose_array(event.forecast, name, header))
                 self._markers[name].publish(self._marker_array(event.forecast, name, header))
+        if self.dashboard is not None:
+            self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
 
     def _frame(self, message: Any) -> Frame:
         if hasattr(message, "people"):
@@ -173,10 +183,15 @@ def ros2(options: Ros2Options) -> None:
     node = ForecastNode(predictor, options)
     print(f"{options.name}: listening to {options.topic}", file=sys.stderr, flush=True)
     try:
+        if options.view.dashboard:
+            node.dashboard = open_dashboard(options.view, predictor, options.name)
+            print(f"{options.name}: the page is at {node.dashboard.url}", file=sys.stderr)
         rclpy.spin(node.node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        if node.dashboard is not None:
+            node.dashboard.close()
         node.node.destroy_node()
         rclpy.try_shutdown()
     node.analytics.finish()

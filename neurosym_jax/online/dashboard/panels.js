@@ -97,9 +97,11 @@ class Panels {
     say(find("distance"), known ? `${known.distance.toFixed(2)} m apart` : "");
     const [meter, output] = [find("alpha").children[1], find("alpha").children[2]];
     const alpha = known?.alpha ?? null;
-    meter.max = Math.max(0.2, alpha ?? 0);
-    meter.value = alpha ?? 0;
-    meter.textContent = output.textContent = alpha === null ? "–" : alpha.toFixed(3);
+    const most = alpha > 0.2 ? 1 : 0.2; // a weight of the theory's table is at most 1/9
+    meter.setAttribute("aria-valuemax", most);
+    meter.setAttribute("aria-valuenow", alpha ?? 0);
+    meter.firstChild.style.width = `${Math.min(1, (alpha ?? 0) / most) * 100}%`;
+    output.textContent = alpha === null ? "–" : alpha.toFixed(3);
     const chain = known
       ? this.recording.stepsUntil(step, STATES).map((each) => this.recording.pair(each, ...pair)) : [];
     while (chain.length < STATES) chain.unshift(null);
