@@ -73,10 +73,11 @@ def animate_forecast(
 def _links(axes: Axes, position: np.ndarray, alpha: np.ndarray, step: int, faint: bool) -> None:
     """A line between every two people, as wide as their weight at `step`."""
     others = alpha * ~np.eye(len(position), dtype=bool)[..., None]
-    highest = max(float(others.max()), 1e-12)
+    highest = max(float(abs(others).max()), 1e-12)
     for i in range(len(position)):
         for j in range(i):
-            weight = (alpha[i, j, step] + alpha[j, i, step]) / 2 / highest
+            # Learned weights may be negative.
+            weight = abs(alpha[i, j, step] + alpha[j, i, step]) / 2 / highest
             ends = position[[i, j], step].T
             look = {"color": "#888888", "alpha": 0.2 if faint else 0.6, "zorder": 1}
             axes.plot(*ends, lw=WIDEST * weight, solid_capstyle="round", **look)

@@ -48,11 +48,13 @@ def plot_pairs(
 
     rows = np.array([alpha[i, j] for i, j in pairs])
     highest = rows.max() if rows.size and rows.max() > 0 else 1.0
-    image = when.imshow(rows, aspect="auto", cmap="Blues", vmin=0, vmax=highest)
+    # Learned weights may be negative.
+    lowest = min(0.0, rows.min(initial=0.0))
+    image = when.imshow(rows, aspect="auto", cmap="Blues", vmin=lowest, vmax=highest)
     for row, (i, j) in enumerate(pairs):
         for step in range(1, rows.shape[1]):
             text = texts[codes[i, j, step - 1]].replace("-", "−")
-            dark = rows[row, step] > 0.6 * highest
+            dark = rows[row, step] > lowest + 0.6 * (highest - lowest)
             look = {"ha": "center", "va": "center", "fontsize": 9, "family": "DejaVu Sans Mono"}
             when.text(step, row, text, color="white" if dark else "#222222", **look)
     arrow = "→" if both_ways else "–"
