@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -67,17 +67,20 @@ def _introduce(document: Document, results: Results) -> None:
             for scenario, paths in chosen.items()
         ],
     )
-    own = {path.name for path in chosen["cross-path"]}
-    fallback = own == {path.name for path in chosen["all-forward"]}
     document.text(
         """The paper's models for A were trained on Zara01. Models that ship here for `zara1` were
         trained on the other scenes of ETH/UCY and have not seen Zara01."""
     )
-    if fallback:
-        document.text(
-            """The paper's models for B were trained on THÖR. **No such models ship here, so B uses
-            those of A.**"""
-        )
+    document.text("The paper's models for B were trained on THÖR. " + _of_thor(chosen))
+
+
+def _of_thor(chosen: Mapping[Scenario, Sequence[Path]]) -> str:
+    names = [path.name for path in chosen["cross-path"]]
+    if names == [path.name for path in chosen["all-forward"]]:
+        return "**No such models ship here, so B uses those of A.**"
+    if all("thor" in name for name in names):
+        return "So were these, leaving out the recording in their name."
+    return "These are others."
 
 
 def _error_table(document: Document, caption: str, recordings: Sequence[Recording]) -> None:
