@@ -25,9 +25,10 @@ ADE / FDE in metres on the ETH/UCY leave-one-out test splits: each model is trai
 scene it is tested on, its state chosen on the validation split, its test evaluated after that. Best
 of 20 samples, seed {seed}. *Joint* takes one sample for the whole scene (SGAN's protocol, the only
 one the published rows are in); *marginal* takes each agent's own best, as most later papers do.
-Constant velocity is a single forecast. Bold is the best of a column. Models trained on THÖR, and all
-of them on other people than those they learned from, are in [cross_domain.md](cross_domain.md);
-weightings compared, over three seeds, in [ablation.md](ablation.md).
+Constant velocity is a single forecast. Bold is the best of a column. Models trained on THÖR, and
+all of them on other people than those they learned from, are in
+[cross_domain.md](cross_domain.md); weightings compared, over three seeds, in
+[ablation.md](ablation.md).
 """
 
 
