@@ -66,7 +66,7 @@ def test_a_master_that_was_restarted_learns_of_us_again_and_connections_stay(gra
     listener, talker = graph("listener"), graph("talker")
     subscriber = listener.subscribe(CHATTER, lambda data, uri: heard.append(data))
     publisher = talker.advertise(CHATTER)
-    wait(lambda: publisher.subscribers)
+    wait(lambda: publisher.subscribers and subscriber.publishers)
     master.forget()
     subscriber.update([])
     publisher.publish(b"still there")
