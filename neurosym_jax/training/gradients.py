@@ -165,7 +165,7 @@ def _scores(
     hidden = over_slots(functools.partial(apply, method="observe"), moves)
     judge: Any = jax.vmap(functools.partial(apply, method="judge"))
     return [
-        judge(part, jnp.concatenate([scene.observed, future], axis=2), scene.valid)
+        judge(part, jnp.concatenate([scene.observed, future], axis=2), jnp.asarray(scene.valid))
         for part, scene, future in zip(hidden, groups, futures)
     ]
 

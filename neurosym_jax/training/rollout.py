@@ -74,6 +74,7 @@ def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[
     observe = functools.partial(Generator(config).apply, params, method="observe")
     hidden = over_slots(observe, [scene.displacement for scene in groups])
     interact = jax.vmap(lambda hidden, scene: interact_scene(config, params, hidden, scene))
+    groups = jax.tree.map(jnp.asarray, groups)  # `vmap` hands numpy on; pooling cannot take it.
     return [interact(part, scene.replace(future=None)) for part, scene in zip(hidden, groups)]
 
 
