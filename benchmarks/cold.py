@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.timing import OURS, Row, row
+from benchmarks.timing import OURS, Row, peak_mb, row
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -58,7 +58,19 @@ def _process(command: list[str], cache: str) -> tuple[float, float]:
         cwd=cache,
         stdout=subprocess.DEVNULL,
     )
-    _, status, usage = os.wait4(process.pid, 0)
-    if status:
+    peak = 0.0
+    # Nothing is told of a process that has ended, and its peak is reached before that.
+    while os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+        peak = max(peak, _peak_so_far(process.pid))
+        time.sleep(0.01)
+    seconds = time.perf_counter() - start
+    if process.wait():
         raise RuntimeError(f"{' '.join(command[:3])} failed")
-    return time.perf_counter() - start, usage.ru_maxrss / 1024
+    return seconds, peak
+
+
+def _peak_so_far(process: int) -> float:
+    try:
+        return peak_mb(process)
+    except StopIteration:  # It ended just now.
+        return 0.0

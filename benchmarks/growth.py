@@ -4,7 +4,6 @@ SGAN with pooling and random weights; seconds are of a warm repeat, memory is th
 """
 
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.timing import OURS, Row, row
+from benchmarks.timing import OURS, Row, peak_mb, row
 
 POINTS = {
     "agents": (2, 8, 32, 128, 512),
@@ -72,8 +71,7 @@ def one(axis: str, point: int) -> dict[str, Any]:
             start = time.perf_counter()
             predict(model, observed, samples=samples)
             seconds.append(time.perf_counter() - start)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return {"seconds": seconds[1:], "peak_mb": peak}
+    return {"seconds": seconds[1:], "peak_mb": peak_mb()}
 
 
 def _random_model(config: Any) -> Any:

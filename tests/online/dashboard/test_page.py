@@ -42,6 +42,16 @@ def seconds(page) -> float:
     return 60 * int(minutes) + float(rest)
 
 
+def drawn(page) -> None:
+    """Wait until the page shows what it was told: it draws with the next frame of the screen."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def press(page, key: str) -> None:
+    page.keyboard.press(key)
+    drawn(page)
+
+
 def test_live(page, live, stream):
     page.goto(live.url)
     page.locator(ADE.format("SGAN"), has_text=re.compile(r"\d\.\d\d")).wait_for()
@@ -51,7 +61,7 @@ def test_live(page, live, stream):
     page.wait_for_function("before => scene.ariaLabel !== before", arg=before)
     assert seconds(page) > clock
     # Paused, time stands still, though what is live goes on.
-    page.keyboard.press("Space")
+    press(page, "Space")
     page.get_by_text("paused, live goes on").wait_for()
     page.wait_for_timeout(50)
     before, clock = places(page), seconds(page)
@@ -65,11 +75,12 @@ def test_live(page, live, stream):
     for name in ("SGAN", "NeuroSyM"):
         assert page.locator(ADE.format(name)).inner_text() == f"{score[name]['joint_ade']:.2f}"
     # Back in time, forth, and to what is live again.
-    page.keyboard.press("Shift+ArrowLeft")
+    press(page, "Shift+ArrowLeft")
     assert seconds(page) == pytest.approx(clock - 4, abs=0.4)
-    page.keyboard.press("ArrowRight")
+    press(page, "ArrowRight")
     assert seconds(page) == pytest.approx(clock - 3.6, abs=0.4)
     page.get_by_role("button", name="Live").click()
+    drawn(page)
     assert page.locator("#status").inner_text() == "live"
     assert seconds(page) > clock
 
@@ -85,14 +96,15 @@ def test_a_file_to_share(page, moments, stream, tmp_path):
     page.get_by_text("playing").wait_for()
     page.wait_for_function("() => timeline.value > 3")
     page.get_by_role("button", name="Pause").click()
+    drawn(page)
     clock, before = seconds(page), places(page)
     time.sleep(0.3)
     assert seconds(page) == clock
-    page.keyboard.press("ArrowRight")
+    press(page, "ArrowRight")
     clock = seconds(page)
-    page.keyboard.press("ArrowRight")
+    press(page, "ArrowRight")
     assert seconds(page) == pytest.approx(clock + 0.4)
-    page.keyboard.press("End")
+    press(page, "End")
     assert seconds(page) == pytest.approx(19.9)
     assert places(page) != before
     score = events[-1][2]
@@ -107,7 +119,7 @@ def test_a_file_to_share(page, moments, stream, tmp_path):
 def test_the_pair_and_its_symbols(page, moments, stream, tmp_path):
     write_replay(stream(8), tmp_path / "replay.html", moments)
     page.goto((tmp_path / "replay.html").as_uri())
-    page.keyboard.press("End")
+    press(page, "End")
     chain = page.locator("#chain tr")
     symbols = [tile.split("\n")[1] for tile in page.locator("#symbols div").all_inner_texts()]
     assert [row.split()[-1] for row in chain.all_inner_texts()] == symbols
@@ -119,6 +131,7 @@ def test_the_pair_and_its_symbols(page, moments, stream, tmp_path):
     one, other = k.input_value(), l.input_value()
     k.select_option(other)
     l.select_option(one)
+    drawn(page)
     swapped = [tile.split("\n")[1] for tile in page.locator("#symbols div").all_inner_texts()]
     assert swapped == [symbols[n] for n in (1, 0, 3, 2)]
 
@@ -126,31 +139,31 @@ def test_the_pair_and_its_symbols(page, moments, stream, tmp_path):
 def test_by_keyboard(page, moments, stream, tmp_path):
     write_replay(stream(8), tmp_path / "replay.html", moments)
     page.goto((tmp_path / "replay.html").as_uri())
-    page.keyboard.press("?")
+    press(page, "?")
     assert page.get_by_role("dialog").is_visible()
-    page.keyboard.press("Escape")
+    press(page, "Escape")
     assert not page.get_by_role("dialog").is_visible()
-    page.keyboard.press("End")
+    press(page, "End")
     whole = page.locator("#scene").screenshot()
-    page.keyboard.press("3")
+    press(page, "3")
     assert not page.get_by_role("checkbox", name="SGAN").is_checked()
     assert page.locator("#scene").screenshot() != whole
-    page.keyboard.press("3")
+    press(page, "3")
     assert page.locator("#scene").screenshot() == whole
-    page.keyboard.press("a")
+    press(page, "a")
     assert page.locator("#age").input_value() == "0.8"
     pair = page.locator("#k").input_value(), page.locator("#l").input_value()
-    page.keyboard.press("p")
+    press(page, "p")
     assert pair != (page.locator("#k").input_value(), page.locator("#l").input_value())
     for theme in ("Light", "Dark"):
-        page.keyboard.press("t")
+        press(page, "t")
         assert page.get_by_role("button", name=theme).is_visible()
     # Everything that can be used is reached by the tab key, and has a name.
     page.locator("#fit").focus()
     reached = set()
     for _ in range(30):
         reached.add(page.evaluate("document.activeElement.id || document.activeElement.type"))
-        page.keyboard.press("Tab")
+        press(page, "Tab")
     assert {"theme", "help", "checkbox", "k", "l", "play", "timeline", "speed", "age"} <= reached
 
 
