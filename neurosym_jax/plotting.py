@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.palette import PALETTE
 
 __all__ = [
     "line_styles",
@@ -31,9 +32,7 @@ __all__ = [
 LineStyle = str | tuple[float, tuple[float, ...]]
 Curve = tuple[Sequence[float], Sequence[float]]
 
-# The colours of Okabe and Ito, safe for colour-blind readers, less the yellow that fades on white;
-# the sizes (points) suit a projector.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4D4D4D")
+# The sizes (points) suit a projector.
 _INK, _GREY, _AXIS, _GRID = "#222222", "#666666", "#BBBBBB", "#E4E4E4"
 _TITLE, _LABEL, _TICK = 16, 14, 12
 
@@ -86,7 +85,7 @@ def plot_forecasts(
     behind *= 12 / (np.linalg.norm(behind, axis=1, keepdims=True) + 1e-9)
     place = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 6}
     for agent, text in enumerate(origin_labels or ()):
-        look = {"color": _COLOURS[agent % len(_COLOURS)], "fontsize": _TICK * weight}
+        look = {"color": PALETTE[agent % len(PALETTE)], "fontsize": _TICK * weight}
         axes.annotate(_words(text), past[agent, 0], behind[agent], **place, **look)
     _add_legend(axes, figure)
     return figure
@@ -131,7 +130,7 @@ def plot_horizon_errors(
         raise InputError("errors need at least one model and a period of more than 0 seconds")
     curves = {name: _checked(f"errors {name!r}", curve, (None,)) for name, curve in errors.items()}
     figure, (axes,) = _figure(10, 5.6)
-    lines = zip(curves.items(), line_styles(curves).values(), cycle(_COLOURS))
+    lines = zip(curves.items(), line_styles(curves).values(), cycle(PALETTE))
     # In this order the legend runs from top to bottom as the ends of the lines do.
     for (name, curve), style, colour in sorted(lines, key=lambda line: -line[0][1][-1]):
         look = {"linestyle": style, "linewidth": 2.6, "marker": "o", "markersize": 4}
@@ -158,7 +157,7 @@ def plot_training(
         raise InputError("there is neither a loss nor a validation curve to plot")
     figure, rows = _figure(10, 1.0 + 3.2 * len(panels), len(panels))
     for axes, (label, curves) in zip(rows, panels.items()):
-        for (name, curve), colour in zip(curves.items(), cycle(_COLOURS)):
+        for (name, curve), colour in zip(curves.items(), cycle(PALETTE)):
             steps, values = (np.asarray(numbers, np.float64) for numbers in curve)
             if steps.ndim != 1 or steps.shape != values.shape:
                 raise InputError(f"{name!r}: steps and values are not two lists of one length")
@@ -207,7 +206,7 @@ def _draw(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look)
     """A line for each agent of `lines` [N, T, 2] in the agent's colour, from the end of `past`."""
     if past is not None:
         lines = np.concatenate([past[:, -1:], lines], axis=1)
-    for line, colour in zip(lines, cycle(_COLOURS)):
+    for line, colour in zip(lines, cycle(PALETTE)):
         axes.plot(*line.T, color=colour, **look)
 
 

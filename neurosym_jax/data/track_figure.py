@@ -1,21 +1,26 @@
 """A figure of all tracks of recordings: where people walked, a panel a recording."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.palette import PALETTE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["plot_tracks"]
 
 _PANELS = 24  # beyond this many, panels are too small to see anything in
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4D4D4D")
 
 
-def plot_tracks(recordings: Sequence[Tracks]) -> Figure:
+def plot_tracks(recordings: Sequence[Tracks]) -> "Figure":
     """The first 24 recordings (at least one is needed), in metres; a colour a person."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.figure import Figure
+
     shown = recordings[:_PANELS]
     columns = min(4, int(np.ceil(np.sqrt(len(shown)))))
     rows = -(-len(shown) // columns)
@@ -25,7 +30,7 @@ def plot_tracks(recordings: Sequence[Tracks]) -> Figure:
     for axes, tracks in zip(panels, shown):
         starts = np.flatnonzero(np.diff(tracks.id)) + 1
         paths = np.split(tracks.position, starts)
-        colours = [_COLOURS[person % len(_COLOURS)] for person in range(len(paths))]
+        colours = [PALETTE[person % len(PALETTE)] for person in range(len(paths))]
         axes.add_collection(LineCollection(paths, colors=colours, linewidths=0.8, alpha=0.7))
         first = np.array([path[0] for path in paths])
         axes.scatter(*first.T, s=8, c=colours, zorder=3)

@@ -13,10 +13,10 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from neurosym_jax.symbolic.cnd import alpha_table
-from neurosym_jax.symbolic.qtc import pair_mask, pairwise_qtc_c1
+from neurosym_jax.symbolic.qtc import pair_mask
 from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.transitions import pair_codes
+from neurosym_jax.symbolic.transitions import pair_codes, pair_states
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
 __all__ = ["Parameters", "alpha_from_states", "built_in_alpha", "table_of"]
@@ -51,13 +51,7 @@ def built_in_alpha(
     if config.kind == "soft" or (config.kind == "quantised" and config.learned):
         observed = _soft(config, parameters, positions)
     else:
-        states = pairwise_qtc_c1(
-            positions,
-            valid,
-            quantisation_factor=config.quantisation_factor or 0.0,
-            convention=config.convention,
-            side_quantisation_factor=config.side_quantisation_factor,
-        )
+        states = pair_states(config, positions, valid)
         observed = alpha_from_states(states, jnp.asarray(table, positions.dtype))
     if config.kind == "shuffled":
         observed = _to_the_wrong_pairs(observed, positions[:, -1], valid)

@@ -16,21 +16,32 @@ from neurosym_jax.symbolic.qtc import pair_mask, pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
-__all__ = ["count_states", "count_transitions", "pair_codes", "transition_parameters"]
+__all__ = [
+    "count_states",
+    "count_transitions",
+    "pair_codes",
+    "pair_states",
+    "transition_parameters",
+]
 
 Scenes = Iterable[tuple[Any, Any]]
 """Batches (positions [B, N, T, 2] metres, valid [B, N]) of the observed part of scenes."""
 
 
-def pair_codes(config: WeightingConfig, positions: Any, valid: Any) -> Array:
-    """[N, N, T-1] codes of one scene's states; 81 for a pair that is not of two valid agents."""
-    states = pairwise_qtc_c1(
+def pair_states(config: WeightingConfig, positions: Any, valid: Any) -> Array:
+    """[N, N, T-1, 4] states of one scene, by the config's quantisation and convention."""
+    return pairwise_qtc_c1(
         positions,
         valid,
         quantisation_factor=config.quantisation_factor or 0.0,
         convention=config.convention,
         side_quantisation_factor=config.side_quantisation_factor,
     )
+
+
+def pair_codes(config: WeightingConfig, positions: Any, valid: Any) -> Array:
+    """[N, N, T-1] codes of one scene's states; 81 for a pair that is not of two valid agents."""
+    states = pair_states(config, positions, valid)
     others = pair_mask(valid, len(positions)) & ~jnp.eye(len(positions), dtype=bool)
     return jnp.where(others[..., None], encode_state(states), 81)
 

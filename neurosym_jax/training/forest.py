@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from neurosym_jax.palette import PALETTE
+
 __all__ = ["plot_forest"]
 
 SHOWN = {"joint_ade": "joint ADE", "marginal_ade": "marginal ADE"}
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
 def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
@@ -30,7 +31,7 @@ def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
         models = list(dict.fromkeys(one["model"] for one in mine))
         for (metric, title), axes in zip(SHOWN.items(), row):
             for at, scene in enumerate(sets):
-                colour = "#222222" if scene == "mean" else COLOURS[at % len(COLOURS)]
+                colour = "#222222" if scene == "mean" else PALETTE[at % len(PALETTE)]
                 wide = scene == "mean"
                 for one in (one for one in mine if one["scene"] == scene):
                     value, (low, high) = one[metric]["difference"], one[metric]["both"]

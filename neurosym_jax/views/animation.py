@@ -1,13 +1,14 @@
 """A forecast as a GIF: people walk, the lines between them are as wide as alpha says."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.animation import PillowWriter
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from neurosym_jax.views.symbol_figures import PALETTE
+from neurosym_jax.palette import PALETTE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["animate_forecast"]
 
@@ -33,6 +34,9 @@ def animate_forecast(
         alpha: [N, N, obs_len].
         title: of the figure.
     """
+    from matplotlib.animation import PillowWriter
+    from matplotlib.figure import Figure
+
     steps, obs_len = position.shape[1], alpha.shape[-1]
     figure = Figure(figsize=(7, 6.2), layout="constrained", facecolor="white")
     axes = figure.subplots()
@@ -70,7 +74,7 @@ def animate_forecast(
     writer.finish()
 
 
-def _links(axes: Axes, position: np.ndarray, alpha: np.ndarray, step: int, faint: bool) -> None:
+def _links(axes: "Axes", position: np.ndarray, alpha: np.ndarray, step: int, faint: bool) -> None:
     """A line between every two people, as wide as their weight at `step`."""
     others = alpha * ~np.eye(len(position), dtype=bool)[..., None]
     highest = max(float(abs(others).max()), 1e-12)

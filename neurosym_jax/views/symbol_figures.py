@@ -1,11 +1,16 @@
 """Figures of symbols and weights, from plain arrays: a scene's pairs, the states of a data set."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.figure import Figure
 
-__all__ = ["PALETTE", "plot_pairs", "plot_states"]
+from neurosym_jax.palette import PALETTE
 
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4D4D4D")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["plot_pairs", "plot_states"]
+
 BY_ZEROS = ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00")
 PAIRS = 12
 """Pairs that fit a heat map with their states written in."""
@@ -21,12 +26,14 @@ def plot_pairs(
     alpha: np.ndarray,
     texts: list[str],
     title: str,
-) -> Figure:
+) -> "Figure":
     """A scene's paths beside alpha of its pairs over time, the states written into it.
 
     `position` [N, T, 2] metres, `people` [N] ids, `codes` [N, N, T-1], `alpha` [N, N, T], `texts`
     of the 81 states. Where alpha is the same both ways, a pair has one row; the first 12 are shown.
     """
+    from matplotlib.figure import Figure
+
     count = len(people)
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
     pairs = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
@@ -72,12 +79,14 @@ def plot_states(
     table: np.ndarray | None,
     learned: np.ndarray | None,
     title: str,
-) -> Figure:
+) -> "Figure":
     """How often the states occur, and what they weigh by the table and once learned.
 
     `counts` [81] pair-steps, `texts` of the 81 states, `table` and `learned` [81] or None. The 24
     most frequent states are shown, coloured by their number of zeros.
     """
+    from matplotlib.figure import Figure
+
     order = np.argsort(-counts, kind="stable")[: min(SHOWN, np.count_nonzero(counts))]
     share = 100 * counts / max(counts.sum(), 1)
     rest = share.sum() - share[order].sum()
