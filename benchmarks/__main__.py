@@ -39,6 +39,8 @@ class BenchmarkOptions:
     """The folder of sgan-models and sgan-p-models; zoo needs it."""
     reference: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """A checkout of SGAN (agrimgupta92/sgan), measured too where torch is installed."""
+    neurosym_reference: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
+    """A checkout of NeuroSyM (sariahmghames/NeuroSyM-prediction), for symbols, likewise."""
     repeats: int = 5
     """Rounds that count."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -60,8 +62,8 @@ class BenchmarkOptions:
 def run(options: BenchmarkOptions) -> None:
     """Measure, print, write."""
     refuse_below(1, {"--repeats": options.repeats})
-    if options.reference and not options.torch:
-        raise InputError("--reference needs torch, which is not installed")
+    if (options.reference or options.neurosym_reference) and not options.torch:
+        raise InputError("the original code needs torch, which is not installed")
     needs = {"zoo": ("data", "checkpoints"), "training": ("data",), "reading": ("data",)}
     for name in options.names:
         if absent := [need for need in needs.get(name, ()) if getattr(options, need) is None]:

@@ -1,13 +1,17 @@
-"""The original SGAN code out of a checkout, kept on the CPU: the opponent of `--reference`."""
+"""The original code out of checkouts, kept on the CPU: the opponents of `--reference`."""
 
 import contextlib
 import importlib.util
 import sys
 import tempfile
 import types
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
+
+import numpy as np
 
 from neurosym_jax.errors import InputError
 
@@ -51,3 +55,31 @@ def folder_of(recordings: list[Path]) -> Iterator[str]:
         for path in recordings:
             (Path(folder) / path.name).symlink_to(path.resolve())
         yield folder
+
+
+def load_labelling(reference: Path) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, list]]:
+    """NeuroSyM's own labelling of a pair: tracks [T, 2] and [T, 2] to states [T-1, 4] and labels.
+
+    The two lines of its loader are repeated here, for the loader does them while it reads files.
+
+    Raises:
+        InputError: for a folder that is no checkout of NeuroSyM.
+    """
+    scripts = (reference / "NeuroSyM-sgan" / "scripts").resolve()
+    if not (scripts / "sgan" / "data" / "trajectories_informed.py").is_file():
+        raise InputError(f"{reference}: no checkout of NeuroSyM: it has no NeuroSyM-sgan/scripts")
+    # Its package is called sgan too, and another checkout's may be imported already.
+    others = {name: module for name, module in sys.modules.items() if name.split(".")[0] != "sgan"}
+    path = [str(scripts), *(entry for entry in sys.path if not (Path(entry) / "sgan").is_dir())]
+    with mock.patch.dict(sys.modules, others, clear=True), mock.patch.object(sys, "path", path):
+        loader = importlib.import_module("sgan.data.trajectories_informed")
+    reader = object.__new__(loader.TrajectoryDataset)
+    reader.labels_dir, reader.filename = "sgan/data/", "cnd_labels.txt"
+
+    def label(k: np.ndarray, l: np.ndarray) -> tuple[np.ndarray, list]:  # noqa: E741
+        with warnings.catch_warnings(), contextlib.chdir(scripts):
+            warnings.simplefilter("ignore")  # numpy's, of crossing two-dimensional vectors.
+            states = loader.qtcc1(k, l, qbits=4)
+            return states, [reader.labelme(state.tolist()) for state in states]
+
+    return label

@@ -1,6 +1,7 @@
-"""`docs/benchmarks.md` from what the benchmarks measured.
+r"""`docs/benchmarks.md` from what the benchmarks measured.
 
-python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN --json docs/benchmarks.json
+python -m benchmarks --data DATA --checkpoints FOLDER --reference SGAN \
+    --neurosym-reference NEUROSYM --json docs/benchmarks.json
 python docs/benchmarks.py docs/benchmarks.json > docs/benchmarks.md
 """
 
