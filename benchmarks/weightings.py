@@ -24,7 +24,7 @@ from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.generator_forecaster import GeneratorForecaster
 from neurosym_jax.models import Generator
 from neurosym_jax.noise import draw_noise
-from neurosym_jax.runtime import enable_compilation_cache
+from neurosym_jax.runtime import enable_compilation_cache, tune
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.weighting import make_weighting
 from neurosym_jax.symbolic.weighting_config import KINDS, WeightingConfig
@@ -40,6 +40,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--json", type=Path, help="file for the numbers")
     options = parser.parse_args()
+    tune()
     enable_compilation_cache()
     source = open_source(options.data)
     scene = options.scene or source.scenes[0]

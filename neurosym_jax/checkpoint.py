@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neurosym_jax.config import FORMAT
+from neurosym_jax.distributed import is_first
 from neurosym_jax.errors import InputError, TrainingError
 
 __all__ = ["TrainingCheckpoints", "digest", "read_arrays", "write_arrays"]
@@ -40,7 +41,10 @@ def digest(tree: Any) -> str:
 
 
 def write_arrays(folder: Path, tree: Any) -> None:
-    """Write a nested dictionary of arrays as a new folder."""
+    """Write a nested dictionary of arrays as a new folder.
+
+    Of several processes all must call it, for Orbax waits for them; the first one writes.
+    """
     from orbax.checkpoint import v1 as ocp
 
     ocp.save(str(folder.absolute()), tree)
@@ -70,7 +74,8 @@ class TrainingCheckpoints:
     place, so that a step is there whole or not at all, whatever kills the process. Orbax's own
     `training.Checkpointer` is not used: it saves behind one's back, forgets the best after a NaN
     metric, restores some flipped bits silently and calls a truncated file a wrong handler.
-    `save` is durable when it returns. One process at a time writes to a folder.
+    `save` is durable when it returns. One process at a time writes to a folder; of several that
+    train as one all save and the first writes.
     """
 
     def __init__(self, folder: Path):
@@ -90,16 +95,17 @@ class TrainingCheckpoints:
             TrainingError: before anything is written, where the metric or a leaf is not finite, the
                 record is not JSON or the step is not a new one.
         """
-        from orbax.checkpoint import v1 as ocp
-
         leaves = {path: np.asarray(leaf) for path, leaf in _by_path(state).items()}
         content = self._content(step, leaves, record, metric)
-        self._clear_scratch()
         new = self._scratch / "new"
-        new.mkdir(parents=True)
+        if is_first():
+            self._clear_scratch()
+            new.mkdir(parents=True)
         # By number: a leaf's path may hold what Orbax or the file system reads otherwise.
         arrays = {f"{i:06d}": leaf for i, leaf in enumerate(leaves.values()) if leaf.size}
-        ocp.save(str((new / "state").absolute()), arrays)
+        write_arrays(new / "state", arrays)
+        if not is_first():
+            return
         files = sorted(path for path in new.rglob("*") if path.is_file())
         content["files"] = {path.relative_to(new).as_posix(): _file_digest(path) for path in files}
         text = json.dumps({"sha256": _json_digest(content), "content": content})

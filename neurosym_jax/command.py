@@ -8,7 +8,7 @@ from typing import TypeVar
 import tyro
 
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.runtime import enable_compilation_cache
+from neurosym_jax.runtime import enable_compilation_cache, tune
 
 __all__ = ["run_command"]
 
@@ -25,6 +25,7 @@ def run_command(
 
     The exit status is what `action` returns where that is a number, else 0; 2 for bad input.
     """
+    tune()
     enable_compilation_cache()
     try:
         with warnings.catch_warnings():

@@ -138,6 +138,8 @@ class TrainConfig:
     """Generator steps."""
     batch_scenes: int = 64
     """Scenes in a batch, about: their proportions by size are fixed."""
+    shards: int = 1
+    """Parts of a batch, each with its own gradient; several processes can share them."""
     max_agents: int | None = 16
     """Larger scenes are cropped, anew each time, to an agent and its nearest neighbours."""
     best_k: int = 20
@@ -175,8 +177,10 @@ class TrainConfig:
     def __post_init__(self):
         """Refuse, before any step, what would fail late or train nothing."""
         refuse_seed(self.seed)
-        counts = ("steps", "batch_scenes", "max_agents", "best_k", "validate_every")
+        counts = ("steps", "batch_scenes", "shards", "max_agents", "best_k", "validate_every")
         refuse_below(1, _named(self, *counts))
+        if self.shards > self.batch_scenes:
+            raise InputError(f"{self.shards} shards of {self.batch_scenes} batch_scenes: too many")
         weights = ("l2_weight", "fde_weight", "adversarial_weight")
         refuse_below(0, _named(self, *weights, "warmup_steps", "clip_norm"))
         if self.l2_weight == self.adversarial_weight == 0:

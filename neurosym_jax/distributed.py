@@ -13,7 +13,17 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["ALONE", "Processes", "is_first", "join", "share", "sum_over_processes"]
+__all__ = [
+    "ALONE",
+    "Processes",
+    "gather",
+    "is_first",
+    "join",
+    "refuse_apart",
+    "refuse_uneven",
+    "share",
+    "sum_over_processes",
+]
 
 Item = TypeVar("Item")
 
@@ -62,6 +72,41 @@ def is_first() -> bool:
 def share(items: Sequence[Item]) -> list[tuple[int, Item]]:
     """(number, item) of those that this process works on; every item is exactly one's."""
     return list(enumerate(items))[jax.process_index() :: jax.process_count()]
+
+
+def refuse_uneven(name: str, parts: int) -> None:
+    """Refuse a number of parts that the processes cannot share evenly; `name` is its option.
+
+    Raises:
+        InputError: naming it.
+    """
+    if parts % (processes := jax.process_count()):
+        raise InputError(f"{name} must be a multiple of {processes}, the processes, not {parts}")
+
+
+def refuse_apart(what: str, number: int) -> None:
+    """Refuse to go on where `number` is not the same in all processes; waits for all.
+
+    Raises:
+        InputError: naming it as `what`, in every process.
+    """
+    found = gather([np.array([number], np.int32)]).ravel().tolist()
+    if len(set(found)) > 1:
+        raise InputError(f"{what} is {', '.join(map(str, found))} in the processes")
+
+
+def gather(mine: Sequence[np.ndarray]) -> np.ndarray:
+    """Every process's arrays, stacked in the order of the items that `share` gave out.
+
+    All arrays have one shape and a type that JAX keeps, every process equally many; waits for all.
+    """
+    stacked = np.stack(mine)
+    if jax.process_count() == 1:
+        return stacked
+    from jax.experimental.multihost_utils import process_allgather
+
+    gathered: Any = np.asarray(process_allgather(stacked))
+    return gathered.swapaxes(0, 1).reshape(-1, *stacked.shape[1:])
 
 
 def sum_over_processes(array: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 from neurosym_jax.checkpoint import digest, read_arrays, write_arrays
 from neurosym_jax.config import FORMAT, GeneratorConfig, from_json
 from neurosym_jax.data.published import find
+from neurosym_jax.distributed import is_first
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model
 from neurosym_jax.models import Generator
@@ -27,17 +28,20 @@ CONFIG = "config.json"
 
 
 def save_model(folder: Path | str, model: Model) -> None:
-    """Write `model` as a new folder.
+    """Write `model` as a new folder; of several processes all call it, and the first one writes.
 
     Raises:
         InputError: when something is already there.
     """
     folder = Path(folder)
-    if folder.exists():
-        raise InputError(f"{folder}: already there, and nothing is overwritten")
     params = jax.tree.map(np.asarray, model.params)
-    folder.mkdir(parents=True)
+    if is_first():
+        if folder.exists():
+            raise InputError(f"{folder}: already there, and nothing is overwritten")
+        folder.mkdir(parents=True)
     write_arrays(folder / "params", params)
+    if not is_first():
+        return
     config = {
         "format": FORMAT,
         "generator": dataclasses.asdict(model.config),

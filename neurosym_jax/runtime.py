@@ -1,15 +1,21 @@
-"""Compiling in this process: the cache of programs, and the seconds that it took.
+"""This process: its cache of programs, the seconds that compiling took, and what makes it fast.
 
-The cache is switched on by scripts and commands, never by `import neurosym_jax`. What there is to
-compile for is `environment`'s.
+Scripts and commands switch these on, never `import neurosym_jax`. What there is to compile for is
+`environment`'s.
 """
 
+import contextlib
+import ctypes
 import os
 from pathlib import Path
 
 import jax
 
-__all__ = ["cache_folder", "compile_seconds", "enable_compilation_cache"]
+__all__ = ["cache_folder", "compile_seconds", "enable_compilation_cache", "tune"]
+
+_VECTORS = "--xla_cpu_prefer_vector_width"
+# Of glibc's malloc.h; the largest int is "never".
+_TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX, _NEVER = -1, -4, -8, 2**31 - 1
 
 _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
@@ -50,3 +56,23 @@ def enable_compilation_cache() -> None:
     jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def tune() -> None:
+    """Make compiled programs faster on a CPU, as far as the environment does not say otherwise.
+
+    To be called before JAX's backend starts. Buffers that a program gives back stay with the
+    process (`MALLOC_*` says otherwise): the next call would else touch every page for the first
+    time, which took up to half of a step of training. Vectors are as wide as the processor has them
+    (`XLA_FLAGS` says otherwise), where XLA alone stays at 256 bits.
+    """
+    if not any(name.startswith("MALLOC_") for name in os.environ):
+        # Not with another C library than glibc, whose own ways are left to it.
+        with contextlib.suppress(AttributeError, OSError, TypeError):
+            mallopt = ctypes.CDLL(None).mallopt
+            for parameter, value in ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, _NEVER), (_ARENA_MAX, 1)):
+                mallopt(parameter, value)
+    flags = os.environ.get("XLA_FLAGS", "")
+    # A flag that XLA does not know ends the process, so only where it was seen to know it.
+    if _VECTORS not in flags and jax.__version_info__[:2] == (0, 10):
+        os.environ["XLA_FLAGS"] = f"{flags} {_VECTORS}=512".strip()

@@ -7,7 +7,7 @@ with one. Encoding and pooling are done once. Nothing here knows of optimisers o
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,10 +24,26 @@ from neurosym_jax.training.losses import (
 )
 from neurosym_jax.training.rollout import Groups, decode_groups, encode_groups, over_slots
 
-__all__ = ["Metrics", "discriminator_gradient", "generator_gradient"]
+__all__ = ["Counts", "Metrics", "discriminator_gradient", "generator_gradient"]
 
 Metrics = dict[str, Array]
 """Scalars by name."""
+
+
+class Counts(NamedTuple):
+    """What a batch has, and its losses are means over: [] each.
+
+    Given the counts of a whole batch, the losses and gradients of its parts add up to the whole's.
+    """
+
+    scenes: Array
+    agents: Array
+
+    @classmethod
+    def of(cls, groups: Groups) -> "Counts":
+        """Those of a batch, padding left out."""
+        sizes = jnp.concatenate([scene.valid.sum(axis=-1).ravel() for scene in groups])
+        return cls((sizes > 0).sum(), sizes.sum())
 
 
 def discriminator_gradient(
@@ -40,8 +56,13 @@ def discriminator_gradient(
     *,
     label_real: Array | float,
     label_fake: Array | float,
+    counts: Counts | None = None,
 ) -> tuple[Any, Metrics]:
-    """Gradient with respect to the parameters `discriminator`; `noises` are of one sample."""
+    """Gradient with respect to the parameters `discriminator`; `noises` are of one sample.
+
+    `counts` are of the batch that `groups` are a part of, None where they are all of it.
+    """
+    agents = (counts or Counts.of(groups)).agents
     contexts = encode_groups(generator_config, generator, groups)
     fakes = decode_groups(generator_config, generator, contexts, groups, noises)
     valid = _slots([scene.valid for scene in groups])
@@ -53,7 +74,9 @@ def discriminator_gradient(
     def loss(params: Any) -> Array:
         halves = [jnp.split(part, 2) for part in _scores(config, params, twice, futures)]
         real, fake = (_slots(half) for half in zip(*halves))
-        return adversarial_loss(real, label_real, valid) + adversarial_loss(fake, label_fake, valid)
+        return adversarial_loss(real, label_real, valid, agents) + adversarial_loss(
+            fake, label_fake, valid, agents
+        )
 
     value, gradient = jax.value_and_grad(loss)(discriminator)
     return gradient, {"d_loss": value}
@@ -68,6 +91,7 @@ def generator_gradient(
     noises: Sequence[Array],
     *,
     label: Array | float,
+    counts: Counts | None = None,
 ) -> tuple[Any, Metrics]:
     """Gradient with respect to the parameters `generator`, not clipped.
 
@@ -79,11 +103,13 @@ def generator_gradient(
         groups: the batch.
         noises: for each group, of k samples.
         label: what the discriminator is to take the forecasts for.
+        counts: of the batch that `groups` are a part of; None where they are all of it.
 
     Returns:
         The gradient, and `g_variety`, `g_loss`, `g_gradient_norm` and, with an adversarial term,
         `g_adversarial`.
     """
+    counts = counts or Counts.of(groups)
     criterion = functools.partial(_errors, config)
     decode = functools.partial(decode_groups, generator_config)
 
@@ -98,14 +124,14 @@ def generator_gradient(
             # The discriminator judges the last sample, as SGAN's generator step does.
             chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
         futures = decode(params, contexts, groups, chosen)
-        variety = _variety_loss(config, criterion, groups, futures)
+        variety = _variety_loss(config, criterion, groups, futures, counts)
         metrics = {"g_variety": variety}
         total = config.l2_weight * variety
         if config.adversarial_weight:
             judged = [future[-1] for future in futures]
             scores = _slots(_scores(config, discriminator, groups, judged))
             valid = _slots([scene.valid for scene in groups])
-            metrics["g_adversarial"] = adversarial_loss(scores, label, valid)
+            metrics["g_adversarial"] = adversarial_loss(scores, label, valid, counts.agents)
             total = total + config.adversarial_weight * metrics["g_adversarial"]
         return total, metrics | {"g_loss": total}
 
@@ -136,21 +162,24 @@ def _take_samples(noise: Array, best: Array) -> Array:
     )
 
 
-def _variety_loss(config: TrainConfig, criterion, groups: Groups, futures: list[Array]) -> Array:
+def _variety_loss(
+    config: TrainConfig, criterion, groups: Groups, futures: list[Array], counts: Counts
+) -> Array:
     """The loss of the chosen samples: sample c was the best by criterion c."""
-    total, weight = jnp.zeros(()), jnp.zeros(())
+    total = jnp.zeros(())
+    by_agents = config.weigh_scenes == "by_agents"
     for scene, future in zip(groups, futures):
         errors = criterion(scene, future)
         count = errors.shape[1]
         best = jnp.diagonal(errors[:, :, :count], axis1=1, axis2=2)
         value = best[:, 0] + (config.fde_weight * best[:, 1] if count > 1 else 0.0)
         agents = scene.valid.sum(axis=1).astype(value.dtype)
-        by_agents = config.weigh_scenes == "by_agents"
         share = agents if by_agents else (agents > 0).astype(value.dtype)
         total = total + (value * share).sum()
-        weight = weight + share.sum()
     # SGAN's loss is a sum over scenes; a mean keeps `distance` in metres, whatever the batch.
-    return total if config.criterion == "squared_displacement" else total / weight
+    if config.criterion == "squared_displacement":
+        return total
+    return total / (counts.agents if by_agents else counts.scenes)
 
 
 def _scores(

@@ -5,10 +5,12 @@ A run is a folder: `checkpoints/` (to resume from), `metrics.jsonl`, and at its 
 Everything random follows from (seed, step), so a resumed run continues bit for bit.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import json
+import math
 import shutil
 import sys
 from collections.abc import Iterator
@@ -23,6 +25,7 @@ from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, from_json, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.distributed import is_first, refuse_apart, refuse_uneven
 from neurosym_jax.environment import code_version, run_environment
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
@@ -33,6 +36,7 @@ from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.card import CARD, write_card
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
+from neurosym_jax.training.shards import advance_in_shards
 from neurosym_jax.training.step import TrainState, initial_state, train_step
 from neurosym_jax.training.stream import SceneStream
 
@@ -81,6 +85,9 @@ def data_digest(windows: Windows) -> str:
 def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
     """Train, from the start or from the newest good checkpoint in `folder`.
 
+    Several processes (see `distributed`) train as one where the recipe's `shards` are a multiple of
+    their number. All must see `folder`; the first one writes.
+
     Returns:
         The best model by validation, also written to `folder / "model"`.
 
@@ -88,14 +95,21 @@ def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
         InputError: when `folder` holds a run already (and `resume` is not said), or another run.
         TrainingError: when a loss or metric is not finite; the last good step stays on disk.
     """
-    with sole_writer(folder):
+    refuse_uneven("shards", run.config.shards)
+    with sole_writer(folder) if is_first() else contextlib.nullcontext():
         return _train(run, folder, TrainingCheckpoints(folder / "checkpoints"), resume)
 
 
 def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool) -> Model:
     config = run.config
-    per_step = 2 if config.adversarial_weight else 1
-    stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
+    # A step takes a batch for each network, made of as many of the stream's as there are shards.
+    per_step, advance = (2 if config.adversarial_weight else 1,), _advance
+    if config.shards > 1:
+        per_step, advance = (*per_step, config.shards), advance_in_shards
+    drawn = math.prod(per_step)
+    stream = SceneStream(
+        run.training, config.batch_scenes // config.shards, config.seed, config.max_agents
+    )
     batches = make_batches(run.validation)
     key = jax.random.key(config.seed)
     example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
@@ -112,15 +126,18 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     elif (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
     done = int(state.step)
-    log = MetricsLog(folder / "metrics.jsonl", done)
-    with tqdm(total=config.steps, initial=done, unit="step", disable=None) as bar:
+    refuse_apart(f"{folder}: the step to go on from", done)
+    log = MetricsLog(folder / "metrics.jsonl", done) if is_first() else None
+    # tqdm's None is for a terminal only.
+    hidden = None if log else True
+    with tqdm(total=config.steps, initial=done, unit="step", disable=hidden) as bar:
         while done < config.steps:
             count = min(CHUNK, config.steps - done)
             groups = jax.tree.map(
-                lambda leaf, count=count: leaf.reshape(count, per_step, *leaf.shape[1:]),
-                stream.steps(done * per_step, count * per_step),
+                lambda leaf, count=count: leaf.reshape(count, *per_step, *leaf.shape[1:]),
+                stream.steps(done * drawn, count * drawn),
             )
-            state, metrics = _advance(run.generator, config, steps_key, state, groups)
+            state, metrics = advance(run.generator, config, steps_key, state, groups)
             row: dict[str, Any] = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
             _refuse_not_finite(row, folder, done, validations)
@@ -132,14 +149,16 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
                 if row["val_score"] <= min(scores, default=np.inf):
                     best = _copy(_validated(config, state))
                 validations.append(row)
-            log.append(row)
+            if log:
+                log.append(row)
             if validations and validations[-1] is row:
                 saved = {**record, "history": validations}
                 checkpoints.save(done, (state, best), saved, row["val_score"])
             bar.set_postfix(_shown(row, validations), refresh=False)
             bar.update(count)
-    _write_curves(folder, log.rows())
     model = Model(run.generator, best, run.scene)
+    if log:
+        _write_curves(folder, log.rows())
     _finish(run, folder, model, record, validations)
     return model
 
@@ -265,13 +284,17 @@ def _finish(
         # The newest of equals, as the loop and the checkpoints choose.
         "validation": min(reversed(validations), key=lambda row: row["val_score"]),
     }
-    (folder / RUN).write_text(json.dumps(facts, indent=1) + "\n")
+    if is_first():
+        (folder / RUN).write_text(json.dumps(facts, indent=1) + "\n")
     if not target.exists():
-        # Renamed into place: a run that has a model is whole, whatever kills the process.
-        shutil.rmtree(part, ignore_errors=True)
+        if is_first():
+            shutil.rmtree(part, ignore_errors=True)
         save_model(part, model)
-        part.rename(target)
-    write_card(target, facts)
+        # Renamed into place: a run that has a model is whole, whatever kills the process.
+        if is_first():
+            part.rename(target)
+    if is_first():
+        write_card(target, facts)
 
 
 def _write_curves(folder: Path, history: list[dict[str, Any]]) -> None:

@@ -11,13 +11,22 @@ from neurosym_jax.config import GeneratorConfig, TrainConfig
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.training.gradients import Metrics, discriminator_gradient, generator_gradient
+from neurosym_jax.training.gradients import (
+    Counts,
+    Metrics,
+    discriminator_gradient,
+    generator_gradient,
+)
 from neurosym_jax.training.rollout import Groups, augment, draw_group_noise
 
 __all__ = [
+    "Part",
     "TrainState",
     "clip_gradient",
     "initial_state",
+    "learn_to_forecast",
+    "learn_to_judge",
+    "split",
     "train_step",
     "update_discriminator",
     "update_generator",
@@ -96,34 +105,79 @@ def train_step(
         batches: groups with a leading axis of 2 batches, or of 1 without adversarial term.
         key: consumed.
     """
-    keys = jax.random.split(key, 7)
+    keys = split(key)
     metrics: Metrics = {}
     if config.adversarial_weight:
         groups = jax.tree.map(lambda leaf: leaf[0], batches)
-        groups = augment(groups, keys[0], rotate=config.rotate, scale=config.scale)
-        gradient, metrics = discriminator_gradient(
-            generator_config,
-            config,
-            state.generator,
-            state.discriminator,
-            groups,
-            draw_group_noise(generator_config, groups, keys[1], 1),
-            label_real=_label(keys[2], config.label_real),
-            label_fake=_label(keys[6], config.label_fake),
-        )
+        gradient, metrics = learn_to_judge(generator_config, config, state, groups, keys)
         state = update_discriminator(config, state, gradient)
     groups = jax.tree.map(lambda leaf: leaf[-1], batches)
-    groups = augment(groups, keys[3], rotate=config.rotate, scale=config.scale)
-    gradient, more = generator_gradient(
+    gradient, more = learn_to_forecast(generator_config, config, state, groups, keys)
+    return update_generator(config, state, gradient), metrics | more
+
+
+def split(key: Array) -> Array:
+    """The keys of one step: of `learn_to_judge` and `learn_to_forecast`, each its own."""
+    return jax.random.split(key, 7)
+
+
+class Part(NamedTuple):
+    """Which part of a batch some groups are; what is random in them is the part's own."""
+
+    index: Array | int
+    counts: Counts
+    """Of the whole batch."""
+
+
+def learn_to_judge(
+    generator_config: GeneratorConfig,
+    config: TrainConfig,
+    state: TrainState,
+    groups: Groups,
+    keys: Array,
+    part: Part | None = None,
+) -> tuple[Any, Metrics]:
+    """The discriminator's gradient on a batch, or a part of it, augmented; of `split`'s keys."""
+    turning, drawing, of_real, of_fake = keys[0], keys[1], keys[2], keys[6]
+    groups = augment(groups, _own(turning, part), rotate=config.rotate, scale=config.scale)
+    return discriminator_gradient(
         generator_config,
         config,
         state.generator,
         state.discriminator,
         groups,
-        draw_group_noise(generator_config, groups, keys[4], config.best_k),
-        label=_label(keys[5], config.label_real),
+        draw_group_noise(generator_config, groups, _own(drawing, part), 1),
+        label_real=_label(of_real, config.label_real),
+        label_fake=_label(of_fake, config.label_fake),
+        counts=part and part.counts,
     )
-    return update_generator(config, state, gradient), metrics | more
+
+
+def learn_to_forecast(
+    generator_config: GeneratorConfig,
+    config: TrainConfig,
+    state: TrainState,
+    groups: Groups,
+    keys: Array,
+    part: Part | None = None,
+) -> tuple[Any, Metrics]:
+    """The generator's gradient on a batch, or a part of it, augmented; of `split`'s keys."""
+    turning, drawing, of_label = keys[3], keys[4], keys[5]
+    groups = augment(groups, _own(turning, part), rotate=config.rotate, scale=config.scale)
+    return generator_gradient(
+        generator_config,
+        config,
+        state.generator,
+        state.discriminator,
+        groups,
+        draw_group_noise(generator_config, groups, _own(drawing, part), config.best_k),
+        label=_label(of_label, config.label_real),
+        counts=part and part.counts,
+    )
+
+
+def _own(key: Array, part: Part | None) -> Array:
+    return key if part is None else jax.random.fold_in(key, part.index)
 
 
 def update_discriminator(config: TrainConfig, state: TrainState, gradient: Any) -> TrainState:
