@@ -6,7 +6,7 @@ import sys
 import tempfile
 import types
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -57,8 +57,8 @@ def folder_of(recordings: list[Path]) -> Iterator[str]:
         yield folder
 
 
-def load_labelling(reference: Path) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, list]]:
-    """NeuroSyM's own labelling of a pair: tracks [T, 2] and [T, 2] to states [T-1, 4] and labels.
+def load_labelling(reference: Path) -> Callable[[Iterable[Any]], tuple[np.ndarray, list]]:
+    """NeuroSyM's own labelling of pairs of tracks [T, 2]: states [pairs, T-1, 4], and labels.
 
     The two lines of its loader are repeated here, for the loader does them while it reads files.
 
@@ -69,17 +69,28 @@ def load_labelling(reference: Path) -> Callable[[np.ndarray, np.ndarray], tuple[
     if not (scripts / "sgan" / "data" / "trajectories_informed.py").is_file():
         raise InputError(f"{reference}: no checkout of NeuroSyM: it has no NeuroSyM-sgan/scripts")
     # Its package is called sgan too, and another checkout's may be imported already.
-    others = {name: module for name, module in sys.modules.items() if name.split(".")[0] != "sgan"}
+    another = {name: sys.modules.pop(name) for name in list(sys.modules) if _is_sgan(name)}
     path = [str(scripts), *(entry for entry in sys.path if not (Path(entry) / "sgan").is_dir())]
-    with mock.patch.dict(sys.modules, others, clear=True), mock.patch.object(sys, "path", path):
+    with mock.patch.object(sys, "path", path):
         loader = importlib.import_module("sgan.data.trajectories_informed")
+    for name in filter(_is_sgan, list(sys.modules)):
+        del sys.modules[name]
+    sys.modules.update(another)
     reader = object.__new__(loader.TrajectoryDataset)
     reader.labels_dir, reader.filename = "sgan/data/", "cnd_labels.txt"
 
-    def label(k: np.ndarray, l: np.ndarray) -> tuple[np.ndarray, list]:  # noqa: E741
+    def label(pairs: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, list]:
+        states, labels = [], []
+        # It opens a file of the working directory for every label.
         with warnings.catch_warnings(), contextlib.chdir(scripts):
             warnings.simplefilter("ignore")  # numpy's, of crossing two-dimensional vectors.
-            states = loader.qtcc1(k, l, qbits=4)
-            return states, [reader.labelme(state.tolist()) for state in states]
+            for k, l in pairs:  # noqa: E741
+                states.append(loader.qtcc1(k, l, qbits=4))
+                labels.append([reader.labelme(state.tolist()) for state in states[-1]])
+        return np.stack(states), labels
 
     return label
+
+
+def _is_sgan(module: str) -> bool:
+    return module.split(".")[0] == "sgan"

@@ -1,7 +1,8 @@
 """A step of training by one process and by two, see docs/scaling.md; one thread each.
 
 The processes are those that a person starts, `train.py` on zara1 (SGAN, 8 + 8 steps), and steps are
-timed by the rows that they write, of 25 steps each; compiling lies before the first.
+timed by the rows that they write, of 25 steps each; compiling lies before the first. One run each,
+one after the other.
 """
 
 import itertools
@@ -62,15 +63,18 @@ def _seconds_a_row(command: list[str], folder: Path, processes: int) -> list[flo
             [*command, *each],
             env={**os.environ, "NPROC": "1"},
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
         )
         for each in together
     ]
     log, seen = folder / "metrics.jsonl", []
-    while any(process.poll() is None for process in running):
-        rows = log.read_text().count("\n") if log.exists() else 0
-        seen += [time.perf_counter()] * (rows - len(seen))
-        time.sleep(0.002)
-    if codes := [process.returncode for process in running if process.returncode]:
+    try:
+        while None in (codes := [process.poll() for process in running]) and not any(codes):
+            rows = log.read_text().count("\n") if log.exists() else 0
+            seen += [time.perf_counter()] * (rows - len(seen))
+            time.sleep(0.002)
+    finally:
+        for process in running:
+            process.kill()
+    if any(codes):
         raise RuntimeError(f"train.py ended with {codes}")
     return [after - before for before, after in itertools.pairwise(seen[:-1])]

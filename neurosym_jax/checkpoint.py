@@ -1,8 +1,4 @@
-"""Arrays and training states on disk, through Orbax.
-
-This is the only importer of Orbax, which is imported when a folder is first read or written. What a
-model's folder holds is said in `model_folder`.
-"""
+"""The states of a training run on disk: whole or not at all, verified, the newest and the best."""
 
 import contextlib
 import hashlib
@@ -18,52 +14,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from neurosym_jax.arrays import digest, read_arrays, write_arrays
 from neurosym_jax.config import FORMAT
-from neurosym_jax.distributed import is_first
-from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.distributed import first_says, is_first
+from neurosym_jax.errors import TrainingError
 
-__all__ = ["TrainingCheckpoints", "digest", "read_arrays", "write_arrays"]
+__all__ = ["TrainingCheckpoints"]
 
 STEP = "step.json"
-
-
-def digest(tree: Any) -> str:
-    """SHA-256 of a tree's paths, shapes, types and bytes.
-
-    Orbax restores some flipped bits without noticing.
-    """
-    sha = hashlib.sha256()
-    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
-        array = np.ascontiguousarray(leaf)
-        sha.update(f"{jax.tree_util.keystr(path)} {array.dtype} {array.shape}".encode())
-        sha.update(array.tobytes())
-    return sha.hexdigest()
-
-
-def write_arrays(folder: Path, tree: Any) -> None:
-    """Write a nested dictionary of arrays as a new folder.
-
-    Of several processes all must call it, for Orbax waits for them; the first one writes.
-    """
-    from orbax.checkpoint import v1 as ocp
-
-    ocp.save(str(folder.absolute()), tree)
-
-
-def read_arrays(folder: Path) -> Any:
-    """Read what `write_arrays` wrote.
-
-    Raises:
-        InputError: for a folder that is missing or damaged; not every damage is noticed, which is
-            what `digest` is for.
-    """
-    from orbax.checkpoint import v1 as ocp
-
-    try:
-        return ocp.load(str(folder.absolute()))
-    except Exception as error:  # Orbax and its storage raise many kinds for a damaged folder
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{folder}: the parameters cannot be read ({reason[:200]})") from None
 
 
 class TrainingCheckpoints:
@@ -133,20 +91,39 @@ class TrainingCheckpoints:
         Raises:
             TrainingError: where a whole step has other leaves than `template`, or another format.
         """
-        steps = self._steps()
-        if best:
-            metrics = self._metrics()
-            steps.sort(key=lambda step: (-metrics.get(step, math.inf), step))
-        for step in reversed(steps):
+        damaged: set[int] = set()
+        while (step := first_says(self._whole_step(best, damaged) if is_first() else 0)) >= 0:
             try:
                 leaves, record = self._read(step, template)
             except TrainingError:
                 raise
             except Exception as error:  # Orbax and its storage raise many kinds for damaged files
+                if jax.process_count() > 1:
+                    raise TrainingError(
+                        f"{self._path(step)}: not all processes can read it: {error}"
+                    ) from None
+                damaged.add(step)
                 self._set_aside(step, error)
             else:
                 return step, jax.tree.unflatten(jax.tree.structure(template), leaves), record
         return None
+
+    def _whole_step(self, best: bool, damaged: set[int]) -> int:
+        """The step to restore, -1 where none is; those whose files are damaged are set aside."""
+        steps = [step for step in self._steps() if step not in damaged]
+        if best:
+            metrics = self._metrics()
+            steps.sort(key=lambda step: (-metrics.get(step, math.inf), step))
+        for step in reversed(steps):
+            try:
+                self._verified(step)
+            except TrainingError:
+                raise
+            except (ValueError, OSError, KeyError, TypeError) as error:
+                self._set_aside(step, error)
+            else:
+                return step
+        return -1
 
     def _path(self, step: int) -> Path:
         return self._folder / f"step_{step:08d}"
@@ -184,13 +161,11 @@ class TrainingCheckpoints:
         except (TypeError, ValueError) as error:
             raise TrainingError(f"{self._folder}: the record is not JSON ({error}){end}") from None
 
-    def _read(self, step: int, template: Any) -> tuple[list[np.ndarray], dict[str, Any]]:
-        """The leaves, in the template's order, and the record.
+    def _verified(self, step: int) -> dict[str, Any]:
+        """What `step.json` says of a step whose files are those that were saved.
 
-        Files are verified before Orbax sees them: a flipped bit in a shape asks for any memory.
+        Before Orbax sees them: a flipped bit in a shape asks for any memory.
         """
-        from orbax.checkpoint import v1 as ocp
-
         folder = self._path(step)
         data = _read_json(folder / STEP)
         content = data["content"]
@@ -203,6 +178,11 @@ class TrainingCheckpoints:
                 raise ValueError(f"{name} is missing")
             if _file_digest(folder / name) != sha:
                 raise ValueError(f"{name} does not match its digest")
+        return content
+
+    def _read(self, step: int, template: Any) -> tuple[list[np.ndarray], dict[str, Any]]:
+        """The leaves, in the template's order, and the record."""
+        folder, content = self._path(step), self._verified(step)
         kinds = content["leaves"]
         wanted = {path: _kind(leaf) for path, leaf in _by_path(template).items()}
         for path in [*wanted, *kinds]:
@@ -211,7 +191,7 @@ class TrainingCheckpoints:
                     f"{folder}: of another configuration: state{path} is "
                     f"{_words(kinds.get(path))} there and {_words(wanted.get(path))} here"
                 )
-        arrays = ocp.load(str((folder / "state").absolute()))
+        arrays = read_arrays(folder / "state")
         leaves: dict[str, np.ndarray] = {}
         for i, (path, (dtype, shape)) in enumerate(kinds.items()):
             # Orbax does not store arrays without elements.

@@ -1,12 +1,14 @@
 """From a command line to a call: options are a dataclass, bad input is one line, not a trace."""
 
 import sys
+import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import tyro
 
+from neurosym_jax.distributed import leave
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.runtime import enable_compilation_cache, tune
 
@@ -33,7 +35,12 @@ def run_command(
             status = action(tyro.cli(options, args=arguments, prog=prog))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        leave(2)
         sys.exit(2)
+    except Exception:
+        traceback.print_exc()
+        leave(1)
+        sys.exit(1)
     sys.exit(status if isinstance(status, int) else 0)
 
 

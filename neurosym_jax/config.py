@@ -139,7 +139,7 @@ class TrainConfig:
     batch_scenes: int = 64
     """Scenes in a batch, about: their proportions by size are fixed."""
     shards: int = 1
-    """Parts of a batch, each with its own gradient; several processes can share them."""
+    """Parts of a batch, each a small batch with its own noise; several processes can share them."""
     max_agents: int | None = 16
     """Larger scenes are cropped, anew each time, to an agent and its nearest neighbours."""
     best_k: int = 20

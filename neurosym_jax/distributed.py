@@ -5,6 +5,9 @@ prints and writes. On one machine alone nothing here does anything.
 """
 
 import dataclasses
+import hashlib
+import os
+import sys
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -16,9 +19,11 @@ from neurosym_jax.errors import InputError
 __all__ = [
     "ALONE",
     "Processes",
+    "first_says",
     "gather",
     "is_first",
     "join",
+    "leave",
     "refuse_apart",
     "refuse_uneven",
     "share",
@@ -57,6 +62,8 @@ def join(processes: Processes) -> None:
     given = [processes.coordinator, processes.count, processes.index]
     if None in given and not (processes.auto and given == [None] * 3):
         raise InputError("coordinator, count and index of processes go together, or auto alone")
+    # Else a SIGTERM is only noted, for a preemption that nobody here waits for.
+    jax.config.update("jax_enable_preemption_service", False)
     try:
         jax.distributed.initialize(processes.coordinator, processes.count, processes.index)
     except (RuntimeError, ValueError) as error:
@@ -84,28 +91,50 @@ def refuse_uneven(name: str, parts: int) -> None:
         raise InputError(f"{name} must be a multiple of {processes}, the processes, not {parts}")
 
 
-def refuse_apart(what: str, number: int) -> None:
-    """Refuse to go on where `number` is not the same in all processes; waits for all.
+def refuse_apart(what: str, text: str) -> None:
+    """Refuse to go on where `text` is not the same in all processes; waits for all.
 
     Raises:
         InputError: naming it as `what`, in every process.
     """
-    found = gather([np.array([number], np.int32)]).ravel().tolist()
-    if len(set(found)) > 1:
-        raise InputError(f"{what} is {', '.join(map(str, found))} in the processes")
+    sha = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint32)
+    if (gather([sha]) != sha).any():
+        raise InputError(f"the processes do not agree on {what}")
+
+
+def first_says(number: int) -> int:
+    """The first process's `number`, in [-2**31, 2**31), in all; waits for it."""
+    return int(gather([np.array([number], np.int32)])[0, 0])
+
+
+def leave(status: int) -> None:
+    """End this process at once where it is one of several, and so the others' waiting for it.
+
+    By itself a joined process waits for the others before it ends, and they for it.
+    """
+    if jax.distributed.is_initialized() and jax.process_count() > 1:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
 
 
 def gather(mine: Sequence[np.ndarray]) -> np.ndarray:
     """Every process's arrays, stacked in the order of the items that `share` gave out.
 
     All arrays have one shape and a type that JAX keeps, every process equally many; waits for all.
+
+    Raises:
+        InputError: where another process has ended.
     """
     stacked = np.stack(mine)
     if jax.process_count() == 1:
         return stacked
     from jax.experimental.multihost_utils import process_allgather
 
-    gathered: Any = np.asarray(process_allgather(stacked))
+    try:
+        gathered: Any = np.asarray(process_allgather(stacked))
+    except jax.errors.JaxRuntimeError as error:
+        raise InputError(f"another process has ended, or cannot be reached: {error}") from None
     return gathered.swapaxes(0, 1).reshape(-1, *stacked.shape[1:])
 
 

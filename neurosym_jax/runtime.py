@@ -14,8 +14,8 @@ import jax
 __all__ = ["cache_folder", "compile_seconds", "enable_compilation_cache", "tune"]
 
 _VECTORS = "--xla_cpu_prefer_vector_width"
-# Of glibc's malloc.h; the largest int is "never".
-_TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX, _NEVER = -1, -4, -8, 2**31 - 1
+_TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
+"""Of glibc's malloc.h."""
 
 _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
@@ -62,15 +62,18 @@ def tune() -> None:
     """Make compiled programs faster on a CPU, as far as the environment does not say otherwise.
 
     To be called before JAX's backend starts. Buffers that a program gives back stay with the
-    process (`MALLOC_*` says otherwise): the next call would else touch every page for the first
-    time, which took up to half of a step of training. Vectors are as wide as the processor has them
-    (`XLA_FLAGS` says otherwise), where XLA alone stays at 256 bits.
+    process (`MALLOC_*` or `GLIBC_TUNABLES` say otherwise): the next call would else touch every
+    page for the first time, which took up to half of a step of training. Vectors are as wide as the
+    processor has them (`XLA_FLAGS` says otherwise), where XLA alone stays at 256 bits; under
+    versions of JAX that were not tried here they stay so.
     """
-    if not any(name.startswith("MALLOC_") for name in os.environ):
+    if not any(name.startswith(("MALLOC_", "GLIBC_TUNABLES")) for name in os.environ):
         # Not with another C library than glibc, whose own ways are left to it.
         with contextlib.suppress(AttributeError, OSError, TypeError):
             mallopt = ctypes.CDLL(None).mallopt
-            for parameter, value in ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, _NEVER), (_ARENA_MAX, 1)):
+            # One arena, because those of other threads map whatever is larger than 64 MB; nothing
+            # mapped; never trimmed.
+            for parameter, value in ((_ARENA_MAX, 1), (_MMAP_MAX, 0), (_TRIM_THRESHOLD, -1)):
                 mallopt(parameter, value)
     flags = os.environ.get("XLA_FLAGS", "")
     # A flag that XLA does not know ends the process, so only where it was seen to know it.

@@ -14,7 +14,7 @@ from neurosym_jax.config import (
 )
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
-from neurosym_jax.training.loop import generator_of_today
+from neurosym_jax.training.loop import record_of_today
 
 
 @pytest.mark.parametrize(
@@ -135,11 +135,17 @@ def test_what_needs_a_context_perceptron():
     assert dataclasses.replace(none, noise_dim=0, pooling="pool_net").needs_context_mlp
 
 
+def test_a_recipe_that_was_written_before_batches_had_shards():
+    old = json.loads(json.dumps(to_json(TrainConfig())))
+    del old["shards"]
+    assert record_of_today({"training": old}, Path("run"))["training"]["shards"] == 1
+
+
 def test_what_was_written_before_models_had_a_period():
     old = to_json(GeneratorConfig(pred_len=12))
     del old["period"]
     assert from_json(GeneratorConfig, old) == GeneratorConfig(pred_len=12, period=0.4)
-    assert generator_of_today(old, Path("run"))["period"] == 0.4
+    assert record_of_today({"generator": old}, Path("run"))["generator"]["period"] == 0.4
     for period in (0, -1.0, float("nan")):
         with pytest.raises(InputError, match="period must be positive"):
             GeneratorConfig(period=period)

@@ -15,6 +15,7 @@ import pytest
 from neurosym_jax.distributed import Processes, is_first, join, share, sum_over_processes
 from neurosym_jax.errors import InputError
 from neurosym_jax.model_folder import load_model
+from neurosym_jax.training.lock import sole_writer
 
 ROOT = Path(__file__).parents[1]
 
@@ -38,18 +39,26 @@ def start(command, *arguments):
     )
 
 
-def start_two(command, *arguments):
+def start_two(command, *arguments, of_second=()):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{free.getsockname()[1]}"
     together = ("--processes.coordinator", address, "--processes.count", 2, "--processes.index")
-    return [start(command, *arguments, *together, index) for index in range(2)]
+    each = ((), of_second)
+    return [start(command, *arguments, *together, index, *each[index]) for index in range(2)]
 
 
-def finish(running):
-    for process in running:
-        said, _ = process.communicate(timeout=300)
-        assert process.returncode == 0, said
+def finish(running, status=0):
+    """What all have said, once they have ended; none is left over."""
+    said = []
+    try:
+        for process in running:
+            said.append(process.communicate(timeout=200)[0])
+            assert process.returncode == status, said
+    finally:
+        for process in running:
+            process.kill()
+    return said
 
 
 @pytest.mark.slow
@@ -57,12 +66,9 @@ def test_two_processes_evaluate_as_one(tmp_path):
     checkpoint = ROOT / "checkpoints/sgan_simulations_8_8"
     command = ["-c", EVALUATE, "--checkpoint", checkpoint, "--no-figures"]
     command += ["--scene", "cross-path", "--samples", 3, "--json"]
-    finish(
-        [
-            start(command, tmp_path / "alone.json"),
-            *start_two(command, tmp_path / "both.json"),
-        ]
-    )
+    one = start(command, tmp_path / "alone.json")
+    said = finish([one, *start_two(command, tmp_path / "both.json")])
+    assert ["rows: " in each for each in said] == [True, True, False]  # The first writes for both.
     alone, both = (
         json.loads((tmp_path / name).read_text())["rows"] for name in ("alone.json", "both.json")
     )
@@ -73,7 +79,7 @@ def test_two_processes_evaluate_as_one(tmp_path):
 
 @pytest.mark.slow
 def test_two_processes_train_as_one_and_go_on_after_a_kill(tmp_path):
-    command = [ROOT / "train.py", "--scene", "cross-path", "--steps", 75, "--resume"]
+    command = [ROOT / "train.py", "--scene", "cross-path", "--steps", 150, "--resume"]
     command += ["--set", "shards=2", "batch_scenes=8", "validate_every=25", "best_k=3", "--out"]
     alone, two = tmp_path / "alone", tmp_path / "two"
     one = start(command, alone)
@@ -84,6 +90,7 @@ def test_two_processes_train_as_one_and_go_on_after_a_kill(tmp_path):
     for process in killed:
         process.kill()
         process.communicate()
+    assert not (two / "model").exists(), "it was finished before it was killed"
     finish([one, *start_two(command, two)])
     assert (alone / "metrics.jsonl").read_text() == (two / "metrics.jsonl").read_text()
     params = [load_model(folder / "model").params for folder in (alone, two)]
@@ -91,11 +98,26 @@ def test_two_processes_train_as_one_and_go_on_after_a_kill(tmp_path):
 
 
 @pytest.mark.slow
-def test_shards_that_two_processes_cannot_share_are_refused(tmp_path):
-    for process in start_two([ROOT / "train.py"], "--steps", 1, "--out", tmp_path):
-        said, _ = process.communicate(timeout=300)
-        assert process.returncode == 2  # As of every refusal.
-        assert "shards must be a multiple of 2" in said
+@pytest.mark.parametrize(
+    ("arguments", "of_second", "reason"),
+    [
+        (["--steps", 1], [], "shards must be a multiple of 2"),
+        (["--set", "shards=2"], ["--seed", 1], "the processes do not agree on the run"),
+    ],
+)
+def test_processes_that_cannot_train_as_one_say_so_and_end(tmp_path, arguments, of_second, reason):
+    running = start_two([ROOT / "train.py", *arguments, "--out", tmp_path], of_second=of_second)
+    for said in finish(running, status=2):
+        assert reason in said
+
+
+@pytest.mark.slow
+def test_where_one_process_fails_the_others_end_too(tmp_path):
+    with sole_writer(tmp_path):
+        running = start_two([ROOT / "train.py", "--set", "shards=2", "--out", tmp_path])
+        said, other = finish(running, status=2)
+    assert "another process is training there" in said
+    assert "another process has ended" in other
 
 
 def test_alone_nothing_happens():

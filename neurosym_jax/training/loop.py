@@ -11,7 +11,6 @@ import functools
 import hashlib
 import json
 import math
-import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,27 +21,24 @@ import numpy as np
 from tqdm import tqdm
 
 from neurosym_jax.checkpoint import TrainingCheckpoints
-from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, from_json, to_json
+from neurosym_jax.config import GeneratorConfig, TrainConfig, from_json, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.distributed import is_first, refuse_apart, refuse_uneven
-from neurosym_jax.environment import code_version, run_environment
+from neurosym_jax.environment import run_environment
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecast import Model
 from neurosym_jax.generator_forecaster import GeneratorForecaster
-from neurosym_jax.model_folder import save_model
 from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.training.card import CARD, write_card
+from neurosym_jax.training.finish import write_curves, write_model
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.shards import advance_in_shards
 from neurosym_jax.training.step import TrainState, initial_state, train_step
 from neurosym_jax.training.stream import SceneStream
 
-__all__ = ["CHUNK", "RUN", "Run", "data_digest", "generator_of_today", "train_run"]
-
-RUN = "run.json"
+__all__ = ["CHUNK", "Run", "data_digest", "record_of_today", "train_run"]
 
 CHUNK = 25
 """Steps compiled into one call, between two updates of the progress bar."""
@@ -86,7 +82,8 @@ def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
     """Train, from the start or from the newest good checkpoint in `folder`.
 
     Several processes (see `distributed`) train as one where the recipe's `shards` are a multiple of
-    their number. All must see `folder`; the first one writes.
+    their number. All must see `folder` under one path, and run on equal versions, threads and
+    instruction sets; the first one writes.
 
     Returns:
         The best model by validation, also written to `folder / "model"`.
@@ -120,13 +117,13 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     validations: list[dict[str, Any]] = []
     record = {**run.describe(), "environment": run_environment()}
 
+    refuse_apart("the run, or on what it runs", json.dumps([str(folder.absolute()), record]))
     found = checkpoints.restore((state, best))
     if found is not None:
         state, best, validations = _resumed(found, record, folder, resume)
     elif (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
     done = int(state.step)
-    refuse_apart(f"{folder}: the step to go on from", done)
     log = MetricsLog(folder / "metrics.jsonl", done) if is_first() else None
     # tqdm's None is for a terminal only.
     hidden = None if log else True
@@ -158,8 +155,11 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
             bar.update(count)
     model = Model(run.generator, best, run.scene)
     if log:
-        _write_curves(folder, log.rows())
-    _finish(run, folder, model, record, validations)
+        write_curves(folder, log.rows())
+    windows = {"training": run.training, "validation": run.validation}
+    counts = {name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()}
+    facts = {**record, "data_name": run.data_name, "counts": counts}
+    write_model(folder, model, facts, validations)
     return model
 
 
@@ -229,13 +229,19 @@ def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     return {"val_ade": ade, "val_fde": fde, "val_score": score}
 
 
-def generator_of_today(data: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A run's generator as it is written today; an earlier version may have written `data`.
+def record_of_today(record: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A run's record with its configurations as they are written today, perhaps by an earlier one.
 
     Raises:
         InputError: naming `folder`, for what no version wrote.
     """
-    return json.loads(json.dumps(to_json(from_json(GeneratorConfig, data, str(folder)))))
+    kinds = {"generator": GeneratorConfig, "training": TrainConfig}
+    today = {
+        name: to_json(from_json(kind, record[name], str(folder)))
+        for name, kind in kinds.items()
+        if name in record
+    }
+    return {**record, **json.loads(json.dumps(today))}
 
 
 def _resumed(
@@ -244,9 +250,7 @@ def _resumed(
     step, (state, best), record = found
     if not resume:
         raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
-    ours = json.loads(json.dumps(ours))
-    if "generator" in record:
-        record = {**record, "generator": generator_of_today(record["generator"], folder)}
+    ours, record = json.loads(json.dumps(ours)), record_of_today(record, folder)
     for name, value in ours.items():
         if name != "environment" and record.get(name) != value:
             raise InputError(f"{folder}: holds another run: its {name} differs")
@@ -258,57 +262,3 @@ def _resumed(
                 file=sys.stderr,
             )
     return state, best, [row for row in record["history"] if "val_score" in row]
-
-
-def _finish(
-    run: Run,
-    folder: Path,
-    model: Model,
-    record: dict[str, Any],
-    validations: list[dict[str, Any]],
-) -> None:
-    """Write `run.json`, the model and its card, as far as they are not there."""
-    target, part = folder / "model", folder / "model.part"
-    if (target / CARD).exists():
-        return
-    windows = {"training": run.training, "validation": run.validation}
-    facts = {
-        "format": FORMAT,
-        **record,
-        "data_name": run.data_name,
-        "counts": {
-            name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()
-        },
-        "parameters": sum(leaf.size for leaf in jax.tree.leaves(model.params)),
-        "code": code_version(),
-        # The newest of equals, as the loop and the checkpoints choose.
-        "validation": min(reversed(validations), key=lambda row: row["val_score"]),
-    }
-    if is_first():
-        (folder / RUN).write_text(json.dumps(facts, indent=1) + "\n")
-    if not target.exists():
-        if is_first():
-            shutil.rmtree(part, ignore_errors=True)
-        save_model(part, model)
-        # Renamed into place: a run that has a model is whole, whatever kills the process.
-        if is_first():
-            part.rename(target)
-    if is_first():
-        write_card(target, facts)
-
-
-def _write_curves(folder: Path, history: list[dict[str, Any]]) -> None:
-    """Losses of every round and errors of every validation as `curves.png`."""
-    from neurosym_jax.plotting import plot_training, save_figure
-
-    def curve(name: str) -> tuple[list[float], list[float]]:
-        rows = [row for row in history if name in row]
-        return [row["step"] for row in rows], [row[name] for row in rows]
-
-    losses = [name for name in ("g_loss", "g_adversarial", "d_loss") if name in history[0]]
-    figure = plot_training(
-        {name: curve(name) for name in losses},
-        {"ADE": curve("val_ade"), "FDE": curve("val_fde")},
-        "training",
-    )
-    save_figure(figure, folder / "curves.png")

@@ -110,7 +110,7 @@ def decode_groups(
         jnp.broadcast_to(
             noise if config.noise_mix_type == "ped" else noise[:, :, None],
             (samples, *shape, config.noise_dim),
-        ).reshape(samples, -1, config.noise_dim)
+        ).reshape(samples, math.prod(shape), config.noise_dim)
         for noise, shape in zip(noises, shapes)
     ]
     merged = jax.tree.map(

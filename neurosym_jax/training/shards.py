@@ -2,7 +2,7 @@
 
 A shard's gradient is a compiled call of its own, the same whichever process makes it, and the
 shards' gradients are added up in their order. So what comes out depends on the number of shards and
-never on the number of processes.
+not on the number of processes, where all run on the same versions, threads and instruction set.
 """
 
 import functools
@@ -68,9 +68,9 @@ def _gradient(learn, generator, config, state, shards: Groups, keys: Array):
     """The gradient and metrics of the whole batch `shards [shards, scenes, ...]`."""
     counts = Counts.of(shards)
     mine = []
-    for index, shard in share(range(config.shards)):
+    for _, shard in share(range(config.shards)):
         groups = jax.tree.map(lambda leaf, shard=shard: leaf[shard], shards)
-        found = _learn(learn, generator, config, state, groups, keys, Part(index, counts))
+        found = _learn(learn, generator, config, state, groups, keys, Part(shard, counts))
         vector, as_tree = ravel_pytree(found)
         mine.append(np.asarray(vector))
     return as_tree(gather(mine).sum(axis=0))

@@ -125,6 +125,7 @@ class Part(NamedTuple):
     """Which part of a batch some groups are; what is random in them is the part's own."""
 
     index: Array | int
+    """[] from 0."""
     counts: Counts
     """Of the whole batch."""
 

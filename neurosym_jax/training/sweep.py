@@ -26,7 +26,8 @@ from neurosym_jax.evaluation.cases import make_cases
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.evaluation.rows import Settings, evaluate_cases
 from neurosym_jax.training.card import write_card
-from neurosym_jax.training.loop import RUN, generator_of_today
+from neurosym_jax.training.finish import RUN
+from neurosym_jax.training.loop import record_of_today
 from neurosym_jax.training.run import TrainOptions, generator_config, model_name, recipe
 from neurosym_jax.training.sweep_errors import write_errors
 from neurosym_jax.training.sweep_table import format_sweep
@@ -151,8 +152,7 @@ def _finished(run: TrainOptions) -> bool:
     folder = Path(str(run.out))
     if not (folder / "model").is_dir() or not (folder / RUN).is_file():
         return False
-    facts = json.loads((folder / RUN).read_text())
-    facts["generator"] = generator_of_today(facts["generator"], folder / RUN)
+    facts = record_of_today(json.loads((folder / RUN).read_text()), folder / RUN)
     wanted = {"generator": to_json(generator_config(run)), "training": to_json(recipe(run))}
     for part, fields in json.loads(json.dumps(wanted)).items():
         for name, value in fields.items():
