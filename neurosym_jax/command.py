@@ -38,9 +38,8 @@ def run_command(
         leave(2)
         sys.exit(2)
     except Exception:
-        traceback.print_exc()
-        leave(1)
-        sys.exit(1)
+        leave(1, traceback.format_exc())
+        raise
     sys.exit(status if isinstance(status, int) else 0)
 
 

@@ -8,6 +8,7 @@ import dataclasses
 import hashlib
 import os
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -107,14 +108,18 @@ def first_says(number: int) -> int:
     return int(gather([np.array([number], np.int32)])[0, 0])
 
 
-def leave(status: int) -> None:
-    """End this process at once where it is one of several, and so the others' waiting for it.
+def leave(status: int, words: str = "") -> None:
+    """End this process where it is one of several, with last `words`, and so the others' waiting.
 
     By itself a joined process waits for the others before it ends, and they for it.
     """
     if jax.distributed.is_initialized() and jax.process_count() > 1:
+        print(words, end="", file=sys.stderr)
         sys.stdout.flush()
         sys.stderr.flush()
+        if is_first():
+            # The others are aborted when it ends: time for their own words, if they have any.
+            time.sleep(2)
         os._exit(status)
 
 
