@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from neurosym_jax.arrays import digest, read_arrays, write_arrays
+from neurosym_jax.checkpoint import digest, read_arrays, write_arrays
 from neurosym_jax.config import FORMAT, GeneratorConfig, from_json
 from neurosym_jax.data.published import find
 from neurosym_jax.distributed import is_first

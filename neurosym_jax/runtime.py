@@ -63,9 +63,9 @@ def tune() -> None:
 
     To be called before JAX's backend starts. Buffers that a program gives back stay with the
     process (`MALLOC_*` or `GLIBC_TUNABLES` say otherwise): the next call would else touch every
-    page for the first time, which took up to half of a step of training. Vectors are as wide as the
-    processor has them (`XLA_FLAGS` says otherwise), where XLA alone stays at 256 bits; under
-    versions of JAX that were not tried here they stay so.
+    page for the first time, a quarter of a training iteration. Vectors are as wide as the processor
+    has them (`XLA_FLAGS` says otherwise), where XLA alone stays at 256 bits; under versions of JAX
+    that were not tried here they stay so.
     """
     if not any(name.startswith(("MALLOC_", "GLIBC_TUNABLES")) for name in os.environ):
         # Not with another C library than glibc, whose own ways are left to it.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.arrays import digest
+from neurosym_jax.checkpoint import digest
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecast import Model

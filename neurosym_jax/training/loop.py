@@ -20,7 +20,6 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.config import GeneratorConfig, TrainConfig, from_json, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
@@ -31,6 +30,7 @@ from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecast import Model
 from neurosym_jax.generator_forecaster import GeneratorForecaster
 from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.finish import write_curves, write_model
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog

@@ -139,17 +139,16 @@ def learn_to_judge(
     part: Part | None = None,
 ) -> tuple[Any, Metrics]:
     """The discriminator's gradient on a batch, or a part of it, augmented; of `split`'s keys."""
-    turning, drawing, of_real, of_fake = keys[0], keys[1], keys[2], keys[6]
-    groups = augment(groups, _own(turning, part), rotate=config.rotate, scale=config.scale)
+    groups, noises = _drawn(generator_config, config, groups, keys[:2], 1, part)
     return discriminator_gradient(
         generator_config,
         config,
         state.generator,
         state.discriminator,
         groups,
-        draw_group_noise(generator_config, groups, _own(drawing, part), 1),
-        label_real=_label(of_real, config.label_real),
-        label_fake=_label(of_fake, config.label_fake),
+        noises,
+        label_real=_label(keys[2], config.label_real),
+        label_fake=_label(keys[6], config.label_fake),
         counts=part and part.counts,
     )
 
@@ -163,22 +162,33 @@ def learn_to_forecast(
     part: Part | None = None,
 ) -> tuple[Any, Metrics]:
     """The generator's gradient on a batch, or a part of it, augmented; of `split`'s keys."""
-    turning, drawing, of_label = keys[3], keys[4], keys[5]
-    groups = augment(groups, _own(turning, part), rotate=config.rotate, scale=config.scale)
+    groups, noises = _drawn(generator_config, config, groups, keys[3:5], config.best_k, part)
     return generator_gradient(
         generator_config,
         config,
         state.generator,
         state.discriminator,
         groups,
-        draw_group_noise(generator_config, groups, _own(drawing, part), config.best_k),
-        label=_label(of_label, config.label_real),
+        noises,
+        label=_label(keys[5], config.label_real),
         counts=part and part.counts,
     )
 
 
-def _own(key: Array, part: Part | None) -> Array:
-    return key if part is None else jax.random.fold_in(key, part.index)
+def _drawn(
+    generator_config: GeneratorConfig,
+    config: TrainConfig,
+    groups: Groups,
+    keys: Array,
+    samples: int,
+    part: Part | None,
+) -> tuple[Groups, list[Array]]:
+    """What is random in a batch or its part: the groups augmented, and the noise of k samples."""
+    turning, drawing = (
+        key if part is None else jax.random.fold_in(key, part.index) for key in keys
+    )
+    groups = augment(groups, turning, rotate=config.rotate, scale=config.scale)
+    return groups, draw_group_noise(generator_config, groups, drawing, samples)
 
 
 def update_discriminator(config: TrainConfig, state: TrainState, gradient: Any) -> TrainState:

@@ -6,7 +6,6 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.model_folder import load_model
@@ -14,6 +13,7 @@ from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training import loop
 from neurosym_jax.training.card import write_card
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.metrics_log import MetricsLog

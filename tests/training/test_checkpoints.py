@@ -18,8 +18,8 @@ import pytest
 from flax import struct
 from orbax.checkpoint import v1 as ocp
 
-from neurosym_jax.checkpoint import TrainingCheckpoints
 from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 
 RECORD = {"config": {"lr": 1e-3, "name": "sgan é"}, "history": [{"step": 1, "ade": 0.1 + 0.2}]}
 
@@ -169,7 +169,7 @@ def test_another_template_is_refused(two_steps, change, words):
 
 
 def test_another_format_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("neurosym_jax.checkpoint.FORMAT", 99)
+    monkeypatch.setattr("neurosym_jax.training.checkpoints.FORMAT", 99)
     TrainingCheckpoints(tmp_path).save(1, {"a": np.zeros(2)}, {}, 0.1)
     monkeypatch.undo()
     with pytest.raises(TrainingError, match="format 99"):
@@ -278,7 +278,7 @@ import os, sys
 from pathlib import Path
 import numpy as np
 from orbax.checkpoint import v1
-from neurosym_jax.checkpoint import TrainingCheckpoints
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 
 folder = Path(sys.argv[1])
 for line in sys.stdin:
