@@ -162,10 +162,12 @@ class TrainConfig:
     warmup_steps: int = 100
     clip_norm: float = 2.0
     """Largest norm of the generator's gradient; 0 for no clipping."""
-    rotate: bool = True
-    """Turn each training scene by a random angle and mirror every other one."""
+    rotate: bool | float = 1.0
+    """Share of the training scenes that are turned by random angles, every other one mirrored."""
     scale: float = 0.0
     """Stretch each training scene by a random factor within 1 +- scale."""
+    jitter: float = 0.0
+    """Largest standard deviation, in metres, of errors added to a scene's observed positions."""
     ema: float = 0.0
     """Decay of the averaged parameters that are validated and kept; 0 keeps the raw ones."""
     validate_every: int = 500
@@ -182,14 +184,14 @@ class TrainConfig:
         if self.shards > self.batch_scenes:
             raise InputError(f"{self.shards} shards of {self.batch_scenes} batch_scenes: too many")
         weights = ("l2_weight", "fde_weight", "adversarial_weight")
-        refuse_below(0, _named(self, *weights, "warmup_steps", "clip_norm"))
+        refuse_below(0, _named(self, *weights, "warmup_steps", "clip_norm", "jitter"))
         if self.l2_weight == self.adversarial_weight == 0:
-            raise InputError(
-                "l2_weight and adversarial_weight are both 0: nothing would be learned"
-            )
+            raise InputError("l2_weight and adversarial_weight are 0: nothing would be learned")
         for name in ("g_learning_rate", "d_learning_rate"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"{name} must be positive, not {getattr(self, name)}")
+        if not 0 <= self.rotate <= 1:
+            raise InputError(f"rotate must lie in [0, 1], not {self.rotate}")
         for name in ("scale", "ema"):
             if not 0 <= getattr(self, name) < 1:
                 raise InputError(f"{name} must lie in [0, 1), not {getattr(self, name)}")
@@ -212,7 +214,7 @@ RECIPES = {
         g_learning_rate=1e-4,
         schedule="constant",
         warmup_steps=0,
-        rotate=False,
+        rotate=0.0,
         select_by="ade",
     ),
 }
@@ -293,8 +295,6 @@ def _fits(value: Any, hint: Any) -> bool:
     if origin is tuple:
         of = typing.get_args(hint)
         return isinstance(value, tuple) and len(value) == len(of) and all(map(_fits, value, of))
-    if hint is float:
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool)
+    if hint in (int, float):
+        return isinstance(value, int | hint) and not isinstance(value, bool)
     return not isinstance(hint, type) or isinstance(value, hint)

@@ -30,7 +30,7 @@ from neurosym_jax.interop.parity_networks import (
 )
 from neurosym_jax.scene import Scene, model_dtype, relative_positions
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
-from neurosym_jax.training.rollout import Groups
+from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.step import (
     TrainState,
     clip_gradient,

@@ -17,12 +17,13 @@ from jax import Array
 from neurosym_jax.config import GeneratorConfig, TrainConfig
 from neurosym_jax.models import Discriminator
 from neurosym_jax.scene import Scene
+from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.losses import (
     adversarial_loss,
     distance_errors,
     squared_displacement_errors,
 )
-from neurosym_jax.training.rollout import Groups, decode_groups, encode_groups, over_slots
+from neurosym_jax.training.rollout import decode_groups, encode_groups, over_slots
 
 __all__ = ["Counts", "Metrics", "discriminator_gradient", "generator_gradient"]
 

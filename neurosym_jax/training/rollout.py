@@ -1,11 +1,10 @@
 """A generator over the groups of one training batch: futures of many scenes and samples at once.
 
-A batch is a tuple of Scenes, one for each size class, `[scenes, slots, ...]`. Pooling is mapped
-over each group's scenes; what looks at no neighbour takes all slots of all groups together.
+Pooling is mapped over each group's scenes; what looks at no neighbour takes all slots of all groups
+together.
 """
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -17,37 +16,9 @@ from jax import Array
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.generator_forecaster import decode_scene, interact_scene
 from neurosym_jax.models import Generator
-from neurosym_jax.scene import Scene
+from neurosym_jax.training.groups import Groups, cuts
 
-__all__ = ["Groups", "augment", "decode_groups", "draw_group_noise", "encode_groups", "over_slots"]
-
-Groups = tuple[Scene, ...]
-
-
-def augment(groups: Groups, key: Array, *, rotate: bool, scale: float) -> Groups:
-    """Each scene turned by its own angle, mirrored or not, and stretched; `key` is consumed."""
-    if not rotate and not scale:
-        return groups
-    counts = [scene.valid.shape[0] for scene in groups]
-    turn, flip, stretch = jax.random.split(key, 3)
-    total = sum(counts)
-    factor = jax.random.uniform(stretch, (total,), minval=1 - scale, maxval=1 + scale)
-    angle = jax.random.uniform(turn, (total,), maxval=2 * jnp.pi * rotate)
-    sign = jax.random.rademacher(flip, (total,), angle.dtype) if rotate else jnp.ones(total)
-    cos, sin = factor * jnp.cos(angle), factor * jnp.sin(angle)
-    matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1).reshape(total, 2, 2)
-
-    def moved(vectors: Array, matrix: Array) -> Array:
-        return jnp.einsum("sab,sntb->snta", matrix, vectors)
-
-    return tuple(
-        scene.replace(
-            observed=moved(scene.observed, part),
-            displacement=moved(scene.displacement, part),
-            future=moved(scene.future, part),
-        )
-        for scene, part in zip(groups, jnp.split(matrix, _cuts(counts)))
-    )
+__all__ = ["decode_groups", "draw_group_noise", "encode_groups", "over_slots"]
 
 
 def draw_group_noise(
@@ -65,7 +36,7 @@ def draw_group_noise(
         noise = jax.random.uniform(key, shape, minval=-1.0, maxval=1.0)
     return [
         part.reshape(samples, *shape, config.noise_dim)
-        for part, shape in zip(jnp.split(noise, _cuts(sizes), axis=1), shapes)
+        for part, shape in zip(jnp.split(noise, cuts(sizes), axis=1), shapes)
     ]
 
 
@@ -82,9 +53,9 @@ def over_slots(function: Callable[[Array], Any], parts: Sequence[Array]) -> list
     """`function` of `[A, ...]`, all slots together, from and to `[scenes, slots, ...]` parts."""
     shapes = [part.shape[:2] for part in parts]
     out = function(jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts]))
-    cuts = _cuts([math.prod(shape) for shape in shapes])
+    ends = cuts([math.prod(shape) for shape in shapes])
     return [
-        part.reshape(*shape, *part.shape[1:]) for part, shape in zip(jnp.split(out, cuts), shapes)
+        part.reshape(*shape, *part.shape[1:]) for part, shape in zip(jnp.split(out, ends), shapes)
     ]
 
 
@@ -120,13 +91,8 @@ def decode_groups(
     context = jnp.concatenate([context.reshape(-1, context.shape[-1]) for context in contexts])
     noise = jnp.concatenate(slots, axis=1)
     future = decode_scene(config, params, context, merged, noise)
-    cuts = _cuts([math.prod(shape) for shape in shapes])
+    ends = cuts([math.prod(shape) for shape in shapes])
     return [
         part.reshape(samples, *shape, *part.shape[2:])
-        for part, shape in zip(jnp.split(future, cuts, axis=1), shapes)
+        for part, shape in zip(jnp.split(future, ends, axis=1), shapes)
     ]
-
-
-def _cuts(sizes: Sequence[int]) -> list[int]:
-    """Where `jnp.split` cuts an axis that holds parts of these sizes."""
-    return list(itertools.accumulate(sizes))[:-1]

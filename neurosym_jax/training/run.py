@@ -63,7 +63,7 @@ class TrainOptions:
     steps: int | None = None
     """Generator steps; default: the recipe's."""
     set: tuple[str, ...] = ()
-    """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=false."""
+    """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=0."""
     data: Path | None = None
     """ETH/UCY as SGAN arranges it, or a folder of recordings; default: what was downloaded and has
     the scene, else the embedded simulations."""

@@ -11,13 +11,15 @@ from neurosym_jax.config import GeneratorConfig, TrainConfig
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.gradients import (
     Counts,
     Metrics,
     discriminator_gradient,
     generator_gradient,
 )
-from neurosym_jax.training.rollout import Groups, augment, draw_group_noise
+from neurosym_jax.training.groups import Groups
+from neurosym_jax.training.rollout import draw_group_noise
 
 __all__ = [
     "Part",
@@ -187,7 +189,7 @@ def _drawn(
     turning, drawing = (
         key if part is None else jax.random.fold_in(key, part.index) for key in keys
     )
-    groups = augment(groups, turning, rotate=config.rotate, scale=config.scale)
+    groups = augment(groups, turning, config)
     return groups, draw_group_noise(generator_config, groups, drawing, samples)
 
 

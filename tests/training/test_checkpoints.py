@@ -312,17 +312,18 @@ def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
     )
     assert process.stdin
     assert process.stdout
-    step = 0
+    step, longest = 0, 0.5
     with process:
         for _ in range(20):
             print(step, file=process.stdin, flush=True)
             pid = int(process.stdout.readline())
-            time.sleep(rng.uniform(0.0, 0.5))
+            time.sleep(rng.uniform(0.0, longest))
             os.kill(pid, signal.SIGKILL)
             assert process.stdout.readline() == "dead\n"
             found = TrainingCheckpoints(folder).restore(template)
             if found is None:
                 assert step == 0
+                longest *= 2  # A busy machine saves nothing for long.
                 continue
             step, state, record = found
             assert record == {"at": step}

@@ -174,10 +174,10 @@ def test_recipes():
             recipe="sgan",
             seed=3,
             steps=30,
-            set=("rotate=true", "max_agents=null", "label_real=[0.9, 1]", "schedule=cosine"),
+            set=("rotate=0.5", "max_agents=null", "label_real=[0.9, 1]", "schedule=cosine"),
         )
     )
-    assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, True, None)
+    assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, 0.5, None)
     assert (changed.label_real, changed.schedule) == ((0.9, 1), "cosine")
     assert changed.g_learning_rate == RECIPES["sgan"].g_learning_rate
 

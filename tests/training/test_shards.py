@@ -27,7 +27,7 @@ def start(run, groups):
 def test_shards_are_their_batch(run, shards):
     """Where nothing is random, so that parts and the whole have the same to learn."""
     generator = dataclasses.replace(run.generator, noise_dim=0)
-    config = dataclasses.replace(run.config, shards=2, rotate=False, scale=0.0)
+    config = dataclasses.replace(run.config, shards=2, rotate=0.0, scale=0.0, jitter=0.0)
     run = dataclasses.replace(run, generator=generator, config=config)
     state, key = start(run, shards), jax.random.key(1)
     agents = sum(group.valid.sum(axis=(1, 2)) for group in shards)

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.training.rollout import augment, draw_group_noise
+from neurosym_jax.training.rollout import draw_group_noise
 from neurosym_jax.training.stream import SceneStream
 
 
@@ -75,43 +75,6 @@ def test_a_crowd_on_one_spot_keeps_the_focal_agent(make_windows):
     (group,) = SceneStream(windows, 1, seed=0, max_agents=3).steps(0, 50)
     agents = {row.tobytes() for row in group.displacement.reshape(-1, obs_len, 2)}
     assert len(agents) == 9
-
-
-def test_augmentation_turns_and_mirrors(windows):
-    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
-    turned = augment(groups, jax.random.key(0), rotate=True, scale=0.0)
-    mirrored = []
-    for before, after in zip(groups, turned):
-        np.testing.assert_array_equal(before.valid, after.valid)
-        for name in ("observed", "displacement", "future"):
-            old, new = np.asarray(getattr(before, name)), np.asarray(getattr(after, name))
-            np.testing.assert_allclose(
-                np.linalg.norm(old, axis=-1), np.linalg.norm(new, axis=-1), atol=1e-5
-            )
-            assert np.abs(old - new).max() > 0.1
-        # Between agents too, and from what was observed to what followed.
-        track = [np.concatenate([s.observed, s.future], axis=2) for s in (before, after)]
-        flat = [t.reshape(len(t), -1, 2) for t in track]
-        apart = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
-        np.testing.assert_allclose(*apart, atol=1e-5)
-        cross = [f[:, :-1, 0] * f[:, 1:, 1] - f[:, :-1, 1] * f[:, 1:, 0] for f in flat]
-        ratio = (cross[0] * cross[1]).sum(axis=1) / (cross[0] ** 2).sum(axis=1)
-        np.testing.assert_allclose(np.abs(ratio), 1, atol=1e-4)
-        mirrored += list(ratio < 0)
-    assert 0 < sum(mirrored) < len(mirrored)
-
-
-def test_augmentation_stretches_and_can_be_off(windows):
-    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
-    assert augment(groups, jax.random.key(0), rotate=False, scale=0.0) is groups
-    stretched = augment(groups, jax.random.key(0), rotate=False, scale=0.2)
-    for before, after in zip(groups, stretched):
-        size = [(np.asarray(s.observed) ** 2).sum(axis=(1, 2, 3)) for s in (before, after)]
-        factor = np.sqrt(size[1] / size[0])
-        assert ((factor > 0.8) & (factor < 1.2)).all()
-        np.testing.assert_allclose(
-            after.observed, factor[:, None, None, None] * before.observed, atol=1e-5
-        )
 
 
 def test_noise_has_the_kind_and_shape_asked_for(windows, run):

@@ -1,0 +1,76 @@
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.config import TrainConfig
+from neurosym_jax.training.augmentation import augment
+from neurosym_jax.training.stream import SceneStream
+
+
+@pytest.fixture
+def groups(windows):
+    return jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
+
+
+def test_scenes_are_turned_and_mirrored(groups):
+    turned = augment(groups, jax.random.key(0), TrainConfig(rotate=1.0))
+    mirrored = []
+    for before, after in zip(groups, turned):
+        np.testing.assert_array_equal(before.valid, after.valid)
+        for name in ("observed", "displacement", "future"):
+            old, new = np.asarray(getattr(before, name)), np.asarray(getattr(after, name))
+            np.testing.assert_allclose(
+                np.linalg.norm(old, axis=-1), np.linalg.norm(new, axis=-1), atol=1e-5
+            )
+            assert np.abs(old - new).max() > 0.1
+        # Between agents too, and from what was observed to what followed.
+        track = [np.concatenate([s.observed, s.future], axis=2) for s in (before, after)]
+        flat = [t.reshape(len(t), -1, 2) for t in track]
+        apart = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
+        np.testing.assert_allclose(*apart, atol=1e-5)
+        cross = [f[:, :-1, 0] * f[:, 1:, 1] - f[:, :-1, 1] * f[:, 1:, 0] for f in flat]
+        ratio = (cross[0] * cross[1]).sum(axis=1) / (cross[0] ** 2).sum(axis=1)
+        np.testing.assert_allclose(np.abs(ratio), 1, atol=1e-4)
+        mirrored += list(ratio < 0)
+    assert 0 < sum(mirrored) < len(mirrored)
+
+
+def test_a_share_of_the_scenes_is_turned(groups):
+    turned = augment(groups, jax.random.key(0), TrainConfig(rotate=0.5))
+    same = np.concatenate(
+        [(a.future == b.future).all(axis=(1, 2, 3)) for a, b in zip(groups, turned)]
+    )
+    assert 0.25 < same.mean() < 0.75
+
+
+def test_without_augmentation_scenes_are_as_recorded(groups):
+    assert augment(groups, jax.random.key(0), TrainConfig(rotate=0.0)) is groups
+
+
+def test_scenes_are_stretched(groups):
+    stretched = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, scale=0.2))
+    for before, after in zip(groups, stretched):
+        size = [(np.asarray(s.observed) ** 2).sum(axis=(1, 2, 3)) for s in (before, after)]
+        factor = np.sqrt(size[1] / size[0])
+        assert ((factor > 0.8) & (factor < 1.2)).all()
+        np.testing.assert_allclose(
+            after.observed, factor[:, None, None, None] * before.observed, atol=1e-5
+        )
+
+
+def test_observed_positions_err_by_as_much_as_their_scene_does(groups):
+    erring = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, jitter=0.1))
+    deviations = []
+    for before, after in zip(groups, erring):
+        np.testing.assert_array_equal(before.future, after.future)
+        np.testing.assert_array_equal(before.valid, after.valid)
+        observed = np.asarray(after.observed)
+        steps = np.diff(observed, axis=2, prepend=observed[:, :, :1])
+        np.testing.assert_allclose(after.displacement, steps, atol=1e-6)
+        error = (observed - before.observed)[np.asarray(before.valid)]
+        assert np.abs(error.mean()) < 0.05
+        deviations += list((observed - before.observed).std(axis=(1, 2, 3)))
+    # Uniform in [0, jitter], so far from equal; each estimated from a few dozen draws.
+    assert 0.03 < np.mean(deviations) < 0.07
+    assert np.std(deviations) > 0.015
+    assert max(deviations) < 0.13
