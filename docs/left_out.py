@@ -2,12 +2,12 @@
 
 python docs/left_out.py DATA OUT RECIPE [RECIPE ...] > docs/left_out.md
 
-A RECIPE is a list of changes to the recipe `ours`, such as `scale=0.3,jitter=0.04`, or `ours`. Of
-every pair of ETH/UCY's five scenes, a model is trained on the others, as `train.py --scene` would,
-and tested on both. The error by which a recipe is judged for a scene is the mean over its four
-pairs, always tested on the other scene of the pair: nothing of the scene itself is in it, neither
-as training nor as test. Runs are single-threaded, as many at once as there are cores; a finished
-run is never trained again.
+A RECIPE is a list of changes to the recipe `ours`, such as `scale=0.3,jitter=0.04`. Of every pair
+of ETH/UCY's five scenes, models are trained on the others, as `train.py --scene` would, and tested
+on both. The error by which a recipe is judged for a scene is the mean over its four pairs, always
+tested on the other scene of the pair: nothing of the scene itself is in it, neither as training nor
+as test. Runs are single-threaded, as many at once as there are cores; a finished run is never
+trained again.
 """
 
 import itertools
@@ -15,25 +15,32 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+import numpy as np
 
 from neurosym_jax.data.eth_ucy import SCENES, text_files
 from neurosym_jax.environment import cpu_cores
 
 STEPS = 2000
+SEEDS = (0, 1)
 LENGTHS = ("--obs-len", "8", "--pred-len", "12")
 ROOT = Path(__file__).resolve().parents[1]
 
+Errors = dict[str, dict[str, list[tuple[float, float]]]]
+"""(ADE, FDE) of every seed, by recipe and by the other scene that was left out."""
 
-def folder(out: Path, recipe: str, pair: tuple[str, str]) -> Path:
+
+def folder(out: Path, recipe: str, pair: tuple[str, str], seed: int) -> Path:
     """Where the run of this recipe without this pair of scenes is."""
-    return out / recipe / "_".join(sorted(pair))
+    return out / recipe / f"{'_'.join(sorted(pair))}_{seed}"
 
 
-def train(data: Path, out: Path, recipe: str, pair: tuple[str, str]) -> None:
+def train(data: Path, out: Path, recipe: str, pair: tuple[str, str], seed: int) -> None:
     """Train SGAN with this recipe on all scenes but the pair, unless that is done."""
-    run = folder(out, recipe, pair)
+    run = folder(out, recipe, pair, seed)
     if (run / "model").is_dir():
         return
     left_out = {name for scene in pair for name in SCENES[scene]}
@@ -45,20 +52,20 @@ def train(data: Path, out: Path, recipe: str, pair: tuple[str, str]) -> None:
         ]
         for split in ("train", "val")
     }
-    changes = [] if recipe == "ours" else ["--set", *recipe.split(",")]
     call(
-        *("train.py", "--data", str(data), *LENGTHS, "--steps", str(STEPS), *changes),
+        *("train.py", "--data", str(data), *LENGTHS, "--steps", str(STEPS), "--seed", str(seed)),
+        *("--set", *recipe.split(","), "--out", str(run), "--resume"),
         *("--train-on", *files["train"], "--validate-on", *files["val"]),
-        *("--out", str(run), "--resume"),
     )
 
 
-def test(data: Path, out: Path, recipes: list[str], scene: str) -> dict[str, dict[str, dict]]:
-    """ADE and FDE on `scene`, by recipe and by the other scene that was left out."""
+def test(data: Path, out: Path, recipes: list[str], scene: str) -> Errors:
+    """ADE and FDE on `scene`."""
     runs = {
-        str(folder(out, recipe, (scene, other)) / "model"): (recipe, other)
+        str(folder(out, recipe, (scene, other), seed) / "model"): (recipe, other)
         for recipe in recipes
         for other in SCENES
+        for seed in SEEDS
         if other != scene
     }
     path = out / f"{scene}.json"
@@ -66,11 +73,11 @@ def test(data: Path, out: Path, recipes: list[str], scene: str) -> dict[str, dic
         *("evaluate.py", "--data", str(data), "--test-on", *SCENES[scene], *LENGTHS),
         *("--checkpoint", *runs, "--no-figures", "--json", str(path)),
     )
-    errors: dict[str, dict[str, dict]] = {recipe: {} for recipe in recipes}
+    errors: Errors = {recipe: {} for recipe in recipes}
     for row in json.loads(path.read_text())["rows"]:
         if row["checkpoint"]:
             recipe, other = runs[row["checkpoint"]]
-            errors[recipe][other] = row["joint"]
+            errors[recipe].setdefault(other, []).append((row["joint"]["ade"], row["joint"]["fde"]))
     return errors
 
 
@@ -82,44 +89,39 @@ def call(*command: str) -> None:
     )
 
 
-def document(errors: dict[str, dict[str, dict[str, dict]]], recipes: list[str]) -> str:
-    """The page, of errors by scene, by recipe and by the other scene that was left out."""
-
-    def mean(joints: list[dict]) -> tuple[float, ...]:
-        return tuple(sum(joint[name] for joint in joints) / len(joints) for name in ("ade", "fde"))
-
+def document(errors: dict[str, Errors], recipes: list[str]) -> str:
+    """The page, of the errors on each scene."""
     others = {scene: [other for other in SCENES if other != scene] for scene in SCENES}
-    judged = {
-        recipe: {
-            scene: mean([errors[other][recipe][scene] for other in others[scene]])
-            for scene in SCENES
+
+    def means(of: Callable[[str, str, str], list]) -> dict[str, dict[str, np.ndarray]]:
+        return {
+            recipe: {
+                scene: np.mean([of(recipe, scene, other) for other in others[scene]], axis=(0, 1))
+                for scene in SCENES
+            }
+            for recipe in recipes
         }
-        for recipe in recipes
-    }
-    tested = {
-        recipe: {scene: mean(list(errors[scene][recipe].values())) for scene in SCENES}
-        for recipe in recipes
-    }
+
     return "\n".join(
         [
             "# Recipes in places that nobody has seen",
             "",
-            f"Generated by `docs/left_out.py`, whose text says how. SGAN, 8 + 12 steps, {STEPS}",
-            "steps of training, seed 0; ADE / FDE in metres, the jointly best of 20 samples. Bold",
-            "is the least of a column.",
+            "Generated by `docs/left_out.py`, whose text says how. ADE / FDE in metres of SGAN,",
+            f"8 + 12 steps, the jointly best of 20 samples, after {STEPS} steps of training; the",
+            f"mean of {len(SEEDS)} seeds. Bold is the least of a column.",
             "",
             "Judged for each scene by the other four:",
             "",
-            *table(judged),
+            *table(means(lambda recipe, scene, other: errors[other][recipe][scene])),
             "",
             "The same runs by the scene that they were tested on, the mean over the other four:",
             "",
-            *table(tested),
+            *table(means(lambda recipe, scene, other: errors[scene][recipe][other])),
         ]
     )
 
 
-def table(cells: dict[str, dict[str, tuple[float, ...]]]) -> list[str]:
+def table(cells: dict[str, dict[str, np.ndarray]]) -> list[str]:
     """Rows of a table, a recipe each."""
     least = {
         (scene, part): min(f"{row[scene][part]:.3f}" for row in cells.values())
@@ -136,15 +138,14 @@ def table(cells: dict[str, dict[str, tuple[float, ...]]]) -> list[str]:
                 for part, text in enumerate(parts)
             ]
             texts.append(" / ".join(bold))
-        name = "none" if recipe == "ours" else f"`{recipe.replace(',', ' ')}`"
-        lines.append(f"| {name} | " + " | ".join(texts) + " |")
+        lines.append(f"| `{recipe.replace(',', ' ')}` | " + " | ".join(texts) + " |")
     return lines
 
 
 if __name__ == "__main__":
     data, out, recipes = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve(), sys.argv[3:]
-    pairs = list(itertools.combinations(SCENES, 2))
+    runs = list(itertools.product(recipes, itertools.combinations(SCENES, 2), SEEDS))
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        for job in [pool.submit(train, data, out, r, p) for r in recipes for p in pairs]:
+        for job in [pool.submit(train, data, out, *run) for run in runs]:
             job.result()
     print(document({scene: test(data, out, recipes, scene) for scene in SCENES}, recipes))
