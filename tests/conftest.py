@@ -34,10 +34,11 @@ def known(flags: dict[str, str]) -> str:
 
 if "XLA_FLAGS" not in os.environ:
     os.environ["XLA_FLAGS"] = known(CHEAP)
-caches = tempfile.TemporaryDirectory(prefix="neurosym-tests-")
-os.environ["XDG_CACHE_HOME"] = caches.name
-os.environ["NEUROSYM_DATA"] = f"{caches.name}/data"  # Not what was downloaded here.
-os.environ["JAX_COMPILATION_CACHE_DIR"] = f"{caches.name}/neurosym_jax/xla"
+if "PYTEST_XDIST_WORKER" not in os.environ:  # A worker takes what the first process has made.
+    caches = tempfile.TemporaryDirectory(prefix="neurosym-tests-")
+    os.environ["XDG_CACHE_HOME"] = caches.name
+    os.environ["NEUROSYM_DATA"] = f"{caches.name}/data"  # Not what was downloaded here.
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = f"{caches.name}/neurosym_jax/xla"
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 import jax  # noqa: E402  (It reads the environment.)

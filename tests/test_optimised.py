@@ -14,7 +14,11 @@ FOLDERS = [Path(__file__).parent / name for name in ("symbolic", "interop")]
 @pytest.mark.skipif(not os.environ.get("XLA_FLAGS"), reason="every test runs in this way")
 def test_as_users_have_it():
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-m", "rounding", "-p", "no:cacheprovider", *FOLDERS],
+        [
+            sys.executable,
+            *("-m", "pytest", "-n0", "-p", "no:cacheprovider", "-m", "rounding"),
+            *FOLDERS,
+        ],
         env={**os.environ, "XLA_FLAGS": ""},
         capture_output=True,
         text=True,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.config import RECIPES, to_json
+from neurosym_jax.config import RECIPES, TrainConfig, from_json, to_json
 from neurosym_jax.evaluation.paired import METRICS
 from neurosym_jax.training.learned_tables import agreement
 from neurosym_jax.training.sweep_table import format_sweep
@@ -43,10 +43,15 @@ def format_report(data: dict[str, Any], figure: str, command: str) -> str:
 
 
 def _setting(data: dict[str, Any], command: str) -> str:
-    rows, training = data["rows"], data["training"]
+    rows = data["rows"]
     recipe = rows[0]["run"]["recipe"]
-    usual = json.loads(json.dumps(to_json(RECIPES[recipe])))
-    changes = [f"{k}={v}" for k, v in training.items() if k != "seed" and v != usual[k]]
+    # By an earlier version, perhaps, and so without fields of today.
+    training, usual = to_json(from_json(TrainConfig, data["training"])), to_json(RECIPES[recipe])
+    changes = [
+        f"{name}={json.dumps(value)}"
+        for name, value in training.items()
+        if name != "seed" and value != usual[name]
+    ]
     sets = {row["scene"]: f"{row['scene']} ({row['scenes']} windows)" for row in rows}
     seeds = len({row["run"]["seed"] for row in rows})
     alone = "One seed says nothing of others. " if seeds == 1 else ""

@@ -1,9 +1,10 @@
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from neurosym_jax.config import TrainConfig, to_json
+from neurosym_jax.config import RECIPES, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.report import FORMAT, write_json
@@ -45,7 +46,9 @@ def folder(tmp_path, monkeypatch):
                             "model": "sgan" if model == "SGAN" else "as_described",
                             "weighting": None if model == "SGAN" else model[10:],
                             "recipe": "ours",
-                            "training": to_json(TrainConfig(seed=seed, steps=600)),
+                            "training": to_json(
+                                dataclasses.replace(RECIPES["ours"], seed=seed, steps=600)
+                            ),
                             "seed": seed,
                         },
                     }
@@ -81,6 +84,18 @@ def test_what_is_better_is_called_so(folder):
     assert low < -0.09 < high < -0.05
     assert len(found["joint_ade"]["of_seeds"]) == 3
     assert (folder / "ablation.png").stat().st_size > 10_000
+
+
+def test_a_sweep_of_an_earlier_version_keeps_its_recipe(folder):
+    path = folder / "sweep.json"
+    data = json.loads(path.read_text())
+    for row in data["rows"]:
+        if row["run"]:
+            row["run"]["training"] |= {"rotate": True}
+            del row["run"]["training"]["jitter"]
+    path.write_text(json.dumps(data))
+    report(ReportOptions(folder))
+    assert "--set steps=600 rotate=true jitter=0.0\n" in (folder / "report.md").read_text()
 
 
 def test_runs_that_are_not_alike_are_not_compared(folder):
