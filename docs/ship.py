@@ -3,7 +3,7 @@
 python docs/ship.py RUNS                         # copies RUNS/*/model to checkpoints/*
 python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_* \\
     --json docs/results.json
-python docs/ship.py RUNS docs/results.json       # writes the cards again, tested
+python docs/ship.py RUNS docs/results.json ...   # writes the cards again, tested
 """
 
 import json
@@ -35,5 +35,5 @@ def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
 
 
 if __name__ == "__main__":
-    report = json.loads(Path(sys.argv[2]).read_text())["rows"] if len(sys.argv) > 2 else []
-    ship(Path(sys.argv[1]), report)
+    reports = [json.loads(Path(name).read_text())["rows"] for name in sys.argv[2:]]
+    ship(Path(sys.argv[1]), [row for rows in reports for row in rows])

@@ -163,7 +163,7 @@ class TrainConfig:
     clip_norm: float = 2.0
     """Largest norm of the generator's gradient; 0 for no clipping."""
     rotate: bool | float = 1.0
-    """Share of the training scenes that are turned by random angles, every other one mirrored."""
+    """Share of the training scenes turned at random, and half of them mirrored; true is 1."""
     scale: float = 0.0
     """Stretch each training scene by a random factor within 1 +- scale."""
     jitter: float = 0.0
