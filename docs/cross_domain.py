@@ -1,6 +1,6 @@
 """`docs/cross_domain.md` from evaluations of models on other people than those they learned from.
 
-MODELS=$(ls -d checkpoints/*_8_8 | grep -E '_(zara1|simulations|thor-[a-z0-9]+)_8_8$')
+MODELS=$(ls -d checkpoints/*_8_8 | grep -E '/[a-z]+_(zara1|simulations|thor-[a-z0-9]+)_8_8$')
 python evaluate.py --data THOR --checkpoint $MODELS --no-figures --json docs/cross_domain/thor.json
 python evaluate.py --data DATA --scene zara1 --checkpoint $MODELS --no-figures \\
     --json docs/cross_domain/zara1.json

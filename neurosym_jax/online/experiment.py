@@ -100,12 +100,13 @@ def experiment(options: ExperimentOptions) -> None:
 
 
 def _shipped(scene: str) -> tuple[Path, ...]:
-    """An SGAN and a NeuroSyM that ship for a scene, at 8 + 8; none if not both do."""
+    """An SGAN and a NeuroSyM as described that ship for a scene, at 8 + 8; none if not both do."""
+    paths = shipped_models(SHIPPED)
     kinds = [
-        [path for path in shipped_models(SHIPPED) if re.match(f"{kind}_.*{scene}.*_8_8", path.name)]
+        [path for path in paths if re.fullmatch(f"{kind}_{scene}[^_]*_8_8", path.name)]
         for kind in ("sgan", "neurosym")
     ]
-    return tuple(paths[0] for paths in kinds) if all(kinds) else ()
+    return tuple(kind[0] for kind in kinds) if all(kinds) else ()
 
 
 def _record(
