@@ -11,6 +11,9 @@ from neurosym_jax.scene import Scene, to_world
 
 __all__ = ["Shown", "draw_figures"]
 
+MOST = 8
+"""Lines and names that a figure has room for."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Shown:
@@ -29,7 +32,10 @@ class Shown:
 
 
 def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
-    """Three figures for each test set; figures of the same name are replaced."""
+    """Three figures for each test set; figures of the same name are replaced.
+
+    Of more than `MOST` models, those of one name are drawn by the one with the least joint ADE.
+    """
     from neurosym_jax.plotting import (
         plot_fan,
         plot_forecasts,
@@ -39,8 +45,8 @@ def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
 
     paths = []
     for test in dict.fromkeys(item.test_set for item in shown):
-        members = [item for item in shown if item.test_set == test]
-        names = _unique([item.model for item in members])
+        drawn = _drawn([item for item in shown if item.test_set == test])
+        names, members = list(drawn), list(drawn.values())
         scene = members[0].scene
         present = np.asarray(scene.valid)
         observed, truth = (
@@ -68,9 +74,21 @@ def _best(forecast: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return forecast[error.argmin()]
 
 
-def _unique(names: Sequence[str]) -> list[str]:
-    """The names, numbered where one occurs again."""
-    return [
-        name if names.count(name) == 1 else f"{name} ({names[: index + 1].count(name)})"
-        for index, name in enumerate(names)
-    ]
+def _drawn(members: Sequence[Shown]) -> dict[str, Shown]:
+    """What is drawn of a test set, each by a name of its own, in the order given."""
+    alike: dict[str, list[Shown]] = {}
+    for item in members:
+        alike.setdefault(item.model, []).append(item)
+    if len(members) > MOST:
+        return {
+            model if len(items) == 1 else f"{model}, best of {len(items)} models": min(
+                items, key=lambda item: item.horizon.mean()
+            )
+            for model, items in alike.items()
+        }
+    return {
+        item.model
+        if len(alike[item.model]) == 1
+        else f"{item.model} ({alike[item.model].index(item) + 1})": item
+        for item in members
+    }
