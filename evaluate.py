@@ -1,7 +1,8 @@
-"""Evaluate checkpoints: `python evaluate.py --help`."""
+"""`neurosym evaluate` in a clone: `python evaluate.py --help`."""
 
-from neurosym_jax.command import run_command
-from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+import sys
+
+from neurosym_jax.__main__ import main
 
 if __name__ == "__main__":
-    run_command(EvaluateOptions, run_evaluation)
+    main(["evaluate", *sys.argv[1:]])

@@ -1,7 +1,8 @@
-"""Train a model: `python train.py --help`."""
+"""`neurosym train` in a clone: `python train.py --help`."""
 
-from neurosym_jax.command import run_command
-from neurosym_jax.training.run import TrainOptions, train
+import sys
+
+from neurosym_jax.__main__ import main
 
 if __name__ == "__main__":
-    run_command(TrainOptions, train)
+    main(["train", *sys.argv[1:]])

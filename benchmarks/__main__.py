@@ -1,7 +1,7 @@
 """Every measurement by its name: `python -m benchmarks [NAME ...]`; all of them without a name.
 
 The opponents are torch where it is installed and, with `--reference`, the original code. Numbers
-are printed and, with `--json`, written in one form (`timing.row`), which `docs/benchmarks.py` makes
+are printed and, with `--json`, written in one form (`timing.row`), which `benchmarks/page.py` makes
 a page of.
 """
 
@@ -16,9 +16,9 @@ import tyro
 
 from benchmarks.timing import text
 from neurosym_jax.checks import refuse_below
-from neurosym_jax.command import run_command
-from neurosym_jax.environment import cpu_cores, run_environment
+from neurosym_jax.commands._running import run_command
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.environment import cpu_cores, run_environment
 
 FORMAT = 1
 

@@ -20,7 +20,7 @@ FORECAST = """
 import sys
 import numpy as np
 from neurosym_jax import load_model, predict
-from neurosym_jax.runtime import enable_compilation_cache, tune
+from neurosym_jax.runtime.process import enable_compilation_cache, tune
 tune()
 enable_compilation_cache()
 predict(load_model(sys.argv[1]), np.cumsum(np.ones((10, 8, 2)) * 0.3, axis=1))

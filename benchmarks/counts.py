@@ -29,8 +29,8 @@ def _programs() -> dict[str, float]:
 
     from neurosym_jax.evaluation.cases import SHIPPED
     from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
-    from neurosym_jax.forecast import predict
-    from neurosym_jax.model_folder import load_model
+    from neurosym_jax.forecasting.model import predict
+    from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.online.predictor import Predictor
 
     compiled = 0
@@ -66,8 +66,8 @@ def _costs() -> dict[str, float]:
     import numpy as np
 
     from neurosym_jax.config import GeneratorConfig
-    from neurosym_jax.forecaster import forecast_scene
-    from neurosym_jax.generator_forecaster import GeneratorForecaster
+    from neurosym_jax.forecasting.forecaster import forecast_scene
+    from neurosym_jax.forecasting.networks import GeneratorForecaster
     from neurosym_jax.models import Generator
     from neurosym_jax.scene import make_scene, pad_scene
 

@@ -44,7 +44,7 @@ def one(axis: str, point: int) -> dict[str, Any]:
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.data.windows import Windows
     from neurosym_jax.evaluation.protocol import evaluate
-    from neurosym_jax.forecast import predict
+    from neurosym_jax.forecasting.model import predict
 
     model = _random_model(GeneratorConfig())
     rng = np.random.default_rng(0)
@@ -78,7 +78,7 @@ def _random_model(config: Any) -> Any:
     """A model of torch's initial weights, in kind."""
     import jax
 
-    from neurosym_jax.forecast import Model
+    from neurosym_jax.forecasting.model import Model
     from neurosym_jax.models import Generator
     from neurosym_jax.scene import make_scene
 

@@ -36,7 +36,7 @@ def machine_rates() -> dict[str, float]:
     import jax.numpy as jnp
     import numpy as np
 
-    from neurosym_jax.environment import cpu_cores
+    from neurosym_jax.runtime.environment import cpu_cores
 
     wide = np.random.default_rng(0).normal(size=(1024, 1024)).astype(np.float32)
     gates = np.random.default_rng(0).normal(size=(4, 2**14)).astype(np.float32)

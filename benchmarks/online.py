@@ -25,7 +25,7 @@ MODELS = {"SGAN": "sgan_zara1_8_8", "NeuroSyM": "neurosym_zara1_8_8"}
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.evaluation.cases import SHIPPED
-    from neurosym_jax.model_folder import load_model
+    from neurosym_jax.forecasting.model_folder import load_model
 
     table: list[Row] = []
     stages, light = {}, {}

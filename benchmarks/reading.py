@@ -9,7 +9,7 @@ from benchmarks.timing import OURS, alternate, rows
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.batching import make_batches
-    from neurosym_jax.data.eth_ucy import SCENES, read_split
+    from neurosym_jax.data.readers.eth_ucy import SCENES, read_split
     from neurosym_jax.data.windows import cut_windows
 
     data, counts = options.need("data"), {}

@@ -21,10 +21,10 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.generator_forecaster import GeneratorForecaster
+from neurosym_jax.forecasting.networks import GeneratorForecaster
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import Generator
-from neurosym_jax.noise import draw_noise
-from neurosym_jax.runtime import enable_compilation_cache, tune
+from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.weighting import make_weighting
 from neurosym_jax.symbolic.weighting_config import KINDS, WeightingConfig

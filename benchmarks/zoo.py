@@ -23,7 +23,7 @@ def measure(options: Any) -> dict[str, Any]:
     from neurosym_jax.data.sources import open_source
     from neurosym_jax.data.windows import cut_windows
     from neurosym_jax.evaluation.protocol import evaluate
-    from neurosym_jax.model_folder import load_model
+    from neurosym_jax.forecasting.model_folder import load_model
 
     source = open_source(options.need("data"))
     paths = sorted(options.need("checkpoints").glob("*/*_model.pt"))
@@ -99,7 +99,7 @@ def _original(options: Any, paths: list[Path], ades: dict[str, list[float]]) -> 
     import torch
 
     from benchmarks.original import Arguments, folder_of, load_script
-    from neurosym_jax.data.eth_ucy import SCENES
+    from neurosym_jax.data.readers.eth_ucy import SCENES
 
     script = load_script(options.reference, "evaluate_model")
     spent, found = 0.0, []
@@ -139,10 +139,10 @@ class _Clock:
 def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.evaluation.metrics import scene_errors
-    from neurosym_jax.forecaster import bare
-    from neurosym_jax.generator_forecaster import decode_agents, encode_scenes
-    from neurosym_jax.noise import draw_noise
-    from neurosym_jax.packing import in_parts, pack_agents
+    from neurosym_jax.forecasting.forecaster import bare
+    from neurosym_jax.forecasting.networks import decode_agents, encode_scenes
+    from neurosym_jax.forecasting.noise import draw_noise
+    from neurosym_jax.forecasting.packing import in_parts, pack_agents
 
     config, params, spec = model.config, model.params, model.forecaster.noise
     clock = _Clock()

@@ -20,7 +20,7 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import Synthetic
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.evaluation.protocol import evaluate
-from neurosym_jax.generator_forecaster import GeneratorForecaster
+from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.symbolic import WeightingConfig, alpha_table
 from neurosym_jax.symbolic.states import decode_state, format_state
 from neurosym_jax.symbolic.weighting import initial_parameters

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from neurosym_jax import load_model
-from neurosym_jax.generator_forecaster import decode_scene
+from neurosym_jax.forecasting.networks import decode_scene
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import Generator
-from neurosym_jax.noise import draw_noise
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 

@@ -2,8 +2,8 @@
 
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import Model, predict
-from neurosym_jax.model_folder import load_model, save_model
+from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.scene import Scene, make_scene
 
 __all__ = [

@@ -1,83 +1,50 @@
-"""`python -m neurosym_jax VERB`: every command by a name, each imported when it is asked for."""
+"""`neurosym COMMAND` and `python -m neurosym_jax COMMAND`: each file in `commands/` is a command.
 
+A command's file has `Options`, a dataclass, and `run(options)`; the first line of its text is what
+the list of commands says. It is imported when it is asked for.
+"""
+
+import ast
 import importlib
 import sys
-from typing import NamedTuple
+from importlib.resources import files
 
-from neurosym_jax.command import run_command
+__all__ = ["command_names", "main"]
 
-
-class Verb(NamedTuple):
-    """A command: a function of its module, and the dataclass of its options there."""
-
-    text: str
-    module: str
-    action: str
-    options: str
+COMMANDS = "neurosym_jax.commands"
 
 
-VERBS = {
-    "train": Verb("train a model, as train.py does", "training.run", "train", "TrainOptions"),
-    "sweep": Verb(
-        "train and test many models, a process each", "training.sweep", "sweep", "SweepOptions"
-    ),
-    "download": Verb(
-        "fetch ETH/UCY or SGAN's checkpoints; say how to get THÖR",
-        "data.download",
-        "download",
-        "DownloadOptions",
-    ),
-    "report": Verb(
-        "compare a sweep's models, with intervals", "training.report", "report", "ReportOptions"
-    ),
-    "symbols": Verb(
-        "show a recording's QTC symbols and weights", "views.symbols", "symbols", "SymbolsOptions"
-    ),
-    "inspect": Verb(
-        "say what a recording, or a folder of them, holds",
-        "data.inspect",
-        "inspect",
-        "InspectOptions",
-    ),
-    "parity": Verb(
-        "compare our numbers with torch's, output by output",
-        "interop.parity",
-        "parity",
-        "ParityOptions",
-    ),
-    "experiment": Verb(
-        "repeat the robot paper's experiment on simulated recordings",
-        "online.experiment",
-        "experiment",
-        "ExperimentOptions",
-    ),
-    "ros1": Verb("forecast in a ROS 1 graph", "online.ros1", "ros1", "Ros1Options"),
-    "replay": Verb(
-        "forecast a recording as if it were live",
-        "online.replay_verb",
-        "replay",
-        "ReplayOptions",
-    ),
-    "ros2": Verb("forecast in a ROS 2 graph", "online.ros2", "ros2", "Ros2Options"),
-    "stitch": Verb(
-        "join tracks that occlusions broke", "online.stitch_verb", "stitch", "StitchOptions"
-    ),
-}
+def command_names() -> list[str]:
+    """The commands there are, in order of name."""
+    return sorted(
+        file.name.removesuffix(".py")
+        for file in files(COMMANDS).iterdir()
+        if file.name.endswith(".py") and not file.name.startswith("_")
+    )
 
 
-def main(arguments: list[str]) -> None:
-    """Run the verb that `arguments` name."""
-    if not arguments or arguments[0] not in VERBS:
-        width = max(map(len, VERBS))
-        print("usage: python -m neurosym_jax VERB [--help]\n")
-        print("\n".join(f"  {name:{width}}  {verb.text}" for name, verb in VERBS.items()))
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command that `arguments` name, by default those of the command line."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    names = command_names()
+    if not arguments or arguments[0] not in names:
+        width = max(map(len, names))
+        print("usage: neurosym COMMAND [--help]\n")
+        print("\n".join(f"  {name:{width}}  {_summary(name)}" for name in names))
         sys.exit(0 if arguments in ([], ["-h"], ["--help"]) else 2)
     name, *rest = arguments
-    verb = VERBS[name]
-    module = importlib.import_module(f"neurosym_jax.{verb.module}")
-    options, action = getattr(module, verb.options), getattr(module, verb.action)
-    run_command(options, action, rest, f"python -m neurosym_jax {name}")
+    command = importlib.import_module(f"{COMMANDS}.{name}")
+    from neurosym_jax.commands._running import run_command
+
+    run_command(command.Options, command.run, rest, f"neurosym {name}")
+
+
+def _summary(name: str) -> str:
+    """What a command does, without importing it."""
+    text = files(COMMANDS).joinpath(f"{name}.py").read_text(encoding="utf-8")
+    first = (ast.get_docstring(ast.parse(text)) or "").split("\n")[0]
+    return first.rstrip(".")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -6,11 +6,14 @@ Where XLA_FLAGS is set (`XLA_FLAGS= pytest`) it is left alone, and programs are 
 `test_optimised.py` runs the tests that hang on rounding in that way.
 """
 
+import functools
 import mmap
 import os
 import tempfile
+from collections.abc import Callable
 from importlib.metadata import files
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -41,7 +44,14 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # A worker takes what the first pro
     os.environ["JAX_COMPILATION_CACHE_DIR"] = f"{caches.name}/neurosym_jax/xla"
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
-import jax  # noqa: E402  (It reads the environment.)
+# They import jax, which reads the environment.
+import jax  # noqa: E402
+import numpy as np  # noqa: E402
+
+from neurosym_jax.config import GeneratorConfig  # noqa: E402
+from neurosym_jax.forecasting.model import Model  # noqa: E402
+from neurosym_jax.models import Generator  # noqa: E402
+from neurosym_jax.scene import make_scene  # noqa: E402
 
 jax.config.update("jax_debug_nans", True)
 
@@ -54,3 +64,28 @@ def shared() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no shared data at {folder} (set NEUROSYM_SHARED)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def model() -> Callable[..., Model]:
+    """`model(pooling, noise_mix_type)`: random weights; it observes 4 steps and forecasts 3."""
+
+    @functools.cache
+    def make(pooling: Any = "pool_net", noise_mix_type: Any = "global") -> Model:
+        config = GeneratorConfig(
+            pooling=pooling,
+            noise_mix_type=noise_mix_type,
+            obs_len=4,
+            pred_len=3,
+            pool_hidden_dim=16,
+        )
+        scene, alpha = make_scene(np.zeros((1, 4, 2))), np.zeros((1, 1, 4))
+        noise = np.zeros(config.noise_dim)
+        shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
+        rng = np.random.default_rng(1)
+        params = jax.tree.map(
+            lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
+        )
+        return Model(config, params)
+
+    return make

@@ -30,7 +30,7 @@ def test_a_benchmark_and_its_page(tmp_path):
     (result,) = json.loads(path.read_text())["benchmarks"].values()
     assert {row["who"] for row in result["rows"]} >= {"neurosym_jax", "plain loop"}
     assert all(0 < row["low"] <= row["median"] <= row["high"] for row in result["rows"])
-    page = run(ROOT / "docs/benchmarks.py", path)
+    page = run(ROOT / "benchmarks/page.py", path)
     assert page.stdout.startswith("# Benchmarks")
     assert "plain loop" in page.stdout
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import tyro
 from tqdm import tqdm
 
-from neurosym_jax.data.inspect import InspectOptions, inspect
+from neurosym_jax.data.inspection import InspectOptions, inspect
 from neurosym_jax.data.published import HOME, PublishedFile, data_folder, published_files
 from neurosym_jax.data.transfer import sha256_of, transfer
 from neurosym_jax.errors import InputError

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data import columns, eth_ucy, thor, trajnet
+from neurosym_jax.data.readers import columns, eth_ucy, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import SNAP, Tracks, common, resample
 from neurosym_jax.errors import InputError, InputWarning

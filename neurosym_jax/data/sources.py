@@ -8,11 +8,13 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from neurosym_jax.data import eth_ucy, formats, synthetic
+from neurosym_jax.data import formats
 from neurosym_jax.data.published import data_folder, find
+from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
+from neurosym_jax.simulation import scenarios as synthetic
 
 __all__ = ["EthUcy", "Files", "Source", "Split", "Synthetic", "open_source"]
 

@@ -8,8 +8,8 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.sources import Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import Model
-from neurosym_jax.model_folder import load_model, shipped_models
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model, shipped_models
 from neurosym_jax.models.symbolic_pooling import NOT_OF_PAIRS
 
 __all__ = ["Case", "TestSet", "make_cases"]

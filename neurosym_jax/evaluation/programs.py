@@ -14,9 +14,9 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.forecaster import Forecaster
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import Scene, make_scene, pad_scene
-from neurosym_jax.scene_forecaster import SceneForecaster
 
 __all__ = ["compile_ahead", "compile_single_ahead", "wait_for"]
 

@@ -11,20 +11,20 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.distributed import share, sum_over_processes
-from neurosym_jax.environment import cpu_cores
 from neurosym_jax.evaluation.metrics import (
     SceneErrors,
     collisions,
     scene_errors,
 )
 from neurosym_jax.evaluation.programs import compile_ahead, wait_for
-from neurosym_jax.forecaster import Forecaster
-from neurosym_jax.memory import refuse_beyond_memory
-from neurosym_jax.noise import NoiseSpec, draw_noise
-from neurosym_jax.packing import Map, unpacked
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
+from neurosym_jax.forecasting.packing import Map, unpacked
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
+from neurosym_jax.runtime.environment import cpu_cores
+from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.runtime.processes import share, sum_over_processes
 from neurosym_jax.scene import Scene
-from neurosym_jax.scene_forecaster import SceneForecaster
 
 __all__ = ["Evaluation", "evaluate", "latency"]
 

@@ -12,15 +12,15 @@ from tqdm import tqdm
 
 from neurosym_jax.data.batching import Batch, make_batches, single_scene
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.environment import cpu_cores
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.evaluation.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.evaluation.cases import Case
-from neurosym_jax.evaluation.figures import Shown
 from neurosym_jax.evaluation.paired import METRICS, ErrorsByScene
 from neurosym_jax.evaluation.programs import compile_ahead, compile_single_ahead, wait_for
 from neurosym_jax.evaluation.protocol import Evaluation, evaluate, latency
-from neurosym_jax.forecaster import Forecaster
+from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.plotting.evaluation import Shown
+from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.scene import pad_scene
 
 __all__ = ["Row", "Settings", "evaluate_cases"]

@@ -11,12 +11,12 @@ import tyro
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
-from neurosym_jax.distributed import ALONE, Processes, is_first, join
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.cases import make_cases
-from neurosym_jax.evaluation.figures import draw_figures
 from neurosym_jax.evaluation.report import FORMAT, check_replaceable, format_table, write_json
 from neurosym_jax.evaluation.rows import Row, Settings, evaluate_cases
+from neurosym_jax.plotting.evaluation import draw_figures
+from neurosym_jax.runtime.processes import ALONE, Processes, is_first, join
 
 __all__ = ["EvaluateOptions", "run_evaluation"]
 

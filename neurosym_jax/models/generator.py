@@ -2,7 +2,7 @@
 
 `encode` does not depend on the noise, so best-of-k encodes once and maps `decode` over k noises. Of
 its two parts `observe` (LSTM) looks at no neighbour, `interact` (pooling, context) does. Scenes in
-a batch and samples are axes that `jax.vmap` adds (see `generator_forecaster`).
+a batch and samples are axes that `jax.vmap` adds (see `forecasting.networks`).
 """
 
 import jax.numpy as jnp

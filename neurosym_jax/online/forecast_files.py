@@ -7,11 +7,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.online.bags import SUFFIXES, BagWriter
-from neurosym_jax.online.forecast_messages import forecast_message, truth_message
-from neurosym_jax.online.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.replay import Event
+from neurosym_jax.ros.bags import SUFFIXES, BagWriter
+from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
+from neurosym_jax.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
 
 __all__ = ["ForecastFile", "open_forecast_file"]
 

@@ -4,8 +4,8 @@ import dataclasses
 from pathlib import Path
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import Model
-from neurosym_jax.model_folder import load_model
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.online.predictor import Predictor
 
 __all__ = ["LiveOptions", "load_models", "make_predictor"]

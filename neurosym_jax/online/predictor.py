@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from neurosym_jax.checks import refuse_below
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import Model
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.online.window import Health, Window
 from neurosym_jax.scene import make_scene
-from neurosym_jax.scene_forecaster import SceneForecaster
 
 __all__ = ["Forecast", "ModelForecast", "Predictor"]
 

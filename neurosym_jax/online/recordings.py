@@ -9,8 +9,8 @@ from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
-from neurosym_jax.online.bags import is_bag, read_people
-from neurosym_jax.online.messages import Frame
+from neurosym_jax.ros.bags import is_bag, read_people
+from neurosym_jax.ros.messages import Frame
 
 __all__ = ["frames_of_tracks", "read_frames", "tracks_of_frames"]
 
@@ -21,7 +21,7 @@ def read_frames(
     """The frames of a bag or of a file of tracks, in its order.
 
     Args:
-        path: a bag (see `online.bags`), or any file that `data.formats.read_any` reads.
+        path: a bag (see `ros.bags`), or any file that `data.formats.read_any` reads.
         topic: of the people in a bag.
         options: of a file of tracks, what it does not say itself.
 

@@ -1,7 +1,7 @@
 """A stream of frames through stitching, prediction and analytics; as fast as it was, or can be.
 
 `for event in replay(...)` is all there is: screens and files look at the events. Files are opened
-elsewhere (`online.recordings`, `online.forecast_files`), the command is `online.replay_verb`.
+elsewhere (`online.recordings`, `online.forecast_files`), the command is `commands.replay`.
 """
 
 import math
@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.live_stitching import OnlineStitcher
-from neurosym_jax.online.messages import Frame
 from neurosym_jax.online.predictor import Forecast, Predictor
+from neurosym_jax.ros.messages import Frame
+from neurosym_jax.tracking.live import OnlineStitcher
 
 __all__ = ["Event", "advance", "replay"]
 

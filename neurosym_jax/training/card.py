@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.config import GeneratorConfig, from_json
-from neurosym_jax.forecast import Model
+from neurosym_jax.forecasting.model import Model
 
 __all__ = ["CARD", "write_card"]
 

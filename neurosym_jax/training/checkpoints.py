@@ -14,10 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.checkpoint import digest, read_arrays, write_arrays
 from neurosym_jax.config import FORMAT
-from neurosym_jax.distributed import first_says, is_first
 from neurosym_jax.errors import TrainingError
+from neurosym_jax.runtime.processes import first_says, is_first
+from neurosym_jax.training.arrays import digest, read_arrays, write_arrays
 
 __all__ = ["TrainingCheckpoints"]
 

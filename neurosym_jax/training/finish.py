@@ -8,10 +8,10 @@ from typing import Any
 import jax
 
 from neurosym_jax.config import FORMAT
-from neurosym_jax.distributed import is_first
-from neurosym_jax.environment import code_version
-from neurosym_jax.forecast import Model
-from neurosym_jax.model_folder import save_model
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import save_model
+from neurosym_jax.runtime.environment import code_version
+from neurosym_jax.runtime.processes import is_first
 from neurosym_jax.training.card import CARD, write_card
 
 __all__ = ["RUN", "write_curves", "write_model"]
@@ -58,7 +58,7 @@ def write_model(
 
 def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:
     """Losses of every round and errors of every validation as `curves.png`."""
-    from neurosym_jax.plotting import plot_training, save_figure
+    from neurosym_jax.plotting.figures import plot_training, save_figure
 
     def curve(name: str) -> tuple[list[float], list[float]]:
         rows = [row for row in history if name in row]

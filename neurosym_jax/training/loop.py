@@ -23,12 +23,12 @@ from tqdm import tqdm
 from neurosym_jax.config import GeneratorConfig, TrainConfig, from_json, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.distributed import is_first, refuse_apart, refuse_uneven
-from neurosym_jax.environment import run_environment
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
-from neurosym_jax.forecast import Model
-from neurosym_jax.generator_forecaster import GeneratorForecaster
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.networks import GeneratorForecaster
+from neurosym_jax.runtime.environment import run_environment
+from neurosym_jax.runtime.processes import is_first, refuse_apart, refuse_uneven
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.finish import write_curves, write_model

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.generator_forecaster import decode_scene, interact_scene
+from neurosym_jax.forecasting.networks import decode_scene, interact_scene
 from neurosym_jax.models import Generator
 from neurosym_jax.training.groups import Groups, cuts
 

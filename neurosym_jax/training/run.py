@@ -19,8 +19,8 @@ from neurosym_jax.config import (
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.distributed import ALONE, Processes, is_first, join
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.processes import ALONE, Processes, is_first, join
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.loop import Run, train_run
 

@@ -14,7 +14,7 @@ from jax import Array
 from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.config import GeneratorConfig, TrainConfig
-from neurosym_jax.distributed import gather, share
+from neurosym_jax.runtime.processes import gather, share
 from neurosym_jax.training.gradients import Counts, Metrics
 from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.step import (

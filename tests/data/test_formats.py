@@ -8,15 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.columns import read_columns
-from neurosym_jax.data.eth_ucy import read_obsmat, read_text
 from neurosym_jax.data.formats import FORMATS, data_files, on_grid, read_any, sniff
-from neurosym_jax.data.inspect import summarise, suspicions
+from neurosym_jax.data.inspection import summarise, suspicions
+from neurosym_jax.data.readers.columns import read_columns
+from neurosym_jax.data.readers.eth_ucy import read_obsmat, read_text
+from neurosym_jax.data.readers.thor import read_cliff, read_qtm, read_tracklets
+from neurosym_jax.data.readers.trajnet import read_trajnet
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import open_source
-from neurosym_jax.data.thor import read_cliff, read_qtm, read_tracklets
 from neurosym_jax.data.tracks import make_tracks
-from neurosym_jax.data.trajnet import read_trajnet
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 

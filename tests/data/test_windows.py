@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.eth_ucy import SCENES, read_split
+from neurosym_jax.data.readers.eth_ucy import SCENES, read_split
 from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError

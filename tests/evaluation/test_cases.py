@@ -9,7 +9,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.cases import TestSet as Case_of
 from neurosym_jax.evaluation.cases import make_cases
-from neurosym_jax.forecast import Model
+from neurosym_jax.forecasting.model import Model
 
 MODELS = {
     "zara1_12": Model(GeneratorConfig(pred_len=12), {}, "zara1"),

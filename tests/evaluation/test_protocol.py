@@ -3,13 +3,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.data.batching import make_batches, single_scene
-from neurosym_jax.data.synthetic import synthetic_tracks
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.evaluation.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.evaluation.metrics import collisions
 from neurosym_jax.evaluation.protocol import evaluate, latency
-from neurosym_jax.noise import draw_noise
+from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
+from neurosym_jax.forecasting.noise import draw_noise
+from neurosym_jax.simulation.scenarios import synthetic_tracks
 
 
 def crowd() -> Tracks:

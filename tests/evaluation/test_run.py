@@ -10,9 +10,9 @@ from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
-from neurosym_jax.forecast import Model
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.interop.torch import export_torch_checkpoint
-from neurosym_jax.model_folder import load_model, save_model
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene
 

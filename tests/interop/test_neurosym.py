@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop import names
 from neurosym_jax.interop.collation import alpha_rows_used
 from neurosym_jax.interop.names import generator_params_from_torch, generator_params_to_torch
@@ -17,7 +18,6 @@ from neurosym_jax.interop.parity import format_parity, run_parity
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.interop.torch import export_torch_checkpoint, load_torch_checkpoint
-from neurosym_jax.model_folder import load_model
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene
 

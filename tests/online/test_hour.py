@@ -9,7 +9,7 @@ import pytest
 
 from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.predictor import Predictor
-from neurosym_jax.runtime import compile_seconds
+from neurosym_jax.runtime.process import compile_seconds
 
 RATE, HOUR, PEOPLE, OBS = 10, 3600, 12, 4
 MEMORY = Path("/proc/self/statm")

@@ -7,14 +7,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.batching import make_batches
-from neurosym_jax.data.synthetic import simulate
 from neurosym_jax.data.tracks import resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecast import predict
-from neurosym_jax.noise import draw_noise
+from neurosym_jax.forecasting.model import predict
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.online.predictor import Predictor
-from neurosym_jax.runtime import compile_seconds
+from neurosym_jax.runtime.process import compile_seconds
+from neurosym_jax.simulation.scenarios import simulate
 
 
 def stream(tracks):

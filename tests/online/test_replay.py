@@ -11,20 +11,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.synthetic import simulate
-from neurosym_jax.data.tracker import TrackerFaults
+from neurosym_jax.commands import replay as replay_verb
 from neurosym_jax.errors import InputError
-from neurosym_jax.model_folder import load_model
-from neurosym_jax.online import messages, replay_verb
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.bags import BagWriter, read_messages, read_people
-from neurosym_jax.online.live_stitching import OnlineStitcher
-from neurosym_jax.online.messages import Frame
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.online.replay import replay
 from neurosym_jax.online.summary import format_summary
 from neurosym_jax.online.window import Health
+from neurosym_jax.ros import messages
+from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
+from neurosym_jax.ros.messages import Frame
+from neurosym_jax.simulation.scenarios import simulate
+from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.tracking.live import OnlineStitcher
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -45,8 +46,8 @@ def run(*arguments) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True)
 
 
-def options_of(recording: Path, models, out: Path, **others) -> replay_verb.ReplayOptions:
-    return replay_verb.ReplayOptions(
+def options_of(recording: Path, models, out: Path, **others) -> replay_verb.Options:
+    return replay_verb.Options(
         recording=recording,
         model=tuple(Path(model) for model in models),
         samples=3,
@@ -70,7 +71,7 @@ def recording(tmp_path_factory) -> Path:
 def test_the_whole_way_and_back(recording, tmp_path, capsys):
     lines, bag = tmp_path / "forecasts.jsonl", tmp_path / "forecasts.bag"
     page = tmp_path / "replay.html"
-    replay_verb.replay(options_of(recording, MODELS, lines))
+    replay_verb.run(options_of(recording, MODELS, lines))
     inside = capsys.readouterr().out
     few = ["--samples", 3, "--max-people", 4]
     done = run(recording, "--model", *MODELS, *few, "--out", bag, "--html", page)
@@ -111,7 +112,7 @@ def test_the_whole_way_and_back(recording, tmp_path, capsys):
 
 def test_the_table_is_the_errors_of_the_lines(recording, tmp_path, capsys):
     out = tmp_path / "forecasts.jsonl"
-    replay_verb.replay(options_of(recording, MODELS[:1], out, stitch=True))
+    replay_verb.run(options_of(recording, MODELS[:1], out, stitch=True))
     table = capsys.readouterr().out
     ade, people = 0.0, 0
     for row in map(json.loads, out.read_text().splitlines()):
@@ -142,7 +143,7 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
     usual = {"recording": recording, "model": (Path(MODELS[0]),), "max_people": 4, "samples": 2}
     for changed, reason in cases:
         with pytest.raises(InputError) as error:
-            replay_verb.replay(replay_verb.ReplayOptions(**{**usual, **changed}))
+            replay_verb.run(replay_verb.Options(**{**usual, **changed}))
         assert reason in str(error.value)
         assert "\n" not in str(error.value)
     done = run(text, "--model", MODELS[0])

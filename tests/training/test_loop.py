@@ -8,7 +8,7 @@ import pytest
 
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.model_folder import load_model
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training import loop

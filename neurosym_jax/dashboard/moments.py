@@ -1,0 +1,151 @@
+"""What the page is told of a stream: first what it is, then a moment for every frame, as JSON.
+
+Everything is bounded: whatever a tracker sends, a moment names at most `MOST` people.
+
+`Introduction` (the first line) has `title`, `period` [s], `models` (names, in order), `weighting`
+(the model whose symbols and weights are told, and its name; or null) and `map` (see `floor_map`).
+
+A moment has
+
+- `t`: seconds since the first frame; never falls, even where the stream's clock is set back;
+- `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
+- `more`: how many others were seen;
+- `step`, where a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres;
+  `models`: by name `central` and `samples` [N][k][pred_len * 2] whole centimetres from the
+  person's last observed position; `dropped` reasons by id; `latency` [ms]; `codes`, the QTC_C1
+  state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; and `score`,
+  `Analytics.summary()`.
+
+The last line has the final `score` alone.
+"""
+
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.dashboard.symbols import PairSymbols
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.online.window import FAR, LATE
+from neurosym_jax.ros.messages import Frame
+
+__all__ = ["MOST", "Moments"]
+
+MOST = 256
+"""People named in a moment, and people without a forecast named in a step."""
+BREAK = 60.0
+"""Seconds on the page between what was before the clock was set back and what comes after."""
+
+
+class Moments:
+    """From frames and forecasts to the lines of JSON that the page understands."""
+
+    def __init__(
+        self,
+        models: Mapping[str, Model],
+        period: float = 0.4,
+        *,
+        title: str = "",
+        floor_map: dict[str, Any] | None = None,
+        reset_after: float = 5.0,
+    ):
+        """A stream of which nothing was shown yet.
+
+        Args:
+            models: by the name that forecasts have them under.
+            period: seconds between the models' steps.
+            title: what is shown, such as the recording's name.
+            floor_map: see `floor_map.read_floor_map`.
+            reset_after: seconds; see `Window`.
+        """
+        self._symbols = PairSymbols(models)
+        self._reset_after = reset_after
+        self._start = self._stamp = math.nan
+        weighting = None
+        if self._symbols.model is not None:
+            weighting = {"model": self._symbols.model, "name": self._symbols.weighting.name}
+        self.introduction = _json(
+            {
+                "title": title,
+                "period": period,
+                "models": list(models),
+                "weighting": weighting,
+                "map": floor_map,
+            }
+        )
+        """The first line."""
+
+    def moment(
+        self, frame: Frame, forecast: Forecast | None, summary: Mapping[str, Any]
+    ) -> str | None:
+        """The line of a frame; None where its stamp is refused, as by the predictor."""
+        if not self._accept(float(frame.stamp)):
+            return None
+        xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
+        kept = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
+        near = kept[:MOST]
+        return _json(
+            {
+                "t": round(self._stamp - self._start, 3),
+                "ids": [str(id) for id in np.asarray(frame.ids)[near].tolist()],
+                "xy": np.round(xy[near], 3).ravel().tolist(),
+                "more": len(kept) - len(near),
+                "step": None if forecast is None else self._step(forecast, summary),
+            }
+        )
+
+    @staticmethod
+    def ending(summary: Mapping[str, Any]) -> str:
+        """The last line: what the score came to when nothing more was to come."""
+        return _json({"score": summary})
+
+    def _accept(self, stamp: float) -> bool:
+        """Whether time goes on; begins it, and bridges where the clock was set back."""
+        if not abs(stamp) < LATE:
+            return False
+        if math.isnan(self._start):
+            self._start = stamp
+        elif stamp <= self._stamp:
+            if self._stamp - stamp < self._reset_after or stamp == self._stamp:
+                return False
+            self._start += stamp - self._stamp - BREAK
+        self._stamp = stamp
+        return True
+
+    def _step(self, forecast: Forecast, summary: Mapping[str, Any]) -> dict[str, Any]:
+        codes, alpha = self._symbols(forecast.observed)
+        upper = np.triu_indices(len(codes), 1)
+        last = forecast.observed[:, -1:]
+        return {
+            "t": round(forecast.stamp - self._start, 3),
+            "ids": [str(id) for id in forecast.ids.tolist()],
+            "seen": np.round(forecast.observed, 3).reshape(len(last), -1).tolist(),
+            "models": {
+                name: {"central": result.central, "samples": _centimetres(result.samples - last)}
+                for name, result in forecast.models.items()
+            },
+            "dropped": {
+                str(id): reason for id, reason in itertools.islice(forecast.dropped.items(), MOST)
+            },
+            "latency": round(1e3 * forecast.latency, 3),
+            "codes": codes[upper].tolist(),
+            "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
+            "score": summary,
+        }
+
+
+def _centimetres(samples: np.ndarray) -> list[list[list[int]]]:
+    """[k, N, pred_len, 2] metres as [N][k][pred_len * 2] whole centimetres."""
+    count, people = samples.shape[:2]
+    by_person = samples.transpose(1, 0, 2, 3).reshape(people, count, -1)
+    return np.rint(100 * by_person).astype(np.int64).tolist()
+
+
+def _json(value: Any) -> str:
+    """One line that can stand in HTML, where `<` could end the script that it stands in."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")

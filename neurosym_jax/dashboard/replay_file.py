@@ -1,0 +1,69 @@
+"""The page with everything inside: one file that any browser opens, to share."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from neurosym_jax.dashboard.moments import Moments
+from neurosym_jax.dashboard.page import page_parts
+from neurosym_jax.errors import InputError
+from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.ros.messages import Frame
+
+__all__ = ["ReplayFile", "write_replay"]
+
+
+class ReplayFile:
+    """A replay, written while it comes; it can be opened once it is closed."""
+
+    def __init__(self, path: Path, moments: Moments):
+        """Begin the file.
+
+        Raises:
+            InputError: where it exists, is not named `.html`, or cannot be written.
+        """
+        if path.suffix not in (".html", ".htm"):
+            raise InputError(f"{path}: a replay is written as .html")
+        self.path, self._moments = path, moments
+        before, self._after = page_parts()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("x", encoding="utf-8")
+        except FileExistsError:
+            raise InputError(f"{path}: already there, and nothing is overwritten") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        self._file.write(f"{before}\n{moments.introduction}\n")
+
+    def show(self, frame: Frame, forecast: Forecast | None, summary: Mapping[str, Any]) -> None:
+        """What a frame led to; see `Dashboard.show`."""
+        line = self._moments.moment(frame, forecast, summary)
+        if line is not None:
+            self._file.write(line + "\n")
+
+    def end(self, summary: Mapping[str, Any]) -> None:
+        """What the score came to; see `Dashboard.end`."""
+        self._file.write(self._moments.ending(summary) + "\n")
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.write(self._after)
+        self._file.close()
+
+
+def write_replay(
+    events: Iterable[tuple[Frame, Forecast | None, Mapping[str, Any]]],
+    path: Path,
+    moments: Moments,
+) -> None:
+    """Write all that was shown, as given to `Dashboard.show`, to one file.
+
+    Raises:
+        InputError: as `ReplayFile` does.
+    """
+    file = ReplayFile(path, moments)
+    try:
+        for event in events:
+            file.show(*event)
+    finally:
+        file.close()

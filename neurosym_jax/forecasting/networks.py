@@ -1,0 +1,126 @@
+"""SGAN's and NeuroSyM's generators as forecasters: encode once, decode once for each noise."""
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.forecasting.forecaster import Forecaster, bare, forecast_scene
+from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.forecasting.packing import Map, in_parts, pack_agents
+from neurosym_jax.models import Generator
+from neurosym_jax.scene import Scene
+from neurosym_jax.symbolic.weighting import scene_alpha
+
+__all__ = [
+    "GeneratorForecaster",
+    "decode_agents",
+    "decode_scene",
+    "encode_scene",
+    "encode_scenes",
+    "interact_scene",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class GeneratorForecaster(Forecaster):
+    """A `Generator`: encoding and pooling once, then one decoding for each noise."""
+
+    pred_len: int = dataclasses.field(init=False)
+    config: GeneratorConfig
+
+    def __post_init__(self):
+        """Take the horizon from the config."""
+        object.__setattr__(self, "pred_len", self.config.pred_len)
+
+    @property
+    def noise(self) -> NoiseSpec:
+        """As the config says."""
+        config = self.config
+        return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
+
+    def scene_bytes(self, samples: int, slots: int) -> float:
+        """See `Forecaster.scene_bytes`; symbols and grids are of pairs."""
+        config, pairs = self.config, 0.0
+        if config.symbolic:
+            pairs = 16.0 * config.obs_len
+        elif config.pooling == "social":
+            # With pooling at every step each sample has its own grid.
+            each = samples if config.pool_every_timestep else 1
+            pairs = 2.0 * config.grid_size**2 * each
+        return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
+
+    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """See `Forecaster.one`."""
+        context = encode_scene(self.config, params, scene)
+        return decode_scene(self.config, params, context, scene, noise)
+
+    def packed(
+        self,
+        params: Any,
+        scenes: Sequence[Scene],
+        noises: Sequence[np.ndarray],
+        run: Map = map,
+    ) -> np.ndarray:
+        """See `Forecaster.packed`; what looks at no neighbours works on packed agents."""
+        if self.config.pool_every_timestep:
+            return super().packed(params, scenes, noises, run)
+        agents, noise = pack_agents(scenes, noises)
+        if self.config.pooling == "none":
+            return in_parts(
+                lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise, run
+            )
+
+        def contexts(batch: Scene) -> np.ndarray:
+            return np.asarray(encode_scenes(self.config, params, batch))[np.asarray(batch.valid)]
+
+        return in_parts(
+            lambda part, noise: decode_agents(self.config, params, *part, noise),
+            (np.concatenate(list(run(contexts, map(bare, scenes)))), agents),
+            noise,
+            run,
+        )
+
+
+def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
+    """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
+    hidden = Generator(config).apply(params, scene.displacement, method="observe")
+    return interact_scene(config, params, hidden, scene)
+
+
+def interact_scene(config: GeneratorConfig, params: Any, hidden: Any, scene: Scene) -> Any:
+    """The part of `encode_scene` that looks at neighbours; `hidden [N, H]` is the other's."""
+    alpha = None
+    if config.weighting is not None:
+        weights = params.get("weighting", {})
+        alpha = scene_alpha(config.weighting, weights, scene.observed, scene.valid)
+    return Generator(config).apply(params, hidden, scene, alpha, method="interact")
+
+
+def decode_scene(
+    config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
+) -> Array:
+    """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.one`."""
+    decode = functools.partial(Generator(config).apply, params, context, scene, method="decode")
+    displacement: Any = jax.vmap(decode)(noise)
+    return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
+
+
+decode_agents = jax.jit(decode_scene, static_argnums=0)
+
+
+def encode_scenes(config: GeneratorConfig, params: Any, scenes: Scene) -> Array:
+    """Contexts `[B, N, C]` of a batch."""
+    # Nothing of it depends on the horizon, so checkpoints of all horizons share the programs.
+    return _encode(dataclasses.replace(config, pred_len=1), params, scenes)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _encode(config, params, scenes):
+    return jax.vmap(functools.partial(encode_scene, config), in_axes=(None, 0))(params, scenes)

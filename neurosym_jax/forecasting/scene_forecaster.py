@@ -1,0 +1,83 @@
+"""Forecasts of single scenes as they come: from a scene to its futures in the world's frame.
+
+`predict`, the online predictor and the latency that an evaluation reports are this. Batches of
+scenes are `Forecaster.batch`'s.
+"""
+
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+
+from neurosym_jax.checks import refuse_below, refuse_seed
+from neurosym_jax.data.batching import bucket_of
+from neurosym_jax.forecasting.forecaster import Forecaster, forecast_scene
+from neurosym_jax.forecasting.noise import scene_noise
+from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.scene import Scene, pad_scene, to_world
+
+__all__ = ["SceneForecaster"]
+
+
+class SceneForecaster:
+    """k futures of one scene after the other, by one compiled program for each bucket."""
+
+    def __init__(self, forecaster: Forecaster, params: Any, *, samples: int, seed: int):
+        """Ready for scenes; nothing is compiled yet.
+
+        Args:
+            forecaster: what forecasts.
+            params: its parameters, moved to the device once.
+            samples: k, of which a deterministic forecaster makes one.
+            seed: with a scene's identity, determines the noise.
+
+        Raises:
+            InputError: for a number that is out of range.
+        """
+        refuse_below(1, {"samples": samples})
+        refuse_seed(seed)
+        self.forecaster = forecaster
+        self.samples = samples if forecaster.noise.dim else 1
+        self._params = jax.device_put(params)
+        self._key = jax.random.key(seed)
+        self._fits = 0
+
+    def __call__(self, scene: Scene) -> np.ndarray:
+        """`[k, N, pred_len, 2]` float64 metres in the frame of `scene`'s origin: see `finish`."""
+        return self.finish(self.start(scene), scene)
+
+    def start(self, scene: Scene) -> Array:
+        """Begin the forecast of `scene`, of N slots, without waiting for it.
+
+        Raises:
+            InputError: for more samples or people than there is memory for.
+        """
+        slots = int(bucket_of(len(scene.valid)))
+        if slots > self._fits:
+            refuse_beyond_memory(
+                f"a forecast of {len(scene.valid)} people with {self.samples} samples",
+                self.forecaster.scene_bytes(self.samples, slots),
+                "ask for fewer samples, or forecast fewer people at once",
+            )
+            self._fits = slots
+        # The program sees neither the truth nor the host's float64 origin.
+        padded = pad_scene(scene.replace(future=None), slots).replace(origin=None)
+        spec = self.forecaster.noise
+        noise = _noise(
+            spec, self._key, padded.identity, self.samples, slots if spec.per_agent else 1
+        )
+        return forecast_scene(self.forecaster, self._params, padded, noise)
+
+    @staticmethod
+    def finish(started: Array, scene: Scene) -> np.ndarray:
+        """Wait for what `start` began of the same `scene`; slots that are not valid mean nothing.
+
+        Returns:
+            [k, N, pred_len, 2] float64 metres in the world's frame.
+        """
+        return to_world(np.asarray(started)[:, : len(scene.valid)], scene)
+
+
+# Apart from the forecast, because threefry is slow to compile and this serves every bucket.
+_noise = jax.jit(scene_noise, static_argnums=(0, 3, 4))

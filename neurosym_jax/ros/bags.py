@@ -1,0 +1,188 @@
+"""Bags read and written without ROS: ROS 1 `.bag`, ROS 2 sqlite3 and mcap.
+
+Needs rosbags, which is imported when a bag is opened. What people's messages say is in
+`ros.messages`; other recordings of people are read in `online.recordings`.
+"""
+
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.ros.messages import (
+    HUMANS,
+    PEOPLE,
+    PEOPLE_TOPICS,
+    Frame,
+    frame_of_humans,
+    frame_of_people,
+    typestore,
+)
+
+__all__ = ["SUFFIXES", "BagWriter", "frame_id_of", "is_bag", "read_messages", "read_people"]
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+"""Of ROS 1's file and of the files in ROS 2's folders."""
+
+TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
+"""What mends a file, by its ending."""
+
+READERS = {PEOPLE: frame_of_people, HUMANS: frame_of_humans}
+"""How a message of people becomes a frame, by its type."""
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag, by its name or, of a folder, by what lies in it."""
+    return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
+
+
+def read_people(path: Path, topic: str | None = None) -> Iterator[Frame]:
+    """The people of a bag, frame by frame in the order of recording.
+
+    Args:
+        path: file of ROS 1, or folder or file of ROS 2.
+        topic: of the people; if None, one of `PEOPLE_TOPICS`, else the only one with people.
+
+    Raises:
+        InputError: at the first frame, or where the bag is damaged, naming the file and the reason.
+    """
+    for _, message in read_messages(path, lambda topics: [_choose(path, topics, topic)]):
+        # Two publishers may have disagreed about the type of one topic.
+        if message.__msgtype__ in READERS:
+            yield READERS[message.__msgtype__](message)
+
+
+def frame_id_of(path: Path, topic: str | None = None) -> str:
+    """The coordinates' frame in a bag's first message of people; `topic` as for `read_people`.
+
+    Raises:
+        InputError: as `read_people`.
+    """
+    for _, message in read_messages(path, lambda topics: [_choose(path, topics, topic)]):
+        return message.header.frame_id
+    return ""
+
+
+def read_messages(
+    path: Path, choose: Callable[[dict[str, str]], Collection[str]] | None = None
+) -> Iterator[tuple[str, Any]]:
+    """Topic and message of those topics that `choose({topic: type})` names; of all if None.
+
+    Raises:
+        InputError: naming the file and the reason.
+    """
+    store = typestore(2)
+    from rosbags.highlevel import AnyReader
+
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder")
+    try:
+        # Recorders before ROS 2 Iron did not store what their types are.
+        with AnyReader([path], default_typestore=store) as reader:
+            topics = {each.topic: each.msgtype for each in reader.connections}
+            chosen = list(topics) if choose is None else choose(topics)
+            connections = [each for each in reader.connections if each.topic in chosen]
+            for connection, _, data in reader.messages(connections=connections):
+                yield connection.topic, reader.deserialize(data, connection.msgtype)
+    except InputError:
+        raise
+    except Exception as error:
+        # A damaged file makes rosbags, its databases and its decompressors raise anything at all.
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: cannot be read as a bag: {reason}{_advice(path)}") from None
+
+
+def _advice(path: Path) -> str:
+    """What may help where a recorder was interrupted."""
+    names = [path.name] if path.is_file() else [each.name for each in path.iterdir()]
+    for suffix, tool in TOOLS.items():
+        if any(name.endswith(suffix) for name in names):
+            return f"; if it was cut short, `{tool}` may mend it"
+    return ""
+
+
+def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
+    """The topic of the people."""
+    usable = [name for name, kind in topics.items() if kind in READERS]
+    there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
+    if asked is not None:
+        if asked not in topics:
+            raise InputError(f"{path}: no topic {asked}; there are: {there}")
+        if asked not in usable:
+            raise InputError(f"{path}: {asked} carries {topics[asked]}, not {' or '.join(READERS)}")
+        return asked
+    for name in PEOPLE_TOPICS:
+        if name in usable:
+            return name
+    if len(usable) != 1:
+        wanted = "choose one with --topic" if usable else f"none carries {' or '.join(READERS)}"
+        raise InputError(f"{path}: which topic has the people? There are: {there}; {wanted}")
+    return usable[0]
+
+
+class BagWriter:
+    """Writes a new bag; `with BagWriter(path) as bag`, which closes it whatever happens."""
+
+    def __init__(self, path: Path):
+        """Open for writing.
+
+        Args:
+            path: `NAME.bag` is a ROS 1 file; `NAME.db3` and `NAME.mcap` are ROS 2 bags, folders
+                `NAME` as ROS 2 has them, in sqlite3 and mcap.
+
+        Raises:
+            InputError: for another ending, a bag that is there already, a folder that is not.
+        """
+        path = Path(path)
+        if path.suffix not in SUFFIXES:
+            raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
+        self.ros = 1 if path.suffix == ".bag" else 2
+        self.path = path if self.ros == 1 else path.with_suffix("")
+        self._store = typestore(self.ros)
+        self.types = self._store.types
+        """Classes of the messages by name."""
+        from rosbags import rosbag1, rosbag2
+
+        if self.path.exists():
+            raise InputError(f"{self.path}: already there, and nothing is overwritten")
+        self._writer: Any
+        if self.ros == 1:
+            self._writer = rosbag1.Writer(self.path)
+        else:
+            plugin = rosbag2.StoragePlugin
+            storage = plugin.MCAP if path.suffix == ".mcap" else plugin.SQLITE3
+            self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=storage)
+        self._connections: dict[str, Any] = {}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer.open()
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
+
+    def write(self, topic: str, stamp: float, message: Any) -> None:
+        """Append a message, received at `stamp` seconds.
+
+        Raises:
+            InputError: for a time that ROS has no numbers for, before 1970 or after 2038.
+        """
+        if not 0 <= stamp < 2**31:
+            raise InputError(f"{self.path}: the time {stamp} s does not fit into a bag")
+        kind = message.__msgtype__
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._store
+            )
+        store = self._store
+        serialise = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
+        self._writer.write(self._connections[topic], round(stamp * 1e9), serialise(message, kind))
+
+    def __enter__(self) -> "BagWriter":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write index and metadata, so that what was written before an interruption is there."""
+        self._writer.close()

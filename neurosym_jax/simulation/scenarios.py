@@ -1,0 +1,199 @@
+"""Embedded default data: two people in a 5 m x 8.2 m room for two minutes, simulated from a seed.
+
+The scenarios are those the NeuroSyM robot experiment describes: `all-forward`, people walking side
+by side to the room's end and back, and `cross-path`, people who cross each other's way and avoid
+each other. Both are walks of a social-force model (`social_force`), seen by a 10 Hz tracker whose
+faults can be switched on (`tracker`). They are not recordings, and results on them say nothing
+about a method's rank on real people; they are here so that everything runs, and can be tested,
+without a download.
+"""
+
+import functools
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from neurosym_jax.checks import refuse_seed
+from neurosym_jax.data.tracks import Tracks, make_tracks, resample
+from neurosym_jax.errors import InputError
+from neurosym_jax.simulation.social_force import ABREAST, Plan, walk
+from neurosym_jax.simulation.tracker import TrackerFaults, track
+
+__all__ = [
+    "ROOM",
+    "Scenario",
+    "ground_truth",
+    "simulate",
+    "simulate_labelled",
+    "synthetic_tracks",
+]
+
+Scenario = Literal["all-forward", "cross-path"]
+
+ROOM = (5.0, 8.2)
+"""Metres along x and y; one corner is the origin."""
+
+PERIOD = 0.4  # seconds between the points of the ETH/UCY protocol
+MAX_STEP = 0.05  # seconds, of the integration
+
+
+def synthetic_tracks(scenario: Scenario, seed: int = 0) -> Tracks:
+    """Two minutes of two people as a good tracker sees them, resampled to 0.4 s: 301 points each.
+
+    Raises:
+        InputError: for an unknown scenario or a seed outside 0 .. 2**32 - 1.
+    """
+    return resample(simulate(scenario, seed), PERIOD)
+
+
+def simulate(
+    scenario: Scenario,
+    seed: int = 0,
+    duration: float = 120.0,
+    people: int = 2,
+    faults: TrackerFaults | None = None,
+    rate: float = 10.0,
+) -> Tracks:
+    """What a tracker reports of a simulated walk.
+
+    With more than two people, `all-forward` has several pairs (the last person of an odd number
+    walks alone) and `cross-path` has everybody's way through the middle of the room.
+
+    Args:
+        scenario: "all-forward" or "cross-path".
+        seed: 0 .. 2**32 - 1. The same arguments give the same bits on the same machine; another
+            `duration`, `people` or `rate` gives another walk.
+        duration: seconds.
+        people: how many.
+        faults: of the tracker; None is `TrackerFaults()`.
+        rate: frames per second.
+
+    Returns:
+        Tracks on the frames `n / rate`, from 0 to `duration`; a person keeps the true id
+        0 .. people - 1 until the faults give another one.
+
+    Raises:
+        InputError: for an argument out of range.
+    """
+    return simulate_labelled(scenario, seed, duration, people, faults, rate)[0]
+
+
+def simulate_labelled(
+    scenario: Scenario,
+    seed: int = 0,
+    duration: float = 120.0,
+    people: int = 2,
+    faults: TrackerFaults | None = None,
+    rate: float = 10.0,
+) -> tuple[Tracks, np.ndarray]:
+    """`simulate`, with the person whom each row of it belongs to: [R] int64 true ids.
+
+    The label is what an identity score such as IDF1 compares the tracker's ids with.
+    """
+    faults = TrackerFaults() if faults is None else faults
+    path, stamp = _walk(scenario, seed, duration, people, rate)
+    frame, person, ids, position = track(path, faults, rate, _key(seed, 1), _key(seed, 2))
+    tracks = make_tracks(_name(scenario, seed), stamp[frame], ids, position)
+    return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
+
+
+def ground_truth(
+    scenario: Scenario,
+    seed: int = 0,
+    duration: float = 120.0,
+    people: int = 2,
+    rate: float = 10.0,
+) -> Tracks:
+    """The walk behind `simulate` with the same arguments: no faults, ids 0 .. people - 1."""
+    path, stamp = _walk(scenario, seed, duration, people, rate)
+    ids = np.repeat(np.arange(people), len(stamp))
+    position = path.transpose(1, 0, 2).reshape(-1, 2)
+    return make_tracks(_name(scenario, seed), np.tile(stamp, people), ids, position)
+
+
+def _name(scenario: str, seed: int) -> str:
+    return f"synthetic/{scenario}/{seed}"
+
+
+def _walk(scenario, seed, duration, people, rate) -> tuple[np.ndarray, np.ndarray]:
+    """Path [F, P, 2] and stamps [F] in float64."""
+    if scenario not in _PLANS:
+        raise InputError(f"scenario must be one of {sorted(_PLANS)}, not {scenario!r}")
+    refuse_seed(seed)
+    if people < 1:
+        raise InputError(f"people must be at least 1, not {people}")
+    if not (0 < rate < float("inf") and 0 <= duration < float("inf")):
+        raise InputError(f"rate and duration must be positive, not {rate} and {duration}")
+    frames = int(duration * rate + 1e-6) + 1
+    path = _walk_frames(_key(seed, 0), scenario, people, frames, float(rate))
+    return np.asarray(path, np.float64), np.arange(frames) / rate
+
+
+def _key(seed: int, purpose: int) -> jax.Array:
+    """A key for each purpose of a seed; a Threefry key is two free words, so no need to split."""
+    return jax.random.wrap_key_data(jnp.array([purpose, seed], jnp.uint32), impl="threefry2x32")
+
+
+def _all_forward(chance: jax.Array) -> Plan:
+    """Pairs abreast between the room's ends; a third and fourth pair start a rank behind."""
+    legs, people, _ = chance.shape
+    pair = np.arange(people) // 2
+    lanes = min((people + 1) // 2, 2)
+    lane = ((pair % lanes + 0.5) / lanes - 0.5) * 4.0 + ROOM[0] / 2
+    side = (np.arange(people) % 2 - 0.5) * ABREAST
+    shared = chance[:, 2 * pair]
+    x = (lane + side)[None] + _between(shared[..., 0], -0.5, 0.5) / lanes
+    short = _between(shared[..., 1], 0.9, 1.5)
+    short = short.at[0].add(np.float32(1.8) * (pair // lanes).astype(np.float32))
+    far = (np.arange(legs) % 2 == 1)[:, None]
+    goal = jnp.stack([x, jnp.where(far, ROOM[1] - short, short)], -1)
+    pause = _between(shared[..., 2], 0.1, 1.0) + _between(chance[..., 3], 0.0, 0.2)
+    return Plan(goal + _between(chance[..., 4:6], -0.08, 0.08), pause, _pace(chance))
+
+
+def _cross_path(chance: jax.Array) -> Plan:
+    """Everybody between two opposite places at the room's edge, so that all ways meet inside."""
+    legs, people, _ = chance.shape
+    angle = np.pi * (np.arange(people) + 0.5) / people
+    way = np.stack([np.cos(angle), np.sin(angle)], -1)
+    way /= np.abs(way).max(axis=-1, keepdims=True)
+    # Neighbours in angle start from opposite ends: two people meet, they do not merge.
+    end = (-1.0) ** (np.arange(legs)[:, None] + np.arange(people) + 1)
+    middle = np.array(ROOM) / 2
+    station = middle + end[..., None] * way * (middle - [1.0, 1.1])
+    goal = station + _between(chance[..., 4:6], -0.4, 0.4)
+    return Plan(goal, _between(chance[..., 3], 0.1, 1.2), _pace(chance))
+
+
+_PLANS = {"all-forward": _all_forward, "cross-path": _cross_path}
+
+
+def _pace(chance: jax.Array) -> jax.Array:
+    """A speed of one's own, a little less of it on some legs."""
+    return _between(chance[:1, :, 6], 1.2, 1.35) * _between(chance[..., 7], 0.92, 1.0)
+
+
+def _between(chance: jax.Array, low: float, high: float) -> jax.Array:
+    return low + (high - low) * chance
+
+
+@functools.partial(jax.jit, static_argnames=("scenario", "people", "frames", "rate"))
+def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: float) -> jax.Array:
+    """Positions [frames, people, 2] in metres; `key` is consumed."""
+    substeps = int(np.ceil(1 / (rate * MAX_STEP) - 1e-9))
+    dt = 1 / (rate * substeps)
+    # No leg takes less than two seconds: the shortest way across is 3 m.
+    legs = int(frames / rate / 2) + 3
+    # One draw for everything, because each costs a third of a second to compile. float32 by name,
+    # so that the same seed is the same walk under x64. A kick of unit variance need not be normal:
+    # the wobble is the sum of many.
+    steps = frames * substeps + 1
+    plans = legs * people * 8
+    chance = jax.random.uniform(key, (plans + steps * 2 * people,), jnp.float32)
+    kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
+    chance = chance[:plans].reshape(legs, people, 8)
+    plan = _PLANS[scenario](chance)
+    plan = jax.tree.map(lambda array: array.astype(jnp.float32), plan)
+    return walk(plan, kicks, dt, ROOM, abreast=scenario == "all-forward")[::substeps]

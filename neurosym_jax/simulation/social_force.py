@@ -1,0 +1,198 @@
+"""People walking in a room: a social-force model, integrated in `lax.scan`.
+
+The forces are those of D. Helbing and P. Molnár, "Social force model for pedestrian dynamics",
+Phys. Rev. E 51, 4282 (1995): relaxation to a desired velocity in 0.5 s, elliptical exponential
+repulsion between people (their V0 = 2.1 m^2/s^2 and sigma = 0.3 m, half effect outside a view of
+200 degrees), exponential repulsion from walls, speed limited to 1.3 times the desired. The ellipse
+follows the relative velocity, as in A. Johansson, D. Helbing and P. Shukla, "Specification of the
+social force pedestrian model by evolutionary adjustment to video tracking data", Adv. Complex
+Syst. 10, 271 (2007): with the other's velocity alone, people in a room this small jump back.
+
+Assumed by us, because no source fixes it: the anticipation of 1 s, a body of 0.2 m inside the
+repulsion and a contact force below 0.5 m, a softer wall, a heading that turns at most 2.5 rad/s,
+braking before the goal and pausing there for one's partner, slow random changes of pace and
+heading, and, in place of an attraction, a spring that keeps a pair 0.8 m abreast. Gait sway,
+bystanders and the robot are left out.
+
+Who means to walk where is a `Plan`, made by `simulation.scenarios`.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+__all__ = ["ABREAST", "Plan", "walk"]
+
+RELAXATION = 0.5  # s
+REPULSION, RANGE = 2.1, 0.3  # m^2/s^2, m
+ANTICIPATION = 1.0  # s of coming relative motion; 2 s in 1995, for walks longer than a room
+BODY = 0.2  # m, taken off a distance before the repulsion is evaluated
+BEHIND = 0.5  # of the repulsion by people out of view
+HALF_VIEW = np.deg2rad(100.0)
+WALL, WALL_RANGE = 1.0, 0.2  # m^2/s^2, m
+CONTACT, TOUCH = 30.0, 0.5  # 1/s^2, m: people nearer than this, a pair too, push apart
+MARGIN = 0.25  # m; nobody's centre comes nearer to a wall
+TOP_SPEED = 1.3  # of the desired speed
+TURN_RATE = 2.5  # rad/s
+ABREAST = 0.8  # m between the two of a pair
+SPRING, DAMPING = 2.0, 1.0  # 1/s^2, 1/s: of a pair
+BRAKING, ARRIVED = 0.8, 0.3  # m from the goal
+PATIENCE = 15.0  # s on one leg, after which a blocked person is content with the place reached
+WOBBLE = (0.06, 0.10)  # standard deviations of relative pace and of heading (rad)
+WOBBLE_TIME = 1.5  # s
+
+
+class Plan(NamedTuple):
+    """What each person means to do on each of L legs; leg 0 is standing at the start."""
+
+    goal: jax.Array  # [L, P, 2] metres
+    pause: jax.Array  # [L, P] seconds, after the goal is reached by both of a pair
+    pace: jax.Array  # [L, P] metres per second
+
+
+class _State(NamedTuple):
+    position: jax.Array  # [P, 2] metres
+    velocity: jax.Array  # [P, 2] metres per second
+    heading: jax.Array  # [P] radians
+    wobble: jax.Array  # [2, P] in standard deviations, of pace and heading
+    leg: jax.Array  # [P] int32
+    since: jax.Array  # [P] seconds on this leg
+    pause: jax.Array  # [P] seconds still to stand
+    arrived: jax.Array  # [P] bool
+
+
+def walk(
+    plan: Plan, kicks: jax.Array, dt: float, room: tuple[float, float], abreast: bool
+) -> jax.Array:
+    """Positions [F, P, 2] in metres, a frame every `dt` seconds, from the plan's leg 0 on.
+
+    Args:
+        plan: of P people; float32.
+        kicks: [F + 1, 2, P] of unit variance, which make pace and heading wander.
+        dt: seconds, at most 0.05.
+        room: metres along x and y; one corner is the origin.
+        abreast: whether neighbours in the order of people (0 and 1, 2 and 3, ...) are pairs that
+            stay side by side across x.
+    """
+    people = plan.goal.shape[1]
+    ahead = plan.goal[1] - plan.goal[0]
+    start = _State(
+        position=plan.goal[0],
+        velocity=jnp.zeros((people, 2), jnp.float32),
+        heading=jnp.arctan2(ahead[:, 1], ahead[:, 0]),
+        wobble=kicks[0],
+        leg=jnp.zeros(people, jnp.int32),
+        since=jnp.zeros(people, jnp.float32),
+        pause=plan.pause[0],
+        arrived=jnp.ones(people, bool),
+    )
+
+    def step(state, kick):
+        return _step(plan, abreast, dt, room, state, kick), state.position
+
+    return jax.lax.scan(step, start, kicks[1:])[1]
+
+
+def _step(
+    plan: Plan,
+    abreast: bool,
+    dt: float,
+    room: tuple[float, float],
+    state: _State,
+    kick: jax.Array,
+) -> _State:
+    """One Euler step of everybody."""
+    people = len(state.leg)
+    partner = np.arange(people) ^ 1
+    partner = np.where(partner < people, partner, np.arange(people))
+    everyone = np.arange(people)
+
+    # Turn around together: stand until one's partner has arrived too, then pause.
+    goal = plan.goal[state.leg, everyone]
+    there = _length(goal - state.position) < ARRIVED
+    arrived = state.arrived | there | (state.since > PATIENCE)
+    ready = arrived & (arrived[partner] | (state.leg[partner] > state.leg))
+    pause = jnp.where(ready, state.pause - dt, state.pause)
+    depart = ready & (pause <= 0)
+    leg = jnp.minimum(state.leg + depart, len(plan.goal) - 1)
+    arrived = arrived & ~depart
+    goal = plan.goal[leg, everyone]
+    pause = jnp.where(depart, plan.pause[leg, everyone], pause)
+    since = jnp.where(depart, 0.0, state.since + dt)
+
+    way = goal - state.position
+    error = jnp.arctan2(way[:, 1], way[:, 0]) - state.heading
+    error = jnp.arctan2(jnp.sin(error), jnp.cos(error))
+    heading = state.heading + jnp.where(
+        arrived, 0.0, jnp.clip(error, -TURN_RATE * dt, TURN_RATE * dt)
+    )
+    keep = float(np.exp(-dt / WOBBLE_TIME))
+    wobble = keep * state.wobble + float(np.sqrt(1 - keep**2)) * kick
+    top = plan.pace[leg, everyone]
+    pace = top * (1 + WOBBLE[0] * wobble[0]) * jnp.clip(_length(way) / BRAKING, 0.3, 1.0)
+    pace = jnp.where(arrived, 0.0, pace * (0.25 + 0.75 * jnp.clip(jnp.cos(error), 0.0, 1.0)))
+    aim = heading + WOBBLE[1] * wobble[1]
+    desired = pace[:, None] * jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
+
+    force = (desired - state.velocity) / RELAXATION + _walls(state.position, room)
+    others = ~np.eye(people, dtype=bool)
+    apart = state.position[:, None] - state.position[None]
+    near = _length(apart)[..., None]
+    force = force + jnp.sum(CONTACT * jnp.maximum(TOUCH - near, 0.0) * apart / near, axis=1)
+    if abreast:
+        others[everyone, partner] = False
+        rank = np.stack([(everyone - partner) * ABREAST, np.zeros(people)], -1).astype(np.float32)
+        gap = state.position - state.position[partner]
+        drift = state.velocity - state.velocity[partner]
+        force = force + SPRING / 2 * (rank - gap) - DAMPING / 2 * drift
+    from_all = jax.vmap(_repulsion, (None, 0, None, None, 0))
+    push = jax.vmap(from_all, (0, None, 0, 0, None))(
+        state.position, state.position, heading, state.velocity, state.velocity
+    )
+    force = force + jnp.sum(jnp.where(others[..., None], push, 0.0), axis=1)
+
+    velocity = state.velocity + dt * force
+    limit = TOP_SPEED * top / jnp.maximum(_length(velocity), TOP_SPEED * top)
+    velocity = velocity * limit[:, None]
+    position = state.position + dt * velocity
+    inside = jnp.clip(position, MARGIN, np.array([room], np.float32) - MARGIN)
+    velocity = jnp.where(position == inside, velocity, 0.0)
+    return _State(inside, velocity, heading, wobble, leg, since, pause, arrived)
+
+
+def _repulsion(
+    own: jax.Array,
+    other: jax.Array,
+    heading: jax.Array,
+    own_velocity: jax.Array,
+    velocity: jax.Array,
+) -> jax.Array:
+    """Acceleration [2] of the person at `own` by the one at `other`: Helbing-Molnár (3), (4)."""
+
+    def potential(offset):
+        stride = (velocity - own_velocity) * ANTICIPATION
+        major = _length(offset) + _length(offset - stride)
+        minor = 0.5 * jnp.sqrt(jnp.maximum(major**2 - stride @ stride, 1e-4))
+        return REPULSION * jnp.exp((BODY - minor) / RANGE)
+
+    offset = own - other
+    push = -jax.grad(potential)(offset)
+    ahead = -(offset @ jnp.stack([jnp.cos(heading), jnp.sin(heading)]))
+    seen = ahead >= _length(offset) * float(np.cos(HALF_VIEW))
+    return jnp.where(seen, 1.0, BEHIND) * push
+
+
+def _walls(position: jax.Array, room: tuple[float, float]) -> jax.Array:
+    """Acceleration [P, 2] away from the four walls."""
+
+    def push(distance):
+        return WALL / WALL_RANGE * jnp.exp(-distance / WALL_RANGE)
+
+    return push(position) - push(np.array([room], np.float32) - position)
+
+
+def _length(vector: jax.Array) -> jax.Array:
+    """Euclidean length over the last axis; smooth at zero, for its gradient is a force."""
+    return jnp.sqrt(jnp.sum(vector * vector, axis=-1) + 1e-8)

@@ -1,0 +1,169 @@
+"""`python -m neurosym_jax experiment`: the robot paper's experiment, on simulated recordings.
+
+Mghames et al., "neuROSym: Deployment and Evaluation of a ROS-based Neuro-Symbolic Model for Human
+Motion Prediction" (2024): two scenarios, two recordings of two minutes each, SGAN beside NeuroSyM.
+Here a simulation walks, a tracker with faults sees it, and a bag keeps what the tracker says; the
+bag is read back, tracks are stitched, forecast and scored as they would be on the robot. What is
+made of the results is in `online.experiment_report`.
+"""
+
+import dataclasses
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.cases import SHIPPED
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import shipped_models
+from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.live_options import load_models
+from neurosym_jax.online.predictor import Predictor
+from neurosym_jax.online.recordings import frames_of_tracks
+from neurosym_jax.online.replay import replay
+from neurosym_jax.ros.bags import BagWriter, read_people
+from neurosym_jax.ros.messages import PEOPLE_TOPICS, make_people
+from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
+from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.tracking.live import OnlineStitcher
+from studies.experiment.report import write_report
+from studies.experiment.results import PEOPLE, Recording, Results, score
+
+__all__ = ["ExperimentOptions", "experiment"]
+
+FAULTS = TrackerFaults(noise=0.02, dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
+"""Each person is lost every 20 s on average, for 1 s on average, and comes back under a new id."""
+STEPS = (8, 8)
+"""Observed and forecast, as the paper's models."""
+START = 1.7e9
+"""Seconds, of the first message: a robot's clock counts from 1970."""
+STORAGES = (".bag", ".mcap", ".db3", ".bag")
+"""Of the four recordings; the chain is the same for all."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ExperimentOptions:
+    """Repeat the robot paper's experiment on simulated recordings, and write its report."""
+
+    out: Path = Path("results/experiment")
+    """Folder for report, figures and recordings; it must be new or empty."""
+    model_a: tuple[Path, ...] = ()
+    """Models for scenario A; by default those that ship for zara1."""
+    model_b: tuple[Path, ...] = ()
+    """Models for scenario B; by default those trained on THÖR that ship, else those of A."""
+    seconds: float = 120.0
+    """Length of a recording."""
+    seeds: tuple[int, int, int, int] = (1, 2, 3, 4)
+    """Of the recordings, two of A and two of B."""
+    samples: int = 20
+    """Futures that each model draws."""
+
+
+def experiment(options: ExperimentOptions) -> None:
+    """Do what the verb says.
+
+    Raises:
+        InputError: for models that are not there, or a folder that holds something.
+    """
+    if options.out.exists() and (not options.out.is_dir() or any(options.out.iterdir())):
+        raise InputError(f"{options.out}: already there, and nothing is overwritten")
+    began = time.perf_counter()
+    model_a = options.model_a or _shipped("zara1")
+    if not model_a:
+        raise InputError("no shipped models in this installation: give --model-a")
+    chosen: dict[Scenario, tuple[Path, ...]] = {
+        "all-forward": model_a,
+        "cross-path": options.model_b or _shipped("thor") or model_a,
+    }
+    recordings, latencies = [], {}
+    walks = iter(zip(options.seeds, STORAGES))
+    for scenario, paths in chosen.items():
+        models = load_models(paths)
+        if any((m.config.obs_len, m.config.pred_len) != STEPS for m in models.values()):
+            raise InputError(
+                f"the experiment's models observe {STEPS[0]} steps, forecast {STEPS[1]}"
+            )
+        here: list[Recording] = []
+        for number in (1, 2):
+            bag, people = _record(scenario, number, *next(walks), options.seconds, options.out)
+            here.append(_forecast(scenario, number, bag, people, models, options))
+            print(f"{scenario} {number}: {len(here[-1].forecasts)} forecasts of {bag.name}")
+        latencies[scenario] = _latency(models, here[0], options)
+        recordings += here
+    results = Results(
+        options.seconds, options.seeds, options.samples, FAULTS, chosen, recordings, latencies
+    )
+    page = write_report(options.out, results)
+    print(f"the report is {page} ({time.perf_counter() - began:.0f} s)")
+
+
+def _shipped(scene: str) -> tuple[Path, ...]:
+    """An SGAN and a NeuroSyM as described that ship for a scene, at 8 + 8; none if not both do."""
+    paths = shipped_models(SHIPPED)
+    kinds = [
+        [path for path in paths if re.fullmatch(f"{kind}_{scene}[^_]*_8_8", path.name)]
+        for kind in ("sgan", "neurosym")
+    ]
+    return tuple(kind[0] for kind in kinds) if all(kinds) else ()
+
+
+def _record(
+    scenario: Scenario, number: int, seed: int, storage: str, seconds: float, out: Path
+) -> tuple[Path, list[np.ndarray]]:
+    """A bag of what the tracker says of a walk, and who the people of each frame are."""
+    tracks, person = simulate_labelled(scenario, seed, seconds, PEOPLE, FAULTS)
+    path = out / "recordings" / f"{scenario}_{number}{storage}"
+    with BagWriter(path) as bag:
+        for frame in frames_of_tracks(tracks):
+            frame = frame._replace(stamp=START + frame.stamp)
+            bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.types, frame))
+    # In the order of each frame's tracks, which is that of the tracker's ids.
+    order = np.lexsort((tracks.id, tracks.stamp))
+    cuts = np.flatnonzero(np.diff(tracks.stamp[order])) + 1
+    return bag.path, np.split(person[order], cuts)
+
+
+def _forecast(
+    scenario: Scenario,
+    number: int,
+    bag: Path,
+    people: list[np.ndarray],
+    models: dict[str, Model],
+    options: ExperimentOptions,
+) -> Recording:
+    """The way of a recording through the whole chain, and once more without stitching."""
+    frames = list(read_people(bag))
+    summaries, done, mended = [], [], []
+    for stitcher in (None, OnlineStitcher()):
+        predictor = _predictor(models, bag, options)
+        analytics = Analytics()
+        events = list(replay(frames, predictor, analytics, stitcher=stitcher))
+        done = [each for event in events for each in event.scored] + analytics.finish()
+        mended = [event.frame.ids for event in events]
+        summaries.append(analytics.summary())
+    scores = {name: score(done, name) for name in models}
+    scores["constant velocity"] = score(done, None)
+    unstitched, summary = summaries
+    return Recording(
+        scenario, number, bag, frames, mended, people, done, summary, unstitched, scores
+    )
+
+
+def _predictor(models: dict[str, Model], bag: Path, options: ExperimentOptions) -> Predictor:
+    return Predictor(models, samples=options.samples, max_people=4, recording=bag.stem)
+
+
+def _latency(
+    models: dict[str, Model], recording: Recording, options: ExperimentOptions
+) -> dict[str, dict[str, float]]:
+    """Milliseconds from a frame's arrival to its forecast, of each model alone."""
+    latencies = {}
+    for name, model in models.items():
+        analytics, stitcher = Analytics(), OnlineStitcher()
+        predictor = _predictor({name: model}, recording.bag, options)
+        for _ in replay(recording.frames, predictor, analytics, stitcher=stitcher):
+            pass
+        latencies[name] = analytics.summary()["latency_ms"]
+    return latencies

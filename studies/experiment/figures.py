@@ -1,0 +1,95 @@
+"""The figures of the robot experiment's report, a scenario at a time."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.online.recordings import tracks_of_frames
+from studies.experiment.document import Document
+from studies.experiment.results import Recording, complete, published
+
+__all__ = ["add_figures"]
+
+DOTS, COLOURS = 80, 96
+"""Per inch, and in a figure: so that each has a few tens of kilobytes."""
+
+
+def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) -> None:
+    """Write the figures of one scenario's recordings to `out / "figures"`, and show them."""
+    from PIL import Image  # comes with matplotlib
+
+    from neurosym_jax.plotting.figures import plot_fan, plot_forecasts, plot_horizon_errors
+    from neurosym_jax.plotting.tracks import plot_tracks
+
+    first = recordings[0]
+    names = list(first.summary["models"])
+
+    def add(kind: str, figure, caption: str) -> None:
+        path = out / "figures" / f"experiment_{first.scenario}_{kind}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, dpi=DOTS)
+        Image.open(buffer).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+        document.figure(path, caption)
+
+    mended = [
+        frame._replace(ids=ids) for frame, ids in zip(first.frames, first.mended, strict=True)
+    ]
+    tracks = [
+        tracks_of_frames(iter(first.frames), "as the tracker named them"),
+        tracks_of_frames(iter(mended), "stitched"),
+    ]
+    add("tracks", plot_tracks(tracks), "Recording 1: a colour an id, a dot where each begins.")
+    for kind, forecast, caption in _moments(first, names[-1]):
+        assert forecast.future is not None
+        seconds = forecast.stamp - first.frames[0].stamp
+        figure = plot_forecasts(
+            forecast.observed,
+            forecast.future,
+            {name: published(forecast, name) for name in names},
+            f"{seconds:.1f} s into recording 1",
+        )
+        add(kind, figure, caption)
+        if kind == "median":
+            samples = forecast.models[names[-1]].samples
+            figure = plot_fan(forecast.observed, forecast.future, samples, names[-1])
+            add("fan", figure, f"The same moment with all samples of {names[-1]}.")
+    errors = {
+        name: np.average(
+            [recording.scores[name].horizon for recording in recordings],
+            axis=0,
+            weights=[recording.scores[name].sequences for recording in recordings],
+        )
+        for name in first.scores
+    }
+    add(
+        "horizon",
+        plot_horizon_errors(errors, 0.4, "error over the horizon"),
+        "Mean error of the published forecast at each step, both recordings.",
+    )
+
+
+def _moments(recording: Recording, model: str) -> list[tuple[str, Forecast, str]]:
+    """Forecasts to show, chosen by rule and not by looks."""
+    kept = complete(recording.forecasts)
+    futures = np.array([forecast.future for forecast in kept])
+    distance = np.linalg.norm(
+        np.stack([published(forecast, model) for forecast in kept]) - futures, axis=-1
+    )
+    order = np.argsort(distance.mean(axis=(1, 2)), kind="stable")
+    near = np.linalg.norm(futures[:, 0] - futures[:, 1], axis=-1).min(axis=1)
+    return [
+        (
+            "median",
+            kept[int(order[len(order) // 2])],
+            f"The forecast of recording 1 in which {model}'s error is the median.",
+        ),
+        (
+            "closest",
+            kept[int(near.argmin())],
+            "The forecast of recording 1 in which the two people come closest to each other.",
+        ),
+    ]

@@ -1,0 +1,138 @@
+"""What the robot experiment measures: a recording's forecasts, and a model's errors on them."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.metrics import scene_errors
+from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.ros.messages import Frame
+from neurosym_jax.simulation.scenarios import Scenario
+from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.tracking.identity import idf1
+
+__all__ = ["PEOPLE", "Recording", "Results", "Score", "complete", "published", "score"]
+
+PEOPLE = 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """A model on a recording: means over the sequences in which both people are known."""
+
+    sequences: int
+    ade: float
+    """Metres, mean over people and steps, of the forecast that is published: the most central."""
+    fde: float
+    """Metres, the same of the last step."""
+    best_ade: float
+    """Metres, joint best of k."""
+    best_fde: float
+    sum_ade: float
+    """Metres, of the published forecast, summed over people and steps: the paper's "Avg. ADE"."""
+    sum_fde: float
+    """Metres, summed over people."""
+    horizon: list[float]
+    """[pred_len] metres, mean over people, of the published forecast."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Recording:
+    """One recording, read back and forecast."""
+
+    scenario: Scenario
+    number: int
+    bag: Path
+    frames: list[Frame]
+    """As the tracker named people."""
+    mended: list[np.ndarray]
+    """Their ids, stitched."""
+    people: list[np.ndarray]
+    """Who they truly are."""
+    forecasts: list[Forecast]
+    """Those that were scored."""
+    summary: dict[str, Any]
+    """Of the analytics."""
+    unstitched: dict[str, Any]
+    """Of the analytics, had nothing been stitched."""
+    scores: dict[str, Score]
+
+    @property
+    def identity(self) -> tuple[float, float]:
+        """IDF1 of the tracker's ids and of the stitched ones."""
+        people = np.concatenate(self.people)
+        given = np.concatenate([frame.ids for frame in self.frames])
+        return idf1(people, given), idf1(people, np.concatenate(self.mended))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Results:
+    """Everything that a report says."""
+
+    seconds: float
+    """Length of a recording."""
+    seeds: tuple[int, ...]
+    """Of the recordings."""
+    samples: int
+    """Futures that each model drew."""
+    faults: TrackerFaults
+    models: Mapping[Scenario, Sequence[Path]]
+    recordings: Sequence[Recording]
+    latencies: Mapping[Scenario, Mapping[str, Mapping[str, float]]]
+    """Milliseconds from a frame's arrival to its forecast, by model and percentile."""
+
+
+def complete(forecasts: list[Forecast]) -> list[Forecast]:
+    """Those of everybody, with everybody's future known."""
+    return [
+        each
+        for each in forecasts
+        if len(each.ids) == PEOPLE and each.future is not None and np.isfinite(each.future).all()
+    ]
+
+
+def published(forecast: Forecast, model: str | None) -> np.ndarray:
+    """[N, pred_len, 2] the most central sample of a model; constant velocity if None."""
+    if model is not None:
+        result = forecast.models[model]
+        return result.samples[result.central]
+    assert forecast.future is not None
+    steps = np.arange(1, forecast.future.shape[1] + 1)[:, None]
+    last, step = forecast.observed[:, -1:], np.diff(forecast.observed[:, -2:], axis=1)
+    return last + steps * step
+
+
+def score(forecasts: list[Forecast], model: str | None) -> Score:
+    """Of a model, or of constant velocity if None.
+
+    Raises:
+        InputError: where no forecast is of everybody.
+    """
+    kept = complete(forecasts)
+    if not kept:
+        raise InputError("no sequence in which both people are known: the recording is too short")
+    future = np.array([forecast.future for forecast in kept])
+    distance = np.linalg.norm(
+        np.stack([published(forecast, model) for forecast in kept]) - future, axis=-1
+    )
+    samples = [published(f, None)[None] if model is None else f.models[model].samples for f in kept]
+    best = scene_errors(
+        np.concatenate(samples, axis=1),
+        np.concatenate(list(future)),
+        np.full(len(kept), PEOPLE),
+    )
+    people = len(kept) * PEOPLE
+    return Score(
+        sequences=len(kept),
+        ade=float(distance.mean()),
+        fde=float(distance[..., -1].mean()),
+        best_ade=float(best.joint_ade.sum() / people),
+        best_fde=float(best.joint_fde.sum() / people),
+        sum_ade=float(distance.sum(axis=(1, 2)).mean()),
+        sum_fde=float(distance[..., -1].sum(axis=1).mean()),
+        horizon=distance.mean(axis=(0, 1)).tolist(),
+    )

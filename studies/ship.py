@@ -1,0 +1,39 @@
+"""Ship finished runs: their models to `checkpoints/`, with cards that hold the test numbers.
+
+python -m studies.ship RUNS                         # copies RUNS/*/model to checkpoints/*
+python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_* \\
+    --json docs/results.json
+python -m studies.ship RUNS docs/results.json ...   # writes the cards again, tested
+"""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+from neurosym_jax.training.card import write_card
+
+CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"
+
+
+def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
+    """Copy the models of all finished runs that do not ship yet, and write every card."""
+    for run in sorted(path.parent for path in runs.glob("*/run.json")):
+        folder = CHECKPOINTS / run.name
+        if not folder.exists():
+            shutil.copytree(run / "model", folder)
+        tested = [row for row in rows if Path(row["checkpoint"] or "").name == run.name]
+        tests = {(row["scene"], row["pred_len"]) for row in tested}
+        baselines = [
+            row
+            for row in rows
+            if row["checkpoint"] is None and (row["scene"], row["pred_len"]) in tests
+        ]
+        write_card(folder, json.loads((run / "run.json").read_text()), [*tested, *baselines])
+        print(f"{folder.name}: {len(tested)} test sets")
+
+
+if __name__ == "__main__":
+    reports = [json.loads(Path(name).read_text())["rows"] for name in sys.argv[2:]]
+    ship(Path(sys.argv[1]), [row for rows in reports for row in rows])

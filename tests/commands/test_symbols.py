@@ -1,0 +1,60 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neurosym_jax.commands.symbols import Options, run
+from neurosym_jax.errors import InputError
+
+MODEL = Path(__file__).resolve().parents[2] / "checkpoints" / "neurosym_simulations_8_8"
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """1 walks east past 2, who stands to the north; from the sixth step on 3 walks beside 1."""
+    rows = []
+    for step in range(20):
+        people = {1: (0.4 * step, 0.0), 2: (1.1, 3.0), 3: (0.4 * step, -1.0)}
+        rows += [(step, i, *xy) for i, xy in people.items() if i < 3 or step >= 4]
+    path = tmp_path / "walk.txt"
+    np.savetxt(path, rows, fmt="%d %d %.4f %.4f")
+    return path
+
+
+def test_states_over_time_as_text(recording, tmp_path, capsys):
+    run(Options(recording, window=0, out=tmp_path / "out"))
+    text = capsys.readouterr().out
+    assert "walk, window 0: 2 people, weighting cnd" in text
+    (line,) = (line for line in text.splitlines() if line.startswith("(1, 2)"))
+    # Towards the other for three steps, then away, always to the right of the line; 2 stands.
+    assert line.split()[2:] == ["-0+0", ".", ".", "+0+0", *["."] * 11]
+    # Of the five windows four have three people, whose 1 and 3 keep their distance.
+    assert "pair-steps of 5 windows" in text
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"pairs.png", "states.png"}
+
+
+@pytest.mark.slow
+def test_a_model_adds_its_weights_and_an_animation(recording, tmp_path, capsys):
+    from PIL import Image
+
+    run(Options(recording, model=MODEL, weighting="learned", out=tmp_path / "out"))
+    assert "window 4: 3 people, weighting learned" in capsys.readouterr().out
+    with Image.open(tmp_path / "out" / "forecast.gif") as image:
+        assert getattr(image, "n_frames", 1) == 16
+        assert image.info["duration"] == 400
+    with pytest.raises(InputError, match="SGAN weighs no pairs"):
+        run(Options(recording, model=MODEL.with_name("sgan_simulations_8_8")))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"window": 5}, r"--window must lie in \[0, 5\), not 5"),
+        ({"weighting": "cdn"}, "unknown weighting 'cdn'"),
+        ({"obs_len": 0}, "obs-len must be at least 1"),
+        ({"scene": "moon"}, "unknown scene 'moon'"),
+    ],
+)
+def test_what_cannot_be_shown(recording, changes, message):
+    with pytest.raises(InputError, match=message):
+        run(Options(recording, **changes))

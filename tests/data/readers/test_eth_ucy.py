@@ -1,0 +1,162 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.data.readers.eth_ucy import SCENES, is_eth_ucy, read_split, read_text, text_files
+from neurosym_jax.errors import InputError
+
+# (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
+ROWS = [(0, 7, 1.5, -2.0), (0, 3, 0.25, 4.0), (1, 3, 0.5, 4.125), (1, 7, 1.75, -2.0), (2, 3, 1, 4)]
+
+
+def written(path, template="{} {} {} {}", scale=1, end="\n", before="", after=""):
+    lines = [template.format(scale * frame, *rest) for frame, *rest in ROWS]
+    path.write_bytes((before + end.join(lines) + end + after).encode())
+    return path
+
+
+@pytest.mark.parametrize("scale", [1, 6, 10])
+@pytest.mark.parametrize(
+    "template",
+    [
+        "{} {} {} {}",
+        "{}\t{}\t{}\t{}",
+        "{}\t{}\t{}\t{}\t",
+        "{},{},{},{}",
+        "{}, {}, {}, {}",
+        "{};{};{};{}",
+        "  {}   {}  {} {}  ",
+        "{}.0\t{}.0\t{}\t{}",
+        "{:.8e} {:.8e} {:.8e} {:.8e}",
+        "{} {} {} {}  # seen by the tracker",
+    ],
+)
+def test_dialects(tmp_path, template, scale):
+    tracks = read_text(written(tmp_path / "mine.txt", template, scale))
+    assert tracks.recording == "mine"
+    assert_array_equal(tracks.id, [3, 3, 3, 7, 7])
+    assert_allclose(tracks.stamp, [0, 0.4, 0.8, 0, 0.4], atol=1e-12)
+    assert_array_equal(tracks.position, [[0.25, 4], [0.5, 4.125], [1, 4], [1.5, -2], [1.75, -2]])
+    assert not tracks.imputed.any()
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        {"end": "\r\n"},
+        {"before": "\ufeff"},
+        {"before": "\ufeff# frame ped x y\n"},
+        {"before": "# frame,ped,x,y\n\n"},
+        {"after": "\n\n   \n"},
+        {"after": "# the end"},
+    ],
+)
+def test_what_surrounds_the_rows(tmp_path, around):
+    plain = read_text(written(tmp_path / "a.txt"))
+    other = read_text(written(tmp_path / "b.txt", **around))
+    for name in ("stamp", "id", "position"):
+        assert_array_equal(getattr(plain, name), getattr(other, name))
+
+
+def test_one_row(tmp_path):
+    (tmp_path / "a.txt").write_text("780.0 1 2 3")
+    assert read_text(tmp_path / "a.txt").position.tolist() == [[2, 3]]
+
+
+def test_coordinates_are_rounded_as_sgan_does(tmp_path):
+    (tmp_path / "a.txt").write_text("0 1 1.23456789 499999.99996\n")
+    assert_array_equal(read_text(tmp_path / "a.txt").position, [[1.2346, 500000.0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "the file has no rows"),
+        ("\n # nothing \n", "the file has no rows"),
+        ("0 1 2 3\n1 1 2\n", "row 2 has 3 columns"),
+        ("0 1 2 3\n1 1 2 3 4\n", "row 2 has 5 columns"),
+        ("0 1 2\n1 1 2\n", "row 1 has 3 columns"),
+        ("0 1 2 3 4\n1 1 2 3 4\n", "row 1 has 5 columns"),
+        ("0,1,,3\n", "row 1 has 3 columns"),
+        ("# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 2: 'x4' is not a number"),
+        ("frame ped x y\n0 1 2 3\n", "row 1: 'frame' is not a number"),
+        ("0 1 2 3\n1 1 nan 3\n", "row 2 is not finite"),
+        ("0 1 2 3\n1 1 2 -inf\n", "row 2 is not finite"),
+        ("0 1 2 3\ninf 1 2 3\n", "row 2 is not finite"),
+        ("0 1 2 3\n1 2 2 3\n0 1 5 5\n", r"row 3 repeats \(frame 0, ped 1\)"),
+        ("0 1 2 3\n0.5 1 2 3\n", "row 2: frame 0.5 is not whole"),
+        ("0 1 2 3\n1 1.5 2 3\n", "row 2: ped 1.5 is not whole"),
+        ("0 1 2 3\n1 1e30 2 3\n", "row 2: 1e.30 is too large"),
+        ("0 1 2 3\n1 1 2 1e300\n", "row 2: 1e.300 is too large"),
+        ("0 1 2 3\n1 1 2 3,4\n", "row 2 has 5 columns"),
+    ],
+)
+def test_bad_files(tmp_path, text, message):
+    path = tmp_path / "bad.txt"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_text(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"\x00\x01\x02\xff" * 999, b"PK\x03\x04" + b"ab" * 9999])
+def test_binary_file(tmp_path, content):
+    path = tmp_path / "binary.txt"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_text(path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < len(str(path)) + 200
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(InputError, match=r"no\.txt: cannot be read"):
+        read_text(tmp_path / "no.txt")
+
+
+@pytest.fixture
+def benchmark(tmp_path):
+    """The folder's layout, every recording the same few rows."""
+    parts = {"all": "", "train": "_train", "val": "_val"}
+    names = [name for scene in SCENES.values() for name in scene]
+    for part, ending in parts.items():
+        (tmp_path / part).mkdir()
+        for name in [*names, *(["crowds_zara03", "uni_examples"] if ending else [])]:
+            written(tmp_path / part / f"{name}{ending}.txt")
+    return tmp_path
+
+
+def test_splits_leave_one_out(benchmark):
+    assert is_eth_ucy(benchmark)
+    for scene, own in SCENES.items():
+        tests = [tracks.recording for tracks in read_split(benchmark, scene, "test")]
+        assert tests == list(own)
+        for split in ("train", "val"):
+            names = {tracks.recording for tracks in read_split(benchmark, scene, split)}
+            assert len(names) == 8 - len(own)
+            assert not names & {f"{name}_{split}" for name in own}
+
+
+def test_unknown_scene_and_missing_recording(benchmark):
+    with pytest.raises(InputError, match="unknown scene 'zara9'"):
+        read_split(benchmark, "zara9", "test")
+    (benchmark / "all/biwi_eth.txt").unlink()
+    with pytest.raises(InputError, match=r"biwi_eth\.txt: missing, and scene eth needs it"):
+        read_split(benchmark, "eth", "test")
+
+
+def test_folders(tmp_path):
+    with pytest.raises(InputError, match=r"no \.txt or \.csv"):
+        text_files(tmp_path)
+    with pytest.raises(InputError, match="no such file or folder"):
+        text_files(tmp_path / "absent")
+    for name in ("b.txt", "a.csv", "c.json"):
+        (tmp_path / name).write_text("")
+    assert [path.name for path in text_files(tmp_path)] == ["a.csv", "b.txt"]
+
+
+def test_frame_numbers_may_begin_anywhere(tmp_path):
+    rows = "\n".join(f"{780 + 10 * n} 1 {n} 0" for n in (0, 1, 2, 5))
+    (tmp_path / "a.txt").write_text(rows)
+    assert_allclose(np.diff(read_text(tmp_path / "a.txt").stamp), [0.4, 0.4, 1.2])

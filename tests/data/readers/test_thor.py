@@ -1,0 +1,146 @@
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.data.readers.thor import ROBOTS, read_cliff, read_qtm, read_tracklets
+from neurosym_jax.data.tracks import make_tracks, resample
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.errors import InputError
+
+PREAMBLE = [["NO_OF_FRAMES", "3"], ["FREQUENCY", "50"], ["DESCRIPTION", "--"]] * 3 + [["X"]]
+
+
+def qtm(path, header, rows, separator="\t"):
+    lines = [*PREAMBLE, header, *[[str(field) for field in row] for row in rows]]
+    path.write_text("\n".join(separator.join(line) for line in lines) + "\n")
+    return path
+
+
+def body(name):
+    rest = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)], ""]
+    return [f"{name} X", *rest]
+
+
+def test_6d(tmp_path):
+    header = ["Frame", "Time", *body("Helmet_2"), *body("Citi_1"), *body("Helmet_10")]
+    zero, pad = [0.0] * 16 + [""], [9.0] * 13 + [""]
+    rows = [
+        [1, 0.0, 1000, 2000, 1700, *pad, 5, 5, 5, *pad, 4000, -500, 1700, *pad],
+        [2, 0.02, *zero, 6, 5, 5, *pad, 4100, -500, 1700, *pad],
+        [3, 0.04, 1200, 0, 0, *pad, 7, 5, 5, *pad, *[""] * 17],
+    ]
+    path = qtm(tmp_path / "Exp_1_run_1_6D.tsv", header, rows)
+    tracks = read_qtm(path)
+    assert tracks.recording == "Exp_1_run_1_6D"
+    assert_array_equal(tracks.id, [2, 2, 10, 10])
+    assert_array_equal(tracks.stamp, [0, 0.04, 0, 0.02])
+    assert_array_equal(tracks.position, [[1, 2], [1.2, 0], [4, -0.5], [4.1, -0.5]])
+    robot = read_qtm(path, ROBOTS)
+    assert_array_equal(robot.id, [1, 1, 1])
+    assert_allclose(robot.position[:, 0], [0.005, 0.006, 0.007])
+
+
+def test_3d_markers_and_no_time(tmp_path):
+    header = ["Frame"]
+    for marker in ("1", "2"):
+        header += [f"Helmet_4 - {marker} {axis}" for axis in "XYZ"]
+    rows = [[1, 1000, 0, 5, 2000, 0, 5], [2, 0, 0, 0, 3000, 10, 5], [3, 0, 0, 0, "", "", ""]]
+    tracks = read_qtm(qtm(tmp_path / "a.tsv", header, rows))
+    assert_array_equal(tracks.stamp, [1 / 50, 2 / 50])
+    assert_array_equal(tracks.position, [[1.5, 0], [3, 0.01]])
+
+
+def test_magni_centroids_before_markers(tmp_path):
+    header = ["Frame", "Time"]
+    for part in ("- 1 ", "Centroid_"):
+        header += [f"Helmet_7 {part}{axis}" for axis in "XYZ"]
+    header += [f"DARKO_Robot Centroid_{axis}" for axis in "XYZ"]
+    rows = [[1, 0.01, 9, 9, 9, 100, 200, 300, 1, 2, 3], [2, 0.02, 9, 9, 9, "", "", "", 1, 2, 3]]
+    path = qtm(tmp_path / "magni.csv", header, rows, ",")
+    tracks = read_qtm(path)
+    assert_array_equal(tracks.id, [7])
+    assert_array_equal(tracks.position, [[0.1, 0.2]])
+    assert_array_equal(read_qtm(path, ROBOTS).id, [0, 0])
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "message"),
+    [
+        (["Fame"], [], "no header that begins with `Frame`"),
+        (["Frame", "Time", *body("Citi_1")], [], r"no body fits .*; the header has Citi_1"),
+        (["Frame", "Time", *body("Helmet_1")], [], "no rows follow the header"),
+        (["Frame", "Time", *body("Helmet_1")], [[1, 2, 3]], "row 12 has 3 columns, and 5 are"),
+        (["Frame", "Time", *body("Helmet_1")], [[1, 2, 3, "x", 4]], "row 12: 'x' is not a number"),
+        (["Frame", "Time", *body("Helmet_1")], [[1, "", 3, 4, 4]], "row 12: the time is not a"),
+        (["Frame", "Time", *body("Helmet_1")], [[1, 0, 0, 0, 0]], "none of its 1 bodies"),
+        (["Frame", "Time", *body("Helmet_1")], [[1, 0, 1e300, 0, 0]], "is not a usable number"),
+        (["Frame", "Time", *body("Helmet_1")], [[1, 0, 1, 0, 0]] * 2, "row 2 repeats"),
+    ],
+)
+def test_bad_qtm(tmp_path, header, rows, message):
+    path = qtm(tmp_path / "bad.tsv", header, rows)
+    with pytest.raises(InputError, match=message) as caught:
+        read_qtm(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.slow
+def test_a_whole_run_is_read_in_time(tmp_path):
+    header = ["Frame", "Time", *[name for k in range(1, 14) for name in body(f"Helmet_{k}")]]
+    row = "\t".join("\t".join(["1234.567"] * 16) + "\t" for _ in range(13))
+    path = qtm(tmp_path / "long_6D.tsv", header, [])
+    with path.open("a") as file:
+        file.writelines(f"{frame}\t{frame / 100:.5f}\t{row}\n" for frame in range(25_000))
+    start = time.process_time()
+    tracks = read_qtm(path)
+    assert time.process_time() - start < 2
+    assert len(tracks.id) == 13 * 25_000
+
+
+def test_tracklets_of_several_runs(shared):
+    runs = read_tracklets(shared / "data/thor/THOR-MAGNI_Scenario_5.csv")
+    assert [np.unique(run.id).tolist() for run in runs] == [
+        [3, 8, 9, 10],
+        [1, 3, 6, 8, 10],
+        [1, 3, 6, 8, 10],
+        [3, 8, 9, 10],
+    ]
+    assert sum(len(run.id) for run in runs) == 10_040
+    assert_array_equal(runs[0].position[0], [-3.926, -0.455969])
+    assert cut_windows(runs, 8, 8).sizes.max() == 5
+
+
+def test_tracklets_that_lack_something(tmp_path):
+    (tmp_path / "a.csv").write_text("Time,x,y,ag_id\n1,2,3,Helmet_1\n")
+    with pytest.raises(InputError, match="the header lacks tracklet_id"):
+        read_tracklets(tmp_path / "a.csv")
+    (tmp_path / "a.csv").write_text("Time,x,y,ag_id,tracklet_id\n1,2,3\n")
+    with pytest.raises(InputError, match="row 2 has 3 of 5 columns"):
+        read_tracklets(tmp_path / "a.csv")
+
+
+def test_unaligned_clocks_become_scenes(shared):
+    for name in ("thor1_exp-1-run-2", "thor3_exp-3-run-2"):
+        tracks = read_cliff(shared / f"data/thor/CLiFF-LHMP_{name}.csv")
+        grid = resample(tracks, 0.4)
+        windows = cut_windows([grid], 8, 8)
+        assert windows.scenes > 100
+        assert windows.sizes.max() >= 4
+        # What is observed until a moment is the same whatever comes after it.
+        moment = tracks.stamp.min() + 0.4 * 500
+        moved = tracks.position + 5.0 * (tracks.stamp > moment)[:, None]
+        other = make_tracks(tracks.recording, tracks.stamp, tracks.id, moved)
+        others = cut_windows([resample(other, 0.4)], 8, 8)
+        line = np.unique(grid.stamp)[windows.identity[:, 1] + 7]
+        early = np.repeat(line <= moment + 1e-6, windows.sizes)
+        assert 100 < early.sum() < len(early)
+        assert_array_equal(windows.position[early, :8], others.position[early, :8])
+        assert np.abs(windows.position[early] - others.position[early]).max() > 4
+
+
+def test_bad_cliff(tmp_path):
+    (tmp_path / "a.csv").write_text("0.1,1.5,0,0,0,0\n")
+    with pytest.raises(InputError, match=r"row 1: id 1\.5 is not whole"):
+        read_cliff(tmp_path / "a.csv")

@@ -1,0 +1,237 @@
+"""What must not change a forecast: padding, order, batches, the map's origin, the number type."""
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.batching import make_batches
+from neurosym_jax.data.readers.eth_ucy import read_split
+from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.noise import draw_noise
+from neurosym_jax.models import Generator
+from neurosym_jax.scene import make_scene, pad_scene
+
+UTM = np.array([4e5, 5e6])
+LENGTHS: dict[str, Any] = {"obs_len": 4, "pred_len": 4, "pool_hidden_dim": 32, "grid_size": 4}
+CONFIGS = {
+    "pool_net": GeneratorConfig(**LENGTHS),
+    "none": GeneratorConfig(pooling="none", **LENGTHS),
+    "social": GeneratorConfig(pooling="social", bottleneck_dim=32, **LENGTHS),
+    "every step": GeneratorConfig(pool_every_timestep=True, **LENGTHS),
+    "noise of agents": GeneratorConfig(noise_mix_type="ped", **LENGTHS),
+    "uniform noise": GeneratorConfig(noise_type="uniform", **LENGTHS),
+}
+EACH = pytest.mark.parametrize("name", list(CONFIGS))
+K = 3
+
+
+@functools.cache
+def random_model(name: str) -> Model:
+    """Weights of the size that torch would draw, the same for every test."""
+    config = CONFIGS[name]
+    scene = make_scene(np.zeros((1, config.obs_len, 2)))
+    shapes = jax.eval_shape(
+        Generator(config).init, jax.random.key(0), scene, np.zeros(config.noise_dim)
+    )
+    rng = np.random.default_rng(1)
+    params = jax.tree.map(
+        lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
+    )
+    return Model(config, params)
+
+
+@functools.cache
+def crowd(recording: str = "crowd", shift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
+    """Fourteen frames of up to nine people who come and go; coordinates have 4 decimals."""
+    rng = np.random.default_rng(len(recording))
+    walks = rng.uniform(-2, 2, (9, 1, 2)) + rng.normal(0, 0.3, (9, 14, 2)).cumsum(axis=1)
+    # On a coarse grid, so that neighbours lie on the social grid's lines.
+    walks[:4] = np.round(walks[:4] * 4) / 4
+    walks = np.round(walks, 4) + np.array(shift)
+    first, last = rng.integers(0, 4, 9), rng.integers(9, 15, 9)
+    first[0], last[0] = 0, 14
+    present = (np.arange(14) >= first[:, None]) & (np.arange(14) < last[:, None])
+    agent, frame = np.nonzero(present)
+    return make_tracks(recording, frame * 0.4, agent, walks[agent, frame])
+
+
+def cut(*recordings: Tracks) -> Windows:
+    return cut_windows(recordings, 4, 4, min_agents=1)
+
+
+def forecasts(model: Model, windows: Windows, slots: int = 256, samples: int = K):
+    """By the evaluation's own path: scene identity to `[k, N, pred_len, 2]` of its agents."""
+    found = {}
+    for batch in make_batches(windows, slots):
+        scenes = batch.scene.replace(future=None, origin=None)
+        noise = draw_noise(
+            model.forecaster.noise, 0, scenes.identity, samples, scenes.valid.shape[1]
+        )
+        forecast = np.asarray(model.forecaster.batch(model.params, scenes, noise))
+        assert np.isfinite(forecast).all()
+        for row, number in enumerate(batch.index):
+            if number >= 0:
+                agents = windows.sizes[number]
+                found[tuple(windows.identity[number])] = forecast[:, row, :agents]
+    assert len(found) == windows.scenes
+    return found
+
+
+def assert_same(found, wanted, atol=1e-5):
+    assert found.keys() == wanted.keys()
+    for identity, forecast in wanted.items():
+        assert_allclose(found[identity], forecast, rtol=0, atol=atol)
+
+
+@functools.cache
+def reference(name: str):
+    windows = cut(crowd())
+    assert {windows.sizes.min(), windows.sizes.max()} == {1, 6}  # Two buckets.
+    return forecasts(random_model(name), windows)
+
+
+@pytest.mark.slow
+@EACH
+def test_batch_size(name):
+    if name != "uniform noise":  # Whose programs are those of pool_net but for the noise.
+        assert_same(forecasts(random_model(name), cut(crowd()), slots=1), reference(name))
+    for forecast in reference(name).values():
+        assert np.abs(forecast).max() < 50
+        # Samples differ, so that their order matters.
+        assert np.abs(forecast[0] - forecast[1]).max() > 1e-3
+
+
+@pytest.mark.parametrize("slots", [16, 64, 4096])
+def test_more_batch_sizes(slots):
+    name = "pool_net" if slots == 64 else "none"
+    assert_same(forecasts(random_model(name), cut(crowd()), slots), reference(name))
+
+
+@EACH
+def test_order_of_scenes_and_company(name):
+    """Another recording before it puts every scene elsewhere in its batch."""
+    windows = cut(crowd("others"), crowd())
+    found = forecasts(random_model(name), windows)
+    mine = {identity: found[identity] for identity in reference(name)}
+    assert_same(mine, reference(name))
+
+
+@EACH
+def test_kilometres_away(name):
+    there = cut(crowd(shift=tuple(UTM)))
+    assert_same(forecasts(random_model(name), there), reference(name))
+
+
+@pytest.mark.parametrize("name", ["pool_net", "every step", "noise of agents"])
+def test_predict_is_the_evaluation_of_one_scene(name):
+    windows = cut(crowd())
+    model = random_model(name)
+    for number in (0, windows.scenes - 1):
+        part = slice(*windows.bounds[number : number + 2])
+        observed = windows.position[part, :4]
+        identity = windows.identity[number]
+        arguments = {"samples": K, "recording": "crowd", "frame": int(identity[1])}
+        forecast = predict(model, observed, **arguments)
+        origin = make_scene(observed).origin
+        assert forecast.dtype == np.float64
+        wanted = reference(name)[tuple(identity)]
+        assert_allclose(forecast - origin, wanted, rtol=0, atol=1e-5)
+        away = predict(model, observed + UTM, **arguments)
+        assert_allclose(away - UTM - origin, wanted, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["none", "social", "every step", "noise of agents"])
+def test_padding_and_permutation(name):
+    """Order of agents: the noise of an agent goes with its slot, so only global noise permutes."""
+    model = random_model(name)
+    observed = cut(crowd()).position[:3, :4]
+    order = np.array([2, 0, 1])
+
+    def forecast(positions, slots):
+        scene = pad_scene(make_scene(positions, recording="r"), slots).replace(origin=None)
+        scenes = jax.tree.map(lambda array: array[None], scene)
+        noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
+        return np.asarray(model.forecaster.batch(model.params, scenes, noise))[:, 0, :3]
+
+    plain = forecast(observed, 3)
+    assert_allclose(forecast(observed, 64), plain, rtol=0, atol=1e-5)
+    if not model.forecaster.noise.per_agent:
+        assert_allclose(forecast(observed[order], 3), plain[:, order], rtol=0, atol=1e-5)
+
+
+def test_fewer_samples_are_the_first_ones():
+    name = "noise of agents"
+    found = forecasts(random_model(name), cut(crowd()), samples=2)
+    assert_same(found, {key: forecast[:2] for key, forecast in reference(name).items()})
+
+
+def test_float64():
+    name = "social"
+    with jax.enable_x64(True):
+        model = random_model(name)
+        wide = dataclasses.replace(
+            model, params=jax.tree.map(lambda leaf: leaf.astype(np.float64), model.params)
+        )
+        found = forecasts(wide, cut(crowd()))
+    assert {forecast.dtype for forecast in found.values()} == {np.dtype(np.float64)}
+    assert_same(found, reference(name), atol=1e-4)
+
+
+def test_one_person_alone():
+    observed = cut(crowd()).position[:1, :4]
+    forecast = predict(random_model("pool_net"), observed, samples=K)
+    assert forecast.shape == (K, 1, 4, 2)
+    assert np.isfinite(forecast).all()
+
+
+def test_seed_and_identity_act():
+    observed = cut(crowd()).position[:1, :4]
+    model = random_model("pool_net")
+    base = predict(model, observed, samples=K)
+    assert_array_equal(predict(model, observed, samples=K), base)
+    for change in ({"seed": 1}, {"recording": "a"}, {"frame": 1}):
+        assert np.abs(predict(model, observed, samples=K, **change) - base).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("observed", "message"),
+    [
+        (np.zeros((2, 8, 2)), "observed has 8 steps; the model observes 4"),
+        (np.full((2, 4, 2), np.nan), "agent 0, step 0 is not finite"),
+        (np.zeros((4, 2)), "observed must be"),
+    ],
+)
+def test_predict_refuses(observed, message):
+    with pytest.raises(InputError, match=message):
+        predict(random_model("pool_net"), observed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["sgan-models/zara1_8", "sgan-p-models/zara1_8"])
+def test_published_checkpoint_on_real_people(shared, kind):
+    """All at once, with weights that people use: batches, company, the map, padding, x64."""
+    model = load_model(shared / f"checkpoints/{kind}_model.pt")
+    (tracks,) = read_split(shared / "data/eth_ucy", "zara1", "test")
+    early = tracks.stamp <= np.unique(tracks.stamp)[80]
+
+    def part(shift=0.0):
+        recording = make_tracks(
+            "zara1", tracks.stamp[early], tracks.id[early], tracks.position[early] + shift
+        )
+        return cut_windows([recording], 8, 8)
+
+    wanted = forecasts(model, part())
+    assert_same(forecasts(model, part(), slots=1), wanted)
+    assert_same(forecasts(model, part(UTM)), wanted)
+    with jax.enable_x64(True):
+        assert_same(forecasts(model, part()), wanted, atol=1e-4)

@@ -1,0 +1,192 @@
+"""NeuroSyM through everything a model goes through: batches, folders, evaluation, figures."""
+
+import functools
+import json
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation import cases
+from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.forecasting.networks import encode_scene
+from neurosym_jax.forecasting.noise import draw_noise
+from neurosym_jax.interop.torch import export_torch_checkpoint
+from neurosym_jax.models import Generator
+from neurosym_jax.plotting.figures import line_styles
+from neurosym_jax.scene import make_scene, pad_scene
+from neurosym_jax.symbolic.weighting import make_weighting
+
+CONFIGS = {
+    name: GeneratorConfig(pooling=name, weighting=weighting, pred_len=4, pool_hidden_dim=32)
+    for name, weighting in (("as_described", "cnd"), ("neurosym_ros", "cnd_shipped"))
+}
+EACH = pytest.mark.parametrize("name", list(CONFIGS))
+K = 3
+
+
+def random_params(config: GeneratorConfig) -> dict[str, Any]:
+    scene = make_scene(np.zeros((1, config.obs_len, 2)))
+    pairs = (1,) if config.pooling == "neurosym_ijcnn" else (1, 1)
+    alpha = np.zeros((*pairs, config.obs_len))
+    noise = np.zeros(config.noise_dim)
+    shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
+    rng = np.random.default_rng(1)
+    return jax.tree.map(
+        lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
+    )
+
+
+@functools.cache
+def random_model(name: str, weighting: str | None = None) -> Model:
+    config = CONFIGS[name]
+    if weighting is not None:
+        config = GeneratorConfig(**{**vars(config), "weighting": weighting})
+    return Model(config, random_params(config))
+
+
+@functools.cache
+def walks(agents: int = 5) -> np.ndarray:
+    """People on a grid of 1/8 m, so that symbols of 0 occur, one of whom stands still."""
+    rng = np.random.default_rng(3)
+    positions = rng.integers(-16, 17, (agents, 1, 2)) + rng.integers(-2, 3, (agents, 8, 2)).cumsum(
+        1
+    )
+    positions[-1] = positions[-1, :1]
+    return positions / 8
+
+
+def by_batch(model: Model, observed: np.ndarray, slots: int, batch: int = 1) -> np.ndarray:
+    """`[K, N, pred_len, 2]` relative to the origin, as the evaluation forecasts."""
+    scene = pad_scene(make_scene(observed, recording="r"), slots).replace(origin=None)
+    scenes = jax.tree.map(lambda array: np.stack([array] * batch), scene)
+    noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
+    return np.asarray(model.forecaster.batch(model.params, scenes, noise))[:, -1, : len(observed)]
+
+
+@EACH
+def test_padding_batch_order_and_place(name):
+    model, observed = random_model(name), walks()
+    plain = by_batch(model, observed, 5)
+    assert plain.shape == (K, 5, 4, 2)
+    assert np.abs(plain[0] - plain[1]).max() > 1e-3
+    assert_allclose(by_batch(model, observed, 16, batch=3), plain, rtol=0, atol=1e-5)
+    order = np.array([3, 0, 4, 2, 1])
+    assert_allclose(by_batch(model, observed[order], 5), plain[:, order], rtol=0, atol=1e-5)
+    utm = np.array([4e5, 5e6])
+    away = predict(model, observed + utm, samples=K, recording="r") - utm
+    assert_allclose(away - make_scene(observed).origin, plain, rtol=0, atol=1e-5)
+
+
+@EACH
+def test_the_weighting_acts(name):
+    shipped, ones, zeros = (
+        by_batch(random_model(name, weighting), walks(), 5)
+        for weighting in ("cnd_shipped", "ones", "zeros")
+    )
+    assert np.abs(shipped - zeros).max() > 1e-4
+    assert np.abs(ones - zeros).max() > 1e-2
+
+
+@EACH
+def test_somebody_alone(name):
+    model = random_model(name)
+    alone = predict(model, walks()[:1], samples=K)
+    assert alone.shape == (K, 1, 4, 2)
+    assert np.isfinite(alone).all()
+    padded = by_batch(model, walks()[:1], 16)
+    assert padded.shape == alone.shape
+    recorded = predict(model, walks()[:1], samples=K, recording="r")
+    assert_allclose(recorded - make_scene(walks()[:1]).origin, padded, rtol=0, atol=1e-5)
+
+
+@EACH
+def test_alpha_is_of_the_observed_scene(name):
+    """`encode_scene` is the network on the alpha of the config's weighting, and nothing else."""
+    model = random_model(name)
+    scene = pad_scene(make_scene(walks()), 8)
+    alpha = jax.jit(make_weighting(model.config.weighting))(scene.observed, scene.valid)
+    encode = jax.jit(functools.partial(Generator(model.config).apply, method="encode"))
+    scene = scene.replace(origin=None, identity=None)
+    wanted = encode(model.params, scene, alpha)
+    found = jax.jit(functools.partial(encode_scene, model.config))(model.params, scene)
+    assert_allclose(found, wanted, atol=1e-6)
+
+
+def test_the_earlier_release_forecasts_nothing_but_parity_cases(tmp_path):
+    config = GeneratorConfig(pooling="neurosym_ijcnn", pred_len=4)
+    model = Model(config, random_params(config))
+    with pytest.raises(InputError, match="does not weight pairs"):
+        predict(model, walks())
+    save_model(tmp_path / "m", model)
+    assert load_model(tmp_path / "m").config == config
+    with pytest.raises(InputError, match="m: neurosym_ijcnn does not weight pairs"):
+        run_evaluation(EvaluateOptions(checkpoint=(str(tmp_path / "m"),), json=tmp_path / "r"))
+
+
+@EACH
+def test_a_folder_names_variant_and_weighting(tmp_path, name):
+    folder, model = tmp_path / "m", random_model(name)
+    save_model(folder, model)
+    text = (folder / "config.json").read_text()
+    fields = json.loads(text)
+    assert fields["format"] == 1
+    assert fields["generator"]["pooling"] == name
+    assert fields["generator"]["weighting"] == vars(model.config.weighting)
+    loaded = load_model(folder)
+    assert loaded.config == model.config
+    jax.tree.map(assert_array_equal, loaded.params, model.params)
+    for broken, message in (
+        ({"weighting": "cdn"}, "unknown weighting 'cdn'"),
+        ({"weighting": {"kind": "cnd", "tabel": "cnd"}}, "unknown field 'tabel'"),
+        ({"weightings": "cnd"}, "unknown field 'weightings'"),
+        ({"pooling": "pool_net"}, "has no symbols for a weighting"),
+        ({"pool_every_timestep": True}, f"pool_every_timestep with {name}"),
+    ):
+        generator = {**fields["generator"], **broken}
+        (folder / "config.json").write_text(json.dumps({**fields, "generator": generator}))
+        with pytest.raises(InputError, match=message):
+            load_model(folder)
+
+
+def test_another_variant_is_another_network(tmp_path):
+    save_model(tmp_path / "m", random_model("as_described"))
+    path = tmp_path / "m" / "config.json"
+    path.write_text(path.read_text().replace("as_described", "neurosym_ros"))
+    with pytest.raises(InputError, match=r"describes another network: .*spatial_embedding"):
+        load_model(tmp_path / "m")
+
+
+def test_evaluated_beside_sgan(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(cases, "SHIPPED", tmp_path / "none")
+    sgan = GeneratorConfig(pred_len=4)
+    export_torch_checkpoint(tmp_path / "sgan.pt", sgan, random_params(sgan)["params"])
+    for name in CONFIGS:
+        save_model(tmp_path / name, random_model(name))
+    given = tuple(str(tmp_path / name) for name in ("sgan.pt", *CONFIGS))
+    rows = run_evaluation(
+        EvaluateOptions(
+            checkpoint=given,
+            scene="cross-path",
+            samples=2,
+            collisions=False,
+            json=tmp_path / "rows.json",
+            plots=tmp_path / "figures",
+        )
+    )
+    names = [row["model"] for row in rows[2:]]
+    assert names == ["SGAN", "NeuroSyM, cnd", "NeuroSyM (robot package), cnd_shipped"]
+    assert all(np.isfinite(row["joint"]["ade"]) for row in rows)
+    assert len({row["scenes"] for row in rows}) == 1
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in names)
+    assert len(list((tmp_path / "figures").iterdir())) == 3
+    styles = line_styles([row["model"] for row in rows])
+    assert (styles["SGAN"], styles["NeuroSyM, cnd"]) == ("-.", ":")
+    assert len(set(styles.values())) == len(styles)

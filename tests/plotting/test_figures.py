@@ -1,0 +1,267 @@
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.image import imread
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.plotting.figures import (
+    line_styles,
+    plot_fan,
+    plot_forecasts,
+    plot_horizon_errors,
+    plot_training,
+    save_figure,
+)
+
+MODELS = ("NeuroSyM (CND)", "SGAN", "constant velocity")
+
+
+def walk(agents, steps=16, seed=0):
+    """[agents, 8, 2] and [agents, steps - 8, 2] metres of people who walk or stand."""
+    rng = np.random.default_rng(seed)
+    speed = rng.normal(0, 0.4, (agents, 1, 2)) * (rng.random((agents, 1, 1)) > 0.2)
+    path = rng.uniform(-8, 8, (agents, 1, 2)) + speed * np.arange(steps)[:, None]
+    return path[:, :8], path[:, 8:]
+
+
+def labelled(axes, label):
+    return [line for line in axes.lines if line.get_label() == label]
+
+
+def legend_texts(legend):
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def assert_neat(figure, data=None):
+    """After a draw: legends lie in the figure and off the axes, and the data within the limits."""
+    figure.draw_without_rendering()
+    frame = figure.bbox
+    for axes in figure.axes:
+        box = axes.get_window_extent()
+        for legend in filter(None, [*figure.legends, axes.get_legend()]):
+            place = legend.get_window_extent()
+            assert place.x0 >= box.x1, "a legend lies on the data"
+            title = axes._left_title.get_window_extent()
+            assert not place.overlaps(title), "a legend lies on the title"
+            assert place.x1 <= frame.x1 + 1
+            assert place.y0 >= frame.y0 - 1
+        if data is not None:
+            (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+            points = np.concatenate([np.reshape(array, (-1, 2)) for array in data])
+            assert (points > [left, bottom]).all()
+            assert (points < [right, top]).all()
+
+
+@pytest.mark.parametrize("agents", [1, 6, 60])
+def test_forecasts_draw_every_agent_once_a_model(agents):
+    observed, truth = walk(agents)
+    forecasts = {name: truth + 0.3 * i for i, name in enumerate(MODELS)}
+    figure = plot_forecasts(observed, truth, forecasts, "A title")
+    (axes,), (legend,) = figure.axes, figure.legends
+    for label in ("start", "observed", "ground truth", *MODELS):
+        assert len(labelled(axes, label)) == agents
+    assert legend_texts(legend) == ["start", "observed", "ground truth", *MODELS]
+    assert {to_hex(line.get_color()) for line in legend.get_lines()} == {"#666666"}
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+    assert axes.get_title(loc="left") == "A title"
+    assert axes.get_aspect() == 1
+    assert_neat(figure, [observed, truth, *forecasts.values()])
+
+
+def test_a_line_holds_the_positions_and_joins_the_observation():
+    observed, truth = walk(3)
+    axes = plot_forecasts(observed, truth, {"SGAN": truth + 1}).axes[0]
+    for agent, line in enumerate(labelled(axes, "SGAN")):
+        expected = np.vstack([observed[agent, -1], truth[agent] + 1])
+        np.testing.assert_array_equal(line.get_xydata(), expected)
+    for agent, line in enumerate(labelled(axes, "start")):
+        np.testing.assert_array_equal(line.get_xydata(), observed[agent, :1])
+        assert line.get_marker() == "o"
+
+
+def test_an_agent_has_one_colour_and_neighbours_in_the_list_differ():
+    observed, truth = walk(6)
+    axes = plot_forecasts(observed, truth, {"SGAN": truth}).axes[0]
+    looks = [
+        [line.get_color() for line in labelled(axes, label)]
+        for label in ("start", "observed", "ground truth", "SGAN")
+    ]
+    assert all(colours == looks[0] for colours in looks)
+    assert len(set(looks[0])) == 6
+
+
+def test_styles_follow_the_kind_of_model():
+    styles = line_styles(["neurosym_sgan_cnd", "SGAN-20", "Constant velocity", "ORCA"])
+    assert list(styles.values())[:3] == [":", "-.", "--"]
+    observed, truth = walk(1)
+    axes = plot_forecasts(observed, truth, dict.fromkeys(MODELS, truth)).axes[0]
+    drawn = [labelled(axes, name)[0].get_linestyle() for name in MODELS]
+    assert drawn == [":", "-.", "--"]
+
+
+def test_models_of_one_kind_do_not_look_alike():
+    names = ["neurosym a", "neurosym b", "sgan", "cv", "linear", "x", "y", "z"]
+    assert len(set(line_styles(names).values())) == len(names)
+    assert len(line_styles(str(i) for i in range(30))) == 30
+
+
+def test_standing_agents_are_shown_in_at_least_three_metres():
+    figure = plot_forecasts(np.zeros((1, 8, 2)), None, {})
+    axes = figure.axes[0]
+    assert legend_texts(figure.legends[0]) == ["start", "observed"]
+    assert np.ptp(axes.get_xlim()) >= 3
+    assert np.ptp(axes.get_ylim()) >= 3
+    assert_neat(figure, [np.zeros((1, 2))])
+
+
+def test_forecasts_without_truth_and_far_from_the_origin():
+    observed, truth = (track + np.array([5e5, 4.2e6]) for track in walk(4))
+    figure = plot_forecasts(observed, None, {"SGAN": truth})
+    assert not labelled(figure.axes[0], "ground truth")
+    assert_neat(figure, [observed, truth])
+    assert "e" not in "".join(t.get_text() for t in figure.axes[0].get_xticklabels())
+
+
+def test_origin_labels_stand_beside_the_first_positions():
+    observed, truth = walk(4)
+    observed[0] = observed[0, 0]
+    axes = plot_forecasts(observed, truth, {}, origin_labels=["a", "b", "$", "d$1$"]).axes[0]
+    assert len(axes.texts) == 4
+    np.testing.assert_array_equal([text.xy for text in axes.texts], observed[:, 0])
+    offsets = np.array([text.get_position() for text in axes.texts])
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 12, rtol=1e-5)
+    np.testing.assert_allclose(offsets[0], [0, 12], atol=1e-4)
+
+
+def test_many_long_names_stay_in_the_figure():
+    observed, truth = (track + np.array([5e5, 4.2e6]) for track in walk(4))
+    title = "A long title that goes on and on, over the whole figure, and further still"
+    names = [f"NeuroSyM with weights from fold_{i} of the $alpha$ ablation" for i in range(6)]
+    assert_neat(plot_forecasts(observed, truth, dict.fromkeys(names, truth), title))
+
+
+def test_fan_emphasises_the_sample_of_least_joint_error():
+    observed, truth = walk(3)
+    samples = truth + np.array([1.0, 0.25, -0.5])[:, None, None, None] * [1, 0]
+    figure = plot_fan(observed, truth, samples, "fan")
+    axes = figure.axes[0]
+    assert len(labelled(axes, "samples")) == 9
+    words = legend_texts(figure.legends[0])[-1].split()
+    assert " ".join(words) == "best of 3, joint ADE 0.25 m"
+    thick = [line for line in axes.lines if line.get_label().startswith("best")]
+    assert len(thick) == 3
+    np.testing.assert_array_equal(thick[2].get_xydata()[1:], samples[1, 2])
+    assert thick[0].get_linewidth() > labelled(axes, "samples")[0].get_linewidth()
+    assert_neat(figure, [observed, truth, samples])
+
+
+def test_fan_without_truth_emphasises_the_mean():
+    observed, truth = walk(2)
+    samples = np.stack([truth - 1, truth + 2])
+    figure = plot_fan(observed, None, samples)
+    line = labelled(figure.axes[0], "mean of 2")[1]
+    np.testing.assert_allclose(line.get_xydata()[1:], truth[1] + 0.5)
+    assert_neat(figure, [observed, samples])
+
+
+def test_horizon_errors_are_against_seconds_with_the_worst_first():
+    figure = plot_horizon_errors({"SGAN": [0.1, 0.2, 0.4], "cv": [0.2, 0.5, 0.8]}, 0.5, "errors")
+    axes = figure.axes[0]
+    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_xdata(), [0.5, 1.0, 1.5])
+    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_ydata(), [0.1, 0.2, 0.4])
+    assert legend_texts(axes.get_legend()) == ["cv", "SGAN"]
+    assert axes.get_xlim()[0] == axes.get_ylim()[0] == 0
+    assert "[s]" in axes.get_xlabel()
+    assert "[m]" in axes.get_ylabel()
+    assert_neat(figure)
+
+
+def test_a_model_keeps_its_colour_when_the_ranking_changes():
+    def colour(error):
+        axes = plot_horizon_errors({"SGAN": [error], "cv": [1.0]}).axes[0]
+        return labelled(axes, "SGAN")[0].get_color()
+
+    assert colour(0.5) == colour(2.0)
+
+
+def test_training_has_a_panel_for_losses_and_one_for_validation():
+    steps = np.arange(400)
+    losses = {"generator": (steps, 2.0 - steps / 400), "discriminator": ([0, 10], [1.4, np.nan])}
+    figure = plot_training(losses, {"ADE": ([0, 100], [0.8, 0.5])}, "run")
+    upper, lower = figure.axes
+    assert (upper.get_ylabel(), lower.get_ylabel()) == ("loss", "validation error [m]")
+    assert legend_texts(upper.get_legend()) == ["generator", "discriminator"]
+    assert legend_texts(lower.get_legend()) == ["ADE"]
+    # The running mean of a straight line is that line, centred, without its ends.
+    (mean,) = labelled(upper, "generator")
+    np.testing.assert_array_equal(mean.get_xdata(), steps[10:-10])
+    np.testing.assert_allclose(mean.get_ydata(), 2.0 - steps[10:-10] / 400)
+    assert_neat(figure)
+
+
+def test_training_leaves_out_a_panel_without_curves():
+    (axes,) = plot_training({}, {"ADE": ([0, 1], [0.8, 0.5])}).axes
+    assert axes.get_ylabel() == "validation error [m]"
+
+
+def test_saved_figure_is_a_png_of_its_size_and_not_blank(tmp_path):
+    observed, truth = walk(2)
+    figure = plot_forecasts(observed, truth, {"SGAN": truth})
+    path = save_figure(figure, tmp_path / "new" / "folder" / "scene.png")
+    image = imread(path)
+    width, height = figure.get_size_inches()
+    assert abs(image.shape[1] - 150 * width) <= 1
+    assert abs(image.shape[0] - 150 * height) <= 1
+    assert image[..., :3].std() > 0.02
+    with pytest.raises(InputError, match="png"):
+        save_figure(figure, tmp_path / "scene.pdf")
+
+
+def test_threads_draw_the_same_picture(tmp_path):
+    observed, truth = walk(3)
+    before = dict(mpl.rcParams)
+
+    def draw(i):
+        return save_figure(plot_fan(observed, truth, truth[None]), tmp_path / f"{i}.png")
+
+    with ThreadPoolExecutor(2) as pool:
+        images = [path.read_bytes() for path in pool.map(draw, range(4))]
+    assert len(set(images)) == 1
+    assert dict(mpl.rcParams) == before
+
+
+def test_pyplot_is_never_imported():
+    code = "import sys, neurosym_jax.plotting.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+GOOD, NEXT = walk(2)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: plot_forecasts(GOOD[0], None, {}), "observed must be"),
+        (lambda: plot_forecasts(np.zeros((0, 8, 2)), None, {}), "not empty"),
+        (lambda: plot_forecasts(GOOD, NEXT[:1], {}), r"truth must be \[2, any, 2\]"),
+        (lambda: plot_forecasts(GOOD, NEXT, {"m": NEXT[:, :3]}), r"forecast 'm' must be \[2, 8"),
+        (lambda: plot_forecasts(GOOD, None, {"a": NEXT, "b": NEXT[:, 1:]}), "forecast 'b'"),
+        (lambda: plot_forecasts(GOOD, NEXT, {"m": NEXT * np.nan}), "'m' holds .* not finite"),
+        (lambda: plot_forecasts(GOOD, NEXT, {}, origin_labels=["1"]), "1 texts for 2 agents"),
+        (lambda: plot_fan(GOOD, NEXT, NEXT), "samples must be"),
+        (lambda: plot_fan(GOOD, NEXT, np.zeros((0, *NEXT.shape))), "not empty"),
+        (lambda: plot_horizon_errors({}), "at least one model"),
+        (lambda: plot_horizon_errors({"m": [0.1]}, period=0), "period"),
+        (lambda: plot_horizon_errors({"m": [[0.1]]}), "errors 'm' must be"),
+        (lambda: plot_training({}, {}), "neither"),
+        (lambda: plot_training({"loss": ([1, 2], [0.5])}, {}), "'loss': steps and values"),
+    ],
+)
+def test_bad_input_is_refused_in_words(call, words):
+    with pytest.raises(InputError, match=words):
+        call()

@@ -1,0 +1,133 @@
+"""The simulated room: plausible walks that do what their scenario says."""
+
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.simulation.scenarios import (
+    ROOM,
+    ground_truth,
+    simulate,
+    synthetic_tracks,
+)
+
+SCENARIOS = ["all-forward", "cross-path"]
+SEEDS = range(8)
+
+
+def paths(scenario, seed, people=2):
+    """[P, F, 2] true positions at 10 Hz."""
+    return ground_truth(scenario, seed, people=people).position.reshape(people, -1, 2)
+
+
+def closest(path):
+    """Smallest distance between two people, in metres, at each frame [F]."""
+    one, two = np.triu_indices(len(path), 1)
+    return np.linalg.norm(path[one] - path[two], axis=-1).min(axis=0)
+
+
+def crossings(one, two):
+    """How often two polylines [F, 2] cross each other."""
+
+    def side(origin, end, point):
+        a, b = end - origin, point - origin
+        return np.sign(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+    p, q = one[:-1, None], one[1:, None]
+    r, s = two[None, :-1], two[None, 1:]
+    return int(((side(p, q, r) != side(p, q, s)) & (side(r, s, p) != side(r, s, q))).sum())
+
+
+@pytest.mark.parametrize("people", [2, 8])
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_people_walk_at_walking_speed_inside_the_room(scenario, people):
+    for seed in SEEDS:
+        path = paths(scenario, seed, people)
+        assert path.min() > 0.2
+        assert (path < np.array(ROOM) - 0.2).all()
+        speed = np.linalg.norm(np.diff(path, axis=1), axis=-1) * 10
+        assert speed.max() < 1.8
+        assert 0.8 < np.median(speed) < 1.35
+        # Turning and waiting is the rest; nobody just stands.
+        assert (speed > 0.3).mean() > 0.7
+        # No jolts: a person changes velocity by less than 1 m/s within two tenths of a second.
+        jolt = np.linalg.norm(path[:, 4:] - 2 * path[:, 2:-2] + path[:, :-4], axis=-1) / 0.2
+        assert jolt.max() < 1.0
+        assert closest(path).min() > 0.3
+
+
+def test_all_forward_walks_abreast_to_the_end_and_back():
+    for seed in SEEDS:
+        path = paths("all-forward", seed)
+        apart = np.linalg.norm(path[0] - path[1], axis=-1)
+        assert 0.7 < np.median(apart) < 0.9
+        velocity = np.diff(path, axis=1) * 10
+        moving = (np.linalg.norm(velocity, axis=-1) > 0.8).all(axis=0)
+        assert moving.mean() > 0.6
+        # The same way at the same time, and side by side rather than in file.
+        assert (velocity[0] * velocity[1]).sum(-1)[moving].min() > 0
+        gap = np.abs(path[0] - path[1])[1:][moving]
+        assert np.median(gap[:, 1]) < 0.2 < 0.6 < np.median(gap[:, 0])
+        middle = np.sign(path[0, :, 1] - ROOM[1] / 2)
+        assert (np.diff(middle) != 0).sum() >= 12
+        assert path[..., 1].min() < 1.6
+        assert path[..., 1].max() > ROOM[1] - 1.6
+
+
+def test_cross_path_crosses_and_avoids():
+    for seed in SEEDS:
+        path = paths("cross-path", seed)
+        assert crossings(path[0], path[1]) >= 12
+        # They do meet, and not only in space: again and again within two metres.
+        near = closest(path) < 2.0
+        assert (np.diff(near.astype(int)) == 1).sum() >= 8
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_a_seed_is_a_walk(scenario):
+    first, again, other = (simulate(scenario, seed) for seed in (3, 3, 4))
+    assert_array_equal(first.position, again.position)
+    assert np.abs(first.position - other.position).max() > 0.5
+
+
+def test_a_seed_is_the_same_walk_under_x64():
+    single = ground_truth("all-forward", 3)
+    with jax.enable_x64(True):
+        double = ground_truth("all-forward", 3)
+    # Ten seconds, in which rounding has no time to grow.
+    early = single.stamp < 10
+    np.testing.assert_allclose(double.position[early], single.position[early], atol=1e-3)
+
+
+def test_synthetic_tracks_stand_on_the_grid():
+    tracks = synthetic_tracks("cross-path", 1)
+    assert tracks.recording == "synthetic/cross-path/1"
+    assert_array_equal(tracks.id, np.repeat([0, 1], 301))
+    assert_array_equal(tracks.stamp, np.tile(np.arange(301) * 0.4, 2))
+    assert not tracks.imputed.any()
+    source = simulate("cross-path", 1).position.reshape(2, -1, 2)
+    assert_array_equal(tracks.position, source[:, ::4].reshape(-1, 2))
+
+
+def test_other_rates_keep_their_clock():
+    tracks = ground_truth("all-forward", duration=4.0, people=1, rate=25.0)
+    assert_array_equal(tracks.stamp, np.arange(101) / 25)
+    assert_array_equal(tracks.id, 0)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: simulate("sideways"),  # pyright: ignore[reportArgumentType]
+        lambda: simulate("cross-path", -1),
+        lambda: simulate("cross-path", 2**32),
+        lambda: simulate("cross-path", people=0),
+        lambda: simulate("cross-path", rate=0.0),
+        lambda: simulate("cross-path", duration=float("inf")),
+    ],
+)
+def test_arguments_out_of_range_are_refused(call):
+    with pytest.raises(InputError, match="must"):
+        call()

@@ -1,0 +1,85 @@
+"""The experiment's numbers are those of its recordings, and its report is whole."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.online.predictor import Forecast, ModelForecast
+from neurosym_jax.ros.bags import read_people
+from studies.experiment import experiment as of
+from studies.experiment.results import score
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
+
+
+@pytest.mark.slow
+def test_the_whole_experiment(tmp_path, capsys):
+    out = tmp_path / "report"
+    of.experiment(of.ExperimentOptions(out=out, seconds=30.0, samples=3))
+    assert "the report is" in capsys.readouterr().out
+    text, page = (out / "experiment.md").read_text(), (out / "experiment.html").read_text()
+    for part in ("Table I.", "Table II.", "Table III.", "16.32", "Scenario A", "Scenario B"):
+        assert part in text
+        assert part in page
+    images = sorted((out / "figures").glob("*.png"))
+    assert len(images) == page.count("data:image/png") == text.count("](figures/") == 10
+    assert "http" not in page
+    data = json.loads((out / "experiment.json").read_text())
+    bags = sorted((out / "recordings").iterdir())
+    assert [bag.name for bag in bags] == sorted(each["bag"] for each in data["recordings"])
+    for each, bag in zip(sorted(data["recordings"], key=lambda each: each["bag"]), bags):
+        assert len(list(read_people(bag))) > 280
+        raw, mended = each["idf1"]
+        assert raw <= mended
+        for name in ("SGAN", "NeuroSyM"):
+            score, running = each["scores"][name], each["analytics"]["models"][name]
+            assert 5 < score["sequences"] <= running["forecasts"]
+            assert score["best_ade"] <= score["ade"] < 2
+            assert score["sum_ade"] == pytest.approx(score["ade"] * 16)
+            assert score["sum_fde"] == pytest.approx(score["fde"] * 2)
+            if score["sequences"] * 2 == running["people"]:
+                assert score["best_ade"] == pytest.approx(running["joint_ade"])
+    with pytest.raises(InputError, match="already there"):
+        of.experiment(of.ExperimentOptions(out=out))
+
+
+def test_scores_by_hand():
+    steps = np.arange(1, 17)[:, None] * np.array([0.4, 0.0])
+    walk = np.stack([steps, steps + np.array([0.0, 3.0])])
+    future = walk[:, 8:]
+    samples = np.stack([future + np.array([0.0, shift]) for shift in (1.0, 2.0)])
+    result = ModelForecast(samples, samples.mean(axis=0), 1)
+    forecast = Forecast(
+        0.0, 7, np.array([1, 2]), walk[:, :8], {"m": result}, {}, 1e-3, future=future
+    )
+    unknown = np.full_like(future, np.nan)
+    lonely = Forecast(
+        0.4, 8, np.array([1, 2]), walk[:, :8], {"m": result}, {}, 1e-3, future=unknown
+    )
+    result = score([forecast, lonely], "m")
+    assert result.sequences == 1
+    assert (result.ade, result.fde) == pytest.approx((2.0, 2.0))
+    assert (result.best_ade, result.best_fde) == pytest.approx((1.0, 1.0))
+    assert (result.sum_ade, result.sum_fde) == pytest.approx((32.0, 4.0))
+    assert score([forecast], None).fde == pytest.approx(0.0, abs=1e-9)
+    with pytest.raises(InputError, match="too short"):
+        score([lonely], "m")
+
+
+def test_models_of_other_steps_are_refused(tmp_path):
+    models = (SHIPPED / "sgan_zara1_8_12",)
+    with pytest.raises(InputError, match="observe 8 steps, forecast 8"):
+        of.experiment(of.ExperimentOptions(out=tmp_path / "new", model_a=models))
+
+
+def test_each_scenario_has_the_two_models_of_its_paper():
+    names = [[path.name for path in of._shipped(scene)] for scene in ("zara1", "thor")]
+    assert names == [
+        ["sgan_zara1_8_8", "neurosym_zara1_8_8"],
+        ["sgan_thor-1_8_8", "neurosym_thor-1_8_8"],
+    ]

@@ -1,0 +1,120 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from neurosym_jax.config import RECIPES, to_json
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.evaluation.report import FORMAT, write_json
+from neurosym_jax.sweeps import report as module
+from neurosym_jax.sweeps.errors import write_errors
+from neurosym_jax.sweeps.report import ReportOptions, report
+
+BETTER = {"SGAN": 0.0, "NeuroSyM, ones": 0.01, "NeuroSyM, cnd": 0.1}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A sweep of three models of which one is 9 cm better than the others, on two test sets."""
+    changes = {"learned": {"eth": [[0.1, 0.2, 0.4], [0.2, 0.4, 0.8], [0.1, 0.2, 0.4]]}}
+    monkeypatch.setattr(module, "learned_changes", lambda rows: changes)
+    draw = np.random.default_rng(0)
+    rows, errors = [], []
+    for model, better in BETTER.items():
+        for scene, count in (("eth", 70), ("zara1", 160)):
+            agents = np.full(count, 3.0)
+            for seed in range(3):
+                each = 0.5 - better + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
+                identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
+                errors.append(ErrorsByScene(each * agents[:, None], agents, identity, 16))
+                mean = errors[-1].mean
+                rows.append(
+                    {
+                        "checkpoint": f"{model}_{scene}_{seed}",
+                        "model": model,
+                        "scene": scene,
+                        "scenes": count,
+                        "agents": 3 * count,
+                        "obs_len": 8,
+                        "pred_len": 8,
+                        "samples": 20,
+                        "joint": {"ade": mean[0], "fde": mean[1]},
+                        "marginal": {"ade": mean[2], "fde": mean[3]},
+                        "run": {
+                            "model": "sgan" if model == "SGAN" else "as_described",
+                            "weighting": None if model == "SGAN" else model[10:],
+                            "recipe": "ours",
+                            "training": to_json(
+                                dataclasses.replace(RECIPES["ours"], seed=seed, steps=600)
+                            ),
+                            "seed": seed,
+                        },
+                    }
+                )
+    rows.insert(0, {**rows[0], "model": "constant velocity", "run": None})
+    errors.insert(0, errors[0])
+    write_json(tmp_path / "sweep.json", {"format": FORMAT, "rows": rows})
+    write_errors(tmp_path, rows, errors)
+    return tmp_path
+
+
+def test_what_is_better_is_called_so(folder):
+    report(ReportOptions(folder, out=folder / "ablation.md"))
+    text = (folder / "ablation.md").read_text()
+    assert "18 runs of one budget: recipe `ours` with `steps=600`, 8 steps observed" in text
+    assert "3 seeds. Tested on eth (70 windows), zara1 (160 windows), best of 20" in text
+    _, against_ones, against_sgan = text.split("Against `")
+    assert "- `cnd`: joint ADE −0.09" in against_ones
+    assert "better." in against_ones
+    assert "4 are told to be better" in against_ones
+    assert "--weightings ones cnd" in text
+    assert "--set steps=600" in text
+    assert "- `SGAN`: joint ADE +0.0" in against_ones
+    assert "`cnd` is better than `SGAN` on zara1 in marginal FDE" in against_sgan
+    assert "constant velocity" not in text
+    assert "| learned | eth | +0.311 | 0.166 | +1.00 |" in text
+    data = json.loads((folder / "ablation.json").read_text())
+    whole = {(one["model"], one["reference"]): one for one in data["comparisons"]}
+    found = whole["cnd", "ones"]
+    assert found["scene"] == "mean"
+    assert found["joint_ade"]["difference"] == pytest.approx(-0.09, abs=0.01)
+    low, high = found["joint_ade"]["both"]
+    assert low < -0.09 < high < -0.05
+    assert len(found["joint_ade"]["of_seeds"]) == 3
+    assert (folder / "ablation.png").stat().st_size > 10_000
+
+
+def test_a_sweep_of_an_earlier_version_keeps_its_recipe(folder):
+    path = folder / "sweep.json"
+    data = json.loads(path.read_text())
+    for row in data["rows"]:
+        if row["run"]:
+            row["run"]["training"] |= {"rotate": True}
+            del row["run"]["training"]["jitter"]
+    path.write_text(json.dumps(data))
+    report(ReportOptions(folder))
+    assert "--set steps=600 rotate=true jitter=0.0\n" in (folder / "report.md").read_text()
+
+
+def test_runs_that_are_not_alike_are_not_compared(folder):
+    path = folder / "sweep.json"
+    data = json.loads(path.read_text())
+    data["rows"][1]["run"]["training"]["steps"] = 3000
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match="not trained alike"):
+        report(ReportOptions(folder))
+    data["rows"][1]["pred_len"] = 12
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match=r"\(8, 8\), \(8, 12\).*--pred-len"):
+        report(ReportOptions(folder))
+
+
+def test_what_is_not_there(folder, tmp_path_factory):
+    with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN, ones, cnd"):
+        report(ReportOptions(folder, against=("soft",)))
+    with pytest.raises(InputError, match=r"must end in \.md"):
+        report(ReportOptions(folder, out=folder / "r.txt"))
+    with pytest.raises(InputError, match="holds no whole sweep"):
+        report(ReportOptions(tmp_path_factory.mktemp("empty")))
