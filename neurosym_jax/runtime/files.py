@@ -1,0 +1,102 @@
+"""Files that are there whole or not at all: written beside their place, synced, and moved there.
+
+Whatever ends the process, or fills the disk, on the way: afterwards there is the file of before, or
+the new one.
+"""
+
+import contextlib
+import errno
+import json
+import os
+import secrets
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from neurosym_jax.errors import InputError
+
+__all__ = ["new_file", "refuse_unwritable", "sync", "write_json", "write_text"]
+
+
+@contextlib.contextmanager
+def new_file(path: Path | str) -> Iterator[Path]:
+    """A place beside `path` to write to; at the end what is there takes the place of `path`.
+
+    The folder is made where it is missing. After an error nothing is left of what was written.
+
+    Raises:
+        InputError: naming `path`, where it cannot be written.
+    """
+    path = Path(path)
+    with _in_words(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The ending stays, for writers of figures go by it; a name at its longest has no room.
+        beside = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
+        beside.touch(exist_ok=False)
+        try:
+            yield beside
+            sync(beside)
+            beside.replace(path)
+            sync(path.parent)
+        finally:
+            beside.unlink(missing_ok=True)
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write `text` as UTF-8 in place of what is at `path`.
+
+    Raises:
+        InputError: naming `path`, where it cannot be written.
+    """
+    with new_file(path) as beside:
+        beside.write_text(text, encoding="utf-8")
+
+
+def write_json(path: Path | str, data: Any, *, indent: int | None = 1) -> None:
+    """Write `data` as JSON that every reader takes: a number that is none is an error of ours.
+
+    Raises:
+        InputError: naming `path`, where it cannot be written.
+        ValueError: for a NaN or an infinity in `data`; nothing is written.
+    """
+    write_text(path, json.dumps(data, indent=indent, allow_nan=False) + "\n")
+
+
+def refuse_unwritable(path: Path | str) -> None:
+    """Refuse, before the work and not after it, a file that could not be written.
+
+    Raises:
+        InputError: naming `path` and the reason.
+    """
+    path = Path(path)
+    with _in_words(path):
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        folder = path.parent
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        if not folder.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, f"{folder} is not a folder")
+        with contextlib.suppress(FileNotFoundError):
+            path.stat()  # A name that is too long is refused here.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+
+
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def _in_words(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise InputError(f"{path}: cannot be written ({reason})") from None

@@ -1,0 +1,52 @@
+import json
+import os
+import stat
+
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_json, write_text
+
+
+def test_a_file_is_replaced_whole(tmp_path):
+    path = tmp_path / "new/folder/rows.json"
+    write_json(path, {"a": [1, 2.5]})
+    assert json.loads(path.read_text()) == {"a": [1, 2.5]}
+    write_text(path, "other")
+    assert path.read_text() == "other"
+    assert [each.name for each in path.parent.iterdir()] == ["rows.json"]
+    umask = os.umask(0)
+    os.umask(umask)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
+
+
+@pytest.mark.parametrize("error", [RuntimeError("ours"), OSError(28, "No space left on device")])
+def test_after_an_error_the_old_one_is_there(tmp_path, error):
+    path = tmp_path / "rows.json"
+    path.write_text("old")
+
+    def fail() -> None:
+        with new_file(path) as beside:
+            beside.write_text("half")
+            raise error
+
+    with pytest.raises((RuntimeError, InputError), match=r"ours|rows.json: cannot be written \(No"):
+        fail()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_json_is_strict(tmp_path):
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(tmp_path / "rows.json", {"ade": float("nan")})
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_written_is_refused_before(tmp_path):
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path, tmp_path / "file/rows.json", tmp_path / ("x" * 300)):
+        for refuse in (refuse_unwritable, lambda path: write_text(path, "text")):
+            with pytest.raises(InputError, match="cannot be written"):
+                refuse(path)
+    refuse_unwritable(tmp_path / "new/folder/rows.json")
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
