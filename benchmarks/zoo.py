@@ -29,12 +29,12 @@ def measure(options: Any) -> dict[str, Any]:
     paths = sorted(options.need("checkpoints").glob("*/*_model.pt"))
     models = [load_model(path) for path in paths]
     windows = {
-        (model.scene, model.config.pred_len): cut_windows(
-            source.recordings(str(model.scene)), model.config.obs_len, model.config.pred_len
+        (model.dataset, model.config.pred_len): cut_windows(
+            source.recordings(str(model.dataset)), model.config.obs_len, model.config.pred_len
         )
         for model in models
     }
-    tests = [windows[model.scene, model.config.pred_len] for model in models]
+    tests = [windows[model.dataset, model.config.pred_len] for model in models]
     batches = {name: make_batches(test) for name, test in windows.items()}
     ades: dict[str, list[float]] = {}
 
@@ -43,7 +43,7 @@ def measure(options: Any) -> dict[str, Any]:
             evaluate(
                 model.forecaster,
                 model.params,
-                batches[model.scene, model.config.pred_len],
+                batches[model.dataset, model.config.pred_len],
                 samples=SAMPLES,
                 seed=0,
                 with_collisions=False,

@@ -122,9 +122,9 @@ def _weighting(
     """The weighting, and its parameters where a model has them."""
     if model is None or options.weighting is not None:
         return named_weighting(options.weighting or "cnd"), None
-    if model.config.weighting is None:
+    if model.weighting is None:
         raise InputError(f"{options.model}: {model.name} weighs no pairs; say --weighting as well")
-    return model.config.weighting, model.params.get("weighting", {})
+    return model.weighting, model.params.get("weighting", {})
 
 
 def _chosen(windows: Windows, asked: int | None) -> int:

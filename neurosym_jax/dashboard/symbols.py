@@ -23,13 +23,13 @@ class PairSymbols:
 
     def __init__(self, models: Mapping[str, Model]):
         """Choose the model; nothing is compiled yet."""
-        symbolic = {name: each for name, each in models.items() if each.config.weighting}
+        symbolic = {name: each for name, each in models.items() if each.weighting}
         self.model = next(iter(symbolic), None)
         """Its name, None where no model weights pairs."""
         self.weighting, self._parameters = WeightingConfig(), {}
         if self.model is not None:
             chosen = symbolic[self.model]
-            self.weighting = chosen.config.weighting or self.weighting
+            self.weighting = chosen.weighting or self.weighting
             self._parameters = chosen.params.get("weighting", {})
 
     def __call__(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

@@ -65,7 +65,7 @@ def make_cases(
     if scene is not None and test_on:
         raise InputError("--scene and --test-on name two test sets: give one of them")
     given = [(str(path), load_model(Path(path))) for path in checkpoints]
-    source = open_for(scene, given[0][1].scene if given else None)
+    source = open_for(scene, given[0][1].dataset if given else None)
     if scene is not None and scene not in source.scenes:
         raise InputError(f"unknown scene {scene!r}: there are {', '.join(source.scenes)}")
     everywhere = ("+".join(test_on),) if test_on else source.scenes if scene is None else (scene,)
@@ -76,8 +76,8 @@ def make_cases(
             raise InputError(f"{path}: {reason}")
         if reason:
             continue
-        own = model.scene in source.scenes and not test_on
-        for name in (model.scene,) if own else everywhere:
+        own = model.dataset in source.scenes and not test_on
+        for name in (model.dataset,) if own else everywhere:
             test_set = TestSet(str(name), model.config.obs_len, model.config.pred_len)
             tested.setdefault(test_set, []).append((path, model))
     if not tested:
@@ -100,15 +100,15 @@ def make_cases(
 def _contradiction(
     model: Model, source: Source, scene: str | None, obs_len: int | None, pred_len: int | None
 ) -> str | None:
-    if model.config.pooling == "neurosym_ijcnn":
+    if getattr(model.config, "pooling", None) == "neurosym_ijcnn":
         return NOT_OF_PAIRS
     for name, asked in (("obs_len", obs_len), ("pred_len", pred_len)):
         has = getattr(model.config, name)
         if asked is not None and asked != has:
             return f"has {name} {has}, but --{name.replace('_', '-')} {asked} is asked for"
-    if scene is not None and model.scene in source.scenes and scene != model.scene:
+    if scene is not None and model.dataset in source.scenes and scene != model.dataset:
         return (
-            f"leaves {model.scene} out of its training, so --scene {scene} would test it on what "
+            f"leaves {model.dataset} out of its training, so --scene {scene} would test it on what "
             "it was trained on (--test-on with file names does so all the same)"
         )
     return None

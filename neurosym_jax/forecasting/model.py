@@ -6,41 +6,44 @@ from typing import Any
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.networks import GeneratorForecaster
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
 __all__ = ["Model", "predict"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Model:
-    """A generator's configuration and parameters, and what is known of where they came from."""
+    """A forecaster's configuration and parameters, and what is known of where they came from."""
 
-    config: GeneratorConfig
-    params: dict[str, Any]
-    scene: str | None = None
-    """The benchmark scene left out of its training, where known."""
+    config: Any
+    """Of the type that its kind of forecaster has: `GeneratorConfig` for SGAN and NeuroSyM."""
+    params: Any
+    """Nested dictionaries of arrays."""
+    dataset: str | None = None
+    """The dataset left out of its training, where known."""
+    kind: str = "generator"
+    """Of forecaster, by name: see `register_forecaster`."""
 
     @property
     def name(self) -> str:
-        """What kind of model this is."""
-        weighting = self.config.weighting and self.config.weighting.name
-        return {
-            "none": "SGAN, no pooling",
-            "pool_net": "SGAN",
-            "social": "SGAN, social pooling",
-            "as_described": f"NeuroSyM, {weighting}",
-            "neurosym_ros": f"NeuroSyM (robot package), {weighting}",
-            "neurosym_ijcnn": "NeuroSyM (IJCNN release)",
-        }[self.config.pooling]
+        """What tables call this model."""
+        return FORECASTERS[self.kind].title_of(self.config)
 
     @property
-    def forecaster(self) -> GeneratorForecaster:
+    def forecaster(self) -> Forecaster:
         """The forecaster of this model's parameters."""
-        return GeneratorForecaster(self.config)
+        return FORECASTERS[self.kind].make(self.config)
+
+    @property
+    def weighting(self) -> WeightingConfig | None:
+        """How it weights pairs of agents; None for a model without symbols."""
+        weighting = getattr(self.config, "weighting", None)
+        return weighting if isinstance(weighting, WeightingConfig) else None
 
 
 def predict(

@@ -45,7 +45,7 @@ def save_model(folder: Path | str, model: Model) -> None:
     config = {
         "format": FORMAT,
         "generator": dataclasses.asdict(model.config),
-        "scene": model.scene,
+        "scene": model.dataset,
         "sha256": digest(params),
     }
     # Last, so that a folder with a config is whole.

@@ -1,6 +1,7 @@
 """The options that every command that forecasts a stream has, and the predictor they describe."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 from neurosym_jax.errors import InputError
@@ -28,7 +29,8 @@ class LiveOptions:
 
 
 def load_models(paths: tuple[Path, ...]) -> dict[str, Model]:
-    """Models by the name they are shown under: "NeuroSyM" and "SGAN", or their files' names.
+    """Models by the name they are shown under: how the tables' name begins ("NeuroSyM", "SGAN"),
+    or their files' names.
 
     Raises:
         InputError: for no path, what is no model, or two of one kind whose files are named alike.
@@ -36,7 +38,7 @@ def load_models(paths: tuple[Path, ...]) -> dict[str, Model]:
     if not paths:
         raise InputError("--model needs at least one model")
     models = [load_model(path) for path in paths]
-    names = ["NeuroSyM" if model.config.symbolic else "SGAN" for model in models]
+    names = [re.split(r",| \(", model.name)[0] for model in models]
     if len(set(names)) < len(names):
         names = [path.resolve().stem for path in paths]
     if len(set(names)) < len(names):

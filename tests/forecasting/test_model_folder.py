@@ -60,7 +60,7 @@ def refusal(folder):
 def test_round_trip(saved):
     loaded = load_model(saved)
     assert loaded.config == MODEL.config
-    assert loaded.scene == "zara1"
+    assert loaded.dataset == "zara1"
     jax.tree.map(assert_array_equal, loaded.params, MODEL.params)
     assert digest(loaded.params) == digest(MODEL.params)
     assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {np.dtype(np.float32)}
@@ -76,7 +76,7 @@ def test_round_trip_of_neurosym(tmp_path, pooling):
 
 
 def test_a_copy_is_as_good(copy):
-    assert load_model(copy).scene == "zara1"
+    assert load_model(copy).dataset == "zara1"
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -100,7 +100,7 @@ def test_any_damaged_file_of_the_parameters(copy):
                 assert digest(loaded.params) == digest(MODEL.params)
         path.write_bytes(content)
     assert noticed >= 2
-    assert load_model(copy).scene == "zara1"
+    assert load_model(copy).dataset == "zara1"
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_other_formats_and_digests(copy):
 
 def test_nothing_is_overwritten(saved, tmp_path):
     with pytest.raises(InputError, match="already there, and nothing is overwritten"):
-        save_model(saved, dataclasses.replace(MODEL, scene=None))
+        save_model(saved, dataclasses.replace(MODEL, dataset=None))
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="already there"):
         save_model(tmp_path / "file", MODEL)

@@ -1,0 +1,78 @@
+"""A forecaster of one's own beside those of the package."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.kinds import FORECASTERS, Lengths, register_forecaster
+from neurosym_jax.forecasting.model import Model, predict
+
+OBSERVED = np.random.default_rng(0).normal(size=(3, 8, 2))
+
+
+@pytest.fixture
+def registry(monkeypatch):
+    """What a test registers is forgotten afterwards."""
+    list(FORECASTERS)
+    monkeypatch.setattr(FORECASTERS, "_things", dict(FORECASTERS._things))
+
+
+@dataclasses.dataclass(frozen=True)
+class Damped(Lengths):
+    rate: float = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class DampedForecaster(Forecaster):
+    """Everybody's last step times a parameter."""
+
+    rate: float
+
+    def one(self, params, scene, noise):
+        step = self.rate * params["scale"] * scene.displacement[:, -1]
+        steps = jnp.arange(1, self.pred_len + 1)[:, None]
+        return (scene.observed[:, -1, None] + steps * step[:, None])[None]
+
+
+def make(config):
+    return DampedForecaster(config.pred_len, config.rate)
+
+
+def test_a_model_of_ones_own_forecasts(registry):
+    register_forecaster("damped", make, config=Damped, title=lambda config: f"x{config.rate}")
+    model = Model(Damped(pred_len=4), {"scale": np.float32(2)}, "zara1", "damped")
+    last, step = OBSERVED[:, -1], OBSERVED[:, -1] - OBSERVED[:, -2]
+    expected = last[:, None] + np.arange(1, 5)[:, None] * step[:, None]
+    np.testing.assert_allclose(predict(model, OBSERVED)[0], expected, atol=1e-5)
+    assert model.name == "x0.5"
+    assert model.weighting is None
+
+
+@pytest.mark.parametrize("kind", ["constant_velocity", "constant_velocity_sampled"])
+def test_the_baselines_are_models_without_parameters(kind):
+    model = Model(Lengths(pred_len=5), {}, kind=kind)
+    assert predict(model, OBSERVED, samples=3).shape[1:] == (3, 5, 2)
+    assert model.name.startswith("constant velocity")
+
+
+def test_names_and_titles_of_the_generators():
+    assert Model(GeneratorConfig(), {}).name == "SGAN"
+    assert Model(GeneratorConfig(pooling="as_described"), {}).name == "NeuroSyM, cnd"
+    assert {"generator", "constant_velocity"} <= set(FORECASTERS)
+
+
+def test_refusals(registry):
+    with pytest.raises(InputError, match="unknown forecaster 'nobody'"):
+        _ = Model(Lengths(), {}, kind="nobody").forecaster
+    with pytest.raises(InputError, match="another forecaster 'generator' already"):
+        register_forecaster("generator", make)
+    for config in (dict, dataclasses.make_dataclass("Thawed", ["obs_len", "pred_len", "period"])):
+        with pytest.raises(InputError, match="must be a frozen dataclass with the fields obs_len"):
+            register_forecaster("other", make, config=config)
+    with pytest.raises(InputError, match="pred_len must be"):
+        Lengths(pred_len=0)
