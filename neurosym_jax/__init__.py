@@ -1,19 +1,9 @@
-"""Human motion prediction in JAX: SGAN and NeuroSyM, as functions of one scene."""
+"""Human motion prediction in JAX: SGAN and NeuroSyM, as functions of one scene.
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model, predict
-from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.scene import Scene, make_scene
+`__init__.pyi` beside this file, and beside that of every subpackage, lists what the package
+exports; a name is imported when it is first asked for.
+"""
 
-__all__ = [
-    "DiscriminatorConfig",
-    "GeneratorConfig",
-    "InputError",
-    "Model",
-    "Scene",
-    "load_model",
-    "make_scene",
-    "predict",
-    "save_model",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

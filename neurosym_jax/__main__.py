@@ -25,18 +25,31 @@ def command_names() -> list[str]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command that `arguments` name, by default those of the command line."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    name, *rest = sys.argv[1:] if arguments is None else arguments or ["--help"]
     names = command_names()
-    if not arguments or arguments[0] not in names:
-        width = max(map(len, names))
-        print("usage: neurosym COMMAND [--help]\n")
-        print("\n".join(f"  {name:{width}}  {_summary(name)}" for name in names))
-        sys.exit(0 if arguments in ([], ["-h"], ["--help"]) else 2)
-    name, *rest = arguments
-    command = importlib.import_module(f"{COMMANDS}.{name}")
-    from neurosym_jax.commands._running import run_command
+    if name in ("-h", "--help"):
+        print(_usage(names))
+    elif name == "--version":
+        from importlib.metadata import version
 
-    run_command(command.Options, command.run, rest, f"neurosym {name}")
+        print(f"neurosym {version('neurosym-jax')}")
+    elif name in names:
+        command = importlib.import_module(f"{COMMANDS}.{name}")
+        from neurosym_jax.commands._running import run_command
+
+        run_command(command.Options, command.run, rest, f"neurosym {name}")
+    else:
+        import difflib
+
+        nearest = difflib.get_close_matches(name, names, 1)
+        hint = f"did you mean {nearest[0]}?" if nearest else "neurosym --help lists them"
+        sys.exit(f"error: there is no command {name!r}: {hint}")
+
+
+def _usage(names: list[str]) -> str:
+    width = max(map(len, names))
+    lines = [f"  {name:{width}}  {_summary(name)}" for name in names]
+    return "usage: neurosym COMMAND [--help]\n       neurosym --version\n\n" + "\n".join(lines)
 
 
 def _summary(name: str) -> str:

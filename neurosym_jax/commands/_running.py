@@ -1,11 +1,11 @@
 """From a command line to a call: options are a dataclass, bad input is one line, not a trace."""
 
-import inspect
+import dataclasses
 import sys
 import traceback
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import tyro
 
@@ -14,14 +14,18 @@ from neurosym_jax.plugins import load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.runtime.processes import leave
 
-__all__ = ["run_command"]
+__all__ = ["run_command", "with_plugins"]
 
 Options = TypeVar("Options")
 
 PLUGIN = (
-    "--plugin FILE.py|MODULE, as often as wanted, imports what is named first: a file of one's own "
-    "that registers metrics, forecasters, poolings, weightings or formats."
+    "File or module of one's own that is imported first, for the metrics, forecasters, poolings, "
+    "weightings and formats it registers; may be repeated."
 )
+Plugins = Annotated[
+    tyro.conf.UseAppendAction[tuple[str, ...]],
+    tyro.conf.arg(metavar="FILE.py|MODULE", help=PLUGIN, help_behavior_hint=""),
+]
 
 
 def run_command(
@@ -41,9 +45,9 @@ def run_command(
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show(warnings.showwarning)
-            rest = _load_plugins(sys.argv[1:] if arguments is None else arguments)
-            text = f"{inspect.getdoc(options)}\n\n{PLUGIN}"
-            status = action(tyro.cli(options, args=rest, prog=prog, description=text))
+            arguments = sys.argv[1:] if arguments is None else arguments
+            _load_plugins(arguments)
+            status = action(tyro.cli(with_plugins(options), args=arguments, prog=prog))
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         leave(2)
@@ -52,6 +56,18 @@ def run_command(
         leave(1, traceback.format_exc())
         raise
     sys.exit(status if isinstance(status, int) else 0)
+
+
+def with_plugins(options: type[Options]) -> type[Options]:
+    """`options` with `--plugin` as one option more."""
+    field = ("plugin", Plugins, dataclasses.field(default=()))
+    return dataclasses.make_dataclass(
+        options.__name__,
+        [field],
+        bases=(options,),
+        frozen=True,
+        namespace={"__doc__": options.__doc__, "__module__": options.__module__},
+    )
 
 
 def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
@@ -66,16 +82,9 @@ def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
     return show
 
 
-def _load_plugins(arguments: Sequence[str]) -> list[str]:
-    """Import what `--plugin` names; returns the other arguments."""
-    rest: list[str] = []
-    waiting = list(arguments)
-    while waiting:
-        name, equals, plugin = waiting.pop(0).partition("=")
-        if name != "--plugin":
-            rest.append(name + equals + plugin)
-        elif plugin or waiting:
-            load_plugin(plugin or waiting.pop(0))
-        else:
-            raise InputError("--plugin needs the path of a .py file, or a module's name")
-    return rest
+def _load_plugins(arguments: Sequence[str]) -> None:
+    """Import what `--plugin` names."""
+    for place, argument in enumerate(arguments):
+        name, equals, plugin = argument.partition("=")
+        if name == "--plugin" and (equals or place + 1 < len(arguments)):
+            load_plugin(plugin if equals else arguments[place + 1])

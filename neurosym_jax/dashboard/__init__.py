@@ -9,7 +9,6 @@ what it is told and `symbols.py` finds the QTC symbols in it; `server.py` serves
 is what waits for slow readers, and `floor_map.py` reads the map underneath.
 """
 
-from neurosym_jax.dashboard.dashboard import Dashboard
-from neurosym_jax.dashboard.replay_file import ReplayFile, write_replay
+import lazy_loader
 
-__all__ = ["Dashboard", "ReplayFile", "write_replay"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

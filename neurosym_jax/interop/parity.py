@@ -61,7 +61,7 @@ class ParityRow:
     """Why nothing was compared."""
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(frozen=True)
 class ParityOptions:
     """Compare our networks with a directory of torch cases, output by output."""
 

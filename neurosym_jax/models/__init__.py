@@ -1,6 +1,5 @@
 """Flax networks, each written for one scene; batches and samples are added by `jax.vmap`."""
 
-from neurosym_jax.models.discriminator import Discriminator
-from neurosym_jax.models.generator import Generator
+import lazy_loader
 
-__all__ = ["Discriminator", "Generator"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,16 +1,5 @@
 """QTC symbols of pairs of agents, their neighbourhoods, and the weights taken from them."""
 
-from neurosym_jax.symbolic.cnd import alpha_table
-from neurosym_jax.symbolic.qtc import pairwise_qtc_c1, qtc_b1, qtc_c1
-from neurosym_jax.symbolic.weighting import make_weighting
-from neurosym_jax.symbolic.weighting_config import WeightingConfig, register_weighting
+import lazy_loader
 
-__all__ = [
-    "WeightingConfig",
-    "alpha_table",
-    "make_weighting",
-    "pairwise_qtc_c1",
-    "qtc_b1",
-    "qtc_c1",
-    "register_weighting",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

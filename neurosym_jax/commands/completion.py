@@ -1,0 +1,35 @@
+"""Print a script that completes commands and options in a shell.
+
+Bash: `neurosym completion bash > ~/.local/share/bash-completion/completions/neurosym`.
+Zsh: `neurosym completion zsh > _neurosym`, in a folder of `$fpath`.
+Fish: `neurosym completion fish > ~/.config/fish/completions/neurosym.fish`.
+"""
+
+import dataclasses
+import importlib
+from typing import Annotated, Literal
+
+import tyro
+
+from neurosym_jax.__main__ import COMMANDS, command_names
+from neurosym_jax.commands._running import with_plugins
+
+__all__ = ["Options", "run"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Print a script that completes commands and options in a shell."""
+
+    shell: Annotated[Literal["bash", "zsh", "fish"], tyro.conf.Positional]
+    """The shell, started anew, reads the script from its folder of completions."""
+
+
+def run(options: Options) -> None:
+    """Print the script."""
+    modules = {name: importlib.import_module(f"{COMMANDS}.{name}") for name in command_names()}
+    tyro.extras.subcommand_cli_from_dict(
+        {name: with_plugins(module.Options) for name, module in modules.items()},
+        prog="neurosym",
+        args=["--tyro-print-completion", options.shell],
+    )

@@ -1,0 +1,2 @@
+from .discriminator import Discriminator as Discriminator
+from .generator import Generator as Generator

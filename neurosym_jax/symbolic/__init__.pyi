@@ -1,0 +1,15 @@
+from . import cnd as cnd
+from . import qtc as qtc
+from . import soft as soft
+from . import states as states
+from .cnd import adjacency as adjacency
+from .cnd import alpha_table as alpha_table
+from .qtc import pairwise_qtc_c1 as pairwise_qtc_c1
+from .qtc import qtc_b1 as qtc_b1
+from .qtc import qtc_c1 as qtc_c1
+from .soft import soft_qtc_c1 as soft_qtc_c1
+from .states import collapse as collapse
+from .states import format_state as format_state
+from .weighting import make_weighting as make_weighting
+from .weighting_config import WeightingConfig as WeightingConfig
+from .weighting_config import register_weighting as register_weighting

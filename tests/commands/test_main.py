@@ -1,0 +1,85 @@
+"""`neurosym`: the list of commands costs nothing, a wrong name gets a hint, shells complete it."""
+
+import importlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from neurosym_jax.__main__ import command_names, main
+
+HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "orbax", "rosbags", "scipy", "tyro"}
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = [
+    ".".join(path.parent.relative_to(ROOT).parts)
+    for path in ROOT.glob("neurosym_jax/**/__init__.pyi")
+]
+
+
+def imported_by(script):
+    """Those of `HEAVY` that a fresh process has imported after `script`."""
+    script += f"\nimport sys; print('imported:', *{HEAVY} & sys.modules.keys())"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    return done.stdout.split("imported:")[1].split()
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "from neurosym_jax.__main__ import main; main(['--help'])",
+        "from neurosym_jax.__main__ import main; main(['--version'])",
+        "import neurosym_jax; dir(neurosym_jax)",
+        *(f"import {package}" for package in PACKAGES),
+    ],
+)
+def test_nothing_heavy_is_imported_before_it_is_asked_for(script):
+    assert imported_by(script) == []
+
+
+def test_what_is_asked_for_is_imported():
+    assert "jax" in imported_by("import neurosym_jax; neurosym_jax.symbolic.qtc.qtc_c1")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_export_is_there(package):
+    module = importlib.import_module(package)
+    assert module.__doc__
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+        assert name in dir(module)
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        _ = module.no_such_thing
+
+
+def test_help_lists_every_command(capsys):
+    main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    for name in command_names():
+        (line,) = (line for line in lines if line.startswith(f"  {name} "))
+        assert len(line.split()) > 2
+        assert len(line) <= 80
+
+
+def test_a_wrong_name_gets_a_hint():
+    with pytest.raises(SystemExit, match="no command 'evalute': did you mean evaluate"):
+        main(["evalute"])
+
+
+@pytest.mark.slow
+def test_bash_completes(tmp_path):
+    path = tmp_path / "completion.bash"
+    command = [sys.executable, "-m", "neurosym_jax", "completion", "bash"]
+    environment = os.environ | {"NEUROSYM_NO_CACHE": "1"}
+    path.write_bytes(
+        subprocess.run(command, capture_output=True, check=True, env=environment).stdout
+    )
+    for words, found in {"ev": "evaluate", "evaluate --plu": "--plugin"}.items():
+        words = f"COMP_WORDS=(neurosym {words}); COMP_CWORD={len(words.split())}"
+        script = f"source {path}; {words}; _tyro_neurosym; echo ${{COMPREPLY[@]}}"
+        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+        assert found in done.stdout.split()
