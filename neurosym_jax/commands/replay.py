@@ -9,17 +9,17 @@ from typing import Annotated, Literal
 
 import tyro
 
-from neurosym_jax.dashboard.options import ViewOptions, make_moments, open_dashboard
+from neurosym_jax.commands._live_options import LiveOptions
 from neurosym_jax.dashboard.replay_file import ReplayFile
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.forecast_files import open_forecast_file
-from neurosym_jax.online.live_options import LiveOptions, make_predictor
-from neurosym_jax.online.recordings import read_frames
-from neurosym_jax.online.replay import replay as events_of
+from neurosym_jax.online.forecast_lines import ForecastLines
+from neurosym_jax.online.replay import replay
 from neurosym_jax.online.summary import format_summary
-from neurosym_jax.ros.bags import frame_id_of, is_bag
-from neurosym_jax.tracking.live import OnlineStitcher
+from neurosym_jax.ros.bags import SUFFIXES, frame_id_of, is_bag
+from neurosym_jax.ros.forecast_bag import ForecastBag
+from neurosym_jax.ros.recordings import read_frames
 
 __all__ = ["Options", "run"]
 
@@ -36,53 +36,43 @@ class Options(LiveOptions):
     """How a file of tracks is read."""
     rate: float | Literal["max"] | None = None
     """1 is as fast as it was, and so it is with --dashboard by default; else max."""
-    stitch: bool = False
-    """Join the tracks that occlusions broke."""
     out: Path | None = None
     """Forecasts and what happened: `.bag`, `.db3`, `.mcap` or `.jsonl`; nothing is overwritten."""
     frame_id: str = ""
     """The coordinates' frame, in a bag that is written; by default that of a bag read, else map."""
-    view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
-        default_factory=ViewOptions
-    )
     html: Path | None = None
     """The page of --dashboard with everything inside, to share; nothing is overwritten."""
 
 
 def run(options: Options) -> None:
-    """Do what the verb says.
+    """Forecast the recording, show and write what comes of it.
 
     Raises:
         InputError: naming the file, and what is wrong with it or with a model.
     """
-    live = options.view.dashboard
-    rate = options.rate if options.rate is not None else 1.0 if live else "max"
-    stitcher = OnlineStitcher() if options.stitch else None
+    rate = options.rate if options.rate is not None else 1.0 if options.view.dashboard else "max"
     frames = read_frames(options.recording, options.topic, options.read)
     analytics, title = Analytics(), options.recording.stem
     with contextlib.ExitStack() as stack:
-        predictor = make_predictor(options, title)
-        out = page = dashboard = None
+        predictor = options.predictor(title)
+        out = page = None
         if options.out is not None:
-            frame_id = options.frame_id
-            if not frame_id and is_bag(options.recording):
-                frame_id = frame_id_of(options.recording, options.topic)
-            out = open_forecast_file(options.out, predictor.window.period, frame_id or "map")
+            out = _open(options.out, predictor.window.period, options)
             stack.callback(out.close)
         if options.html is not None:
-            page = ReplayFile(options.html, make_moments(options.view, predictor, title))
+            page = ReplayFile(options.html, options.view.moments(predictor, title))
             stack.callback(page.close)
-        if live:
-            dashboard = open_dashboard(options.view, predictor, title)
+        dashboard = options.view.open(predictor, title)
+        if dashboard is not None:
             stack.callback(dashboard.close)
             print(f"the page is at {dashboard.url}", flush=True)
         views = [view for view in (page, dashboard) if view is not None]
-        events = events_of(
+        events = replay(
             frames,
             predictor,
             analytics,
             rate=math.inf if rate == "max" else rate,
-            stitcher=stitcher,
+            stitcher=options.stitcher(),
         )
         try:
             for event in events:
@@ -105,3 +95,15 @@ def run(options: Options) -> None:
             print(f"the page stays at {dashboard.url} until interrupted", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()
+
+
+def _open(path: Path, period: float, options: Options) -> ForecastBag | ForecastLines:
+    """The file of forecasts that a path's ending asks for."""
+    if path.suffix == ".jsonl":
+        return ForecastLines(path, period)
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path}: forecasts go to {', '.join(SUFFIXES)} or .jsonl")
+    frame_id = options.frame_id
+    if not frame_id and is_bag(options.recording):
+        frame_id = frame_id_of(options.recording, options.topic)
+    return ForecastBag(path, period, frame_id or "map")

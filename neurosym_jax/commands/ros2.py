@@ -1,6 +1,68 @@
 """Forecast in a ROS 2 graph."""
 
-from neurosym_jax.ros.ros2 import Ros2Options as Options
-from neurosym_jax.ros.ros2 import ros2 as run
+# pyright: reportMissingImports=false
+# ROS 2 has its own installer; where the linters run there is none.
+
+import dataclasses
+import sys
+from typing import Literal
+
+from neurosym_jax.commands._live_options import LiveOptions
+from neurosym_jax.errors import InputError
+from neurosym_jax.online.summary import format_summary
+from neurosym_jax.ros.messages import PEOPLE_TOPICS
+from neurosym_jax.ros.ros2 import ForecastNode, message_types
 
 __all__ = ["Options", "run"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(LiveOptions):
+    """Forecast the people of a ROS 2 graph until interrupted."""
+
+    topic: str = PEOPLE_TOPICS[0]
+    """Of the people."""
+    message: Literal["People", "PoseArray"] = "People"
+    """people_msgs/People, or geometry_msgs/PoseArray of people without ids."""
+    name: str = "neurosym_jax"
+    """Of this node."""
+
+
+def run(options: Options) -> None:
+    """Forecast until interrupted.
+
+    Raises:
+        InputError: for a model that cannot be used, or where ROS 2 or a message is missing.
+    """
+    try:
+        import rclpy
+        from rclpy.executors import ExternalShutdownException
+    except ImportError:
+        raise InputError(
+            "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
+        ) from None
+    message_types(options.message)
+    predictor = options.predictor()
+    rclpy.init(args=[])
+    node = ForecastNode(
+        predictor,
+        topic=options.topic,
+        message=options.message,
+        stitcher=options.stitcher(),
+        name=options.name,
+    )
+    print(f"{options.name}: listening to {options.topic}", file=sys.stderr, flush=True)
+    try:
+        node.dashboard = options.view.open(predictor, options.name)
+        if node.dashboard is not None:
+            print(f"{options.name}: the page is at {node.dashboard.url}", file=sys.stderr)
+        rclpy.spin(node.node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        if node.dashboard is not None:
+            node.dashboard.close()
+        node.node.destroy_node()
+        rclpy.try_shutdown()
+    node.analytics.finish()
+    print(format_summary(node.analytics.summary(), predictor.health))

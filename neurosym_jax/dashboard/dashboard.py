@@ -9,8 +9,8 @@ from neurosym_jax.dashboard.page import page_parts
 from neurosym_jax.dashboard.server import PageServer
 from neurosym_jax.dashboard.stream import Stream
 from neurosym_jax.errors import InputError
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
-from neurosym_jax.ros.messages import Frame
 
 __all__ = ["Dashboard"]
 

@@ -29,9 +29,9 @@ import numpy as np
 
 from neurosym_jax.dashboard.symbols import PairSymbols
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.window import FAR, LATE
-from neurosym_jax.ros.messages import Frame
 
 __all__ = ["MOST", "Moments"]
 

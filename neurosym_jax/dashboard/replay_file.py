@@ -7,8 +7,8 @@ from typing import Any
 from neurosym_jax.dashboard.moments import Moments
 from neurosym_jax.dashboard.page import page_parts
 from neurosym_jax.errors import InputError
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
-from neurosym_jax.ros.messages import Frame
 
 __all__ = ["ReplayFile", "write_replay"]
 

@@ -1,44 +1,14 @@
-"""Any recording of people as the frames of a live stream."""
+"""Between a table of tracks and the frames of a stream."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.formats import read_any
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
-from neurosym_jax.ros.bags import is_bag, read_people
-from neurosym_jax.ros.messages import Frame
+from neurosym_jax.online.frame import Frame
 
-__all__ = ["frames_of_tracks", "read_frames", "tracks_of_frames"]
-
-
-def read_frames(
-    path: Path, topic: str | None = None, options: ReadOptions = AS_IT_SAYS
-) -> Iterator[Frame]:
-    """The frames of a bag or of a file of tracks, in its order.
-
-    Args:
-        path: a bag (see `ros.bags`), or any file that `data.formats.read_any` reads.
-        topic: of the people in a bag.
-        options: of a file of tracks, what it does not say itself.
-
-    Raises:
-        InputError: naming the file and the reason, possibly after some frames of a damaged bag.
-    """
-    path = Path(path)
-    if is_bag(path):
-        return read_people(path, topic)
-    if topic is not None:
-        raise InputError(f"{path}: only a bag has topics")
-    if not path.is_file():
-        raise InputError(f"{path}: " + ("not a bag" if path.exists() else "no such file"))
-    recordings = read_any(path, options)
-    if len(recordings) != 1:
-        raise InputError(f"{path}: holds {len(recordings)} recordings, and a stream is one")
-    return frames_of_tracks(recordings[0])
+__all__ = ["frames_of_tracks", "tracks_of_frames"]
 
 
 def frames_of_tracks(tracks: Tracks) -> Iterator[Frame]:

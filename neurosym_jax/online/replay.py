@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast, Predictor
-from neurosym_jax.ros.messages import Frame
 from neurosym_jax.tracking.live import OnlineStitcher
 
 __all__ = ["Event", "advance", "replay"]

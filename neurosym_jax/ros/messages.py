@@ -9,12 +9,13 @@ import dataclasses
 import hashlib
 import re
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.online.frame import Frame
 
 __all__ = [
     "DEFINITIONS",
@@ -23,14 +24,14 @@ __all__ = [
     "PEOPLE",
     "PEOPLE_TOPICS",
     "TRUTH_TOPIC",
-    "Frame",
+    "WAITING",
     "forecast_topic",
     "frame_of_humans",
     "frame_of_people",
     "id_of_name",
     "make_people",
     "make_trajectories",
-    "read_trajectories",
+    "seconds_of",
     "typestore",
 ]
 
@@ -41,6 +42,8 @@ HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
 """Where the robot experiment's trackers publish, best first."""
 TRUTH_TOPIC = "/hri/human_poses_gt"
+WAITING = 32
+"""Messages of people that wait at most: three seconds of a tracker's."""
 
 DEFINITIONS = {
     "people_msgs/msg/Person": """\
@@ -92,17 +95,6 @@ Humans[] trajs
 """The messages that no ROS distribution brings, by name, those used by others first."""
 
 
-class Frame(NamedTuple):
-    """Everybody seen at one moment, as `Predictor.push` takes it."""
-
-    stamp: float
-    """Seconds, of the message's header."""
-    ids: np.ndarray
-    """[N] int64."""
-    xy: np.ndarray
-    """[N, 2] float64 world metres."""
-
-
 def typestore(ros: Literal[1, 2]) -> Any:
     """The types of ROS 1 (Noetic) or ROS 2 (Jazzy) with ours among them.
 
@@ -146,7 +138,7 @@ def frame_of_people(message: Any) -> Frame:
     people = message.people
     ids = np.array([id_of_name(person.name) for person in people], np.int64)
     xy = [(person.position.x, person.position.y) for person in people]
-    return Frame(_seconds(message.header.stamp), ids, np.array(xy, np.float64).reshape(-1, 2))
+    return Frame(seconds_of(message.header.stamp), ids, np.array(xy, np.float64).reshape(-1, 2))
 
 
 def frame_of_humans(message: Any) -> Frame:
@@ -155,7 +147,7 @@ def frame_of_humans(message: Any) -> Frame:
     ids = np.array([human.id for human in message.humans], np.uint64).astype(np.int64)
     points = [human.centroid.pose.position for human in message.humans]
     xy = np.array([(point.x, point.y) for point in points], np.float64).reshape(-1, 2)
-    return Frame(_seconds(message.header.stamp), ids, xy)
+    return Frame(seconds_of(message.header.stamp), ids, xy)
 
 
 def make_people(
@@ -225,12 +217,8 @@ def make_trajectories(
     return types[HUMANS_TRAJS](_header(types, stamp, frame_id), trajectory)
 
 
-def read_trajectories(message: Any) -> tuple[float, list[Frame]]:
-    """A HumansTrajs message: its stamp, and everybody at each of its steps."""
-    return _seconds(message.header.stamp), [frame_of_humans(step) for step in message.trajs]
-
-
-def _seconds(stamp: Any) -> float:
+def seconds_of(stamp: Any) -> float:
+    """Of a message's time."""
     return stamp.sec + 1e-9 * stamp.nanosec
 
 

@@ -1,4 +1,4 @@
-"""`python -m neurosym_jax ros1 --model MODEL`: forecasts in a ROS 1 graph.
+"""A predictor in a ROS 1 graph.
 
 People in, HumansTrajs out, on the topics of the robot experiment. Neither rospy nor a ROS
 installation is needed, because `ros.tcpros` speaks for itself. The predictor knows nothing of
@@ -7,30 +7,23 @@ ROS; what is here is the way from topics to frames and from forecasts to topics.
 
 import contextlib
 import dataclasses
-import functools
 import queue
-import signal
-import sys
 import time
 from collections.abc import Callable
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from neurosym_jax.dashboard import Dashboard
-from neurosym_jax.dashboard.options import ViewOptions, open_dashboard
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.live_options import LiveOptions, make_predictor
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
-from neurosym_jax.online.summary import format_summary
 from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
 from neurosym_jax.ros.messages import (
     HUMANS_TRAJS,
     PEOPLE,
     PEOPLE_TOPICS,
     TRUTH_TOPIC,
+    WAITING,
     forecast_topic,
     frame_of_people,
     typestore,
@@ -38,65 +31,61 @@ from neurosym_jax.ros.messages import (
 from neurosym_jax.ros.tcpros import Node, Publisher, Topic, global_name
 from neurosym_jax.tracking.live import OnlineStitcher
 
-__all__ = ["ForecastNode", "Ros1Options", "ros1"]
+__all__ = ["ForecastNode"]
 
-WAITING = 32
-"""Messages that wait at most: three seconds of a tracker's."""
 LAST = 2.0**31 - 1000
 """Seconds; rosbags counts ROS 1's in 32 bits with a sign, and forecasts lie ahead."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Ros1Options(LiveOptions):
-    """Forecast the people of a ROS 1 graph until interrupted; needs no ROS here."""
-
-    topic: str | None = None
-    """Of the people, people_msgs/People; by default the first of /people_tracker/people_filtered
-    and, with --stitch, /people_tracker/people."""
-    stitch: bool = False
-    """Join the tracks that occlusions broke, and publish the people on
-    /people_tracker/people_filtered."""
-    master: str | None = None
-    """URI; by default $ROS_MASTER_URI, else http://localhost:11311."""
-    name: str = "neurosym_jax"
-    """Of this node."""
-    status: float = 10.0
-    """Seconds between lines that say how it goes; 0 for none."""
-    view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
-        default_factory=ViewOptions
-    )
 
 
 class ForecastNode:
     """A predictor in a ROS 1 graph; `run` it, and `close` it whatever happens."""
 
-    def __init__(self, predictor: Predictor, options: Ros1Options, report: Callable[[str], None]):
+    def __init__(
+        self,
+        predictor: Predictor,
+        *,
+        topic: str | None = None,
+        stitcher: OnlineStitcher | None = None,
+        master: str | None = None,
+        name: str = "neurosym_jax",
+        status: float = 10.0,
+        report: Callable[[str], None] = print,
+    ):
         """Join the graph.
+
+        Args:
+            predictor: of one or several models, each with a topic of its own.
+            topic: of the people; None is the first of `PEOPLE_TOPICS`, and the second where ids
+                are mended.
+            stitcher: mends ids, if given; the people are then published on the first topic.
+            master: URI; see `names.master_uri`.
+            name: of the node.
+            status: seconds between reports of how it goes; 0 for none.
+            report: is told, in one line each, how it goes and what happens to connections.
 
         Raises:
             InputError: for a topic, name or URI that is none, or if rosbags is not installed.
         """
-        self.predictor, self.analytics = predictor, Analytics()
-        self.stitcher = OnlineStitcher() if options.stitch else None
+        self.predictor, self.analytics, self.stitcher = predictor, Analytics(), stitcher
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
         self.malformed = self.late = 0
         """Messages that could not be read; that came faster than they could be worked on."""
         self._store = typestore(1)
         self._waiting: queue.Queue[bytes] = queue.Queue(WAITING)
-        self._status, self._report = options.status, report
+        self._status, self._report = status, report
         filtered, raw = PEOPLE_TOPICS
-        people = self._topic(options.topic or (raw if options.stitch else filtered), PEOPLE)
-        if options.stitch and people.name == filtered:
+        people = self._topic(topic or (raw if stitcher else filtered), PEOPLE)
+        if stitcher and people.name == filtered:
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
-        self.node = Node(options.name, options.master, report)
+        self.node = Node(name, master, report)
         advertise = self.node.advertise
         self._forecasts = {
             name: advertise(self._topic(forecast_topic(name), HUMANS_TRAJS))
             for name in predictor.models
         }
         self._truth = advertise(self._topic(TRUTH_TOPIC, HUMANS_TRAJS))
-        self._mended = advertise(self._topic(filtered, PEOPLE)) if options.stitch else None
+        self._mended = advertise(self._topic(filtered, PEOPLE)) if stitcher else None
         self.node.subscribe(people, self.hear)
         report(f"{self.node.name}: listening to {people.name}, master {self.node.master}")
 
@@ -138,16 +127,18 @@ class ForecastNode:
             for person, id in zip(message.people, event.frame.ids.tolist()):
                 person.name = str(id)
             self._send(self._mended, message)
-        say: dict[str, Any] = {
+        common: dict[str, Any] = {
             "types": self._store.types,
             "period": self.predictor.window.period,
             "frame_id": message.header.frame_id,
         }
         for name, publisher in self._forecasts.items():
             if event.forecast is not None and publisher.subscribers:
-                self._send(publisher, forecast_message(forecast=event.forecast, model=name, **say))
+                self._send(
+                    publisher, forecast_message(forecast=event.forecast, model=name, **common)
+                )
         for done in event.scored:
-            if self._truth.subscribers and (truth := truth_message(forecast=done, **say)):
+            if self._truth.subscribers and (truth := truth_message(forecast=done, **common)):
                 self._send(self._truth, truth)
         if self.dashboard is not None:
             self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
@@ -182,24 +173,3 @@ class ForecastNode:
 
     def _send(self, publisher: Publisher, message: Any) -> None:
         publisher.publish(bytes(self._store.serialize_ros1(message, message.__msgtype__)))
-
-
-def ros1(options: Ros1Options) -> None:
-    """Do what the verb says.
-
-    Raises:
-        InputError: for a model, topic, name or URI that cannot be used.
-    """
-    report = functools.partial(print, file=sys.stderr, flush=True)
-    node = ForecastNode(make_predictor(options), options, report)
-    try:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: node.node.stopped.set())
-        if options.view.dashboard:
-            node.dashboard = open_dashboard(options.view, node.predictor, node.node.name)
-            report(f"{node.node.name}: the page is at {node.dashboard.url}")
-        node.run()
-    finally:
-        node.close()
-    node.analytics.finish()
-    print(format_summary(node.analytics.summary(), node.predictor.health))

@@ -1,4 +1,4 @@
-"""`python -m neurosym_jax ros2 --model MODEL`: forecasts in a ROS 2 graph, with rclpy.
+"""A predictor in a ROS 2 graph, with rclpy.
 
 People or poses in, poses and markers out. rclpy is imported when the node is made: this file is the
 only one that needs it, and the predictor knows nothing of it.
@@ -7,55 +7,52 @@ only one that needs it, and the predictor knows nothing of it.
 # pyright: reportMissingImports=false
 # ROS 2 has its own installer; where the linters run there is none.
 
-import dataclasses
-import sys
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-import tyro
 
 from neurosym_jax.dashboard import Dashboard
-from neurosym_jax.dashboard.options import ViewOptions, open_dashboard
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.live_options import LiveOptions, make_predictor
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast, Predictor
 from neurosym_jax.online.replay import advance
-from neurosym_jax.online.summary import format_summary
-from neurosym_jax.ros.messages import PEOPLE_TOPICS, Frame, forecast_topic, frame_of_people
+from neurosym_jax.ros.messages import (
+    PEOPLE_TOPICS,
+    WAITING,
+    forecast_topic,
+    frame_of_people,
+    seconds_of,
+)
 from neurosym_jax.tracking.live import OnlineStitcher
 from neurosym_jax.tracking.nearest import NearestIds
 
-__all__ = ["ForecastNode", "Ros2Options", "ros2"]
+__all__ = ["ForecastNode", "message_types"]
 
-WAITING = 32
-"""Messages that wait at most: three seconds of a tracker's."""
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
 """Of the people's lines, after Okabe and Ito."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Ros2Options(LiveOptions):
-    """Forecast the people of a ROS 2 graph until interrupted."""
-
-    topic: str = PEOPLE_TOPICS[0]
-    """Of the people."""
-    message: Literal["People", "PoseArray"] = "People"
-    """people_msgs/People, or geometry_msgs/PoseArray of people without ids."""
-    stitch: bool = False
-    """Join the tracks that occlusions broke."""
-    name: str = "neurosym_jax"
-    """Of this node."""
-    view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
-        default_factory=ViewOptions
-    )
 
 
 class ForecastNode:
     """A predictor in a ROS 2 graph; rclpy must have been initialised."""
 
-    def __init__(self, predictor: Predictor, options: Ros2Options):
+    def __init__(
+        self,
+        predictor: Predictor,
+        *,
+        topic: str = PEOPLE_TOPICS[0],
+        message: Literal["People", "PoseArray"] = "People",
+        stitcher: OnlineStitcher | None = None,
+        name: str = "neurosym_jax",
+    ):
         """Join the graph.
+
+        Args:
+            predictor: of one or several models, each with topics of its own.
+            topic: of the people.
+            message: their type.
+            stitcher: mends ids, if given.
+            name: of the node.
 
         Raises:
             InputError: where ROS 2 has no such message.
@@ -63,13 +60,12 @@ class ForecastNode:
         import rclpy
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-        self.types = _message_types(options.message)
-        self.predictor, self.analytics = predictor, Analytics()
-        self.stitcher = OnlineStitcher() if options.stitch else None
+        self.types = message_types(message)
+        self.predictor, self.analytics, self.stitcher = predictor, Analytics(), stitcher
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
         self._nearest = NearestIds()
-        self.node = rclpy.create_node(options.name)
+        self.node = rclpy.create_node(name)
         self._poses, self._markers = (
             {
                 name: self.node.create_publisher(self.types[kind], forecast_topic(name) + end, 10)
@@ -79,8 +75,8 @@ class ForecastNode:
         )
         # Best effort hears publishers of either kind.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
-        kind = self.types[options.message]
-        self.node.create_subscription(kind, options.topic, self.hear, quality)
+        kind = self.types[message]
+        self.node.create_subscription(kind, topic, self.hear, quality)
 
     def hear(self, message: Any) -> None:
         """Take in a message of people, and publish what it leads to."""
@@ -96,7 +92,7 @@ class ForecastNode:
     def _frame(self, message: Any) -> Frame:
         if hasattr(message, "people"):
             return frame_of_people(message)
-        stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        stamp = seconds_of(message.header.stamp)
         xy = [(pose.position.x, pose.position.y) for pose in message.poses]
         points = np.array(xy, np.float64).reshape(-1, 2)
         return Frame(stamp, self._nearest.push(stamp, points), points)
@@ -142,7 +138,7 @@ def _path(forecast: Forecast, name: str) -> np.ndarray:
     return np.concatenate([forecast.observed[:, -1:], result.samples[result.central]], axis=1)
 
 
-def _message_types(message: str) -> dict[str, Any]:
+def message_types(message: str) -> dict[str, Any]:
     """The classes of messages by name.
 
     Raises:
@@ -162,37 +158,3 @@ def _message_types(message: str) -> dict[str, Any]:
     except ImportError as error:
         raise InputError(f"this ROS 2 has no {error.name}") from None
     return types
-
-
-def ros2(options: Ros2Options) -> None:
-    """Do what the verb says.
-
-    Raises:
-        InputError: for a model that cannot be used, or where ROS 2 or a message is missing.
-    """
-    try:
-        import rclpy
-        from rclpy.executors import ExternalShutdownException
-    except ImportError:
-        raise InputError(
-            "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
-        ) from None
-    _message_types(options.message)
-    predictor = make_predictor(options)
-    rclpy.init(args=[])
-    node = ForecastNode(predictor, options)
-    print(f"{options.name}: listening to {options.topic}", file=sys.stderr, flush=True)
-    try:
-        if options.view.dashboard:
-            node.dashboard = open_dashboard(options.view, predictor, options.name)
-            print(f"{options.name}: the page is at {node.dashboard.url}", file=sys.stderr)
-        rclpy.spin(node.node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        if node.dashboard is not None:
-            node.dashboard.close()
-        node.node.destroy_node()
-        rclpy.try_shutdown()
-    node.analytics.finish()
-    print(format_summary(node.analytics.summary(), predictor.health))

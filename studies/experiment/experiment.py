@@ -1,15 +1,13 @@
-"""`python -m neurosym_jax experiment`: the robot paper's experiment, on simulated recordings.
+"""The robot paper's experiment, on simulated recordings.
 
 Mghames et al., "neuROSym: Deployment and Evaluation of a ROS-based Neuro-Symbolic Model for Human
 Motion Prediction" (2024): two scenarios, two recordings of two minutes each, SGAN beside NeuroSyM.
 Here a simulation walks, a tracker with faults sees it, and a bag keeps what the tracker says; the
 bag is read back, tracks are stitched, forecast and scored as they would be on the robot. What is
-made of the results is in `online.experiment_report`.
+made of the results is in `report`; the command is `neurosym experiment`.
 """
 
-import dataclasses
 import re
-import time
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +17,7 @@ from neurosym_jax.evaluation.cases import SHIPPED
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import shipped_models
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.live_options import load_models
+from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.online.replay import replay
@@ -31,7 +29,7 @@ from neurosym_jax.tracking.live import OnlineStitcher
 from studies.experiment.report import write_report
 from studies.experiment.results import PEOPLE, Recording, Results, score
 
-__all__ = ["ExperimentOptions", "experiment"]
+__all__ = ["experiment"]
 
 FAULTS = TrackerFaults(noise=0.02, dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
 """Each person is lost every 20 s on average, for 1 s on average, and comes back under a new id."""
@@ -43,42 +41,39 @@ STORAGES = (".bag", ".mcap", ".db3", ".bag")
 """Of the four recordings; the chain is the same for all."""
 
 
-@dataclasses.dataclass(frozen=True)
-class ExperimentOptions:
-    """Repeat the robot paper's experiment on simulated recordings, and write its report."""
+def experiment(
+    out: Path,
+    model_a: tuple[Path, ...] = (),
+    model_b: tuple[Path, ...] = (),
+    *,
+    seconds: float = 120.0,
+    seeds: tuple[int, int, int, int] = (1, 2, 3, 4),
+    samples: int = 20,
+) -> Path:
+    """Simulate, record, forecast, score, and write the report; its path.
 
-    out: Path = Path("results/experiment")
-    """Folder for report, figures and recordings; it must be new or empty."""
-    model_a: tuple[Path, ...] = ()
-    """Models for scenario A; by default those that ship for zara1."""
-    model_b: tuple[Path, ...] = ()
-    """Models for scenario B; by default those trained on THÖR that ship, else those of A."""
-    seconds: float = 120.0
-    """Length of a recording."""
-    seeds: tuple[int, int, int, int] = (1, 2, 3, 4)
-    """Of the recordings, two of A and two of B."""
-    samples: int = 20
-    """Futures that each model draws."""
-
-
-def experiment(options: ExperimentOptions) -> None:
-    """Do what the verb says.
+    Args:
+        out: folder for report, figures and recordings; it must be new or empty.
+        model_a: models for scenario A; by default those that ship for zara1.
+        model_b: models for scenario B; by default those trained on THÖR that ship, else those of A.
+        seconds: length of a recording.
+        seeds: of the recordings, two of A and two of B.
+        samples: futures that each model draws.
 
     Raises:
         InputError: for models that are not there, or a folder that holds something.
     """
-    if options.out.exists() and (not options.out.is_dir() or any(options.out.iterdir())):
-        raise InputError(f"{options.out}: already there, and nothing is overwritten")
-    began = time.perf_counter()
-    model_a = options.model_a or _shipped("zara1")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: already there, and nothing is overwritten")
+    model_a = model_a or _shipped("zara1")
     if not model_a:
         raise InputError("no shipped models in this installation: give --model-a")
     chosen: dict[Scenario, tuple[Path, ...]] = {
         "all-forward": model_a,
-        "cross-path": options.model_b or _shipped("thor") or model_a,
+        "cross-path": model_b or _shipped("thor") or model_a,
     }
     recordings, latencies = [], {}
-    walks = iter(zip(options.seeds, STORAGES))
+    walks = iter(zip(seeds, STORAGES))
     for scenario, paths in chosen.items():
         models = load_models(paths)
         if any((m.config.obs_len, m.config.pred_len) != STEPS for m in models.values()):
@@ -87,16 +82,13 @@ def experiment(options: ExperimentOptions) -> None:
             )
         here: list[Recording] = []
         for number in (1, 2):
-            bag, people = _record(scenario, number, *next(walks), options.seconds, options.out)
-            here.append(_forecast(scenario, number, bag, people, models, options))
+            bag, people = _record(scenario, number, *next(walks), seconds, out)
+            here.append(_forecast(scenario, number, bag, people, models, samples))
             print(f"{scenario} {number}: {len(here[-1].forecasts)} forecasts of {bag.name}")
-        latencies[scenario] = _latency(models, here[0], options)
+        latencies[scenario] = _latency(models, here[0], samples)
         recordings += here
-    results = Results(
-        options.seconds, options.seeds, options.samples, FAULTS, chosen, recordings, latencies
-    )
-    page = write_report(options.out, results)
-    print(f"the report is {page} ({time.perf_counter() - began:.0f} s)")
+    results = Results(seconds, seeds, samples, FAULTS, chosen, recordings, latencies)
+    return write_report(out, results)
 
 
 def _shipped(scene: str) -> tuple[Path, ...]:
@@ -131,13 +123,13 @@ def _forecast(
     bag: Path,
     people: list[np.ndarray],
     models: dict[str, Model],
-    options: ExperimentOptions,
+    samples: int,
 ) -> Recording:
     """The way of a recording through the whole chain, and once more without stitching."""
     frames = list(read_people(bag))
     summaries, done, mended = [], [], []
     for stitcher in (None, OnlineStitcher()):
-        predictor = _predictor(models, bag, options)
+        predictor = _predictor(models, bag, samples)
         analytics = Analytics()
         events = list(replay(frames, predictor, analytics, stitcher=stitcher))
         done = [each for event in events for each in event.scored] + analytics.finish()
@@ -151,18 +143,18 @@ def _forecast(
     )
 
 
-def _predictor(models: dict[str, Model], bag: Path, options: ExperimentOptions) -> Predictor:
-    return Predictor(models, samples=options.samples, max_people=4, recording=bag.stem)
+def _predictor(models: dict[str, Model], bag: Path, samples: int) -> Predictor:
+    return Predictor(models, samples=samples, max_people=4, recording=bag.stem)
 
 
 def _latency(
-    models: dict[str, Model], recording: Recording, options: ExperimentOptions
+    models: dict[str, Model], recording: Recording, samples: int
 ) -> dict[str, dict[str, float]]:
     """Milliseconds from a frame's arrival to its forecast, of each model alone."""
     latencies = {}
     for name, model in models.items():
         analytics, stitcher = Analytics(), OnlineStitcher()
-        predictor = _predictor({name: model}, recording.bag, options)
+        predictor = _predictor({name: model}, recording.bag, samples)
         for _ in replay(recording.frames, predictor, analytics, stitcher=stitcher):
             pass
         latencies[name] = analytics.summary()["latency_ms"]

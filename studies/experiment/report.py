@@ -1,13 +1,13 @@
-"""The report of `online.experiment`: tables, figures, and what the robot paper printed."""
+"""The report of the experiment: tables, figures, and what the robot paper printed."""
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from neurosym_jax.runtime.environment import run_environment
+from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.simulation.scenarios import Scenario
 from studies.experiment.document import Document
 from studies.experiment.figures import add_figures
@@ -28,8 +28,8 @@ PAPER_RUNTIME = (("A, all-forward", "4.17, 5.37"), ("B, cross-path", "5.19, 7.36
 
 
 def write_report(out: Path, results: Results) -> Path:
-    """Write `experiment.md`, `.html` and `.json`, and the figures, to `out`; the HTML's path."""
-    document = Document("The robot experiment, repeated on simulated recordings")
+    """Write `experiment.md` and `.json`, and the figures, to `out`; the page's path."""
+    document = Document("The robot experiment, repeated on simulated recordings", out)
     _introduce(document, results)
     for number, scenario in zip(("I", "II"), NAMES):
         here = [each for each in results.recordings if each.scenario == scenario]
@@ -40,9 +40,8 @@ def write_report(out: Path, results: Results) -> Path:
     _chain(document, results.recordings)
     _paper(document)
     _write_json(out / "experiment.json", results)
-    (out / "experiment.md").write_text(document.markdown(out))
-    page = out / "experiment.html"
-    page.write_text(document.html())
+    page = out / "experiment.md"
+    write_text(page, document.markdown())
     return page
 
 
@@ -207,4 +206,4 @@ def _write_json(path: Path, results: Results) -> None:
             for each in results.recordings
         ],
     }
-    path.write_text(json.dumps(data, indent=1) + "\n")
+    write_json(path, data)

@@ -9,8 +9,8 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import scene_errors
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
-from neurosym_jax.ros.messages import Frame
 from neurosym_jax.simulation.scenarios import Scenario
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_jax.tracking.identity import idf1

@@ -10,8 +10,8 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.dashboard.moments import Moments
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast, ModelForecast
-from neurosym_jax.ros.messages import Frame
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 QUIET = (

@@ -15,7 +15,7 @@ from neurosym_jax.dashboard.moments import MOST
 from neurosym_jax.dashboard.symbols import PairSymbols
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.ros.messages import Frame
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
 from neurosym_jax.symbolic.weighting import initial_parameters, scene_alpha
 from neurosym_jax.symbolic.weighting_config import WeightingConfig

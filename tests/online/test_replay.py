@@ -15,6 +15,7 @@ from neurosym_jax.commands import replay as replay_verb
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.online.replay import replay
@@ -22,7 +23,6 @@ from neurosym_jax.online.summary import format_summary
 from neurosym_jax.online.window import Health
 from neurosym_jax.ros import messages
 from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
-from neurosym_jax.ros.messages import Frame
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_jax.tracking.live import OnlineStitcher
@@ -97,7 +97,8 @@ def test_the_whole_way_and_back(recording, tmp_path, capsys):
         forecasts = got[f"/hri/human_poses_prediction_{topic}"]
         assert len(forecasts) == len(rows)
         for row, message in zip(rows, forecasts):
-            stamp, steps = messages.read_trajectories(message)
+            steps = [messages.frame_of_humans(step) for step in message.trajs]
+            stamp = messages.seconds_of(message.header.stamp)
             assert stamp == pytest.approx(row["stamp"], abs=1e-6)
             assert_array_equal(steps[8].ids, row["ids"])
             assert message.header.frame_id == "odom"

@@ -13,7 +13,7 @@ from neurosym_jax.ros.tcpros.xmlrpc import SlaveServer
 def forecast_node(model):
     """`forecast_node(**options)` is our node, with a master that knows nobody."""
     pytest.importorskip("rosbags", reason="rosbags is not installed")
-    from neurosym_jax.ros.ros1 import ForecastNode, Ros1Options
+    from neurosym_jax.ros.ros1 import ForecastNode
 
     with contextlib.ExitStack() as stack:
 
@@ -22,7 +22,7 @@ def forecast_node(model):
             stack.callback(master.close)
             uri = f"http://127.0.0.1:{master.server_address[1]}"
             predictor = Predictor({"SGAN": model()}, samples=2, max_people=4)
-            node = ForecastNode(predictor, Ros1Options((), master=uri, **options), print)
+            node = ForecastNode(predictor, master=uri, **options)
             stack.callback(node.close)
             return node
 

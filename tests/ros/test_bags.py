@@ -10,10 +10,11 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.online.recordings import frames_of_tracks, read_frames, tracks_of_frames
+from neurosym_jax.online.frame import Frame
+from neurosym_jax.online.recordings import frames_of_tracks, tracks_of_frames
 from neurosym_jax.ros import messages
 from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
-from neurosym_jax.ros.messages import Frame
+from neurosym_jax.ros.recordings import read_frames
 from neurosym_jax.simulation.scenarios import simulate
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -53,9 +54,9 @@ def test_people_and_forecasts_there_and_back(tmp_path, kind):
         assert_array_equal(a.xy, b.xy)
     both = list(read_messages(bag.path))
     assert [topic for topic, _ in both] == [TOPIC, "/forecast"] * len(wanted)
-    stamp, steps = messages.read_trajectories(both[-1][1])
-    assert stamp == steps[0].stamp == pytest.approx(wanted[-1].stamp, abs=1e-6)
-    assert_array_equal(steps[0].xy, wanted[-1].xy)
+    (step,) = both[-1][1].trajs
+    assert messages.seconds_of(step.header.stamp) == pytest.approx(wanted[-1].stamp, abs=1e-6)
+    assert_array_equal(messages.frame_of_humans(step).xy, wanted[-1].xy)
     with pytest.raises(InputError, match="already there"):
         BagWriter(tmp_path / f"run.{kind}")
 

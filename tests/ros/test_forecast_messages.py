@@ -32,8 +32,8 @@ def forecast() -> Forecast:
 def test_a_forecast_is_the_observed_and_the_most_central_future(types):
     there = forecast()
     message = forecast_message(types, there, "SGAN", 0.4, "odom")
-    stamp, frames = messages.read_trajectories(message)
-    assert stamp == 100.0
+    frames = [messages.frame_of_humans(step) for step in message.trajs]
+    assert messages.seconds_of(message.header.stamp) == 100.0
     assert message.header.frame_id == "odom"
     assert_allclose([frame.stamp for frame in frames], STEPS)
     whole = np.concatenate([there.observed, there.models["SGAN"].samples[3]], axis=1)
@@ -50,8 +50,9 @@ def test_the_truth_is_of_those_seen_to_the_end(types):
     future = np.random.default_rng(1).normal(size=(2, 4, 2))
     future[0, 3] = np.nan
     there = dataclasses.replace(forecast(), future=future)
-    stamp, frames = messages.read_trajectories(truth_message(types, there, 0.4))
-    assert stamp == 100.0
+    message = truth_message(types, there, 0.4)
+    frames = [messages.frame_of_humans(step) for step in message.trajs]
+    assert messages.seconds_of(message.header.stamp) == 100.0
     assert [frame.ids.tolist() for frame in frames] == [[8]] * 7
     assert_array_equal(np.stack([frame.xy[0] for frame in frames[3:]]), future[1])
     nobody = dataclasses.replace(there, future=np.full_like(future, np.nan))

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
 from neurosym_jax.ros import messages
-from neurosym_jax.ros.messages import Frame
 from neurosym_jax.ros.ros1 import ForecastNode
 from neurosym_jax.runtime.process import compile_seconds
 from neurosym_jax.tracking.live import OnlineStitcher

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.ros import messages
-from neurosym_jax.ros.messages import Frame
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -55,8 +55,8 @@ def test_trajectories_there_and_back(store):
     message = through_bytes(
         store, messages.make_trajectories(store.types, 100.8, steps, ids, xy, covariance)
     )
-    stamp, frames = messages.read_trajectories(message)
-    assert stamp == pytest.approx(100.8)
+    frames = [messages.frame_of_humans(step) for step in message.trajs]
+    assert messages.seconds_of(message.header.stamp) == pytest.approx(100.8)
     assert_allclose([frame.stamp for frame in frames], steps, rtol=0, atol=1e-6)
     assert_array_equal(np.stack([frame.xy for frame in frames], 1), xy)
     assert all((frame.ids == ids).all() for frame in frames)

@@ -18,11 +18,13 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import save_model
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.ros import messages
 from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
 from neurosym_jax.ros.tcpros.xmlrpc import CallError, call
 from neurosym_jax.simulation.scenarios import simulate
+from neurosym_jax.tracking.live import OnlineStitcher
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -177,14 +179,14 @@ def node(graph, models):
 
 
 def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_node, monkeypatch):
-    node, sent = forecast_node(stitch=True, topic="raw"), []
+    node, sent = forecast_node(stitcher=OnlineStitcher(), topic="raw"), []
     monkeypatch.setattr(node._mended, "publish", sent.append)
     store = messages.typestore(1)
     for n in range(40):
         # The tracker loses person 1 for half a second and takes them for somebody new.
         ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
         xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
-        message = messages.make_people(store.types, messages.Frame(1e9 + n / 10, ids, xy), "odom")
+        message = messages.make_people(store.types, Frame(1e9 + n / 10, ids, xy), "odom")
         message.people[0].tags = ["kept"]
         node.work(bytes(store.serialize_ros1(message, messages.PEOPLE)))
     back = [store.deserialize_ros1(data, messages.PEOPLE) for data in sent]
@@ -193,7 +195,7 @@ def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_n
     assert back[-1].header.frame_id == "odom"
     assert "1 tracks joined" in node.status()
     with pytest.raises(InputError, match="--topic must be another"):
-        forecast_node(stitch=True, topic=messages.PEOPLE_TOPICS[0])
+        forecast_node(stitcher=OnlineStitcher(), topic=messages.PEOPLE_TOPICS[0])
 
 
 def count(topic: str, rows: list[dict]) -> int:
@@ -258,7 +260,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
     assert all(1e9 < stamp < 1e9 + 9 for _, stamp in heard)
     recorder.end(signal.SIGINT)
     there = {
-        (topic, round(messages.read_trajectories(message)[0], 6))
+        (topic, round(messages.seconds_of(message.header.stamp), 6))
         for topic, message in read_messages(recorded)
         if topic in FORECASTS
     }

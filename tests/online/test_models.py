@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.online.live_options import load_models
+from neurosym_jax.online.models import load_models
 
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
 

@@ -1,0 +1,99 @@
+"""The options that every command on a stream of people has, and what they describe."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from neurosym_jax.dashboard import Dashboard
+from neurosym_jax.dashboard.floor_map import read_floor_map
+from neurosym_jax.dashboard.moments import Moments
+from neurosym_jax.online.models import load_models
+from neurosym_jax.online.predictor import Predictor
+from neurosym_jax.tracking.linking import LinkOptions
+from neurosym_jax.tracking.live import OnlineStitcher
+
+__all__ = ["LiveOptions", "ViewOptions"]
+
+
+@dataclasses.dataclass(frozen=True)
+class ViewOptions:
+    """A web page of what is seen and forecast."""
+
+    dashboard: bool = False
+    """Serve the page while it goes on."""
+    port: int = 8765
+    """Of the page; 0 for any that is free."""
+    host: str = "127.0.0.1"
+    """Address to serve at; 0.0.0.0 lets other computers look, without a password."""
+    map: Path | None = None
+    """The floor underneath: a ROS map's .yaml."""
+
+    def moments(self, predictor: Predictor, title: str) -> Moments:
+        """How this predictor's stream is told.
+
+        Raises:
+            InputError: where the map cannot be read.
+        """
+        return Moments(
+            predictor.models,
+            predictor.window.period,
+            title=title,
+            floor_map=None if self.map is None else read_floor_map(self.map),
+            reset_after=predictor.window.reset_after,
+        )
+
+    def open(self, predictor: Predictor, title: str) -> Dashboard | None:
+        """A dashboard that serves already, where one is asked for.
+
+        Raises:
+            InputError: where the map cannot be read, or the address cannot be had.
+        """
+        if not self.dashboard:
+            return None
+        dashboard = Dashboard(self.moments(predictor, title), self.host, self.port)
+        dashboard.start()
+        return dashboard
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LiveOptions:
+    """Which models forecast a stream, and how."""
+
+    model: tuple[Path, ...]
+    """Folders of models, or torch checkpoints; several forecast side by side."""
+    period: float | None = None
+    """Seconds between steps; default: those that the models were trained on."""
+    max_people: int = 64
+    """In a forecast; of more, the nearest to the middle are taken."""
+    samples: int = 20
+    """Futures that each model draws."""
+    seed: int = 0
+    """Of the noise."""
+    stitch: bool = False
+    """Join the tracks that occlusions broke."""
+    links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
+    """With --stitch: when two tracks may be one person's."""
+    view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
+        default_factory=ViewOptions
+    )
+
+    def predictor(self, recording: str = "") -> Predictor:
+        """Load the models and compile.
+
+        Raises:
+            InputError: as `load_models` and `Predictor` do.
+        """
+        return Predictor(
+            load_models(self.model),
+            self.period,
+            self.max_people,
+            self.samples,
+            self.seed,
+            recording=recording,
+        )
+
+    def stitcher(self) -> OnlineStitcher | None:
+        """What mends ids, where that is asked for."""
+        return OnlineStitcher(self.links) if self.stitch else None

@@ -1,0 +1,72 @@
+"""Forecasts written to a file of JSON lines while they come."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.online.replay import Event
+
+__all__ = ["ForecastLines"]
+
+
+class ForecastLines:
+    """A JSON object a forecast, once its future is known; metres to the millimetre."""
+
+    def __init__(self, path: Path, period: float):
+        """Begin the file.
+
+        Args:
+            path: nothing is overwritten.
+            period: seconds between the models' steps.
+
+        Raises:
+            InputError: where it cannot be written, or is there already.
+        """
+        self.path, self._period = path, period
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("x")
+        except FileExistsError:
+            raise InputError(f"{path}: already there, and nothing is overwritten") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+    def add(self, event: Event) -> None:
+        """Write what an event brought."""
+        for done in event.scored:
+            self.score(done)
+
+    def score(self, forecast: Forecast) -> None:
+        """Write one forecast whose future is known."""
+        row = {
+            "stamp": forecast.stamp,
+            "period": self._period,
+            "index": forecast.index,
+            "ids": forecast.ids.tolist(),
+            "observed": _rounded(forecast.observed),
+            "future": _rounded(forecast.future),
+            "models": {
+                name: {"central": result.central, "samples": _rounded(result.samples)}
+                for name, result in forecast.models.items()
+            },
+            "dropped": forecast.dropped,
+            "latency_ms": round(1e3 * forecast.latency, 3),
+        }
+        self._file.write(json.dumps(row, allow_nan=False) + "\n")
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._file.close()
+
+
+def _rounded(metres: np.ndarray | None) -> Any:
+    """Nested lists, with None where it is not known."""
+    if metres is None:
+        return None
+    rounded = np.round(metres, 3).astype(object)
+    rounded[~np.isfinite(metres)] = None
+    return rounded.tolist()
