@@ -69,8 +69,8 @@ and these **tests were used before**: rows of two earlier recipes were published
 
 {chosen}
 
-How far a row can be trusted: eth 8 + 12 has 70 scenes, which overlap, in 12 blocks that do not. Rows
-of one seed that differ by a few hundredths of a metre are not told apart there.
+How far a row can be trusted: eth 8 + 12 has 70 scenes, which overlap, in 12 blocks that do not.
+Rows of one seed that differ by a few hundredths of a metre are not told apart there.
 """
 
 
