@@ -14,12 +14,12 @@ from typing import Any, Literal, TypeVar
 
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
 __all__ = [
     "FORMAT",
     "RECIPES",
-    "SYMBOLIC",
     "DiscriminatorConfig",
     "GeneratorConfig",
     "TrainConfig",
@@ -29,14 +29,6 @@ __all__ = [
 ]
 
 FORMAT = 1
-
-PoolingName = Literal[
-    "none", "pool_net", "social", "as_described", "neurosym_ros", "neurosym_ijcnn"
-]
-"""Without pooling; SGAN's; S-LSTM's grid; and NeuroSyM in its three variants."""
-
-SYMBOLIC: tuple[PoolingName, ...] = ("as_described", "neurosym_ros", "neurosym_ijcnn")
-"""The poolings that weight a pair's interaction by alpha."""
 
 
 def _named(config: Any, *names: str) -> dict[str, Any]:
@@ -58,7 +50,9 @@ class GeneratorConfig:
     encoder_h_dim: int = 32
     decoder_h_dim: int = 32
     mlp_dim: int = 64
-    pooling: PoolingName = "pool_net"
+    pooling: str = "pool_net"
+    """`none`, SGAN's `pool_net`, S-LSTM's grid `social`, NeuroSyM in its variants `as_described`,
+    `neurosym_ros` and `neurosym_ijcnn`; or what `models.register_pooling` was told."""
     bottleneck_dim: int = 8
     pool_hidden_dim: int = 512
     pool_every_timestep: bool = False
@@ -82,12 +76,13 @@ class GeneratorConfig:
                 f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
                 f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
             )
-        if self.pooling == "none" and self.pool_every_timestep:
-            raise InputError("pool_every_timestep needs a pooling other than 'none'")
-        if self.symbolic and self.pool_every_timestep:
+        pooling = POOLINGS[self.pooling]
+        if self.pool_every_timestep and pooling.module is None:
+            raise InputError(f"pool_every_timestep needs a pooling other than {self.pooling!r}")
+        if self.pool_every_timestep and not pooling.every_step:
             raise InputError(
-                f"pool_every_timestep with {self.pooling}: NeuroSyM weights observed steps, and "
-                "symbols of predicted steps are not defined"
+                f"pool_every_timestep with {self.pooling}: it pools observed steps, and symbols or "
+                "histories of predicted steps are not defined"
             )
         if self.weighting is not None and not self.symbolic:
             raise InputError(f"pooling {self.pooling!r} has no symbols for a weighting to weight")
@@ -95,16 +90,16 @@ class GeneratorConfig:
             object.__setattr__(self, "weighting", WeightingConfig(self.weighting))
         if self.weighting is None and self.symbolic:
             object.__setattr__(self, "weighting", WeightingConfig())
-        if self.pooling == "social" and self.bottleneck_dim != self.encoder_h_dim:
+        if pooling.returns_hidden and self.bottleneck_dim != self.encoder_h_dim:
             raise InputError(
-                "social pooling returns a hidden state: bottleneck_dim must equal encoder_h_dim "
-                f"({self.encoder_h_dim}), not {self.bottleneck_dim}"
+                f"{self.pooling} pooling returns a hidden state: bottleneck_dim must equal "
+                f"encoder_h_dim ({self.encoder_h_dim}), not {self.bottleneck_dim}"
             )
 
     @property
     def symbolic(self) -> bool:
         """Whether this is NeuroSyM."""
-        return self.pooling in SYMBOLIC
+        return POOLINGS[self.pooling].symbolic
 
     @property
     def needs_context_mlp(self) -> bool:

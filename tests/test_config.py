@@ -58,7 +58,7 @@ def test_defaults_are_those_of_the_published_checkpoints():
         ({"format": 2}, "format 2 is not the format 1"),
         ({"format": None}, "format None is not"),
         ({"poolling": "none"}, "unknown field 'poolling' for GeneratorConfig"),
-        ({"pooling": "mean"}, "pooling = 'mean' does not fit"),
+        ({"pooling": "mean"}, "unknown pooling 'mean': there are none, pool_net, social"),
         ({"obs_len": "8"}, "obs_len = '8' does not fit"),
         ({"obs_len": 8.0}, "obs_len = 8.0 does not fit"),
         ({"obs_len": True}, "obs_len = True does not fit"),

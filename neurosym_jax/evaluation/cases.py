@@ -10,7 +10,7 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, shipped_models
-from neurosym_jax.models.symbolic_pooling import NOT_OF_PAIRS
+from neurosym_jax.models.pooling import NOT_OF_PAIRS, POOLINGS
 
 __all__ = ["Case", "TestSet", "make_cases"]
 
@@ -100,8 +100,9 @@ def make_cases(
 def _contradiction(
     model: Model, source: Source, scene: str | None, obs_len: int | None, pred_len: int | None
 ) -> str | None:
-    if getattr(model.config, "pooling", None) == "neurosym_ijcnn":
-        return NOT_OF_PAIRS
+    config = model.config
+    if isinstance(config, GeneratorConfig) and not POOLINGS[config.pooling].of_pairs:
+        return f"{config.pooling} {NOT_OF_PAIRS}"
     for name, asked in (("obs_len", obs_len), ("pred_len", pred_len)):
         has = getattr(model.config, name)
         if asked is not None and asked != has:

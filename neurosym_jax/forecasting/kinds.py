@@ -13,6 +13,7 @@ from neurosym_jax.checks import refuse_below
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.registry import Registry
 
 __all__ = ["FORECASTERS", "ForecasterKind", "Lengths", "register_forecaster"]
@@ -91,15 +92,10 @@ def _is_frozen(config: Any) -> bool:
 
 
 def _generator_title(config: GeneratorConfig) -> str:
-    weighting = config.weighting and config.weighting.name
-    return {
-        "none": "SGAN, no pooling",
-        "pool_net": "SGAN",
-        "social": "SGAN, social pooling",
-        "as_described": f"NeuroSyM, {weighting}",
-        "neurosym_ros": f"NeuroSyM (robot package), {weighting}",
-        "neurosym_ijcnn": "NeuroSyM (IJCNN release)",
-    }[config.pooling]
+    pooling, weighting = POOLINGS[config.pooling], config.weighting
+    if weighting is None or not pooling.of_pairs:
+        return pooling.label
+    return f"{pooling.label}, {weighting.name}"
 
 
 def _register_built_in() -> None:

@@ -17,6 +17,7 @@ from neurosym_jax.data.published import find
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models import Generator
+from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.runtime.processes import is_first
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.weighting import initial_parameters
@@ -89,8 +90,7 @@ def _refuse_misshapen(config: GeneratorConfig, params: Any, source: str) -> None
     """The digest is of the parameters alone, so `config.json` may describe another network."""
     example = make_scene(np.zeros((1, config.obs_len, 2)))
     noise = np.zeros((1, config.noise_dim))
-    # The earlier release weights agents, not pairs.
-    pairs = (1,) if config.pooling == "neurosym_ijcnn" else (1, 1)
+    pairs = (1, 1) if POOLINGS[config.pooling].of_pairs else (1,)
     alpha = np.zeros((*pairs, config.obs_len))
     wanted: Any = jax.eval_shape(Generator(config).init, jax.random.key(0), example, noise, alpha)
     if parameters := initial_parameters(config.weighting):

@@ -15,6 +15,7 @@ from neurosym_jax.forecasting.forecaster import Forecaster, bare, forecast_scene
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.forecasting.packing import Map, in_parts, pack_agents
 from neurosym_jax.models import Generator
+from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import scene_alpha
 
@@ -46,14 +47,13 @@ class GeneratorForecaster(Forecaster):
         return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
 
     def scene_bytes(self, samples: int, slots: int) -> float:
-        """See `Forecaster.scene_bytes`; symbols and grids are of pairs."""
-        config, pairs = self.config, 0.0
+        """See `Forecaster.scene_bytes`; symbols and what a pooling keeps are of pairs."""
+        config = self.config
+        # With pooling at every step each sample has its own.
+        each = samples if config.pool_every_timestep else 1
+        pairs = each * POOLINGS[config.pooling].pair_numbers(config)
         if config.symbolic:
-            pairs = 16.0 * config.obs_len
-        elif config.pooling == "social":
-            # With pooling at every step each sample has its own grid.
-            each = samples if config.pool_every_timestep else 1
-            pairs = 2.0 * config.grid_size**2 * each
+            pairs += 16.0 * config.obs_len
         return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
 
     def one(self, params: Any, scene: Scene, noise: Array) -> Array:

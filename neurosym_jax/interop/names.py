@@ -76,12 +76,6 @@ def discriminator_params_to_torch(
 
 
 def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
-    if c.pooling == "as_described":
-        # Its arrays have the shapes of neurosym_ijcnn's, and would do something else there.
-        raise InputError(
-            "pooling as_described has no counterpart in torch: the released networks are "
-            "neurosym_ros and neurosym_ijcnn, which compute something else from such parameters"
-        )
     pooled = 0 if c.pooling == "none" else c.bottleneck_dim
     yield _Layer("encoder.encoder", "encoder/lstm", "lstm", c.embedding_dim, c.encoder_h_dim)
     yield _Layer(
@@ -108,7 +102,7 @@ def _pooling_layers(torch: str, ours: str, c: GeneratorConfig, h_dim: int) -> It
         yield from _pool_net_layers(torch, ours, *sizes)
     elif c.pooling == "social":
         yield from _mlp_layers(f"{torch}.mlp_pool", f"{ours}/mlp", (c.grid_size**2 * h_dim, h_dim))
-    elif c.symbolic:
+    elif c.pooling in ("neurosym_ros", "neurosym_ijcnn"):
         width = c.obs_len * c.embedding_dim
         # The robot package embeds the whole history at once, the earlier release each step.
         embedding = (2 * c.obs_len, width) if c.pooling == "neurosym_ros" else (2, c.embedding_dim)
@@ -119,6 +113,13 @@ def _pooling_layers(torch: str, ours: str, c: GeneratorConfig, h_dim: int) -> It
         yield from _mlp_layers(f"{torch}_g.mlp_pre_pool", f"{ours}/mlp", widths)
         sizes = (c.embedding_dim, h_dim, c.pool_hidden_dim, c.bottleneck_dim)
         yield from _pool_net_layers(f"{torch}_d", None, *sizes)
+    elif c.pooling != "none":
+        # The arrays of as_described have the shapes of neurosym_ijcnn's, and would do something
+        # else there.
+        raise InputError(
+            f"pooling {c.pooling} has no counterpart in torch: the released networks are "
+            "pool_net, social, neurosym_ros and neurosym_ijcnn"
+        )
 
 
 def _discriminator_layers(c: DiscriminatorConfig) -> Iterable[_Layer]:

@@ -5,9 +5,9 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.config import DiscriminatorConfig
+from neurosym_jax.models.hidden_pooling import HiddenPooling
 from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.lstm import Encoder
-from neurosym_jax.models.pooling import HiddenPooling
 
 __all__ = ["Discriminator"]
 

@@ -13,7 +13,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models.decoder import Decoder
 from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.lstm import Encoder
-from neurosym_jax.models.pooling import make_pooling
+from neurosym_jax.models.pooling import POOLINGS, make_pooling
 from neurosym_jax.scene import Scene
 
 __all__ = ["Generator"]
@@ -60,10 +60,10 @@ class Generator(nn.Module):
     def interact(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
         """What `encode` returns, from the hidden states that `observe` returns."""
         if self.config.pooling != "none":
-            if self.config.symbolic:
-                pooled = self.pooling(context, scene.observed, scene.valid, alpha)
-            else:
-                pooled = self.pooling(context, scene.observed[:, -1], scene.valid)
+            pooling = POOLINGS[self.config.pooling]
+            positions = scene.observed[:, -1] if pooling.every_step else scene.observed
+            weights = (alpha,) if pooling.symbolic else ()
+            pooled = self.pooling(context, positions, scene.valid, *weights)
             context = jnp.concatenate([context, pooled], axis=-1)
         return self.context_mlp(context) if self.config.needs_context_mlp else context
 

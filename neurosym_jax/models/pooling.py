@@ -1,96 +1,105 @@
-"""Pooling over the neighbours in one scene: `[N, H]` hidden states to `[N, B]` social vectors.
+"""Poolings by name: what a generator's configuration can name, and what a plugin adds.
 
-Every pooling takes (hidden, positions, valid), gives a finite value for every slot, and lets only
-valid agents contribute. An agent is among its own neighbours in `HiddenPooling`, as in SGAN, so the
-maximum is never over nothing.
+This is the list and not the networks: Flax is imported when one is made. The package's own are
+registered in `built_in_poolings`.
 """
 
-from typing import Any
+import dataclasses
+import importlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
-import jax.numpy as jnp
-from flax import linen as nn
-from jax import Array
+from neurosym_jax.registry import Registry
 
-from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.models.pairs import max_over_neighbours
-from neurosym_jax.models.symbolic_pooling import SYMBOLIC_POOLINGS
+if TYPE_CHECKING:
+    from neurosym_jax.config import GeneratorConfig
 
-__all__ = ["HiddenPooling", "Pooling", "SocialPooling", "make_pooling"]
+__all__ = [
+    "NOT_OF_PAIRS",
+    "POOLINGS",
+    "Pooling",
+    "make_pooling",
+    "pooling_names",
+    "register_pooling",
+]
 
-Pooling = Any
-"""A module of this file, or of `symbolic_pooling` with alpha as a fourth argument."""
+NOT_OF_PAIRS = (
+    "does not weight pairs: it takes one row of alpha an agent, picked by the released collation "
+    "out of other scenes' pairs, so it forecasts in parity cases only"
+)
+"""After the name of a pooling that is not `of_pairs`."""
 
 
-class HiddenPooling(nn.Module):
-    """SGAN's pooling module: a perceptron of `[Dense(p_j - p_i); h_j]`, maximum over j.
+@dataclasses.dataclass(frozen=True)
+class Pooling:
+    """A pooling over the neighbours in one scene, `[N, H]` hidden states to `[N, B]` vectors.
 
-    The first layer is linear in the pair, so it splits into per-agent parts,
-    `W [S (p_j - p_i) + s; h_j] + b = u_j - v_i`; only its ReLU and the small second layer are
-    computed per pair.
+    Its module is called with `(hidden [N, H], positions [N, 2], valid [N])`. It gives a finite
+    vector for every slot, and lets only agents contribute that are valid. B is the configuration's
+    `bottleneck_dim`.
     """
 
-    embedding_dim: int
-    h_dim: int
-    hidden_dim: int
-    bottleneck_dim: int
+    module: Callable[["GeneratorConfig", int], Any] | None
+    """Flax module of `(config, h_dim)`, H being `h_dim`; None where there is nothing to pool."""
+    label: str
+    """What a model with it is called in tables."""
+    symbolic: bool = False
+    """Takes `(hidden, observed [N, obs_len, 2], valid, alpha [N, N, obs_len])`: NeuroSyM."""
+    whole_observation: bool = False
+    """Takes `(hidden, observed [N, obs_len, 2], valid)`, without alpha."""
+    returns_hidden: bool = False
+    """B is H, so that `bottleneck_dim` must equal it."""
+    of_pairs: bool = True
+    """Of symbolic ones: False where alpha is `[N, obs_len]`, see `NOT_OF_PAIRS`."""
+    pair_numbers: Callable[["GeneratorConfig"], float] = lambda _: 0.0
+    """About how many numbers one call keeps for each pair of slots, for the size of batches."""
 
-    def setup(self):
-        """Declare the embedding of relative positions and the pair perceptron."""
-        self.spatial_embedding = Affine(2, self.embedding_dim)
-        self.mlp = Perceptron(
-            (self.embedding_dim + self.h_dim, self.hidden_dim, self.bottleneck_dim)
-        )
-
-    def __call__(self, hidden: Array, positions: Array, valid: Array) -> Array:
-        """`hidden [N, H]`, `positions [N, 2]`, `valid [N]` to `[N, bottleneck_dim]`."""
-        first, second = self.mlp.layers
-        of_embedding, of_hidden = jnp.split(first.kernel, [self.embedding_dim])
-        v = positions @ (self.spatial_embedding.kernel @ of_embedding)
-        u = v + hidden @ of_hidden + (self.spatial_embedding.bias @ of_embedding + first.bias)
-        return max_over_neighbours(_difference, (), v, u, (), second, valid)
-
-
-def _difference(_, v: Array, u: Array, __) -> Array:
-    return u - v
+    @property
+    def every_step(self) -> bool:
+        """Whether it can pool at predicted steps too, of which it sees the positions alone."""
+        return self.module is not None and not self.symbolic and not self.whole_observation
 
 
-class SocialPooling(nn.Module):
-    """Social LSTM's pooling: neighbours' hidden states summed in the cells of a grid.
+POOLINGS: Registry[Pooling] = Registry(
+    "pooling", lambda: importlib.import_module("neurosym_jax.models.built_in_poolings")
+)
 
-    The grid has `grid_size` x `grid_size` cells over a square of side `neighborhood_size` metres
-    centred on the agent, x to the right and y downwards, as in SGAN's code.
+
+def register_pooling(
+    name: str,
+    module: Callable[["GeneratorConfig", int], Any] | None,
+    *,
+    label: str,
+    replace: bool = False,
+    **properties: Any,
+) -> None:
+    """Add a pooling, so that models with it can be trained, saved, loaded and evaluated.
+
+    Args:
+        name: what a configuration calls it.
+        module: a Flax module with the fields `config` and `h_dim`, or a function that makes one of
+            them; see `Pooling` for how it is called.
+        label: what a model with it is called in tables.
+        replace: take the place of another of this name.
+        properties: further fields of `Pooling`, such as `symbolic=True`.
+
+    Raises:
+        InputError: for a name that is taken or cannot be one.
     """
-
-    h_dim: int
-    grid_size: int
-    neighborhood_size: float
-
-    def setup(self):
-        """Declare the single layer after the grid."""
-        self.mlp = Perceptron((self.grid_size**2 * self.h_dim, self.h_dim))
-
-    def __call__(self, hidden: Array, positions: Array, valid: Array) -> Array:
-        """`hidden [N, H]`, `positions [N, 2]`, `valid [N]` to `[N, H]`."""
-        agents = positions.shape[0]
-        half = self.neighborhood_size / 2
-        offset = positions[None, :, :] - positions[:, None, :]
-        inside = (
-            (jnp.abs(offset) < half).all(axis=-1) & valid[None, :] & ~jnp.eye(agents, dtype=bool)
-        )
-        scaled = (jnp.stack([offset[..., 0], -offset[..., 1]], -1) + half) / (2 * half)
-        column, row = jnp.moveaxis(jnp.floor(scaled * self.grid_size), -1, 0)
-        cell = jnp.where(inside, column + self.grid_size * row, -1)
-        occupied = (cell[..., None] == jnp.arange(self.grid_size**2)).astype(hidden.dtype)
-        grid = jnp.einsum("ijc,jh->ich", occupied, hidden)
-        return self.mlp(grid.reshape(agents, -1))
+    POOLINGS.register(name, Pooling(module, label, **properties), replace=replace)
 
 
-def make_pooling(config: GeneratorConfig, h_dim: int) -> Pooling:
-    """The pooling that `config` names, for hidden states of size `h_dim`; there must be one."""
-    if config.pooling == "social":
-        return SocialPooling(h_dim, config.grid_size, config.neighborhood_size)
-    sizes = (config.embedding_dim, h_dim, config.pool_hidden_dim, config.bottleneck_dim)
-    if config.pooling == "pool_net":
-        return HiddenPooling(*sizes)
-    return SYMBOLIC_POOLINGS[config.pooling](config.obs_len, *sizes)
+def pooling_names(*, symbolic: bool) -> tuple[str, ...]:
+    """Names of those that can be trained: NeuroSyM's, or the others, `none` included."""
+    return tuple(
+        name
+        for name, pooling in POOLINGS.items()
+        if pooling.symbolic == symbolic and pooling.of_pairs
+    )
+
+
+def make_pooling(config: "GeneratorConfig", h_dim: int) -> Any:
+    """The module that `config` names, for hidden states of size `h_dim`; there must be one."""
+    module = POOLINGS[config.pooling].module
+    assert module is not None
+    return module(config, h_dim)

@@ -5,8 +5,6 @@ Three variants, told apart in `docs/symbols.md`: the papers' (`as_described`), t
 argument, so that any weighting can be tried and differentiated through.
 """
 
-from collections.abc import Callable
-
 import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
@@ -14,13 +12,9 @@ from jax import Array
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.layers import Affine, Perceptron
 from neurosym_jax.models.pairs import max_over_neighbours
+from neurosym_jax.models.pooling import NOT_OF_PAIRS
 
-__all__ = ["NOT_OF_PAIRS", "SYMBOLIC_POOLINGS", "IjcnnPooling", "RosPooling", "SymbolicPooling"]
-
-NOT_OF_PAIRS = (
-    "neurosym_ijcnn does not weight pairs: it takes one row of alpha an agent, picked by the "
-    "released collation out of other scenes' pairs, so it forecasts in parity cases only"
-)
+__all__ = ["IjcnnPooling", "RosPooling", "SymbolicPooling"]
 
 
 class _HistoryPooling(nn.Module):
@@ -130,16 +124,8 @@ class IjcnnPooling(_HistoryPooling):
             InputError: where alpha is not by agents, as any weighting of pairs.
         """
         if alpha.shape != (len(hidden), self.obs_len):
-            raise InputError(NOT_OF_PAIRS)
+            raise InputError(f"neurosym_ijcnn {NOT_OF_PAIRS}")
         embedded = alpha[..., None] * self.spatial_embedding.bias
         each = self.mlp(jnp.concatenate([embedded.reshape(len(hidden), -1), hidden], axis=-1))
         highest = jnp.where(valid[:, None], each, 0).max(axis=0)
         return jnp.broadcast_to(highest, each.shape)
-
-
-SYMBOLIC_POOLINGS: dict[str, Callable[..., nn.Module]] = {
-    "as_described": SymbolicPooling,
-    "neurosym_ros": RosPooling,
-    "neurosym_ijcnn": IjcnnPooling,
-}
-"""By the config's name; each is built from (obs_len, embedding, h, hidden, bottleneck) sizes."""

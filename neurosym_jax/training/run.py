@@ -20,6 +20,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.pooling import POOLINGS, pooling_names
 from neurosym_jax.runtime.processes import ALONE, Processes, is_first, join
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.loop import Run, train_run
@@ -41,12 +42,12 @@ class TrainOptions:
 
     model: Literal["sgan", "neurosym"] = "sgan"
     """SGAN with pooling, or NeuroSyM."""
-    variant: Literal["as_described", "neurosym_ros"] = "as_described"
-    """Of NeuroSyM."""
+    variant: str = "as_described"
+    """Of NeuroSyM: as_described, neurosym_ros, or what a plugin registers."""
     weighting: str = "cnd"
     """Of NeuroSyM: KIND[,FIELD=VALUE...], see docs/weightings.md; MODULE:KIND for one's own."""
-    pooling: Literal["none", "pool_net", "social"] = "pool_net"
-    """Of SGAN."""
+    pooling: str = "pool_net"
+    """Of SGAN: none, pool_net, social, or what a plugin registers."""
     scene: str | None = None
     """Scene of ETH/UCY left out of training (eth, hotel, ...); of the simulations, the one trained
     on (default: all of them)."""
@@ -136,14 +137,22 @@ def make_run(options: TrainOptions) -> Run:
 
 
 def generator_config(options: TrainOptions) -> GeneratorConfig:
-    """The generator that `options` name, with the published sizes."""
+    """The generator that `options` name, with the published sizes.
+
+    Raises:
+        InputError: for an unknown pooling or weighting.
+    """
+    symbolic = options.model == "neurosym"
+    pooling = options.variant if symbolic else options.pooling
+    known = pooling_names(symbolic=symbolic)
+    if pooling not in known:
+        option = "variant" if symbolic else "pooling"
+        raise InputError(f"--{option} {pooling}: {options.model} has {', '.join(known)}")
     config = GeneratorConfig(obs_len=options.obs_len, pred_len=options.pred_len)
-    if options.model == "neurosym":
-        weighting = named_weighting(options.weighting)
-        return dataclasses.replace(config, pooling=options.variant, weighting=weighting)
-    if options.pooling == "social":
+    if POOLINGS[pooling].returns_hidden:
         config = dataclasses.replace(config, bottleneck_dim=config.encoder_h_dim)
-    return dataclasses.replace(config, pooling=options.pooling)
+    weighting = named_weighting(options.weighting) if symbolic else None
+    return dataclasses.replace(config, pooling=pooling, weighting=weighting)
 
 
 def named_weighting(text: str) -> WeightingConfig:

@@ -124,7 +124,7 @@ def test_config_that_is_none(copy, text, message):
         ({"pooling": "none"}, "describes another network"),
         ({"encoder_h_dim": 16}, "describes another network"),
         ({"noise_dim": 99}, "noise_dim must lie in"),
-        ({"pooling": "mean"}, "does not fit"),
+        ({"pooling": "mean"}, "unknown pooling 'mean'"),
         ({"colour": 1}, "unknown field 'colour'"),
     ],
 )

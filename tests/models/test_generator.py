@@ -6,9 +6,10 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models import Discriminator, Generator
+from neurosym_jax.models.hidden_pooling import HiddenPooling
 from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.lstm import Encoder
-from neurosym_jax.models.pooling import HiddenPooling, make_pooling
+from neurosym_jax.models.pooling import make_pooling
 from neurosym_jax.scene import make_scene
 
 CONFIGS = {

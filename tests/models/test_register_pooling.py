@@ -1,0 +1,91 @@
+"""What a plugin registers is a pooling like the package's own."""
+
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax import linen as nn
+
+from neurosym_jax.config import GeneratorConfig, from_json, to_json
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.models import Generator, pooling_names, register_pooling
+from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.scene import make_scene
+from neurosym_jax.training.run import TrainOptions, generator_config
+
+OBSERVED = np.random.default_rng(0).normal(0, 0.3, (4, 8, 2)).cumsum(axis=1)
+
+
+class MeanPooling(nn.Module):
+    """The mean of the neighbours' hidden states, and how far they went on average."""
+
+    config: GeneratorConfig
+    h_dim: int
+
+    @nn.compact
+    def __call__(self, hidden, observed, valid, alpha=None):
+        share = valid / jnp.maximum(valid.sum(), 1)
+        moved = observed - observed[:, :1]
+        if alpha is not None:
+            moved = jnp.einsum("ijt,jtc->itc", alpha, moved)
+        both = jnp.concatenate([hidden, moved.reshape(len(hidden), -1)], axis=-1)
+        return nn.Dense(self.config.bottleneck_dim)(jnp.broadcast_to(share @ both, both.shape))
+
+
+@pytest.fixture
+def registered(monkeypatch):
+    monkeypatch.setattr(POOLINGS, "_things", dict(POOLINGS))
+    register_pooling("mean", MeanPooling, label="Mean", whole_observation=True)
+    register_pooling("weighted", MeanPooling, label="Weighted mean", symbolic=True)
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        (TrainOptions(pooling="mean"), "Mean"),
+        (TrainOptions(model="neurosym", variant="weighted"), "Weighted mean, cnd"),
+    ],
+)
+def test_it_is_chosen_saved_loaded_and_forecasts(tmp_path, options, name):
+    config = generator_config(options)
+    assert from_json(GeneratorConfig, to_json(config)) == config
+    arguments = (make_scene(OBSERVED), np.zeros(8), np.zeros((4, 4, 8)))
+    params = jax.jit(Generator(config).init)(jax.random.key(0), *arguments)
+    save_model(tmp_path / "model", Model(config, params))
+    model = load_model(tmp_path / "model")
+    assert model.name == name
+    forecast = predict(model, OBSERVED, samples=2)
+    np.testing.assert_array_equal(forecast, predict(Model(config, params), OBSERVED, samples=2))
+    # It sees the whole observation, not the last position alone.
+    params["params"]["pooling"]["Dense_0"]["kernel"] = (
+        params["params"]["pooling"]["Dense_0"]["kernel"].at[config.encoder_h_dim :].mul(3)
+    )
+    assert np.abs(predict(Model(config, params), OBSERVED, samples=2) - forecast).max() > 1e-4
+
+
+@pytest.mark.usefixtures("registered")
+def test_what_is_refused():
+    assert pooling_names(symbolic=False) == ("none", "pool_net", "social", "mean")
+    assert pooling_names(symbolic=True) == ("as_described", "neurosym_ros", "weighted")
+    for pooling in ("mean", "weighted"):
+        with pytest.raises(InputError, match=f"pool_every_timestep with {pooling}"):
+            GeneratorConfig(pooling=pooling, pool_every_timestep=True)
+    for options in (TrainOptions(pooling="weighted"), TrainOptions(pooling="neurosym_ros")):
+        with pytest.raises(InputError, match="sgan has none, pool_net, social, mean"):
+            generator_config(options)
+    with pytest.raises(InputError, match="another pooling 'mean' already"):
+        register_pooling("mean", MeanPooling, label="Mean")
+
+
+def test_a_configuration_is_checked_without_flax():
+    check = (
+        "import sys; from neurosym_jax.config import GeneratorConfig as Config;"
+        "Config(pooling='as_described'); sys.exit('flax' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", check], check=True)
