@@ -22,7 +22,7 @@ from neurosym_jax.runtime.environment import cpu_cores, run_environment
 
 FORMAT = 1
 
-Name = Literal["zoo", "training", "processes", "symbols", "online", "cold", "reading", "growth"]
+Name = Literal["zoo", "training", "symbols", "online", "cold", "reading", "growth"]
 NAMES: tuple[Name, ...] = get_args(Name)
 
 
@@ -31,11 +31,10 @@ class BenchmarkOptions:
     """Measure ours beside torch's, warm, in rounds that alternate; medians and spreads."""
 
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
-    """What to measure: the evaluation of the published checkpoints, a training iteration, training
-    by two processes, QTC and alpha of all pairs, online latency, a cold process, reading and
-    windowing, growth."""
+    """What to measure: the evaluation of the published checkpoints, a training iteration, QTC
+    and alpha of all pairs, online latency, a cold process, reading and windowing, growth."""
     data: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    """ETH/UCY as SGAN arranges it; zoo, training, processes and reading need it."""
+    """ETH/UCY as SGAN arranges it; zoo, training and reading need it."""
     checkpoints: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """The folder of sgan-models and sgan-p-models; zoo needs it."""
     reference: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
@@ -66,7 +65,7 @@ def run(options: BenchmarkOptions) -> None:
     if (options.reference or options.neurosym_reference) and not options.torch:
         raise InputError("the original code needs torch, which is not installed")
     needs = {"zoo": ("data", "checkpoints")}
-    needs |= dict.fromkeys(("training", "processes", "reading"), ("data",))
+    needs |= dict.fromkeys(("training", "reading"), ("data",))
     for name in options.names:
         if absent := [need for need in needs.get(name, ()) if getattr(options, need) is None]:
             raise InputError(f"--{absent[0]} is needed for {name}")

@@ -23,7 +23,6 @@ at the rates of matrix products and of tanh and sigmoid that the machine showed 
 TITLES = {
     "zoo": "Evaluation of SGAN's 20 published checkpoints, best of 20",
     "training": "A training iteration",
-    "processes": "A step of training by one process and by two, one thread each",
     "symbols": "QTC and alpha of all pairs",
     "online": "Online latency, from a frame to 20 futures of everybody",
     "cold": "Whole processes",

@@ -133,8 +133,6 @@ class TrainConfig:
     """Generator steps."""
     batch_scenes: int = 64
     """Scenes in a batch, about: their proportions by size are fixed."""
-    shards: int = 1
-    """Parts of a batch, each a small batch with its own noise; several processes can share them."""
     max_agents: int | None = 16
     """Larger scenes are cropped, anew each time, to an agent and its nearest neighbours."""
     best_k: int = 20
@@ -174,10 +172,8 @@ class TrainConfig:
     def __post_init__(self):
         """Refuse, before any step, what would fail late or train nothing."""
         refuse_seed(self.seed)
-        counts = ("steps", "batch_scenes", "shards", "max_agents", "best_k", "validate_every")
+        counts = ("steps", "batch_scenes", "max_agents", "best_k", "validate_every")
         refuse_below(1, _named(self, *counts))
-        if self.shards > self.batch_scenes:
-            raise InputError(f"{self.shards} shards of {self.batch_scenes} batch_scenes: too many")
         weights = ("l2_weight", "fde_weight", "adversarial_weight")
         refuse_below(0, _named(self, *weights, "warmup_steps", "clip_norm", "jitter"))
         if self.l2_weight == self.adversarial_weight == 0:
@@ -217,6 +213,9 @@ RECIPES = {
 
 Config = TypeVar("Config")
 
+_FORMER: dict[type, dict[str, Any]] = {TrainConfig: {"shards": 1}}
+"""Fields that earlier versions wrote, and the value that means what is done without them."""
+
 
 def to_json(config: Any) -> dict[str, Any]:
     """The plain dictionary form of a configuration, with its format version."""
@@ -240,6 +239,9 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
     version = fields.pop("format", None)
     if version != FORMAT:
         raise InputError(f"{source}: format {version!r} is not the format {FORMAT} of this version")
+    for name, value in _FORMER.get(cls, {}).items():
+        if fields.get(name) == value:
+            del fields[name]
     hints = typing.get_type_hints(cls)
     for name, value in fields.items():
         if name not in hints:

@@ -135,10 +135,11 @@ def test_what_needs_a_context_perceptron():
     assert dataclasses.replace(none, noise_dim=0, pooling="pool_net").needs_context_mlp
 
 
-def test_a_recipe_that_was_written_before_batches_had_shards():
-    old = json.loads(json.dumps(to_json(TrainConfig())))
-    del old["shards"]
-    assert record_of_today({"training": old}, Path("run"))["training"]["shards"] == 1
+def test_a_recipe_of_when_batches_had_shards():
+    today = json.loads(json.dumps(to_json(TrainConfig())))
+    assert record_of_today({"training": {**today, "shards": 1}}, Path("run"))["training"] == today
+    with pytest.raises(InputError, match="run: unknown field 'shards'"):
+        record_of_today({"training": {**today, "shards": 2}}, Path("run"))
 
 
 def test_what_was_written_before_models_had_a_period():

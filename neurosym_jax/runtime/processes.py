@@ -5,7 +5,6 @@ prints and writes. On one machine alone nothing here does anything.
 """
 
 import dataclasses
-import hashlib
 import os
 import sys
 import time
@@ -20,13 +19,9 @@ from neurosym_jax.errors import InputError
 __all__ = [
     "ALONE",
     "Processes",
-    "first_says",
-    "gather",
     "is_first",
     "join",
     "leave",
-    "refuse_apart",
-    "refuse_uneven",
     "share",
     "sum_over_processes",
 ]
@@ -82,32 +77,6 @@ def share(items: Sequence[Item]) -> list[tuple[int, Item]]:
     return list(enumerate(items))[jax.process_index() :: jax.process_count()]
 
 
-def refuse_uneven(name: str, parts: int) -> None:
-    """Refuse a number of parts that the processes cannot share evenly; `name` is its option.
-
-    Raises:
-        InputError: naming it.
-    """
-    if parts % (processes := jax.process_count()):
-        raise InputError(f"{name} must be a multiple of {processes}, the processes, not {parts}")
-
-
-def refuse_apart(what: str, text: str) -> None:
-    """Refuse to go on where `text` is not the same in all processes; waits for all.
-
-    Raises:
-        InputError: naming it as `what`, in every process.
-    """
-    sha = np.frombuffer(hashlib.sha256(text.encode()).digest(), np.uint32)
-    if (gather([sha]) != sha).any():
-        raise InputError(f"the processes do not agree on {what}")
-
-
-def first_says(number: int) -> int:
-    """The first process's `number`, in [-2**31, 2**31), in all; waits for it."""
-    return int(gather([np.array([number], np.int32)])[0, 0])
-
-
 def leave(status: int, words: str = "") -> None:
     """End this process where it is one of several, with last `words`, and so the others' waiting.
 
@@ -121,26 +90,6 @@ def leave(status: int, words: str = "") -> None:
             # The others are aborted when it ends: time for their own words, if they have any.
             time.sleep(2)
         os._exit(status)
-
-
-def gather(mine: Sequence[np.ndarray]) -> np.ndarray:
-    """Every process's arrays, stacked in the order of the items that `share` gave out.
-
-    All arrays have one shape and a type that JAX keeps, every process equally many; waits for all.
-
-    Raises:
-        InputError: where another process has ended.
-    """
-    stacked = np.stack(mine)
-    if jax.process_count() == 1:
-        return stacked
-    from jax.experimental.multihost_utils import process_allgather
-
-    try:
-        gathered: Any = np.asarray(process_allgather(stacked))
-    except jax.errors.JaxRuntimeError as error:
-        raise InputError(f"another process has ended, or cannot be reached: {error}") from None
-    return gathered.swapaxes(0, 1).reshape(-1, *stacked.shape[1:])
 
 
 def sum_over_processes(array: np.ndarray) -> np.ndarray:

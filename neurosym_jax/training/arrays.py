@@ -31,10 +31,7 @@ def digest(tree: Any) -> str:
 
 
 def write_arrays(folder: Path, tree: Any) -> None:
-    """Write a nested dictionary of arrays as a new folder.
-
-    Of several processes all must call it, for Orbax waits for them; the first one writes.
-    """
+    """Write a nested dictionary of arrays as a new folder."""
     from orbax.checkpoint import v1 as ocp
 
     ocp.save(str(folder.absolute()), tree)

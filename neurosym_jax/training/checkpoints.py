@@ -16,7 +16,6 @@ import numpy as np
 
 from neurosym_jax.config import FORMAT
 from neurosym_jax.errors import TrainingError
-from neurosym_jax.runtime.processes import first_says, is_first
 from neurosym_jax.training.arrays import digest, read_arrays, write_arrays
 
 __all__ = ["TrainingCheckpoints"]
@@ -32,8 +31,7 @@ class TrainingCheckpoints:
     place, so that a step is there whole or not at all, whatever kills the process. Orbax's own
     `training.Checkpointer` is not used: it saves behind one's back, forgets the best after a NaN
     metric, restores some flipped bits silently and calls a truncated file a wrong handler.
-    `save` is durable when it returns. One process at a time writes to a folder; of several that
-    train as one all save and the first writes.
+    `save` is durable when it returns. One process at a time writes to a folder.
     """
 
     def __init__(self, folder: Path):
@@ -56,14 +54,11 @@ class TrainingCheckpoints:
         leaves = {path: np.asarray(leaf) for path, leaf in _by_path(state).items()}
         content = self._content(step, leaves, record, metric)
         new = self._scratch / "new"
-        if is_first():
-            self._clear_scratch()
-            new.mkdir(parents=True)
+        self._clear_scratch()
+        new.mkdir(parents=True)
         # By number: a leaf's path may hold what Orbax or the file system reads otherwise.
         arrays = {f"{i:06d}": leaf for i, leaf in enumerate(leaves.values()) if leaf.size}
         write_arrays(new / "state", arrays)
-        if not is_first():
-            return
         files = sorted(path for path in new.rglob("*") if path.is_file())
         content["files"] = {path.relative_to(new).as_posix(): _file_digest(path) for path in files}
         text = json.dumps({"sha256": _json_digest(content), "content": content})
@@ -74,16 +69,13 @@ class TrainingCheckpoints:
         _flush(self._folder)
         self._prune()
 
-    def restore(
-        self, template: Any, *, best: bool = False
-    ) -> tuple[int, Any, dict[str, Any]] | None:
-        """The newest (or the best) whole step, as `(step, state, record)`; None where none is.
+    def restore(self, template: Any) -> tuple[int, Any, dict[str, Any]] | None:
+        """The newest whole step, as `(step, state, record)`; None where none is.
 
         Damaged steps are set aside under another name, with a line on stderr.
 
         Args:
             template: pytree of arrays (or of their shapes and types) with the state's structure.
-            best: the step of the lowest metric.
 
         Returns:
             `state` has numpy arrays for leaves, bit for bit those saved.
@@ -91,39 +83,16 @@ class TrainingCheckpoints:
         Raises:
             TrainingError: where a whole step has other leaves than `template`, or another format.
         """
-        damaged: set[int] = set()
-        while (step := first_says(self._whole_step(best, damaged) if is_first() else 0)) >= 0:
+        for step in reversed(self._steps()):
             try:
                 leaves, record = self._read(step, template)
             except TrainingError:
                 raise
             except Exception as error:  # Orbax and its storage raise many kinds for damaged files
-                if jax.process_count() > 1:
-                    raise TrainingError(
-                        f"{self._path(step)}: not all processes can read it: {error}"
-                    ) from None
-                damaged.add(step)
                 self._set_aside(step, error)
             else:
                 return step, jax.tree.unflatten(jax.tree.structure(template), leaves), record
         return None
-
-    def _whole_step(self, best: bool, damaged: set[int]) -> int:
-        """The step to restore, -1 where none is; those whose files are damaged are set aside."""
-        steps = [step for step in self._steps() if step not in damaged]
-        if best:
-            metrics = self._metrics()
-            steps.sort(key=lambda step: (-metrics.get(step, math.inf), step))
-        for step in reversed(steps):
-            try:
-                self._verified(step)
-            except TrainingError:
-                raise
-            except (ValueError, OSError, KeyError, TypeError) as error:
-                self._set_aside(step, error)
-            else:
-                return step
-        return -1
 
     def _path(self, step: int) -> Path:
         return self._folder / f"step_{step:08d}"

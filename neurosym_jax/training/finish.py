@@ -11,7 +11,6 @@ from neurosym_jax.config import FORMAT
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.runtime.environment import code_version
-from neurosym_jax.runtime.processes import is_first
 from neurosym_jax.training.card import CARD, write_card
 
 __all__ = ["RUN", "write_curves", "write_model"]
@@ -23,8 +22,6 @@ def write_model(
     folder: Path, model: Model, facts: dict[str, Any], validations: list[dict[str, Any]]
 ) -> None:
     """Write `run.json`, the model and its card, as far as they are not there.
-
-    Of several processes all call it, for Orbax waits for them; the first one writes.
 
     Args:
         folder: of the run.
@@ -43,17 +40,13 @@ def write_model(
         # The newest of equals, as the loop and the checkpoints choose.
         "validation": min(reversed(validations), key=lambda row: row["val_score"]),
     }
-    if is_first():
-        (folder / RUN).write_text(json.dumps(facts, indent=1) + "\n")
+    (folder / RUN).write_text(json.dumps(facts, indent=1) + "\n")
     if not target.exists():
-        if is_first():
-            shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(part, ignore_errors=True)
         save_model(part, model)
         # Renamed into place: a run that has a model is whole, whatever kills the process.
-        if is_first():
-            part.rename(target)
-    if is_first():
-        write_card(target, facts)
+        part.rename(target)
+    write_card(target, facts)
 
 
 def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:

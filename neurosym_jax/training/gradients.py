@@ -7,7 +7,7 @@ with one. Encoding and pooling are done once. Nothing here knows of optimisers o
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,26 +25,10 @@ from neurosym_jax.training.losses import (
 )
 from neurosym_jax.training.rollout import decode_groups, encode_groups, over_slots
 
-__all__ = ["Counts", "Metrics", "discriminator_gradient", "generator_gradient"]
+__all__ = ["Metrics", "discriminator_gradient", "generator_gradient"]
 
 Metrics = dict[str, Array]
 """Scalars by name."""
-
-
-class Counts(NamedTuple):
-    """What a batch has, and its losses are means over: [] each.
-
-    Given the counts of a whole batch, the losses and gradients of its parts add up to the whole's.
-    """
-
-    scenes: Array
-    agents: Array
-
-    @classmethod
-    def of(cls, groups: Groups) -> "Counts":
-        """Those of a batch, padding left out."""
-        sizes = jnp.concatenate([scene.valid.sum(axis=-1).ravel() for scene in groups])
-        return cls((sizes > 0).sum(), sizes.sum())
 
 
 def discriminator_gradient(
@@ -57,13 +41,8 @@ def discriminator_gradient(
     *,
     label_real: Array | float,
     label_fake: Array | float,
-    counts: Counts | None = None,
 ) -> tuple[Any, Metrics]:
-    """Gradient with respect to the parameters `discriminator`; `noises` are of one sample.
-
-    `counts` are of the batch that `groups` are a part of, None where they are all of it.
-    """
-    agents = (counts or Counts.of(groups)).agents
+    """Gradient with respect to the parameters `discriminator`; `noises` are of one sample."""
     contexts = encode_groups(generator_config, generator, groups)
     fakes = decode_groups(generator_config, generator, contexts, groups, noises)
     valid = _slots([scene.valid for scene in groups])
@@ -75,9 +54,7 @@ def discriminator_gradient(
     def loss(params: Any) -> Array:
         halves = [jnp.split(part, 2) for part in _scores(config, params, twice, futures)]
         real, fake = (_slots(half) for half in zip(*halves))
-        return adversarial_loss(real, label_real, valid, agents) + adversarial_loss(
-            fake, label_fake, valid, agents
-        )
+        return adversarial_loss(real, label_real, valid) + adversarial_loss(fake, label_fake, valid)
 
     value, gradient = jax.value_and_grad(loss)(discriminator)
     return gradient, {"d_loss": value}
@@ -92,7 +69,6 @@ def generator_gradient(
     noises: Sequence[Array],
     *,
     label: Array | float,
-    counts: Counts | None = None,
 ) -> tuple[Any, Metrics]:
     """Gradient with respect to the parameters `generator`, not clipped.
 
@@ -104,13 +80,11 @@ def generator_gradient(
         groups: the batch.
         noises: for each group, of k samples.
         label: what the discriminator is to take the forecasts for.
-        counts: of the batch that `groups` are a part of; None where they are all of it.
 
     Returns:
         The gradient, and `g_variety`, `g_loss`, `g_gradient_norm` and, with an adversarial term,
         `g_adversarial`.
     """
-    counts = counts or Counts.of(groups)
     criterion = functools.partial(_errors, config)
     decode = functools.partial(decode_groups, generator_config)
 
@@ -125,14 +99,14 @@ def generator_gradient(
             # The discriminator judges the last sample, as SGAN's generator step does.
             chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
         futures = decode(params, contexts, groups, chosen)
-        variety = _variety_loss(config, criterion, groups, futures, counts)
+        variety = _variety_loss(config, criterion, groups, futures)
         metrics = {"g_variety": variety}
         total = config.l2_weight * variety
         if config.adversarial_weight:
             judged = [future[-1] for future in futures]
             scores = _slots(_scores(config, discriminator, groups, judged))
             valid = _slots([scene.valid for scene in groups])
-            metrics["g_adversarial"] = adversarial_loss(scores, label, valid, counts.agents)
+            metrics["g_adversarial"] = adversarial_loss(scores, label, valid)
             total = total + config.adversarial_weight * metrics["g_adversarial"]
         return total, metrics | {"g_loss": total}
 
@@ -163,9 +137,7 @@ def _take_samples(noise: Array, best: Array) -> Array:
     )
 
 
-def _variety_loss(
-    config: TrainConfig, criterion, groups: Groups, futures: list[Array], counts: Counts
-) -> Array:
+def _variety_loss(config: TrainConfig, criterion, groups: Groups, futures: list[Array]) -> Array:
     """The loss of the chosen samples: sample c was the best by criterion c."""
     total = jnp.zeros(())
     by_agents = config.weigh_scenes == "by_agents"
@@ -180,7 +152,8 @@ def _variety_loss(
     # SGAN's loss is a sum over scenes; a mean keeps `distance` in metres, whatever the batch.
     if config.criterion == "squared_displacement":
         return total
-    return total / (counts.agents if by_agents else counts.scenes)
+    sizes = jnp.concatenate([scene.valid.sum(axis=1) for scene in groups])
+    return total / (sizes.sum() if by_agents else (sizes > 0).sum())
 
 
 def _scores(

@@ -5,12 +5,10 @@ A run is a folder: `checkpoints/` (to resume from), `metrics.jsonl`, and at its 
 Everything random follows from (seed, step), so a resumed run continues bit for bit.
 """
 
-import contextlib
 import dataclasses
 import functools
 import hashlib
 import json
-import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,13 +26,11 @@ from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.runtime.environment import run_environment
-from neurosym_jax.runtime.processes import is_first, refuse_apart, refuse_uneven
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.finish import write_curves, write_model
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
-from neurosym_jax.training.shards import advance_in_shards
 from neurosym_jax.training.step import TrainState, initial_state, train_step
 from neurosym_jax.training.stream import SceneStream
 
@@ -81,10 +77,6 @@ def data_digest(windows: Windows) -> str:
 def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
     """Train, from the start or from the newest good checkpoint in `folder`.
 
-    Several processes (see `distributed`) train as one where the recipe's `shards` are a multiple of
-    their number. All must see `folder` under one path, and run on equal versions, threads and
-    instruction sets; the first one writes.
-
     Returns:
         The best model by validation, also written to `folder / "model"`.
 
@@ -92,21 +84,14 @@ def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
         InputError: when `folder` holds a run already (and `resume` is not said), or another run.
         TrainingError: when a loss or metric is not finite; the last good step stays on disk.
     """
-    refuse_uneven("shards", run.config.shards)
-    with sole_writer(folder) if is_first() else contextlib.nullcontext():
+    with sole_writer(folder):
         return _train(run, folder, TrainingCheckpoints(folder / "checkpoints"), resume)
 
 
 def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool) -> Model:
     config = run.config
-    # A step takes a batch for each network, made of as many of the stream's as there are shards.
-    per_step, advance = (2 if config.adversarial_weight else 1,), _advance
-    if config.shards > 1:
-        per_step, advance = (*per_step, config.shards), advance_in_shards
-    drawn = math.prod(per_step)
-    stream = SceneStream(
-        run.training, config.batch_scenes // config.shards, config.seed, config.max_agents
-    )
+    networks = 2 if config.adversarial_weight else 1  # A step takes a batch for each.
+    stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
     batches = make_batches(run.validation)
     key = jax.random.key(config.seed)
     example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
@@ -117,24 +102,22 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     validations: list[dict[str, Any]] = []
     record = {**run.describe(), "environment": run_environment()}
 
-    refuse_apart("the run, or on what it runs", json.dumps([str(folder.absolute()), record]))
     found = checkpoints.restore((state, best))
     if found is not None:
         state, best, validations = _resumed(found, record, folder, resume)
     elif (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
     done = int(state.step)
-    log = MetricsLog(folder / "metrics.jsonl", done) if is_first() else None
+    log = MetricsLog(folder / "metrics.jsonl", done)
     # tqdm's None is for a terminal only.
-    hidden = None if log else True
-    with tqdm(total=config.steps, initial=done, unit="step", disable=hidden) as bar:
+    with tqdm(total=config.steps, initial=done, unit="step", disable=None) as bar:
         while done < config.steps:
             count = min(CHUNK, config.steps - done)
             groups = jax.tree.map(
-                lambda leaf, count=count: leaf.reshape(count, *per_step, *leaf.shape[1:]),
-                stream.steps(done * drawn, count * drawn),
+                lambda leaf, count=count: leaf.reshape(count, networks, *leaf.shape[1:]),
+                stream.steps(done * networks, count * networks),
             )
-            state, metrics = advance(run.generator, config, steps_key, state, groups)
+            state, metrics = _advance(run.generator, config, steps_key, state, groups)
             row: dict[str, Any] = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
             _refuse_not_finite(row, folder, done, validations)
@@ -146,16 +129,14 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
                 if row["val_score"] <= min(scores, default=np.inf):
                     best = _copy(_validated(config, state))
                 validations.append(row)
-            if log:
-                log.append(row)
+            log.append(row)
             if validations and validations[-1] is row:
                 saved = {**record, "history": validations}
                 checkpoints.save(done, (state, best), saved, row["val_score"])
             bar.set_postfix(_shown(row, validations), refresh=False)
             bar.update(count)
     model = Model(run.generator, best, run.scene)
-    if log:
-        write_curves(folder, log.rows())
+    write_curves(folder, log.rows())
     windows = {"training": run.training, "validation": run.validation}
     counts = {name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()}
     facts = {**record, "data_name": run.data_name, "counts": counts}

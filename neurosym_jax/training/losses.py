@@ -6,16 +6,13 @@ from jax import Array
 __all__ = ["adversarial_loss", "distance_errors", "safe_norm", "squared_displacement_errors"]
 
 
-def adversarial_loss(
-    scores: Array, label: Array | float, valid: Array, agents: Array | None = None
-) -> Array:
+def adversarial_loss(scores: Array, label: Array | float, valid: Array) -> Array:
     """Binary cross-entropy of `scores [A]` (logits) with one smoothed label, mean over valid `[A]`.
 
-    The stable form `max(s, 0) - s y + log(1 + exp(-|s|))`. Where these are a part of more agents,
-    `agents` is how many: the parts' values add up to the mean over all.
+    The stable form `max(s, 0) - s y + log(1 + exp(-|s|))`.
     """
     loss = jnp.maximum(scores, 0) - scores * label + jnp.log1p(jnp.exp(-jnp.abs(scores)))
-    return jnp.where(valid, loss, 0).sum() / (valid.sum() if agents is None else agents)
+    return jnp.where(valid, loss, 0).sum() / valid.sum()
 
 
 def squared_displacement_errors(forecast: Array, truth: Array, valid: Array) -> Array:

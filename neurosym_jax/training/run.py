@@ -21,7 +21,6 @@ from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.pooling import POOLINGS, pooling_names
-from neurosym_jax.runtime.processes import ALONE, Processes, is_first, join
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.loop import Run, train_run
 
@@ -78,25 +77,20 @@ class TrainOptions:
     """Folder of the run; default: runs/ and a name made of the options."""
     resume: bool = False
     """Continue the run in the folder."""
-    processes: Processes = ALONE
-    """Several processes that share every step's shards; see docs/scaling.md."""
 
 
 def train(options: TrainOptions) -> None:
     """Train as `options` say."""
-    join(options.processes)
     run = make_run(options)
     where = run.scene or ("files" if options.train_on else "simulations")
     name = f"{model_name(options)}_{where}_{options.obs_len}_{options.pred_len}"
     folder = options.out or Path("runs") / f"{name}_{options.recipe}_{options.seed}"
-    if is_first():
-        print(
-            f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
-            f"{run.validation.scenes} scenes to validate on, {run.config.steps} steps"
-        )
+    print(
+        f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
+        f"{run.validation.scenes} scenes to validate on, {run.config.steps} steps"
+    )
     train_run(run, folder, resume=options.resume)
-    if is_first():
-        print(f"model: {folder / 'model'}")
+    print(f"model: {folder / 'model'}")
 
 
 def make_run(options: TrainOptions) -> Run:

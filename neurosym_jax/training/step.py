@@ -13,7 +13,6 @@ from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.gradients import (
-    Counts,
     Metrics,
     discriminator_gradient,
     generator_gradient,
@@ -22,13 +21,9 @@ from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.rollout import draw_group_noise
 
 __all__ = [
-    "Part",
     "TrainState",
     "clip_gradient",
     "initial_state",
-    "learn_to_forecast",
-    "learn_to_judge",
-    "split",
     "train_step",
     "update_discriminator",
     "update_generator",
@@ -107,65 +102,25 @@ def train_step(
         batches: groups with a leading axis of 2 batches, or of 1 without adversarial term.
         key: consumed.
     """
-    keys = split(key)
+    keys = jax.random.split(key, 7)
     metrics: Metrics = {}
     if config.adversarial_weight:
         groups = jax.tree.map(lambda leaf: leaf[0], batches)
-        gradient, metrics = learn_to_judge(generator_config, config, state, groups, keys)
+        groups, noises = _drawn(generator_config, config, groups, keys[:2], 1)
+        gradient, metrics = discriminator_gradient(
+            generator_config,
+            config,
+            state.generator,
+            state.discriminator,
+            groups,
+            noises,
+            label_real=_label(keys[2], config.label_real),
+            label_fake=_label(keys[6], config.label_fake),
+        )
         state = update_discriminator(config, state, gradient)
     groups = jax.tree.map(lambda leaf: leaf[-1], batches)
-    gradient, more = learn_to_forecast(generator_config, config, state, groups, keys)
-    return update_generator(config, state, gradient), metrics | more
-
-
-def split(key: Array) -> Array:
-    """The keys of one step: of `learn_to_judge` and `learn_to_forecast`, each its own."""
-    return jax.random.split(key, 7)
-
-
-class Part(NamedTuple):
-    """Which part of a batch some groups are; what is random in them is the part's own."""
-
-    index: Array | int
-    """[] from 0."""
-    counts: Counts
-    """Of the whole batch."""
-
-
-def learn_to_judge(
-    generator_config: GeneratorConfig,
-    config: TrainConfig,
-    state: TrainState,
-    groups: Groups,
-    keys: Array,
-    part: Part | None = None,
-) -> tuple[Any, Metrics]:
-    """The discriminator's gradient on a batch, or a part of it, augmented; of `split`'s keys."""
-    groups, noises = _drawn(generator_config, config, groups, keys[:2], 1, part)
-    return discriminator_gradient(
-        generator_config,
-        config,
-        state.generator,
-        state.discriminator,
-        groups,
-        noises,
-        label_real=_label(keys[2], config.label_real),
-        label_fake=_label(keys[6], config.label_fake),
-        counts=part and part.counts,
-    )
-
-
-def learn_to_forecast(
-    generator_config: GeneratorConfig,
-    config: TrainConfig,
-    state: TrainState,
-    groups: Groups,
-    keys: Array,
-    part: Part | None = None,
-) -> tuple[Any, Metrics]:
-    """The generator's gradient on a batch, or a part of it, augmented; of `split`'s keys."""
-    groups, noises = _drawn(generator_config, config, groups, keys[3:5], config.best_k, part)
-    return generator_gradient(
+    groups, noises = _drawn(generator_config, config, groups, keys[3:5], config.best_k)
+    gradient, more = generator_gradient(
         generator_config,
         config,
         state.generator,
@@ -173,8 +128,8 @@ def learn_to_forecast(
         groups,
         noises,
         label=_label(keys[5], config.label_real),
-        counts=part and part.counts,
     )
+    return update_generator(config, state, gradient), metrics | more
 
 
 def _drawn(
@@ -183,14 +138,10 @@ def _drawn(
     groups: Groups,
     keys: Array,
     samples: int,
-    part: Part | None,
 ) -> tuple[Groups, list[Array]]:
-    """What is random in a batch or its part: the groups augmented, and the noise of k samples."""
-    turning, drawing = (
-        key if part is None else jax.random.fold_in(key, part.index) for key in keys
-    )
-    groups = augment(groups, turning, config)
-    return groups, draw_group_noise(generator_config, groups, drawing, samples)
+    """What is random in a batch: the groups augmented, and the noise of k samples."""
+    groups = augment(groups, keys[0], config)
+    return groups, draw_group_noise(generator_config, groups, keys[1], samples)
 
 
 def update_discriminator(config: TrainConfig, state: TrainState, gradient: Any) -> TrainState:
