@@ -13,6 +13,7 @@ from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.tracking.linking import LinkOptions
 from neurosym_jax.tracking.live import OnlineStitcher
+from neurosym_jax.tracking.motion import FAR, MAX_SPEED
 
 __all__ = ["LiveOptions", "ViewOptions"]
 
@@ -42,6 +43,7 @@ class ViewOptions:
             title=title,
             floor_map=None if self.map is None else read_floor_map(self.map),
             reset_after=predictor.window.reset_after,
+            far=predictor.window.far,
         )
 
     def open(self, predictor: Predictor, title: str) -> Dashboard | None:
@@ -71,6 +73,12 @@ class LiveOptions:
     """Futures that each model draws."""
     seed: int = 0
     """Of the noise."""
+    hold: float = 1.0
+    """Seconds for which somebody unseen is still forecast, from where they would be."""
+    far: float = FAR
+    """Metres; people with a coordinate as large are left out: trackers put there whom they lost."""
+    max_speed: float = MAX_SPEED
+    """Metres per second; who moves faster from one frame to the next is somebody new."""
     stitch: bool = False
     """Join the tracks that occlusions broke."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
@@ -79,7 +87,7 @@ class LiveOptions:
         default_factory=ViewOptions
     )
 
-    def predictor(self, recording: str = "") -> Predictor:
+    def predictor(self) -> Predictor:
         """Load the models and compile.
 
         Raises:
@@ -91,7 +99,9 @@ class LiveOptions:
             self.max_people,
             self.samples,
             self.seed,
-            recording=recording,
+            hold=self.hold,
+            far=self.far,
+            max_speed=self.max_speed,
         )
 
     def stitcher(self) -> OnlineStitcher | None:

@@ -34,6 +34,9 @@ class Options(LiveOptions):
     """Of the people in a bag; found by itself where there is only one."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How a file of tracks is read."""
+    hold: float = 0.0
+    """Seconds for which somebody unseen is still forecast, from where they would be; live it is 1,
+    here 0, so that errors are those of `evaluate`."""
     rate: float | Literal["max"] | None = None
     """1 is as fast as it was, and so it is with --dashboard by default; else max."""
     out: Path | None = None
@@ -54,7 +57,7 @@ def run(options: Options) -> None:
     frames = read_frames(options.recording, options.topic, options.read)
     analytics, title = Analytics(), options.recording.stem
     with contextlib.ExitStack() as stack:
-        predictor = options.predictor(title)
+        predictor = options.predictor()
         out = page = None
         if options.out is not None:
             out = _open(options.out, predictor.window.period, options)

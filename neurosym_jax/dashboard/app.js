@@ -1,6 +1,7 @@
 // Ties it together: what is chosen, and what is drawn when.
 
 const KEPT = 64e6; // characters of a live stream that the page keeps
+const STALE = 2000; // milliseconds without data after which what is shown is not live
 const AGES = 5; // choices of when the forecast shown was made
 
 class App {
@@ -20,9 +21,12 @@ class App {
     new ResizeObserver(this.redraw).observe(find("scene"));
     matchMedia("(prefers-color-scheme: dark)").onchange = () => this.recolour();
     this.recolour();
+    this.heard = performance.now();
+    if (live) setInterval(() => this.showStatus(), 500);
   }
 
   add(line) {
+    this.heard = performance.now();
     const gone = this.recording.add(line);
     if (!this.recording.length) return;
     const { step, at } = this.recording.moments.at(-1);
@@ -134,10 +138,22 @@ class App {
     find("play").setAttribute("aria-label", running ? "Pause" : "Play");
     find("live").hidden = !player.live;
     find("live").setAttribute("aria-pressed", String(player.following));
+    this.showStatus();
+  }
+
+  showStatus() {
+    const { player } = this;
+    const silence = this.ended ? 0 : performance.now() - this.heard;
     const state = this.lost ? "lost"
-      : player.following ? "live" : player.playing ? "playing" : "paused";
+      : player.following ? (silence > STALE ? "stale" : "live") : player.playing ? "playing" : "paused";
     find("status").className = state;
-    const words = { lost: "connection lost, trying again", live: "live", playing: "playing", paused: "paused" };
+    const words = {
+      lost: "connection lost, trying again",
+      stale: `stale: nothing heard for ${Math.floor(silence / 1000)} s`,
+      live: "live",
+      playing: "playing",
+      paused: "paused",
+    };
     const behind = player.live && !player.following && !this.lost ? ", live goes on" : "";
     say(find("status"), words[state] + behind + (this.ended && state !== "lost" ? ", recording ended" : ""));
   }

@@ -1,6 +1,6 @@
 """What the page is told of a stream: first what it is, then a moment for every frame, as JSON.
 
-Everything is bounded: whatever a tracker sends, a moment names at most `MOST` people.
+Everything is bounded: whatever a tracker sends, a moment names at most `MAX_NAMED` people.
 
 `Introduction` (the first line) has `title`, `period` [s], `models` (names, in order), `weighting`
 (the model whose symbols and weights are told, and its name; or null) and `map` (see `floor_map`).
@@ -10,7 +10,8 @@ A moment has
 - `t`: seconds since the first frame; never falls, even where the stream's clock is set back;
 - `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
 - `more`: how many others were seen;
-- `step`, where a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres;
+- `step`, where a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres, of
+  which the last `extrapolated` [N] steps were not;
   `models`: by name `central` and `samples` [N][k][pred_len * 2] whole centimetres from the
   person's last observed position; `dropped` reasons by id; `latency` [ms]; `codes`, the QTC_C1
   state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; and `score`,
@@ -31,11 +32,12 @@ from neurosym_jax.dashboard.symbols import PairSymbols
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
-from neurosym_jax.online.window import FAR, LATE
+from neurosym_jax.online.window import LATE
+from neurosym_jax.tracking.motion import FAR
 
-__all__ = ["MOST", "Moments"]
+__all__ = ["MAX_NAMED", "Moments"]
 
-MOST = 256
+MAX_NAMED = 256
 """People named in a moment, and people without a forecast named in a step."""
 BREAK = 60.0
 """Seconds on the page between what was before the clock was set back and what comes after."""
@@ -52,6 +54,7 @@ class Moments:
         title: str = "",
         floor_map: dict[str, Any] | None = None,
         reset_after: float = 5.0,
+        far: float = FAR,
     ):
         """A stream of which nothing was shown yet.
 
@@ -61,9 +64,10 @@ class Moments:
             title: what is shown, such as the recording's name.
             floor_map: see `floor_map.read_floor_map`.
             reset_after: seconds; see `Window`.
+            far: metres; see `Window`.
         """
         self._symbols = PairSymbols(models)
-        self._reset_after = reset_after
+        self._reset_after, self._far = reset_after, far
         self._start = self._stamp = math.nan
         weighting = None
         if self._symbols.model is not None:
@@ -86,8 +90,8 @@ class Moments:
         if not self._accept(float(frame.stamp)):
             return None
         xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
-        kept = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
-        near = kept[:MOST]
+        kept = np.flatnonzero((np.abs(xy) < self._far).all(axis=1))
+        near = kept[:MAX_NAMED]
         return _json(
             {
                 "t": round(self._stamp - self._start, 3),
@@ -124,12 +128,14 @@ class Moments:
             "t": round(forecast.stamp - self._start, 3),
             "ids": [str(id) for id in forecast.ids.tolist()],
             "seen": np.round(forecast.observed, 3).reshape(len(last), -1).tolist(),
+            "extrapolated": forecast.extrapolated.tolist(),
             "models": {
                 name: {"central": result.central, "samples": _centimetres(result.samples - last)}
                 for name, result in forecast.models.items()
             },
             "dropped": {
-                str(id): reason for id, reason in itertools.islice(forecast.dropped.items(), MOST)
+                str(id): reason
+                for id, reason in itertools.islice(forecast.dropped.items(), MAX_NAMED)
             },
             "latency": round(1e3 * forecast.latency, 3),
             "codes": codes[upper].tolist(),

@@ -141,18 +141,21 @@ class Panels {
 
   showDropped(moment, latest) {
     const reasons = Map.groupBy(Object.entries(latest?.dropped ?? {}), ([, reason]) => reason);
-    const key = JSON.stringify([latest?.dropped, moment?.more, moment?.score?.dropped]);
+    const lost = latest?.ids.filter((id, n) => latest.extrapolated[n]) ?? [];
+    const key = JSON.stringify([latest?.dropped, lost, moment?.more, moment?.score?.dropped]);
     if (key === this.left) return;
     this.left = key;
     const items = [];
-    for (const [reason, people] of reasons) {
-      const item = make("li", `${REASONS[reason] ?? reason}:`);
-      item.append(...people.slice(0, 12).map(([id]) => make("span", shorten(id), { title: id })));
-      if (people.length > 12) item.append(` and ${people.length - 12} more`);
+    const list = (reason, ids) => {
+      const item = make("li", `${reason}:`);
+      item.append(...ids.slice(0, 12).map((id) => make("span", shorten(id), { title: id })));
+      if (ids.length > 12) item.append(` and ${ids.length - 12} more`);
       items.push(item);
-    }
+    };
+    for (const [reason, people] of reasons) list(REASONS[reason] ?? reason, people.map(([id]) => id));
     if (moment?.more) items.push(make("li", `${moment.more} more were seen than are shown`));
     if (!items.length) items.push(make("li", "nobody"));
+    if (lost.length) list("forecast though lost, from where they would be (hollow)", lost);
     find("dropped").replaceChildren(...items);
     const totals = Object.entries(moment?.score?.dropped ?? {});
     say(find("totals"), totals.length

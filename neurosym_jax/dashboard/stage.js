@@ -207,16 +207,22 @@ class Stage {
     this.pen.fill();
   }
 
+  // What nobody saw but was extrapolated is hollow.
   drawObserved(step, { places, current }) {
     const { pen } = this;
-    Object.assign(pen, { strokeStyle: this.colour.ink, fillStyle: this.colour.ink });
+    Object.assign(pen, { strokeStyle: this.colour.ink });
     Object.assign(pen, { lineWidth: 0.1 * this.em, lineJoin: "round" });
     step.ids.forEach((id, n) => {
       const flat = step.seen[n];
       const points = Array.from({ length: flat.length / 2 }, (_, t) => [flat[2 * t], flat[2 * t + 1]]);
       this.line(current && places.has(id) ? [...points, places.get(id)] : points);
       pen.stroke();
-      points.forEach((point) => this.dot(point, 0.14 * this.em));
+      const seen = points.length - step.extrapolated[n];
+      points.forEach((point, t) => {
+        pen.fillStyle = t < seen ? this.colour.ink : this.colour.floor;
+        this.dot(point, 0.14 * this.em);
+        if (t >= seen) pen.stroke();
+      });
     });
   }
 

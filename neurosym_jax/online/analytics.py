@@ -121,8 +121,9 @@ class Analytics:
         oldest = self._pending[0].index if self._pending else forecast.index
         steps = forecast.observed.shape[1]
         for n in range(max(forecast.index - steps + 1, oldest + 1), forecast.index + 1):
-            column = forecast.observed[:, n - forecast.index - 1]
-            self._truth.setdefault(n, {}).update(zip(forecast.ids.tolist(), column))
+            seen = forecast.extrapolated <= forecast.index - n
+            column = forecast.observed[seen, n - forecast.index - 1]
+            self._truth.setdefault(n, {}).update(zip(forecast.ids[seen].tolist(), column))
 
     def _score(self, forecast: Forecast) -> Forecast:
         ids = forecast.ids.tolist()

@@ -48,6 +48,7 @@ class ForecastLines:
             "index": forecast.index,
             "ids": forecast.ids.tolist(),
             "observed": _rounded(forecast.observed),
+            "extrapolated": forecast.extrapolated.tolist(),
             "future": _rounded(forecast.future),
             "models": {
                 name: {"central": result.central, "samples": _rounded(result.samples)}

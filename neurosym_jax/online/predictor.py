@@ -19,6 +19,7 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.online.window import Health, Window
 from neurosym_jax.scene import make_scene
+from neurosym_jax.tracking.motion import FAR, MAX_SPEED
 
 __all__ = ["Forecast", "ModelForecast", "Predictor"]
 
@@ -54,6 +55,8 @@ class Forecast:
     last step, or "crowded" out by the nearest `max_people`."""
     latency: float
     """Seconds of this computer's clock, from the frame's arrival to this forecast."""
+    extrapolated: np.ndarray
+    """[N] int64, steps at the end of `observed` that nobody saw: the last velocity went on."""
     future: np.ndarray | None = None
     """[N, pred_len, 2] float64 metres, what happened, NaN where nobody saw; `Analytics` adds it."""
 
@@ -74,6 +77,9 @@ class Predictor:
         timeout: float = 10.0,
         reset_after: float = 5.0,
         max_tracks: int = 1024,
+        hold: float = 0.0,
+        far: float = FAR,
+        max_speed: float = MAX_SPEED,
     ):
         """Compile everything that will be needed.
 
@@ -83,11 +89,14 @@ class Predictor:
             max_people: in a forecast; of more, the nearest are taken.
             samples: k futures of each model.
             seed: of the noise, together with `recording` and the index of the first observed step.
-            recording: name of the stream.
+            recording: of the noise, too, as in `predict`; not for names that may change.
             max_gap: see `Window`, as are the others.
             timeout: seconds.
             reset_after: seconds.
             max_tracks: people followed at once.
+            hold: seconds for which somebody unseen is still forecast.
+            far: metres.
+            max_speed: metres per second.
 
         Raises:
             InputError: for numbers out of range, no model, or models that observe different spans.
@@ -107,6 +116,9 @@ class Predictor:
             timeout=timeout,
             reset_after=reset_after,
             max_tracks=max_tracks,
+            hold=hold,
+            far=far,
+            max_speed=max_speed,
         )
         self.max_people, self.recording = max_people, recording
         self._forecasters = {
@@ -142,7 +154,7 @@ class Predictor:
         arrived = time.perf_counter()
         if not self.window.push(stamp, ids, xy, focus):
             return None
-        people, observed = self.window.complete()
+        people, observed, extrapolated = self.window.complete()
         if len(people) == 0:
             return None
         dropped = self.window.incomplete()
@@ -152,7 +164,7 @@ class Predictor:
             order = np.argsort(np.linalg.norm(last - centre, axis=1), kind="stable")
             dropped |= dict.fromkeys(people[order[self.max_people :]].tolist(), "crowded")
             near = np.sort(order[: self.max_people])
-            people, observed = people[near], observed[near]
+            people, observed, extrapolated = people[near], observed[near], extrapolated[near]
         index = self.window.index
         forecasts = self._forecast(observed, index - self.window.steps + 1)
         assert self.window.start is not None
@@ -164,6 +176,7 @@ class Predictor:
             models=forecasts,
             dropped=dropped,
             latency=time.perf_counter() - arrived,
+            extrapolated=extrapolated,
         )
 
     def _forecast(self, observed: np.ndarray, frame: int) -> dict[str, ModelForecast]:

@@ -2,8 +2,9 @@
 
 Online counterpart of `data.tracks.resample`, with the same grid and the same numbers: a grid point
 lies linearly between the two neighbouring observations of a person, at most `max_gap` apart.
-Nothing is extrapolated, so a person is known at a grid point once seen at or after it. All storage
-is allocated at the start. It knows stamps in the messages' headers, never the wall clock.
+A person is known at a grid point once seen at or after it; where that is wanted, somebody who was
+lost a moment ago is extrapolated meanwhile, which is said and never remembered. All storage is
+allocated at the start. It knows stamps in the messages' headers, never the wall clock.
 """
 
 import dataclasses
@@ -13,11 +14,10 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.errors import InputError
+from neurosym_jax.tracking.motion import FAR, MAX_SPEED, is_jump
 
 __all__ = ["Health", "Window"]
 
-FAR = 1e7
-"""Metres; a coordinate beyond is a fault of the sender. UTM's stay below."""
 LATE = 1e11
 """Seconds; beyond, float64 stamps no longer resolve a step. The year is 5138."""
 
@@ -43,7 +43,11 @@ class Health:
     duplicate_ids: int = 0
     """People refused: the id is in the frame already."""
     bad_positions: int = 0
-    """People refused: a coordinate is not finite or beyond `FAR`."""
+    """People refused: a coordinate is not finite."""
+    far_positions: int = 0
+    """People left out: a coordinate is `far` or beyond, where trackers put those they lost."""
+    jumps: int = 0
+    """People who moved farther than anybody walks: somebody new begins there."""
     refused: int = 0
     """People refused: `max_tracks` are followed already."""
     forgotten: int = 0
@@ -62,6 +66,9 @@ class Window:
         timeout: float = 10.0,
         reset_after: float = 5.0,
         max_tracks: int = 1024,
+        hold: float = 0.0,
+        far: float = FAR,
+        max_speed: float = MAX_SPEED,
     ):
         """An empty window; lengths in seconds.
 
@@ -72,6 +79,9 @@ class Window:
             timeout: a track not seen for so long is forgotten.
             reset_after: a stamp this much older than the newest means that the clock was set back.
             max_tracks: how many are followed at once; of newcomers the nearest to the focus first.
+            hold: somebody not seen for up to so long is extrapolated.
+            far: metres; who has a coordinate that is as large is left out.
+            max_speed: metres per second; see `tracking.motion.is_jump`.
 
         Raises:
             InputError: for a length or number that is out of range.
@@ -83,10 +93,16 @@ class Window:
                 "max_gap and reset_after must not be negative, and timeout must exceed max_gap; "
                 f"they are {max_gap}, {reset_after} and {timeout}"
             )
+        if not (0 <= hold < timeout and far > 0 and max_speed > 0):
+            raise InputError(
+                "hold must be shorter than timeout, far and max_speed must be positive; "
+                f"they are {hold}, {far} and {max_speed}"
+            )
         if steps < 1 or max_tracks < 1:
             raise InputError(f"steps and max_tracks must be positive, not {steps}, {max_tracks}")
         self.steps, self.period = steps, float(period)
         self.max_gap, self.timeout, self.reset_after = max_gap, timeout, reset_after
+        self.hold, self.far, self.max_speed = hold, far, max_speed
         self.health = Health()
         self._id = np.zeros(max_tracks, np.int64)
         self._stamp = np.full(max_tracks, -np.inf)
@@ -95,6 +111,7 @@ class Window:
         self._ring = np.zeros((max_tracks, steps, 2))
         self._last = np.full(max_tracks, -1, np.int64)  # newest grid point known
         self._run = np.zeros(max_tracks, np.int64)  # grid points known without a break until then
+        self._first = np.zeros(max_tracks, np.int64)  # grid point from which on it may be known
         self._clear()
 
     def _clear(self) -> None:
@@ -136,21 +153,38 @@ class Window:
             self._observe(place, *self._clean(ids, xy), focus)
         return self.index > before
 
-    def complete(self) -> tuple[np.ndarray, np.ndarray]:
-        """Ids [N], ascending, and positions [N, steps, 2] of all with a window that ends now."""
+    def complete(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All with a window that ends now.
+
+        Returns:
+            Ids [N], ascending; positions [N, steps, 2]; and the number [N] of steps at the end that
+            were not seen but extrapolated, at the velocity of the last two that were.
+        """
         slots = np.array(sorted(self._slot.values()), int)
-        slots = slots[(self._last[slots] == self.index) & (self._run[slots] >= self.steps)]
+        slots = slots[self._is_complete(slots)]
         slots = slots[np.argsort(self._id[slots], kind="stable")]
-        when = (self.index + 1 + np.arange(self.steps)) % self.steps
-        return self._id[slots], self._ring[slots][:, when]
+        last = self._last[slots]
+        when = np.arange(self.index + 1 - self.steps, self.index + 1)
+        positions = self._ring[slots][:, when % self.steps]
+        if (last < self.index).any():
+            before, newest = (self._ring[slots, n % self.steps] for n in (last - 1, last))
+            ahead = np.maximum(when - last[:, None], 0)[..., None]
+            guess = newest[:, None] + ahead * (newest - before)[:, None]
+            positions = np.where(ahead > 0, guess, positions)
+        return self._id[slots], positions, self.index - last
 
     def incomplete(self) -> dict[int, str]:
         """Why the others are missing: "unseen" at the newest grid point, or "short" windows."""
         slots = np.array(list(self._slot.values()), int)
-        seen = self._last[slots] == self.index
-        out = slots[~(seen & (self._run[slots] >= self.steps))]
+        out = slots[~self._is_complete(slots)]
         reasons = np.where(self._last[out] == self.index, "short", "unseen")
         return dict(zip(self._id[out].tolist(), reasons.tolist()))
+
+    def _is_complete(self, slots: np.ndarray) -> np.ndarray:
+        """[S] whether each has all its steps, those that may be extrapolated included."""
+        missing = self.index - self._last[slots]
+        held = (self.stamp - self._stamp[slots] <= self.hold + SNAP) & (self._run[slots] >= 2)
+        return ((missing == 0) | held) & (self._run[slots] + missing >= self.steps)
 
     def _accept(self, stamp: float) -> bool:
         """Whether this frame is the next; clears everything where the clock was set back."""
@@ -185,9 +219,10 @@ class Window:
             health.bad_ids += int((~whole).sum())
             ids, xy = ids[whole], xy[whole]
         ids = ids.astype(np.int64)
-        fine = (np.abs(xy) < FAR).all(axis=1)
+        fine, near = np.isfinite(xy).all(axis=1), (np.abs(xy) < self.far).all(axis=1)
         health.bad_positions += int((~fine).sum())
-        ids, xy = ids[fine], xy[fine]
+        health.far_positions += int((fine & ~near).sum())
+        ids, xy = ids[near], xy[near]
         unique, first = np.unique(ids, return_index=True)
         health.duplicate_ids += len(ids) - len(unique)
         return unique, xy[first]
@@ -212,7 +247,7 @@ class Window:
             slot = self._free.pop()
             self._slot[id] = slot
             self._id[slot], self._stamp[slot] = id, -np.inf
-            self._run[slot], self._last[slot] = 0, -1
+            self._run[slot], self._last[slot], self._first[slot] = 0, -1, 0
 
     def _observe(
         self, place: float, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None
@@ -224,6 +259,12 @@ class Window:
         xy, slots = xy[slots >= 0], slots[slots >= 0]
         stamp, position = self._stamp[slots], self._position[slots]
         joined = self.stamp - stamp <= self.max_gap + 2 * SNAP
+        moved = np.linalg.norm(xy - position, axis=1)
+        jumped = joined & is_jump(moved, self.stamp - stamp, self.max_speed)
+        self.health.jumps += int(jumped.sum())
+        # A step between the two stays unknown, so that nobody takes them for one.
+        self._first[slots[jumped]] = self._last[slots[jumped]] + 2
+        joined &= ~jumped
         self._run[slots[~joined]] = 0
         since = np.floor(self._place[slots])
         span = np.where(joined, self.stamp - stamp, 1.0)
@@ -231,7 +272,7 @@ class Window:
         # Older grid points than a window's have no place in the ring and are not asked for.
         for n in range(int(max(first, self.index - self.steps + 1)), self.index + 1):
             exact = n == place
-            fill = (joined & (since < n)) | exact
+            fill = ((joined & (since < n)) | exact) & (n >= self._first[slots])
             weight = (self.start + n * self.period - np.where(joined, stamp, 0.0)) / span
             weight = np.clip(weight, 0.0, 1.0)[:, None]
             # In this form a person who stands still stays exactly still, as in `resample`.

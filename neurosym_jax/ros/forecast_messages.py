@@ -21,7 +21,8 @@ def forecast_message(
 ) -> Any:
     """The HumansTrajs of one model: observed steps, then those of its most central sample.
 
-    The covariance of a position is that of the samples around their mean.
+    The covariance of a position is that of the samples around their mean, the confidence of a
+    person the share of the observed steps that were seen and not extrapolated.
     """
     result = forecast.models[model]
     observed = forecast.observed.shape[1]
@@ -30,7 +31,13 @@ def forecast_message(
     covariance = np.zeros((*xy.shape, 2))
     covariance[:, observed:] = np.einsum("knti,kntj->ntij", around, around) / len(around)
     steps = forecast.stamp + period * np.arange(1 - observed, xy.shape[1] - observed + 1)
-    return make_trajectories(types, forecast.stamp, steps, forecast.ids, xy, covariance, frame_id)
+    message = make_trajectories(
+        types, forecast.stamp, steps, forecast.ids, xy, covariance, frame_id
+    )
+    for step in message.trajs:
+        for human, lost in zip(step.humans, forecast.extrapolated.tolist()):
+            human.confidence = 1 - lost / observed
+    return message
 
 
 def truth_message(

@@ -129,7 +129,7 @@ def _forecast(
     frames = list(read_people(bag))
     summaries, done, mended = [], [], []
     for stitcher in (None, OnlineStitcher()):
-        predictor = _predictor(models, bag, samples)
+        predictor = _predictor(models, samples)
         analytics = Analytics()
         events = list(replay(frames, predictor, analytics, stitcher=stitcher))
         done = [each for event in events for each in event.scored] + analytics.finish()
@@ -143,8 +143,8 @@ def _forecast(
     )
 
 
-def _predictor(models: dict[str, Model], bag: Path, samples: int) -> Predictor:
-    return Predictor(models, samples=samples, max_people=4, recording=bag.stem)
+def _predictor(models: dict[str, Model], samples: int) -> Predictor:
+    return Predictor(models, samples=samples, max_people=4)
 
 
 def _latency(
@@ -154,7 +154,7 @@ def _latency(
     latencies = {}
     for name, model in models.items():
         analytics, stitcher = Analytics(), OnlineStitcher()
-        predictor = _predictor({name: model}, recording.bag, samples)
+        predictor = _predictor({name: model}, samples)
         for _ in replay(recording.frames, predictor, analytics, stitcher=stitcher):
             pass
         latencies[name] = analytics.summary()["latency_ms"]

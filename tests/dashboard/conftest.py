@@ -44,7 +44,14 @@ def frames_and_forecasts(seconds: float, people: int = 3, start: float = 1.7e9) 
                 models[name] = ModelForecast(samples, samples.mean(axis=0), 2)
             dropped = {7: "short", 9: "<script>"}
             forecast = Forecast(
-                frame.stamp, n // 4, ids, path[:, :8], models, dropped, 1e-3 * (n % 5 + 1)
+                frame.stamp,
+                n // 4,
+                ids,
+                path[:, :8],
+                models,
+                dropped,
+                1e-3 * (n % 5 + 1),
+                np.zeros(people, int),
             )
             analytics.add(forecast)
         yield frame, forecast, analytics.summary()

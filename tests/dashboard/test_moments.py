@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.dashboard import ReplayFile
-from neurosym_jax.dashboard.moments import MOST
+from neurosym_jax.dashboard.moments import MAX_NAMED
 from neurosym_jax.dashboard.symbols import PairSymbols
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
@@ -74,10 +74,10 @@ def test_whatever_is_seen_is_bounded_and_sound(moments):
     xy[::2] = ids[::2, None] % 7
     xy[::4] = [np.inf, 1e300]
     told = moments.moment(Frame(0.0, ids, xy), None, {})
-    assert len(told) < 100 * MOST
+    assert len(told) < 100 * MAX_NAMED
     told = json.loads(told)
-    assert len(told["ids"]) == MOST
-    assert told["more"] == 2500 - MOST
+    assert len(told["ids"]) == MAX_NAMED
+    assert told["more"] == 2500 - MAX_NAMED
     assert told["ids"][:2] == ["2", "6"]
 
 

@@ -1,9 +1,11 @@
 """The page in a real browser: people move, it pauses, it says the error; live and from a file."""
 
+import dataclasses
 import re
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from neurosym_jax.dashboard import Dashboard, write_replay
@@ -83,6 +85,29 @@ def test_live(page, live, stream):
     drawn(page)
     assert page.locator("#status").inner_text() == "live"
     assert seconds(page) > clock
+
+
+def test_what_is_old_is_not_called_live(page, moments, stream):
+    dashboard = Dashboard(moments, port=0)
+    dashboard.start()
+    events = list(stream(4))
+    for event in events[:-1]:
+        dashboard.show(*event)
+    page.goto(dashboard.url)
+    page.get_by_text(re.compile(r"stale: nothing heard for \d+ s")).wait_for()
+    dashboard.show(*events[-1])
+    page.wait_for_function("status => document.getElementById('status').innerText === 'live'")
+    dashboard.close()
+
+
+def test_who_is_extrapolated_is_named(page, moments, stream, tmp_path):
+    *events, (frame, forecast, summary) = stream(6.1)
+    lost = dataclasses.replace(forecast, extrapolated=np.array([0, 2, 0]))
+    write_replay([*events, (frame, lost, summary)], tmp_path / "replay.html", moments)
+    page.goto((tmp_path / "replay.html").as_uri())
+    press(page, "End")
+    assert "forecast though lost" in page.locator("#dropped").inner_text()
+    assert str(2**53 + 1)[-4:] in page.locator("#dropped li").last.inner_text()
 
 
 def test_a_file_to_share(page, moments, stream, tmp_path):

@@ -1,5 +1,6 @@
 """The running score is the offline score of the same forecasts, and stays small."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -28,7 +29,8 @@ def forecast(path: np.ndarray, index: int, ids, names=("a", "b"), dropped=None) 
         samples = rng.normal(0, 1, (K, len(ids), PRED, 2))
         models[name] = ModelForecast(samples, samples.mean(axis=0), 0)
     observed = path[ids, index - OBS + 1 : index + 1]
-    return Forecast(index * 0.4, index, ids, observed, models, dropped or {}, index * 1e-3)
+    nobody = np.zeros(len(ids), int)
+    return Forecast(index * 0.4, index, ids, observed, models, dropped or {}, index * 1e-3, nobody)
 
 
 def test_equals_the_offline_errors():
@@ -71,6 +73,21 @@ def test_a_person_lost_for_a_moment_counts_and_one_gone_does_not():
     unknown = PRED * 3
     assert analytics.summary()["models"]["a"]["people"] == people - unknown
     assert analytics.dropped == {"unseen": 1, "future unknown": unknown}
+
+
+def test_what_was_extrapolated_is_no_truth():
+    path = walk(40, 1)
+    analytics = Analytics()
+    for n in range(2, 30):
+        each = forecast(path, n, [0])
+        if n in (12, 13):  # Not seen at 12 and 13; at 14 the steps between are known.
+            wrong = each.observed + np.where(np.arange(OBS) >= OBS + 11 - n, 100.0, 0.0)[:, None]
+            lost = np.array([n - 11])
+            each = dataclasses.replace(each, observed=wrong, extrapolated=lost)
+        analytics.add(each)
+    for done in analytics.finish():
+        assert not (np.abs(done.future) > 50).any()
+    assert analytics.summary()["models"]["a"]["joint_ade"] < 5
 
 
 def test_gaps_between_forecasts_and_a_clock_set_back():

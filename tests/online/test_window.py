@@ -38,7 +38,8 @@ def test_an_irregular_stream_is_resampled_as_offline(start):
     for stamp, here, xy in zip(stamps, seen, walk):
         if not window.push(stamp, np.flatnonzero(here), xy[here]):
             continue
-        ids, positions = window.complete()
+        ids, positions, extrapolated = window.complete()
+        assert not extrapolated.any()
         assert list(ids) == sorted(ids)
         whole = {i for i in range(5) if all((window.index - k, i) in known for k in range(4))}
         assert set(ids.tolist()) <= whole
@@ -73,7 +74,7 @@ def test_a_clock_set_back_begins_the_grid_anew():
 
 
 def test_a_pause_breaks_windows_and_a_short_gap_does_not():
-    window = Window(3, 0.4)
+    window = Window(3, 0.4, far=np.inf)
     frames(window, np.arange(13) / 10)
     frames(window, [2.1])
     assert len(window.complete()[0]) == 1
@@ -93,7 +94,8 @@ def test_nan_people_are_left_out_and_counted():
     window.push(0.0, [1, 2, 2, 3], [[0, 0], [np.nan, 0], [1, 1], [1e30, 0]])
     window.push(0.4, np.array([1.0, 2.5, np.nan]), np.zeros((3, 2)))
     health = window.health
-    assert (health.bad_positions, health.duplicate_ids, health.bad_ids) == (2, 0, 2)
+    assert (health.bad_positions, health.duplicate_ids, health.bad_ids) == (1, 0, 2)
+    assert health.far_positions == 1
     assert window.complete()[0].tolist() == [1]
 
 
@@ -131,10 +133,61 @@ def test_random_streams_never_crash():
         xy = rng.normal(0, 10.0 ** rng.integers(0, 12), (count, 2))
         xy[rng.random(count) < 0.1] = np.nan
         window.push(stamp, rng.integers(-5, 40, count), xy)
-        ids, positions = window.complete()
+        ids, positions, _ = window.complete()
         assert len(np.unique(ids)) == len(ids) <= 20
         assert np.isfinite(positions).all()
     assert window.health.frames == 600
+
+
+def test_the_robots_filter_puts_who_is_lost_far_away():
+    window = Window(3, 0.4, hold=2.0)
+    for n in range(30):
+        lost = 14 <= n < 20
+        xy = [[-3000.0, -3000.0] if lost else [n / 10, 0.0], [0.0, 1.0]]
+        window.push(n / 10, [1, 2], xy)
+        assert np.abs(window.complete()[1]).max(initial=0) < 10
+    assert window.health.far_positions == 6
+    assert window.health.jumps == 0
+    assert window.complete()[0].tolist() == [1, 2]
+    utm = Window(1, 0.4, far=np.inf)
+    utm.push(0.0, [1], [[5e5, 5e6]])
+    assert len(utm.complete()[0]) == 1
+
+
+def test_who_jumps_is_somebody_new():
+    window = Window(3, 0.4)
+    known = {}
+    for n in range(40):
+        xy = [n / 10, 0.0] if n < 18 else [n / 10, 4.0]
+        if window.push(n / 10, [1], [xy]):
+            known[n] = window.complete()[1]
+    assert window.health.jumps == 1
+    for n, positions in known.items():
+        # No window has both sides of the jump, and a step between them is in none.
+        assert len(positions) == (8 <= n <= 16 or n >= 32), n
+        assert len(np.unique(positions[..., 1])) <= 1
+    anything = Window(3, 0.4, max_speed=np.inf)
+    for n in range(20):
+        anything.push(n / 10, [1], [[100.0 * (n % 2), 0.0]])
+    assert anything.health.jumps == 0
+
+
+def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
+    window = Window(4, 0.4, hold=1.0)
+    whole = {}
+    for n in range(60):
+        seen = [1, 2] if not 22 <= n < 28 and n < 45 else [2]
+        xy = [[n / 10, 1.0] if id == 1 else [0.0, 0.0] for id in seen]
+        if window.push(n / 10, seen, xy):
+            ids, positions, extrapolated = window.complete()
+            whole[n] = dict(zip(ids.tolist(), extrapolated.tolist()))
+            if 1 in whole[n]:
+                wanted = n / 10 - 0.4 * np.arange(3, -1, -1)
+                assert_allclose(positions[0, :, 0], wanted, atol=1e-9)
+    assert [whole[n].get(1) for n in (20, 24, 28)] == [0, 1, 0]
+    assert [whole[n].get(1) for n in (44, 48, 52, 56)] == [0, 1, 2, None]
+    assert all(each[2] == 0 for n, each in whole.items() if n >= 12)
+    assert window.incomplete() == {1: "unseen"}
 
 
 def test_misuse_is_refused():
@@ -146,5 +199,7 @@ def test_misuse_is_refused():
         Window(2, 0.0)
     with pytest.raises(InputError, match="timeout"):
         Window(2, 0.4, timeout=0.5)
+    with pytest.raises(InputError, match="hold"):
+        Window(2, 0.4, hold=20.0)
     with pytest.raises(InputError, match="max_tracks"):
         Window(2, 0.4, max_tracks=0)

@@ -26,7 +26,9 @@ def forecast() -> Forecast:
     samples = rng.normal(size=(6, 2, 4, 2))
     result = ModelForecast(samples, samples.mean(axis=0), 3)
     observed = rng.normal(size=(2, 3, 2))
-    return Forecast(100.0, 9, np.array([4, 8]), observed, {"SGAN": result}, {}, 0.0)
+    return Forecast(
+        100.0, 9, np.array([4, 8]), observed, {"SGAN": result}, {}, 0.0, np.array([0, 1])
+    )
 
 
 def test_a_forecast_is_the_observed_and_the_most_central_future(types):
@@ -43,6 +45,7 @@ def test_a_forecast_is_the_observed_and_the_most_central_future(types):
     covariance = message.trajs[6].humans[1].centroid.covariance.reshape(6, 6)
     samples = there.models["SGAN"].samples[:, 1, 3]
     assert_allclose(covariance[:2, :2], np.cov(samples.T, bias=True))
+    assert [human.confidence for human in message.trajs[6].humans] == [1, pytest.approx(2 / 3)]
     assert not message.trajs[2].humans[1].centroid.covariance.any()
 
 

@@ -31,7 +31,7 @@ def random_frames(seed: int, length: int):
         step = 0.1 if calm else rng.choice(STEPS)
         now += step if np.isfinite(step) else 0.0
         ids: Any = np.arange(rng.integers(0, 12) if calm else 5)
-        xy = rng.normal(0, 1, (len(ids), 2)) + now % 100
+        xy = rng.normal(0, 0.3, (len(ids), 2)) + now % 100
         if not calm:
             odd = (ids, ids * 1.5, -ids, ids * 0, ids + 2**62, ids + np.nan)
             ids = odd[rng.integers(len(odd))]

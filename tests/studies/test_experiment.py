@@ -1,5 +1,6 @@
 """The experiment's numbers are those of its recordings, and its report is whole."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -52,13 +53,9 @@ def test_scores_by_hand():
     future = walk[:, 8:]
     samples = np.stack([future + np.array([0.0, shift]) for shift in (1.0, 2.0)])
     result = ModelForecast(samples, samples.mean(axis=0), 1)
-    forecast = Forecast(
-        0.0, 7, np.array([1, 2]), walk[:, :8], {"m": result}, {}, 1e-3, future=future
-    )
-    unknown = np.full_like(future, np.nan)
-    lonely = Forecast(
-        0.4, 8, np.array([1, 2]), walk[:, :8], {"m": result}, {}, 1e-3, future=unknown
-    )
+    ids, seen = np.array([1, 2]), np.zeros(2, int)
+    forecast = Forecast(0.0, 7, ids, walk[:, :8], {"m": result}, {}, 1e-3, seen, future)
+    lonely = dataclasses.replace(forecast, index=8, future=np.full_like(future, np.nan))
     result = score([forecast, lonely], "m")
     assert result.sequences == 1
     assert (result.ade, result.fde) == pytest.approx((2.0, 2.0))
