@@ -6,8 +6,12 @@ loaded, replayed and served like them. What a forecaster is, `forecaster` says.
 """
 
 import dataclasses
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Mapping
 from typing import Any
+
+import jax
+import numpy as np
 
 from neurosym_jax.checks import refuse_below
 from neurosym_jax.config import GeneratorConfig
@@ -15,6 +19,9 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.registry import Registry
+from neurosym_jax.scene import make_scene
+
+Shapes = Callable[[Any], Mapping[str, tuple[int, ...]]]
 
 __all__ = ["FORECASTERS", "ForecasterKind", "Lengths", "register_forecaster"]
 
@@ -47,6 +54,8 @@ class ForecasterKind:
     """Of the configuration: a frozen dataclass with at least the fields of `Lengths`."""
     title: Callable[[Any], str] | str
     """What a model of this kind is called in tables; may depend on its configuration."""
+    shapes: Shapes | None
+    """Of the parameters, by path; None where nobody says."""
 
     def title_of(self, config: Any) -> str:
         """The title of a model with this configuration."""
@@ -59,6 +68,7 @@ def register_forecaster(
     *,
     config: type = Lengths,
     title: Callable[[Any], str] | str | None = None,
+    shapes: Shapes | None = None,
     replace: bool = False,
 ) -> None:
     """Add a kind of forecasters.
@@ -70,6 +80,8 @@ def register_forecaster(
         config: the configuration's type, a frozen dataclass that has at least `obs_len`, `pred_len`
             and `period` as `Lengths` has them, and values that JSON can hold.
         title: what tables call it, or a function of the configuration; the name by default.
+        shapes: from a configuration to the shapes of the parameters by path (see `parameters`), by
+            which a model's folder is checked; by default it is not.
         replace: put it in the place of another of this name.
 
     Raises:
@@ -82,7 +94,7 @@ def register_forecaster(
             f"forecaster {name!r}: its configuration must be a frozen dataclass with the fields "
             f"{', '.join(sorted(missing))}"
         )
-    kind = ForecasterKind(make, config, name if title is None else title)
+    kind = ForecasterKind(make, config, name if title is None else title, shapes)
     FORECASTERS.register(name, kind, replace=replace)
 
 
@@ -98,12 +110,37 @@ def _generator_title(config: GeneratorConfig) -> str:
     return f"{pooling.label}, {weighting.name}"
 
 
+def _generator_shapes(config: GeneratorConfig) -> Mapping[str, tuple[int, ...]]:
+    from neurosym_jax.symbolic.weighting import initial_parameters
+
+    params: Any = _fresh.eval_shape(config, jax.random.key(0))
+    if parameters := initial_parameters(config.weighting):
+        params = {**params, "weighting": parameters}
+    leaves = jax.tree_util.tree_leaves_with_path(params)
+    return {jax.tree_util.keystr(at, simple=True, separator="/"): leaf.shape for at, leaf in leaves}
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _fresh(config: GeneratorConfig, key: jax.Array) -> Any:
+    """New parameters; compiled only so that its shapes are traced once a configuration."""
+    from neurosym_jax.models import Generator
+
+    scene = make_scene(np.zeros((1, config.obs_len, 2)))
+    pairs = (1, 1) if POOLINGS[config.pooling].of_pairs else (1,)
+    alpha = np.zeros((*pairs, config.obs_len))
+    return Generator(config).init(key, scene, np.zeros((1, config.noise_dim)), alpha)
+
+
 def _register_built_in() -> None:
     from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
     from neurosym_jax.forecasting.networks import GeneratorForecaster
 
     register_forecaster(
-        "generator", GeneratorForecaster, config=GeneratorConfig, title=_generator_title
+        "generator",
+        GeneratorForecaster,
+        config=GeneratorConfig,
+        title=_generator_title,
+        shapes=_generator_shapes,
     )
     register_forecaster(
         "constant_velocity",

@@ -1,56 +1,90 @@
-"""Models on disk: our folders and, read through `interop`, torch's files.
+"""Models on disk: folders of three files and, read through `interop`, torch's checkpoints.
 
-A model's folder holds `config.json` (format version, generator, scene left out of training, digest
-of the parameters), `params/` (arrays, see `checkpoint`) and a card for people.
+A model's folder holds `config.json` (the kind of forecaster and its configuration, the dataset left
+out of training, a digest), `params.safetensors` (arrays by path, see `parameters`) and `README.md`,
+the card for people. The digest is of both other files' bytes and stands in the second line:
+
+    (tail -n +3 config.json; cat params.safetensors) | sha256sum
+
+It is compared before either file is parsed.
 """
 
 import dataclasses
+import hashlib
 import json
+import re
+import warnings
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
-from neurosym_jax.config import FORMAT, GeneratorConfig, from_json
+from neurosym_jax import config as configs
 from neurosym_jax.data.published import find
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models import Generator
-from neurosym_jax.models.pooling import POOLINGS
-from neurosym_jax.runtime.processes import is_first
-from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.training.arrays import digest, read_arrays, write_arrays
+from neurosym_jax.forecasting.parameters import (
+    flat_parameters,
+    listed,
+    nested_parameters,
+    refuse_not_finite,
+)
+from neurosym_jax.runtime.files import new_file, new_folder, write_text
+from neurosym_jax.runtime.memory import refuse_beyond_memory
 
-__all__ = ["load_model", "save_model", "shipped_models"]
+__all__ = [
+    "CARD",
+    "FORMAT",
+    "load_model",
+    "refuse_misfit",
+    "replace_model",
+    "save_model",
+    "shipped_models",
+]
 
-CONFIG = "config.json"
+CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
+FORMAT = 2
+FIELDS = ("format", "forecaster", "config", "dataset")
+HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
+LARGEST_TEXT = 2**20
+"""Bytes of a configuration, and of the names and shapes of all parameters."""
 
 
-def save_model(folder: Path | str, model: Model) -> None:
-    """Write `model` as a new folder; of several processes all call it, and the first one writes.
+def save_model(folder: Path | str, model: Model, card: str | None = None) -> None:
+    """Write `model` as a new folder, which appears whole or not at all.
+
+    Args:
+        folder: of the model.
+        model: parameters are nested dictionaries of finite arrays that fit the configuration.
+        card: text of its `README.md`; by default what the configuration says.
 
     Raises:
-        InputError: when something is already there.
+        InputError: when something is already there or cannot be written, and for a model that
+            would not be read as it is.
+    """
+    config, params = _files(model)
+    with new_folder(folder) as beside:
+        (beside / PARAMS).write_bytes(params)
+        (beside / CONFIG).write_bytes(config)
+        (beside / CARD).write_text(_card(model) if card is None else card, encoding="utf-8")
+
+
+def replace_model(folder: Path | str, model: Model) -> None:
+    """Write `model` into a model's folder of an earlier format, whose card stays.
+
+    Whatever ends it on the way, the folder can be read: as before, or as it will be.
+
+    Raises:
+        InputError: as `save_model` does.
     """
     folder = Path(folder)
-    params = jax.tree.map(np.asarray, model.params)
-    if is_first():
-        if folder.exists():
-            raise InputError(f"{folder}: already there, and nothing is overwritten")
-        folder.mkdir(parents=True)
-    write_arrays(folder / "params", params)
-    if not is_first():
-        return
-    config = {
-        "format": FORMAT,
-        "generator": dataclasses.asdict(model.config),
-        "scene": model.dataset,
-        "sha256": digest(params),
-    }
-    # Last, so that a folder with a config is whole.
-    (folder / CONFIG).write_text(json.dumps(config, indent=2) + "\n")
+    config, params = _files(model)
+    for name, content in ((PARAMS, params), (CONFIG, config)):
+        with new_file(folder / name) as beside:
+            beside.write_bytes(content)
+    if not (folder / CARD).exists():
+        write_text(folder / CARD, _card(model))
 
 
 def load_model(path: Path | str) -> Model:
@@ -69,42 +103,121 @@ def load_model(path: Path | str) -> Model:
         raise InputError(f"{path}: no such checkpoint")
     if not (path / CONFIG).is_file():
         raise InputError(f"{path}: not a model's folder: it has no {CONFIG}")
-    source = str(path / CONFIG)
     try:
-        data = json.loads((path / CONFIG).read_text())
-        fields = {"format", "generator", "scene", "sha256"}
-        if not isinstance(data, dict) or set(data) != fields:
-            raise InputError(f"{source}: must have exactly the fields {', '.join(sorted(fields))}")
-        generator = {"format": data["format"], **data["generator"]}
-    except (json.JSONDecodeError, UnicodeDecodeError, TypeError) as error:
-        raise InputError(f"{source}: not a model's configuration ({error})") from None
-    config = from_json(GeneratorConfig, generator, source)
-    params = read_arrays(path / "params")
-    if digest(params) != data["sha256"]:
-        raise InputError(f"{path}: damaged: the parameters do not match the digest in {CONFIG}")
-    _refuse_misshapen(config, params, source)
-    return Model(config, params, data["scene"])
+        with (path / CONFIG).open("rb") as file:
+            config = file.read(LARGEST_TEXT + 1)
+        if (head := HEAD.match(config)) is None and (path / "params").is_dir():
+            from neurosym_jax.training.old_models import load_old_model
 
-
-def _refuse_misshapen(config: GeneratorConfig, params: Any, source: str) -> None:
-    """The digest is of the parameters alone, so `config.json` may describe another network."""
-    example = make_scene(np.zeros((1, config.obs_len, 2)))
-    noise = np.zeros((1, config.noise_dim))
-    pairs = (1, 1) if POOLINGS[config.pooling].of_pairs else (1,)
-    alpha = np.zeros((*pairs, config.obs_len))
-    wanted: Any = jax.eval_shape(Generator(config).init, jax.random.key(0), example, noise, alpha)
-    if parameters := initial_parameters(config.weighting):
-        wanted = {**wanted, "weighting": parameters}
-    wanted, given = (
-        {jax.tree_util.keystr(at): np.shape(leaf) for at, leaf in leaves}
-        for leaves in map(jax.tree_util.tree_leaves_with_path, (wanted, params))
-    )
-    for name in [*wanted, *given]:
-        if wanted.get(name) != given.get(name):
-            shapes = [tree.get(name, "absent") for tree in (given, wanted)]
-            raise InputError(
-                f"{source}: describes another network: {name} is {shapes[0]}, not {shapes[1]}"
+            warnings.warn(
+                f"{path}: a model's folder of format 1, which the next versions may not read: "
+                f"`neurosym convert {path}` brings it to format {FORMAT}",
+                InputWarning,
+                stacklevel=2,
             )
+            return load_old_model(path, config)
+        if head is None or len(config) > LARGEST_TEXT:
+            raise InputError(f"not a model's {CONFIG}, or a damaged one")
+        return _read(path, config[head.end() :], head[1].decode())
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or type(error).__name__}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _read(path: Path, config: bytes, sha256: str) -> Model:
+    """The model of a folder, from what follows the digest in its configuration."""
+    params = path / PARAMS
+    if not params.is_file():
+        raise InputError(f"it has no {PARAMS}")
+    with params.open("rb") as file:
+        size = int.from_bytes(file.read(8), "little")
+        file.seek(0)
+        if hashlib.file_digest(file, lambda: hashlib.sha256(config)).hexdigest() != sha256:
+            raise InputError(f"damaged: {CONFIG} and {PARAMS} do not match their digest")
+    if size > LARGEST_TEXT:
+        raise InputError(f"{PARAMS}: {size} bytes of names are more than {LARGEST_TEXT}")
+    refuse_beyond_memory(PARAMS, 3 * params.stat().st_size, "free some")
+    try:
+        fields: Any = json.loads(b"{" + config)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{CONFIG}: not JSON ({error})") from None
+    if type(fields.get("format")) is not int or fields["format"] != FORMAT:
+        raise InputError(
+            f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
+        )
+    kind, values, dataset = (fields.get(name) for name in FIELDS[1:])
+    if set(fields) != set(FIELDS) or not isinstance(kind, str) or not isinstance(values, dict):
+        raise InputError(f"{CONFIG}: must have the fields {', '.join(FIELDS)} and no others")
+    if not isinstance(dataset, str | None):
+        raise InputError(f"{CONFIG}: dataset = {dataset!r} is not a name")
+    model = Model(_config(kind, values), nested_parameters(_arrays(params)), dataset, kind)
+    refuse_misfit(model)
+    return model
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    from safetensors import SafetensorError
+    from safetensors.numpy import load_file
+
+    try:
+        return load_file(path)
+    except (SafetensorError, KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{path.name}: cannot be read ({error})") from None
+
+
+def _config(kind: str, values: dict[str, Any]) -> Any:
+    return configs.from_json(FORECASTERS[kind].config, {"format": configs.FORMAT, **values}, CONFIG)
+
+
+def _files(model: Model) -> tuple[bytes, bytes]:
+    """What `config.json` and `params.safetensors` hold."""
+    from safetensors.numpy import save
+
+    refuse_misfit(model)
+    params = save(flat_parameters(model.params))
+    values = dataclasses.asdict(model.config)
+    fields = dict(zip(FIELDS, (FORMAT, model.kind, values, model.dataset), strict=True))
+    try:
+        rest = json.dumps(fields, indent=2, allow_nan=False).removeprefix("{\n").encode() + b"\n"
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the configuration of {model.name} is not JSON ({error})") from None
+    if _config(model.kind, json.loads(b"{" + rest)["config"]) != model.config:
+        raise InputError(f"the configuration of {model.name} does not come back from JSON")
+    sha256 = hashlib.sha256(rest + params).hexdigest()
+    return f'{{\n  "sha256": "{sha256}",\n'.encode() + rest, params
+
+
+def refuse_misfit(model: Model) -> None:
+    """Refuse parameters that are not those that the configuration describes.
+
+    Raises:
+        InputError: naming what is not finite, missing, unexpected or misshapen.
+    """
+    flat = flat_parameters(model.params)
+    refuse_not_finite(flat)
+    shapes = FORECASTERS[model.kind].shapes
+    if shapes is None:
+        return
+    wanted = shapes(model.config)
+    given = {name: array.shape for name, array in flat.items()}
+    wrong = [
+        f"{name} is {given.get(name, 'absent')}, not {wanted.get(name, 'expected')}"
+        for name in {**wanted, **given}
+        if wanted.get(name) != given.get(name)
+    ]
+    if wrong:
+        raise InputError(f"the configuration describes another network: {listed(wrong, 2)}")
+
+
+def _card(model: Model) -> str:
+    config = model.config
+    without = "" if model.dataset is None else f", trained without {model.dataset}"
+    return (
+        f"# {model.name}{without}\n\n"
+        f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "
+        "ones. `neurosym_jax.load_model` reads this folder.\n"
+    )
 
 
 def shipped_models(folder: Path) -> list[Path]:

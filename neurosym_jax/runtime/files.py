@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all: written beside their place, synced, and moved there.
+"""Files and folders that are there whole or not at all: written beside, synced, moved into place.
 
 Whatever ends the process, or fills the disk, on the way: afterwards there is the file of before, or
 the new one.
@@ -9,6 +9,7 @@ import errno
 import json
 import os
 import secrets
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["new_file", "refuse_unwritable", "sync", "write_json", "write_text"]
+__all__ = ["new_file", "new_folder", "refuse_unwritable", "sync", "write_json", "write_text"]
 
 
 @contextlib.contextmanager
@@ -41,6 +42,32 @@ def new_file(path: Path | str) -> Iterator[Path]:
             sync(path.parent)
         finally:
             beside.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def new_folder(path: Path | str) -> Iterator[Path]:
+    """An empty folder beside `path` to write to; at the end it becomes `path`.
+
+    After an error nothing is left of what was written.
+
+    Raises:
+        InputError: naming `path`, where it cannot be written or is there already.
+    """
+    path = Path(path)
+    with _in_words(path):
+        if path.exists():
+            raise InputError(f"{path}: already there, and nothing is overwritten")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside = path.with_name(f".{path.name[:100]}.{secrets.token_hex(4)}")
+        beside.mkdir()
+        try:
+            yield beside
+            for each in (*beside.rglob("*"), beside):
+                sync(each)
+            beside.rename(path)
+            sync(path.parent)
+        finally:
+            shutil.rmtree(beside, ignore_errors=True)
 
 
 def write_text(path: Path | str, text: str) -> None:

@@ -1,8 +1,6 @@
-"""Arrays on disk, through Orbax, and their digest.
+"""The arrays of a training run's states on disk, through Orbax, and their digest.
 
-This is the only importer of Orbax, which is imported when a folder is first read or written. What a
-model's folder holds is said in `model_folder`, what a run's in
-`training/checkpoints`.
+This is the only importer of Orbax, which is imported when a folder is first read or written.
 """
 
 import hashlib
@@ -14,7 +12,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["digest", "read_arrays", "write_arrays"]
+__all__ = ["array_shapes", "digest", "read_arrays", "write_arrays"]
 
 
 def digest(tree: Any) -> str:
@@ -44,10 +42,23 @@ def read_arrays(folder: Path) -> Any:
         InputError: for a folder that is missing or damaged; not every damage is noticed, which is
             what `digest` is for.
     """
+    return _orbax(folder, "load")
+
+
+def array_shapes(folder: Path) -> list[tuple[int, ...]]:
+    """The shapes of the arrays that `write_arrays` wrote, which are not read.
+
+    Raises:
+        InputError: for a folder that is missing or damaged.
+    """
+    return [leaf.shape for leaf in jax.tree.leaves(_orbax(folder, "metadata").metadata)]
+
+
+def _orbax(folder: Path, function: str) -> Any:
     from orbax.checkpoint import v1 as ocp
 
     try:
-        return ocp.load(str(folder.absolute()))
+        return getattr(ocp, function)(str(folder.absolute()))
     except Exception as error:  # Orbax and its storage raise many kinds for a damaged folder
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{folder}: the parameters cannot be read ({reason[:200]})") from None

@@ -6,23 +6,27 @@ from typing import Any
 
 from neurosym_jax.config import GeneratorConfig, from_json
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import CARD
+from neurosym_jax.runtime.files import write_text
 
-__all__ = ["CARD", "write_card"]
+__all__ = ["model_card", "write_card"]
 
-CARD = "README.md"
+
+def model_card(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] = ()) -> str:
+    """The text of the card of a model.
+
+    Args:
+        facts: what `run.json` of its training holds, see `loop`.
+        test_rows: rows of an evaluation of this model on its own test set, and of the baselines.
+    """
+    return "\n".join(_lines(facts, test_rows)) + "\n"
 
 
 def write_card(
     folder: Path, facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] = ()
 ) -> None:
-    """Write the card of the model in `folder`, in place of an older one.
-
-    Args:
-        folder: the model's.
-        facts: what `run.json` of its training holds, see `loop`.
-        test_rows: rows of an evaluation of this model on its own scene, and of the baselines.
-    """
-    (folder / CARD).write_text("\n".join(_lines(facts, test_rows)) + "\n")
+    """Write the card of the model in `folder`, in place of an older one: see `model_card`."""
+    write_text(folder / CARD, model_card(facts, test_rows))
 
 
 def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -1,7 +1,5 @@
 """What a finished run leaves: `curves.png`, `run.json`, and `model/` with its card."""
 
-import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,8 @@ from neurosym_jax.config import FORMAT
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.runtime.environment import code_version
-from neurosym_jax.training.card import CARD, write_card
+from neurosym_jax.runtime.files import write_json
+from neurosym_jax.training.card import model_card
 
 __all__ = ["RUN", "write_curves", "write_model"]
 
@@ -21,7 +20,7 @@ RUN = "run.json"
 def write_model(
     folder: Path, model: Model, facts: dict[str, Any], validations: list[dict[str, Any]]
 ) -> None:
-    """Write `run.json`, the model and its card, as far as they are not there.
+    """Write `run.json` and the model with its card, unless the model is there.
 
     Args:
         folder: of the run.
@@ -29,8 +28,7 @@ def write_model(
         facts: what else is known of the run, JSON-able.
         validations: a row each, with `val_score`.
     """
-    target, part = folder / "model", folder / "model.part"
-    if (target / CARD).exists():
+    if (folder / "model").exists():
         return
     facts = {
         "format": FORMAT,
@@ -40,13 +38,9 @@ def write_model(
         # The newest of equals, as the loop and the checkpoints choose.
         "validation": min(reversed(validations), key=lambda row: row["val_score"]),
     }
-    (folder / RUN).write_text(json.dumps(facts, indent=1) + "\n")
-    if not target.exists():
-        shutil.rmtree(part, ignore_errors=True)
-        save_model(part, model)
-        # Renamed into place: a run that has a model is whole, whatever kills the process.
-        part.rename(target)
-    write_card(target, facts)
+    write_json(folder / RUN, facts)
+    # Last: a run that has a model is whole, whatever kills the process.
+    save_model(folder / "model", model, model_card(facts))
 
 
 def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:

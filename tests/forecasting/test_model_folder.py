@@ -1,28 +1,38 @@
 import dataclasses
+import hashlib
 import json
+import shutil
+import subprocess
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from neurosym_jax.commands.convert import Options, run
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.forecasting import model_folder
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.kinds import (
+    FORECASTERS,
+    Lengths,
+    _generator_shapes,
+    register_forecaster,
+)
+from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model, shipped_models
-from neurosym_jax.models import Generator
-from neurosym_jax.scene import make_scene
-from neurosym_jax.training.arrays import digest
+from neurosym_jax.forecasting.parameters import flat_parameters, nested_parameters
+from neurosym_jax.runtime.files import new_file
+from neurosym_jax.training.arrays import digest, write_arrays
 
 
 def random_model(config):
-    scene = make_scene(np.zeros((1, config.obs_len, 2)))
-    alpha = np.zeros((*((1,) if config.pooling == "neurosym_ijcnn" else (1, 1)), config.obs_len))
-    noise = np.zeros(config.noise_dim)
-    shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
     rng = np.random.default_rng(0)
-    params = jax.tree.map(lambda leaf: rng.normal(size=leaf.shape).astype(np.float32), shapes)
-    return Model(config, params, "zara1")
+    shapes = _generator_shapes(config).items()
+    params = {name: rng.normal(size=shape).astype(np.float32) for name, shape in shapes}
+    return Model(config, nested_parameters(params), "zara1")
 
 
 MODEL = random_model(GeneratorConfig(pool_hidden_dim=16))
@@ -38,14 +48,7 @@ def saved(tmp_path_factory):
 @pytest.fixture
 def copy(saved, tmp_path):
     """A copy of the folder that a test may damage."""
-    for path in sorted(saved.rglob("*")):
-        target = tmp_path / "copy" / path.relative_to(saved)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_file():
-            target.write_bytes(path.read_bytes())
-        else:
-            target.mkdir(exist_ok=True)
-    return tmp_path / "copy"
+    return shutil.copytree(saved, tmp_path / "copy")
 
 
 def refusal(folder):
@@ -57,13 +60,28 @@ def refusal(folder):
     return message
 
 
+def sign(folder, change=lambda config: None, params=None):
+    """Write what somebody would who knows how the digest is made."""
+    config = json.loads((folder / "config.json").read_text())
+    del config["sha256"]
+    change(config)
+    if params is not None:
+        (folder / "params.safetensors").write_bytes(params)
+    rest = json.dumps(config).removeprefix("{").encode()
+    sha256 = hashlib.sha256(rest + (folder / "params.safetensors").read_bytes()).hexdigest()
+    (folder / "config.json").write_bytes(b'{\n  "sha256": "' + sha256.encode() + b'",\n' + rest)
+
+
 def test_round_trip(saved):
     loaded = load_model(saved)
-    assert loaded.config == MODEL.config
-    assert loaded.dataset == "zara1"
+    assert (loaded.config, loaded.dataset, loaded.kind) == (MODEL.config, "zara1", "generator")
     jax.tree.map(assert_array_equal, loaded.params, MODEL.params)
-    assert digest(loaded.params) == digest(MODEL.params)
     assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {np.dtype(np.float32)}
+    assert {path.name for path in saved.iterdir()} == {
+        *("README.md", "config.json", "params.safetensors"),
+    }
+    assert (saved / "README.md").read_text().startswith("# SGAN, trained without zara1\n")
+    assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
     assert shipped_models(saved.parent) == [saved]
     assert shipped_models(saved.parent / "absent") == []
 
@@ -71,79 +89,114 @@ def test_round_trip(saved):
 @pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros", "neurosym_ijcnn"])
 def test_round_trip_of_neurosym(tmp_path, pooling):
     model = random_model(GeneratorConfig(pooling=pooling, pool_hidden_dim=8))
-    save_model(tmp_path / "new", model)
+    save_model(tmp_path / "new", model, "a card")
     assert load_model(tmp_path / "new").config == model.config
+    assert (tmp_path / "new" / "README.md").read_text() == "a card"
 
 
-def test_a_copy_is_as_good(copy):
-    assert load_model(copy).dataset == "zara1"
+def test_anybody_can_check_the_digest(saved):
+    command = "(tail -n +3 config.json; cat params.safetensors) | sha256sum"
+    found = subprocess.run(["sh", "-c", command], cwd=saved, capture_output=True, check=True).stdout
+    assert found.split()[0].decode() == json.loads((saved / "config.json").read_text())["sha256"]
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_any_damaged_file_of_the_parameters(copy):
-    """Every file that matters: flipped in the middle, cut short, or gone."""
-    noticed = 0
-    for path in sorted(path for path in (copy / "params").rglob("*") if path.is_file()):
+def flipped(content, bit):
+    damaged = bytearray(content)
+    damaged[bit // 8] ^= 1 << bit % 8
+    return bytes(damaged)
+
+
+def words(folder):
+    """What is said of a folder; quicker than `refusal`."""
+    try:
+        return str(load_model(folder))
+    except InputError as error:
+        return str(error)
+
+
+def test_every_flipped_bit_is_refused(copy, monkeypatch):
+    """All of the configuration, some of the parameters: before a parser sees either."""
+    monkeypatch.setattr(model_folder, "find", lambda path: path)  # for speed
+    rng = np.random.default_rng(0)
+    config, params = (copy / name for name in ("config.json", "params.safetensors"))
+    of_params = rng.choice(8 * params.stat().st_size, 200, replace=False)
+    for path, bits in ((config, range(8 * config.stat().st_size)), (params, of_params)):
         content = path.read_bytes()
-        if not content:
-            continue
-        middle = len(content) // 2
-        flipped = content[:middle] + bytes([content[middle] ^ 4]) + content[middle + 1 :]
-        for damaged in (flipped, content[:middle]):
-            path.write_bytes(damaged)
-            try:
-                loaded = load_model(copy)
-            except InputError:
-                noticed += 1
-                refusal(copy)
-            else:  # A file of records about the save, not of the parameters.
-                assert digest(loaded.params) == digest(MODEL.params)
+        for bit in bits:
+            path.write_bytes(flipped(content, bit))
+            assert "damaged" in words(copy), (path.name, bit)
+        for size in (0, 1, 100, len(content) - 1):
+            path.write_bytes(content[:size])
+            assert "damaged" in refusal(copy), size
+        path.write_bytes(content + b" ")
+        assert "damaged" in refusal(copy)
         path.write_bytes(content)
-    assert noticed >= 2
     assert load_model(copy).dataset == "zara1"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "not a model's configuration"),
-        ("[1]", "must have exactly the fields"),
-        ("{}", "must have exactly the fields"),
-        ("\x00", "not a model's configuration"),
-    ],
-)
-def test_config_that_is_none(copy, text, message):
+@pytest.mark.parametrize("text", ["", "[1]", "{}", "\x00", "[" * 100_000, "x" * 2**21])
+def test_config_that_is_none(copy, text):
     (copy / "config.json").write_text(text)
-    assert message in refusal(copy)
+    assert "damaged" in refusal(copy)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"embedding_dim": 8}, "describes another network"),
-        ({"pooling": "none"}, "describes another network"),
-        ({"encoder_h_dim": 16}, "describes another network"),
-        ({"noise_dim": 99}, "noise_dim must lie in"),
-        ({"pooling": "mean"}, "unknown pooling 'mean'"),
-        ({"colour": 1}, "unknown field 'colour'"),
+        (lambda all: all["config"].update(embedding_dim=8), "describes another network"),
+        (lambda all: all["config"].update(pooling="none"), "describes another network"),
+        (lambda all: all["config"].update(noise_dim=99), "noise_dim must lie in"),
+        (lambda all: all["config"].update(pooling="mean"), "unknown pooling 'mean'"),
+        (lambda all: all["config"].update(obs_len=True), "does not fit"),
+        (lambda all: all["config"].update(colour=1), "unknown field 'colour'"),
+        (lambda all: all.update(config=[1]), "must have the fields"),
+        (lambda all: all.update(format=True), "format True is not the format 2"),
+        (lambda all: all.update(format=3), "format 3 is not the format 2"),
+        (lambda all: all.update(dataset=5), "dataset = 5 is not a name"),
+        (lambda all: all.update(forecaster="nobody"), "unknown forecaster 'nobody'"),
+        (lambda all: all.update(forecaster=None), "must have the fields"),
+        (lambda all: all.update(colour=1), "must have the fields"),
+        (lambda all: all.pop("dataset"), "must have the fields"),
     ],
 )
-def test_config_of_another_network(copy, change, message):
-    config = json.loads((copy / "config.json").read_text())
-    config["generator"] |= change
-    (copy / "config.json").write_text(json.dumps(config))
+def test_wrong_values_under_a_right_digest(copy, change, message):
+    sign(copy, change)
     assert message in refusal(copy)
 
 
-def test_other_formats_and_digests(copy):
-    path = copy / "config.json"
-    config = json.loads(path.read_text())
-    path.write_text(json.dumps({**config, "format": 2}))
-    assert "format 2 is not the format 1" in refusal(copy)
-    path.write_text(json.dumps({**config, "sha256": "0" * 64}))
-    assert "damaged" in refusal(copy)
-    path.write_text(json.dumps({**config, "generator": [1]}))
-    assert "not a model's configuration" in refusal(copy)
+def header(**entries):
+    text = json.dumps(entries).encode()
+    return len(text).to_bytes(8, "little") + text
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        (b"", "cannot be read"),
+        (header(), "describes another network"),
+        (header(a={"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]}), "cannot be"),
+        (header(a={"dtype": "BF16", "shape": [1], "data_offsets": [0, 2]}) + b"00", "numbers"),
+        ((2**40).to_bytes(8, "little") + b"{}", "bytes of names are more than"),
+    ],
+)
+def test_parameters_that_promise_what_is_not_there(copy, params, message):
+    sign(copy, params=params)
+    assert message in refusal(copy)
+
+
+def test_parameters_that_are_not_finite(copy, tmp_path):
+    params = flat_parameters(MODEL.params)
+    params["params/encoder/lstm/input_bias"][3] = np.nan
+    try:
+        with pytest.raises(InputError, match="not finite: params/encoder/lstm/input_bias"):
+            save_model(tmp_path / "new", MODEL)
+        from safetensors.numpy import save
+
+        sign(copy, params=save(params))
+        assert "not finite: params/encoder/lstm/input_bias" in refusal(copy)
+    finally:
+        params["params/encoder/lstm/input_bias"][3] = 0
+    assert not (tmp_path / "new").exists()
 
 
 def test_nothing_is_overwritten(saved, tmp_path):
@@ -152,6 +205,18 @@ def test_nothing_is_overwritten(saved, tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="already there"):
         save_model(tmp_path / "file", MODEL)
+    with pytest.raises(InputError, match="cannot be written"):
+        save_model(tmp_path / "file" / "new", MODEL)
+
+
+def test_after_an_error_nothing_is_left(tmp_path, monkeypatch):
+    def full(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("neurosym_jax.runtime.files.sync", full)
+    with pytest.raises(InputError, match=r"new: cannot be written \(No space"):
+        save_model(tmp_path / "new", MODEL)
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_no_model(tmp_path):
@@ -163,13 +228,116 @@ def test_what_is_no_model(tmp_path):
     refusal(tmp_path / "empty.pt")
 
 
-def test_digest_sees_names_shapes_types_and_bits():
-    base = {"a": np.arange(4.0), "b": np.zeros(2)}
-    others = [
-        {"a": np.arange(4.0), "c": np.zeros(2)},
-        {"a": np.arange(4.0).reshape(2, 2), "b": np.zeros(2)},
-        {"a": np.arange(4), "b": np.zeros(2)},
-        {"a": np.arange(4.0), "b": np.array([0.0, -0.0])},
-    ]
-    assert digest(dict(reversed(base.items()))) == digest(base)
-    assert len({digest(tree) for tree in [base, *others]}) == 5
+@pytest.mark.parametrize(
+    "params", [(1, 2), {"a": [1.0]}, {"a/b": np.zeros(1)}, {"a": {}}, {1: np.zeros(1)}, {"a": "b"}]
+)
+def test_parameters_that_would_not_come_back(params):
+    with pytest.raises(InputError, match="parameter"):
+        flat_parameters(params)
+
+
+@dataclasses.dataclass(frozen=True)
+class Own(Lengths):
+    weights: tuple[float, float] = (1.0, 0.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class OwnForecaster(Forecaster):
+    def one(self, params, scene, noise):
+        steps = jnp.arange(1, self.pred_len + 1)[:, None] * params["own"]["velocity"]
+        return (scene.observed[:, -1, None] + steps)[None]
+
+
+def test_a_forecaster_of_ones_own(tmp_path, monkeypatch):
+    list(FORECASTERS)
+    monkeypatch.setattr(FORECASTERS, "_things", dict(FORECASTERS._things))
+    register_forecaster("own", lambda config: OwnForecaster(config.pred_len), config=Own)
+    params = {"own": {"velocity": np.array([0.5, 0.0])}, "scale": np.float32(3)}
+    save_model(tmp_path / "own", Model(Own(weights=(2.0, 3.0)), params, None, "own"))
+    loaded = load_model(tmp_path / "own")
+    assert (loaded.kind, loaded.config) == ("own", Own(weights=(2.0, 3.0)))
+    assert loaded.params["scale"].shape == ()
+    end = predict(loaded, np.zeros((1, 8, 2)))[0, 0, -1]
+    np.testing.assert_allclose(end, [4.0, 0.0])
+    save_model(tmp_path / "baseline", Model(Lengths(), {}, kind="constant_velocity"))
+    assert load_model(tmp_path / "baseline").name == "constant velocity"
+
+
+@pytest.fixture
+def old(tmp_path):
+    """A folder of format 1."""
+    folder = tmp_path / "old"
+    write_arrays(folder / "params", MODEL.params)
+    config = {
+        "format": 1,
+        "generator": dataclasses.asdict(MODEL.config),
+        "scene": "zara1",
+        "sha256": digest(MODEL.params),
+    }
+    (folder / "config.json").write_text(json.dumps(config, indent=2) + "\n")
+    (folder / "README.md").write_text("its card")
+    return folder
+
+
+def same(model):
+    jax.tree.map(assert_array_equal, model.params, MODEL.params)
+    return (model.config, model.dataset) == (MODEL.config, "zara1")
+
+
+def test_an_old_folder_is_read_and_converted(old, tmp_path, capsys, monkeypatch):
+    with pytest.warns(InputWarning, match=f"neurosym convert {old}"):
+        assert same(load_model(old))
+    run(Options(old, tmp_path / "new"))
+
+    def until_the_config(path):
+        if path.name == "config.json":
+            raise InputError("no space")
+        return new_file(path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(model_folder, "new_file", until_the_config)
+        with pytest.raises(InputError, match="no space"):
+            run(Options(old))
+    assert (old / "params.safetensors").exists()
+    with pytest.warns(InputWarning):
+        assert same(load_model(old))
+    run(Options(old))
+    assert "SGAN" in capsys.readouterr().out
+    for folder in (old, tmp_path / "new"):
+        assert same(load_model(folder))
+        assert (folder / "README.md").read_text() == "its card"
+        assert len(list(folder.iterdir())) == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"generator": [1]}, "not a model's configuration"),
+        ({"generator": {"mlp_dim": 8}}, "describes another network"),
+        ({"format": True}, "wrong type"),
+        ({"format": 2}, "format 2 is not the format 1"),
+        ({"scene": 5}, "wrong type"),
+        ({"sha256": "0" * 64}, "do not match the digest"),
+        ({"colour": 1}, "exactly the fields"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+def test_a_damaged_old_folder(old, change, message):
+    config = json.loads((old / "config.json").read_text())
+    (old / "config.json").write_text(json.dumps(config | change))
+    assert message in refusal(old)
+
+
+@pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+def test_an_old_folder_that_promises_what_it_cannot_hold(old, monkeypatch):
+    monkeypatch.setattr("neurosym_jax.training.old_models.array_shapes", lambda _: [(2**20, 300)])
+    assert "cannot hold" in refusal(old)
+    shutil.rmtree(old / "params" / "state")
+    monkeypatch.undo()
+    assert "cannot be read" in refusal(old)
+
+
+def test_converting_what_needs_a_place(tmp_path):
+    (tmp_path / "a.pt").write_bytes(b"")
+    with pytest.raises(InputError, match="an empty file"):
+        run(Options(tmp_path / "a.pt", tmp_path / "new"))

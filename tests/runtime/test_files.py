@@ -5,7 +5,13 @@ import stat
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_json, write_text
+from neurosym_jax.runtime.files import (
+    new_file,
+    new_folder,
+    refuse_unwritable,
+    write_json,
+    write_text,
+)
 
 
 def test_a_file_is_replaced_whole(tmp_path):
@@ -50,3 +56,22 @@ def test_what_cannot_be_written_is_refused_before(tmp_path):
                 refuse(path)
     refuse_unwritable(tmp_path / "new/folder/rows.json")
     assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
+    def make(fail: bool) -> None:
+        with new_folder(tmp_path / "made") as beside:
+            (beside / "within").mkdir()
+            (beside / "within/file").write_text("text")
+            assert not (tmp_path / "made").exists()
+            if fail:
+                raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        make(True)
+    assert not list(tmp_path.iterdir())
+    make(False)
+    assert (tmp_path / "made/within/file").read_text() == "text"
+    with pytest.raises(InputError, match="already there"):
+        make(False)
+    assert [each.name for each in tmp_path.iterdir()] == ["made"]

@@ -60,7 +60,7 @@ def test_what_a_run_leaves(run, done):
     assert {path.name for path in (done / "model").iterdir()} == {
         "README.md",
         "config.json",
-        "params",
+        "params.safetensors",
     }
     rows = [json.loads(line) for line in (done / "metrics.jsonl").read_text().splitlines()]
     assert [row["step"] for row in rows] == [25, 50, 75]
@@ -112,10 +112,10 @@ def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch, s
 
 def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path):
     shutil.copytree(done, tmp_path / "run")
-    for name in ("model/README.md", "model"):
-        path = tmp_path / "run" / name
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-        (tmp_path / "run" / "model.part" / "params").mkdir(parents=True, exist_ok=True)
+    for lost in ((), ("run.json", "curves.png")):
+        shutil.rmtree(tmp_path / "run" / "model")
+        for name in lost:
+            (tmp_path / "run" / name).unlink()
         train_run(run, tmp_path / "run", resume=True)
         assert (tmp_path / "run" / "model" / "README.md").exists()
         load_model(tmp_path / "run" / "model")

@@ -1,0 +1,68 @@
+"""Parameters as nested dictionaries of arrays, and flat: by path, such as `params/mlp/bias`."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from neurosym_jax.errors import InputError
+
+__all__ = ["flat_parameters", "listed", "nested_parameters", "refuse_not_finite"]
+
+
+def flat_parameters(params: Any) -> dict[str, np.ndarray]:
+    """The arrays of nested dictionaries by their path, its names joined by `/`.
+
+    Raises:
+        InputError: for what would not come back as it is: anything but dictionaries of dictionaries
+            or of arrays of numbers, empty ones, names with a `/`.
+    """
+    leaves = jax.tree_util.tree_leaves_with_path(params)
+    flat = {
+        jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf, order="C")
+        for path, leaf in leaves
+    }
+    if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
+        raise InputError("parameters must be nested dictionaries of arrays, by names without a '/'")
+    for name, array in flat.items():
+        if array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
+            raise InputError(f"the parameter {name} is not an array of numbers")
+    return flat
+
+
+def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """The inverse of `flat_parameters`.
+
+    Raises:
+        InputError: naming it, for a path within that of an array.
+    """
+    params: dict[str, Any] = {}
+    for path, value in flat.items():
+        *scope, name = path.split("/")
+        node = params
+        for part in scope:
+            node = node.setdefault(part, {})
+            if not isinstance(node, dict):
+                break
+        if not isinstance(node, dict) or name in node:
+            raise InputError(f"the parameter {path} lies within another one")
+        node[name] = value
+    return params
+
+
+def refuse_not_finite(flat: Mapping[str, np.ndarray]) -> None:
+    """Refuse, by their names, arrays that hold a NaN or an infinity.
+
+    Raises:
+        InputError: naming them.
+    """
+    bad = [name for name, value in flat.items() if not np.isfinite(value).all()]
+    if bad:
+        raise InputError(f"parameters that are not finite: {listed(bad)}")
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """Names for a message; of many the first ones, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
