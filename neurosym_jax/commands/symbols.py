@@ -93,7 +93,7 @@ def run(options: Options) -> None:
     counts = count_states(config, observed)
     print(f"\n{counts.sum()} observed pair-steps of {windows.scenes} windows:\n{_shares(counts)}")
 
-    from neurosym_jax.plotting.figures import save_figure
+    from neurosym_jax.plotting import save_figure
     from neurosym_jax.plotting.symbols import plot_pairs, plot_states
 
     texts = [format_state(state, "") for state in np.asarray(decode_state(np.arange(81)))]

@@ -177,7 +177,7 @@ def inspect(options: InspectOptions) -> int:
     if len(recordings) > 1:
         print(f"altogether {len(recordings)} recordings of {len(paths)} files")
     if options.figure and recordings:
-        from neurosym_jax.plotting.figures import save_figure
+        from neurosym_jax.plotting import save_figure
         from neurosym_jax.plotting.tracks import plot_tracks
 
         print(f"wrote {save_figure(plot_tracks(recordings), options.figure)}")

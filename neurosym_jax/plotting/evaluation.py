@@ -36,7 +36,7 @@ def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
 
     Of more than `MOST` models, those of one name are drawn by the one with the least joint ADE.
     """
-    from neurosym_jax.plotting.figures import (
+    from neurosym_jax.plotting import (
         plot_fan,
         plot_forecasts,
         plot_horizon_errors,

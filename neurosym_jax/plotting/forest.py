@@ -1,58 +1,69 @@
-"""A forest plot: each model's difference to a reference with its interval, set by set."""
+"""A forest plot: each model's difference to a reference with its interval, data set by data set."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.plotting.palette import PALETTE
+from matplotlib.ticker import MaxNLocator
+
+from neurosym_jax.plotting.palette import INK, model_colours
+from neurosym_jax.plotting.style import GREY, LABEL, WIDTH, dress, new_figure, save_figure
 
 __all__ = ["plot_forest"]
 
-SHOWN = {"joint_ade": "joint ADE", "marginal_ade": "marginal ADE"}
+METRICS = {"joint_ade": "joint ADE", "marginal_ade": "marginal ADE"}
+MARKERS = "os^vPXpd"
+"""Of the data sets; that of their mean is a diamond."""
 
 
 def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
     """Draw `comparisons` (see `comparison.Comparison.to_json`): a row of panels a reference.
 
     Left of 0 the model is better. Lines are the interval over test scenes and seeds.
+
+    Raises:
+        InputError: for a path that `save_figure` refuses.
     """
-    from matplotlib.figure import Figure
-
-    from neurosym_jax.plotting.figures import save_figure
-
-    references = list(dict.fromkeys(one["reference"] for one in comparisons))
-    sets = list(dict.fromkeys(one["scene"] for one in comparisons))
-    most = max(len({c["model"] for c in comparisons if c["reference"] == r}) for r in references)
-    height = len(references) * (0.9 + 0.17 * most * (len(sets) + 1.2))
-    figure = Figure(figsize=(11, height), layout="constrained")
-    panels = figure.subplots(len(references), len(SHOWN), squeeze=False, sharey="row")
+    references = list(dict.fromkeys(item["reference"] for item in comparisons))
+    sets = list(dict.fromkeys(item["scene"] for item in comparisons))
+    colours = model_colours([*references, *(item["model"] for item in comparisons)])
+    models = {
+        reference: list(
+            dict.fromkeys(item["model"] for item in comparisons if item["reference"] == reference)
+        )
+        for reference in references
+    }
+    pitch = len(sets) + 1.2
+    heights = [0.35 + 0.1 * pitch * len(models[reference]) for reference in references]
+    figure, panels = new_figure(
+        WIDTH, sum(heights) + 0.7, len(references), len(METRICS), sharex=True, height_ratios=heights
+    )
     for reference, row in zip(references, panels):
-        mine = [one for one in comparisons if one["reference"] == reference]
-        models = list(dict.fromkeys(one["model"] for one in mine))
-        for (metric, title), axes in zip(SHOWN.items(), row):
-            for at, scene in enumerate(sets):
-                colour = "#222222" if scene == "mean" else PALETTE[at % len(PALETTE)]
-                wide = scene == "mean"
-                for one in (one for one in mine if one["scene"] == scene):
-                    value, (low, high) = one[metric]["difference"], one[metric]["both"]
-                    place = models.index(one["model"]) * (len(sets) + 1.2) + at
-                    first = models.index(one["model"]) == 0
-                    axes.plot([low, high], [place] * 2, color=colour, lw=3 if wide else 1.5)
-                    label = ("mean of the sets" if wide else scene) if first else None
-                    marker, size = ("D", 7) if wide else ("o", 5)
-                    axes.plot(value, place, marker, color=colour, ms=size, label=label)
-            axes.axvline(0, color="#888888", lw=1)
-            axes.set_title(f"{title}, less {reference}")
-            axes.set_xlabel("metres; left of 0 is better")
-            axes.set_yticks(
-                [place * (len(sets) + 1.2) + (len(sets) - 1) / 2 for place in range(len(models))],
-                models,
-            )
-            axes.grid(axis="x", color="#E4E4E4")
-            for side in ("top", "right", "left"):
-                axes.spines[side].set_visible(False)
-            axes.tick_params(axis="y", length=0)
-        row[0].invert_yaxis()
-    handles, labels = panels[0][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
+        names = models[reference]
+        for (metric, title), axes in zip(METRICS.items(), row):
+            for item in (item for item in comparisons if item["reference"] == reference):
+                at, mean = sets.index(item["scene"]), item["scene"] == "mean"
+                place = names.index(item["model"]) * pitch + at
+                value, interval = item[metric]["difference"], item[metric]["both"]
+                colour, marker = colours[item["model"]], "D" if mean else MARKERS[at % len(MARKERS)]
+                axes.plot(interval, [place] * 2, color=colour, lw=1.8 if mean else 0.8)
+                axes.plot(value, place, marker, color=colour, ms=4 if mean else 2.8)
+            axes.axvline(0, color="#888888", lw=0.8, zorder=1)
+            last = reference == references[-1]
+            words = "metres, with 95 % interval; less than 0 is better" if last else ""
+            dress(axes, words, "", f"{title} minus that of {reference}")
+            middles = [place * pitch + (len(sets) - 1) / 2 for place in range(len(names))]
+            axes.set_yticks(middles, names if axes is row[0] else [], fontsize=LABEL, color=INK)
+            axes.set_ylim(len(names) * pitch - 0.8, -1.2)
+            axes.grid(visible=False, axis="y")
+            axes.spines["left"].set_visible(False)
+            axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes = panels[0, 0]
+    for at, name in enumerate(sets):
+        marker = "D" if name == "mean" else MARKERS[at % len(MARKERS)]
+        label = "mean of the data sets" if name == "mean" else name
+        axes.plot([], [], marker, color=GREY, ms=4, label=label)
+    handles, labels = axes.get_legend_handles_labels()
+    place = {"loc": "outside lower center", "ncols": len(labels)}
+    figure.legend(handles, labels, **place, frameon=False, fontsize=LABEL)
     save_figure(figure, path)

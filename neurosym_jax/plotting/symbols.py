@@ -1,22 +1,23 @@
-"""Figures of symbols and weights, from plain arrays: a scene's pairs, the states of a data set."""
-
-from typing import TYPE_CHECKING
+"""Symbols and weights: a scene's pairs over time, the states of a data set."""
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
 
-from neurosym_jax.plotting.palette import PALETTE
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from neurosym_jax.plotting.palette import AMBER, BLUE, GREEN, INK, PALETTE, RED, SKY
+from neurosym_jax.plotting.style import LABEL, SMALL, WIDTH, add_legend, dress, new_figure
 
 __all__ = ["plot_pairs", "plot_states"]
 
-BY_ZEROS = ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00")
+BY_ZEROS = (BLUE, SKY, GREEN, AMBER, RED)
 PAIRS = 12
 """Pairs that fit a heat map with their states written in."""
-SHOWN = 24
+STATES = 24
 """States in the histogram; the rest are summed up."""
-PERIOD = 0.4
+PALE_BLUES = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
+"""So pale that dark letters can be read on it."""
+LETTERS = {"family": "DejaVu Sans Mono", "color": INK}
 
 
 def plot_pairs(
@@ -26,50 +27,62 @@ def plot_pairs(
     alpha: np.ndarray,
     texts: list[str],
     title: str,
-) -> "Figure":
+    period: float = 0.4,
+) -> Figure:
     """A scene's paths beside alpha of its pairs over time, the states written into it.
 
-    `position` [N, T, 2] metres, `people` [N] ids, `codes` [N, N, T-1], `alpha` [N, N, T], `texts`
-    of the 81 states. Where alpha is the same both ways, a pair has one row; the first 12 are shown.
-    """
-    from matplotlib.figure import Figure
+    Where alpha is the same both ways, a pair has one row; the first 12 are shown.
 
+    Args:
+        position: [N, T, 2] metres.
+        people: [N] ids.
+        codes: [N, N, T - 1], of the states.
+        alpha: [N, N, T].
+        texts: of the 81 states, by code.
+        title: of the figure.
+        period: seconds between steps.
+    """
     count = len(people)
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
     pairs = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
     pairs = pairs[:PAIRS]
-    figure = Figure(
-        figsize=(15, max(4.6, 1.6 + 0.45 * len(pairs))), layout="constrained", facecolor="white"
-    )
-    where, when = figure.subplots(1, 2, width_ratios=(1, 2.3))
+    height = max(2.2, 0.8 + 0.19 * len(pairs))
+    figure, ((where, when),) = new_figure(WIDTH, height, 1, 2, width_ratios=(1, 2.7))
     for path, person, colour in zip(position, people, PALETTE * count):
-        where.plot(*path.T, "-o", color=colour, ms=3, lw=1.6)
-        where.annotate(
-            f"{person}", path[0], (6, 6), textcoords="offset points", color=colour, fontsize=12
-        )
-        where.plot(*path[-1], "o", color=colour, ms=8)
+        where.plot(*path.T, "-o", color=colour, ms=1.5, lw=1.0)
+        look = {"textcoords": "offset points", "color": colour, "fontsize": LABEL}
+        where.annotate(f"{person}", path[0], (3, 3), **look)
+        where.plot(*path[-1], "o", color=colour, ms=5)
     where.set_aspect("equal", adjustable="datalim")
     where.margins(0.15)
-    where.set(xlabel="x [m]", ylabel="y [m]", title="paths; the dot is the end")
-    where.grid(color="#E4E4E4")
+    dress(where, "x [m]", "y [m]", "paths, a dot at the end")
 
     rows = np.array([alpha[i, j] for i, j in pairs])
+    steps = alpha.shape[-1]
     highest = rows.max() if rows.size and rows.max() > 0 else 1.0
     # Learned weights may be negative.
     lowest = min(0.0, rows.min(initial=0.0))
-    image = when.imshow(rows, aspect="auto", cmap="Blues", vmin=lowest, vmax=highest)
+    dress(when, "time [s]", "", f"alpha and QTC state: {title}")
+    image = when.imshow(rows, aspect="auto", cmap=PALE_BLUES, vmin=lowest, vmax=highest)
+    # Four letters of 0.6 of their size each, and a margin, in a step's share of the width.
+    size = min(SMALL, 0.58 * WIDTH * 72 / steps / 3)
     for row, (i, j) in enumerate(pairs):
-        for step in range(1, rows.shape[1]):
-            text = texts[codes[i, j, step - 1]].replace("-", "−")
-            dark = rows[row, step] > lowest + 0.6 * (highest - lowest)
-            look = {"ha": "center", "va": "center", "fontsize": 9, "family": "DejaVu Sans Mono"}
-            when.text(step, row, text, color="white" if dark else "#222222", **look)
+        for step in range(1, steps):
+            text, place = texts[codes[i, j, step - 1]], {"ha": "center", "va": "center"}
+            when.text(step, row, text, fontsize=size, **place, **LETTERS)
     arrow = "→" if both_ways else "–"
     when.set_yticks(range(len(pairs)), [f"{people[i]} {arrow} {people[j]}" for i, j in pairs])
-    ticks = range(0, rows.shape[1], 2)
-    when.set_xticks(ticks, [f"{PERIOD * step:.1f}" for step in ticks])
-    when.set(xlabel="time [s]", title=f"alpha, and the state q1 q2 q3 q4: {title}")
-    figure.colorbar(image, ax=when, label="alpha", pad=0.01)
+    ticks = range(0, steps, 2)
+    when.set_xticks(ticks, [f"{period * step:.1f}" for step in ticks])
+    when.grid(visible=False)
+    when.set_xticks(np.arange(0.5, steps), minor=True)
+    when.set_yticks(np.arange(0.5, len(pairs)), minor=True)
+    when.tick_params(which="minor", length=0)
+    when.set_axisbelow(False)
+    when.grid(which="minor", color="white", linewidth=0.8)
+    bar = figure.colorbar(image, ax=when, pad=0.01)
+    bar.set_label("alpha", fontsize=LABEL)
+    bar.ax.tick_params(labelsize=SMALL)
     return figure
 
 
@@ -79,45 +92,44 @@ def plot_states(
     table: np.ndarray | None,
     learned: np.ndarray | None,
     title: str,
-) -> "Figure":
+) -> Figure:
     """How often the states occur, and what they weigh by the table and once learned.
 
-    `counts` [81] pair-steps, `texts` of the 81 states, `table` and `learned` [81] or None. The 24
-    most frequent states are shown, coloured by their number of zeros.
-    """
-    from matplotlib.figure import Figure
+    The 24 most frequent states are shown, coloured by their number of zeros.
 
-    order = np.argsort(-counts, kind="stable")[: min(SHOWN, np.count_nonzero(counts))]
+    Args:
+        counts: [81] pair-steps.
+        texts: of the 81 states, by code.
+        table: [81] weights before training, or None.
+        learned: [81] weights after it, or None.
+        title: of the figure.
+    """
+    order = np.argsort(-counts, kind="stable")[: min(STATES, np.count_nonzero(counts))]
     share = 100 * counts / max(counts.sum(), 1)
     rest = share.sum() - share[order].sum()
-    figure = Figure(figsize=(12, 8), layout="constrained", facecolor="white")
-    panels = figure.subplots(1, 1 if table is None else 2, sharey=True, squeeze=False)[0]
+    columns = 1 if table is None else 2
+    size = (WIDTH, 1.1 + 0.145 * len(order))
+    figure, (panels,) = new_figure(*size, 1, columns, sharey=True)
     zeros = np.array([text.count("0") for text in texts])
     place = np.arange(len(order))
+    others = f"; the other {81 - len(order)} states: {rest:.1f}\xa0%"
+    dress(panels[0], "per cent of observed pair-steps", "QTC state q1 q2 q3 q4", title + others)
     for count, colour in enumerate(BY_ZEROS):
         chosen = zeros[order] == count
         if chosen.any():
-            label = f"{count} zero{'s' * (count != 1)}"
+            label = "no symbol is 0" if count == 0 else f"{count} of 4 symbols are 0"
             panels[0].barh(place[chosen], share[order][chosen], color=colour, label=label)
-    names = [texts[code].replace("-", "−") for code in order]
-    panels[0].set_yticks(place, names, family="DejaVu Sans Mono")
-    panels[0].invert_yaxis()
-    panels[0].set(
-        xlabel="per cent of observed pair-steps",
-        title=f"{title}; the other {81 - len(order)} states: {rest:.1f} %",
-    )
-    panels[0].legend(frameon=False, loc="lower right")
+    panels[0].set_yticks(place, [texts[code] for code in order], fontsize=SMALL, **LETTERS)
+    panels[0].set_ylim(len(order) - 0.4, -0.6)
     if table is not None:
+        dress(panels[1], "weight alpha", "", "what the state weighs")
         if learned is not None:
-            panels[1].hlines(place, table[order], learned[order], color="#BBBBBB", lw=2)
-            panels[1].plot(learned[order], place, "o", color="#D55E00", ms=7, label="learned")
-        panels[1].plot(table[order], place, "|", color="#222222", ms=14, mew=3, label="table")
-        panels[1].set(xlabel="weight alpha", title="what the state weighs")
-        panels[1].legend(frameon=False, loc="upper right")
+            panels[1].hlines(place, table[order], learned[order], color="#BBBBBB", lw=1.2)
+            panels[1].plot(learned[order], place, "o", color=RED, ms=4, label="learned")
+        panels[1].plot(table[order], place, "|", color=INK, ms=8, mew=2, label="table")
         low, high = panels[1].get_xlim()
         panels[1].set_xlim(min(0.0, low), 1.05 * high)
     for axes in panels:
-        axes.grid(axis="x", color="#E4E4E4")
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(visible=False, axis="y")
+    add_legend(figure, *panels)
     return figure

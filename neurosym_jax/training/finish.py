@@ -45,7 +45,7 @@ def write_model(
 
 def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:
     """Losses of every round and errors of every validation as `curves.png`."""
-    from neurosym_jax.plotting.figures import plot_training, save_figure
+    from neurosym_jax.plotting import plot_training, save_figure
 
     def curve(name: str) -> tuple[list[float], list[float]]:
         rows = [row for row in history if name in row]

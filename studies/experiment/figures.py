@@ -21,7 +21,7 @@ def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) 
     """Write the figures of one scenario's recordings to `out / "figures"`, and show them."""
     from PIL import Image  # comes with matplotlib
 
-    from neurosym_jax.plotting.figures import plot_fan, plot_forecasts, plot_horizon_errors
+    from neurosym_jax.plotting import plot_fan, plot_forecasts, plot_horizon_errors
     from neurosym_jax.plotting.tracks import plot_tracks
 
     first = recordings[0]

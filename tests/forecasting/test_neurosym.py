@@ -19,7 +19,7 @@ from neurosym_jax.forecasting.networks import encode_scene
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
-from neurosym_jax.plotting.figures import line_styles
+from neurosym_jax.plotting import line_styles
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.weighting import make_weighting
 

@@ -9,14 +9,17 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.plotting.figures import (
+from neurosym_jax.plotting import (
     line_styles,
+    model_colours,
     plot_fan,
     plot_forecasts,
     plot_horizon_errors,
     plot_training,
     save_figure,
 )
+from neurosym_jax.plotting.palette import INK, TRUTH
+from neurosym_jax.plotting.style import DOTS
 
 MODELS = ("NeuroSyM (CND)", "SGAN", "constant velocity")
 
@@ -42,12 +45,10 @@ def assert_neat(figure, data=None):
     figure.draw_without_rendering()
     frame = figure.bbox
     for axes in figure.axes:
-        box = axes.get_window_extent()
-        for legend in filter(None, [*figure.legends, axes.get_legend()]):
+        assert axes._left_title.get_window_extent().x1 <= frame.x1 + 1
+        for legend in figure.legends:
             place = legend.get_window_extent()
-            assert place.x0 >= box.x1, "a legend lies on the data"
-            title = axes._left_title.get_window_extent()
-            assert not place.overlaps(title), "a legend lies on the title"
+            assert place.y1 <= axes.get_tightbbox().y0 + 1, "a legend lies on the axes"
             assert place.x1 <= frame.x1 + 1
             assert place.y0 >= frame.y0 - 1
         if data is not None:
@@ -66,7 +67,8 @@ def test_forecasts_draw_every_agent_once_a_model(agents):
     for label in ("start", "observed", "ground truth", *MODELS):
         assert len(labelled(axes, label)) == agents
     assert legend_texts(legend) == ["start", "observed", "ground truth", *MODELS]
-    assert {to_hex(line.get_color()) for line in legend.get_lines()} == {"#666666"}
+    colours = [to_hex(line.get_color()).upper() for line in legend.get_lines()]
+    assert colours == [INK, INK, TRUTH, *model_colours(MODELS).values()]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert axes.get_title(loc="left") == "A title"
     assert axes.get_aspect() == 1
@@ -84,15 +86,24 @@ def test_a_line_holds_the_positions_and_joins_the_observation():
         assert line.get_marker() == "o"
 
 
-def test_an_agent_has_one_colour_and_neighbours_in_the_list_differ():
+def test_a_model_has_one_colour_in_every_figure():
     observed, truth = walk(6)
-    axes = plot_forecasts(observed, truth, {"SGAN": truth}).axes[0]
-    looks = [
-        [line.get_color() for line in labelled(axes, label)]
-        for label in ("start", "observed", "ground truth", "SGAN")
-    ]
-    assert all(colours == looks[0] for colours in looks)
-    assert len(set(looks[0])) == 6
+    colours = model_colours(MODELS)
+    assert colours == model_colours(reversed(MODELS))
+    for name in MODELS:
+        drawn = [
+            plot_forecasts(observed, truth, dict.fromkeys(MODELS, truth)),
+            plot_horizon_errors({model: [0.1, 0.2] for model in MODELS}),
+            plot_horizon_errors({name: [0.3]}),
+            plot_fan(observed, truth, truth[None], "fan", name),
+        ]
+        found = {
+            line.get_color()
+            for figure in drawn
+            for line in figure.axes[0].lines
+            if line.get_label() == name or line.get_label().startswith("best of 1")
+        }
+        assert found == {colours[name]}
 
 
 def test_styles_follow_the_kind_of_model():
@@ -104,10 +115,11 @@ def test_styles_follow_the_kind_of_model():
     assert drawn == [":", "-.", "--"]
 
 
-def test_models_of_one_kind_do_not_look_alike():
+@pytest.mark.parametrize("looks", [line_styles, model_colours])
+def test_models_of_one_kind_do_not_look_alike(looks):
     names = ["neurosym a", "neurosym b", "sgan", "cv", "linear", "x", "y", "z"]
-    assert len(set(line_styles(names).values())) == len(names)
-    assert len(line_styles(str(i) for i in range(30))) == 30
+    assert len(set(looks(names).values())) == len(names)
+    assert len(looks(str(i) for i in range(30))) == 30
 
 
 def test_standing_agents_are_shown_in_at_least_three_metres():
@@ -134,8 +146,8 @@ def test_origin_labels_stand_beside_the_first_positions():
     assert len(axes.texts) == 4
     np.testing.assert_array_equal([text.xy for text in axes.texts], observed[:, 0])
     offsets = np.array([text.get_position() for text in axes.texts])
-    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 12, rtol=1e-5)
-    np.testing.assert_allclose(offsets[0], [0, 12], atol=1e-4)
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 8, rtol=1e-5)
+    np.testing.assert_allclose(offsets[0], [0, 8], atol=1e-4)
 
 
 def test_many_long_names_stay_in_the_figure():
@@ -174,7 +186,7 @@ def test_horizon_errors_are_against_seconds_with_the_worst_first():
     axes = figure.axes[0]
     np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_xdata(), [0.5, 1.0, 1.5])
     np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_ydata(), [0.1, 0.2, 0.4])
-    assert legend_texts(axes.get_legend()) == ["cv", "SGAN"]
+    assert legend_texts(figure.legends[0]) == ["cv", "SGAN"]
     assert axes.get_xlim()[0] == axes.get_ylim()[0] == 0
     assert "[s]" in axes.get_xlabel()
     assert "[m]" in axes.get_ylabel()
@@ -195,8 +207,7 @@ def test_training_has_a_panel_for_losses_and_one_for_validation():
     figure = plot_training(losses, {"ADE": ([0, 100], [0.8, 0.5])}, "run")
     upper, lower = figure.axes
     assert (upper.get_ylabel(), lower.get_ylabel()) == ("loss", "validation error [m]")
-    assert legend_texts(upper.get_legend()) == ["generator", "discriminator"]
-    assert legend_texts(lower.get_legend()) == ["ADE"]
+    assert legend_texts(figure.legends[0]) == ["generator", "discriminator", "ADE"]
     # The running mean of a straight line is that line, centred, without its ends.
     (mean,) = labelled(upper, "generator")
     np.testing.assert_array_equal(mean.get_xdata(), steps[10:-10])
@@ -209,17 +220,26 @@ def test_training_leaves_out_a_panel_without_curves():
     assert axes.get_ylabel() == "validation error [m]"
 
 
-def test_saved_figure_is_a_png_of_its_size_and_not_blank(tmp_path):
+def test_a_png_has_its_size_and_is_not_blank(tmp_path):
     observed, truth = walk(2)
     figure = plot_forecasts(observed, truth, {"SGAN": truth})
     path = save_figure(figure, tmp_path / "new" / "folder" / "scene.png")
     image = imread(path)
-    width, height = figure.get_size_inches()
-    assert abs(image.shape[1] - 150 * width) <= 1
-    assert abs(image.shape[0] - 150 * height) <= 1
+    size = np.array(image.shape[1::-1]) / figure.get_size_inches()
+    np.testing.assert_allclose(size, DOTS, atol=1)
     assert image[..., :3].std() > 0.02
-    with pytest.raises(InputError, match="png"):
-        save_figure(figure, tmp_path / "scene.pdf")
+    assert [file.name for file in path.parent.iterdir()] == ["scene.png"]
+
+
+def test_a_figure_is_of_the_kind_that_its_name_says(tmp_path):
+    figure = plot_horizon_errors({"SGAN": [0.1, 0.2]})
+    pdf = save_figure(figure, tmp_path / "errors.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF")
+    assert b"/Type3" not in pdf
+    assert mpl.rcParams["pdf.fonttype"] == 3
+    assert "<svg" in save_figure(figure, tmp_path / "errors.SVG").read_text()
+    with pytest.raises(InputError, match=r"errors.jpg: .* must end in .png, .pdf or .svg"):
+        save_figure(figure, tmp_path / "errors.jpg")
 
 
 def test_threads_draw_the_same_picture(tmp_path):
@@ -236,7 +256,8 @@ def test_threads_draw_the_same_picture(tmp_path):
 
 
 def test_pyplot_is_never_imported():
-    code = "import sys, neurosym_jax.plotting.figures; sys.exit('matplotlib.pyplot' in sys.modules)"
+    code = "from neurosym_jax.plotting import *; import sys; assert 'matplotlib' in sys.modules; "
+    code += "sys.exit('matplotlib.pyplot' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

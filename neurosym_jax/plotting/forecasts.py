@@ -1,0 +1,153 @@
+"""A scene from above: what was observed, what happened, and what models forecast.
+
+Observed paths are dark, what happened is a broad green band, a model has its own colour and line.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, MultipleLocator
+from numpy.typing import ArrayLike
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.plotting.palette import INK, TRUTH, line_styles, model_colours
+from neurosym_jax.plotting.style import (
+    SMALL,
+    WIDTH,
+    add_legend,
+    checked,
+    dress,
+    new_figure,
+    plain,
+)
+
+__all__ = ["plot_fan", "plot_forecasts"]
+
+
+def plot_forecasts(
+    observed: ArrayLike,
+    truth: ArrayLike | None,
+    forecasts: Mapping[str, ArrayLike],
+    title: str | None = None,
+    origin_labels: Sequence[str] | None = None,
+) -> Figure:
+    """One scene with the forecasts of several models.
+
+    Args:
+        observed: [N, obs_len, 2] metres.
+        truth: [N, pred_len, 2] metres, or None where it is not known.
+        forecasts: [N, pred_len, 2] metres by the model's name; may be empty.
+        title: of the figure.
+        origin_labels: N short texts, such as ids, set beside the agents' first positions.
+
+    Raises:
+        InputError: for a wrong shape, or a coordinate that is not finite.
+    """
+    past, future, shape = _past_and_future(observed, truth)
+    paths = {}
+    for name, forecast in forecasts.items():
+        paths[name] = checked(f"forecast {name!r}", forecast, shape)
+        shape = paths[name].shape
+    if origin_labels is not None and len(origin_labels) != len(past):
+        raise InputError(f"origin_labels has {len(origin_labels)} texts for {len(past)} agents")
+
+    figure, axes, weight = _map(title, past, future, *paths.values())
+    colours, styles = model_colours(paths), line_styles(paths)
+    for name, path in paths.items():
+        look = {"color": colours[name], "linestyle": styles[name], "zorder": 4, "label": name}
+        _draw(axes, path, past, linewidth=1.5 * weight, **look)
+    # Behind an agent's back its own trajectory does not run through the text; above, if it stands.
+    behind = past[:, 0] - past[:, -1] + [0, 0.02]
+    behind *= 8 / (np.linalg.norm(behind, axis=1, keepdims=True) + 1e-9)
+    place = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 6}
+    for agent, text in enumerate(origin_labels or ()):
+        look = {"color": INK, "fontsize": SMALL * weight}
+        axes.annotate(plain(text), past[agent, 0], behind[agent], **place, **look)
+    add_legend(figure, axes)
+    return figure
+
+
+def plot_fan(
+    observed: ArrayLike,
+    truth: ArrayLike | None,
+    samples: ArrayLike,
+    title: str | None = None,
+    model: str | None = None,
+) -> Figure:
+    """One scene with k sampled futures, of which the nearest to the truth is emphasised.
+
+    That is the sample of least joint ADE, one for the whole scene; without truth it is the mean.
+
+    Args:
+        observed: [N, obs_len, 2] metres.
+        truth: [N, pred_len, 2] metres, or None where it is not known.
+        samples: [k, N, pred_len, 2] metres.
+        title: of the figure.
+        model: whose samples they are, by which they are coloured; else the title says it.
+
+    Raises:
+        InputError: for a wrong shape, or a coordinate that is not finite.
+    """
+    past, future, shape = _past_and_future(observed, truth)
+    fan = checked("samples", samples, (None, *shape))
+    best, name = fan.mean(axis=0), f"mean of {len(fan)}"
+    if future is not None:
+        errors = np.linalg.norm(fan - future, axis=-1).mean(axis=(1, 2))
+        # No-break spaces keep the number with its unit where the legend wraps the text.
+        name = f"best of {len(fan)}, joint\xa0ADE\xa0{errors.min():.2f}\xa0m"
+        best = fan[errors.argmin()]
+
+    figure, axes, weight = _map(title, past, future, fan)
+    (colour,) = model_colours([model or title or ""]).values()
+    look = {"color": colour, "linewidth": 0.5 * weight, "alpha": 0.4, "zorder": 2.5}
+    for sample in fan:
+        _draw(axes, sample, past, label="samples", **look)
+    _draw(axes, best, past, color=colour, linewidth=1.6 * weight, zorder=4, label=name)
+    add_legend(figure, axes)
+    return figure
+
+
+def _past_and_future(observed: ArrayLike, truth: ArrayLike | None):
+    """Both checked, and the shape that any forecast of them must have."""
+    past = checked("observed", observed, (None, None, 2))
+    future = None if truth is None else checked("truth", truth, (len(past), None, 2))
+    return past, future, (len(past), None, 2) if future is None else future.shape
+
+
+def _draw(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look) -> None:
+    """A line for each agent of `lines` [N, T, 2], from the end of `past`."""
+    if past is not None:
+        lines = np.concatenate([past[:, -1:], lines], axis=1)
+    for line in lines:
+        axes.plot(*line.T, **look)
+
+
+def _map(title: str | None, past: np.ndarray, future: np.ndarray | None, *others: np.ndarray):
+    """A map of what happened, large enough for the others: figure, axes, weight of the lines."""
+    arrays = [array.reshape(-1, 2) for array in (past, future, *others) if array is not None]
+    low, high = np.concatenate(arrays).min(axis=0), np.concatenate(arrays).max(axis=0)
+    # At least 3 m are shown, so that the tremor of a standing agent does not look like a walk, and
+    # neither a corridor nor a row of agents makes a sliver of a figure.
+    extent = np.maximum(1.06 * (high - low) + 0.3, 3.0)
+    extent = np.maximum(extent, [0.9 * extent[1], 0.36 * extent[0]])
+    figure, ((axes,),) = new_figure(WIDTH, (WIDTH - 0.5) * extent[1] / extent[0] + 1.0)
+    (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    ticks = MaxNLocator(10, steps=[1, 2, 5, 10]).tick_values(0, extent.max())
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MultipleLocator(ticks[1] - ticks[0]))
+    axes.ticklabel_format(useOffset=False, style="plain")
+    dress(axes, "x [m]", "y [m]", title)
+
+    weight = float(np.clip((10 / len(past)) ** 0.5, 0.65, 1.0))
+    circle = {"marker": "o", "markersize": 4 * weight, "markerfacecolor": "white"}
+    circle |= {"markeredgewidth": 0.9 * weight, "linestyle": "none", "zorder": 5}
+    _draw(axes, past[:, :1], **circle, color=INK, label="start")
+    _draw(axes, past, color=INK, linewidth=1.0 * weight, zorder=3, label="observed")
+    if future is not None:
+        # Pale and broad, so that a forecast on it can be seen.
+        band = {"linewidth": 4.5 * weight, "alpha": 0.35, "solid_capstyle": "round", "zorder": 2}
+        _draw(axes, future, past, **band, color=TRUTH, label="ground truth")
+    return figure, axes, weight
