@@ -1,6 +1,7 @@
 """From a command line to a call: options are a dataclass, bad input is one line, not a trace."""
 
 import dataclasses
+import errno
 import sys
 import traceback
 import warnings
@@ -17,6 +18,9 @@ from neurosym_jax.runtime.processes import leave
 __all__ = ["run_command", "with_plugins"]
 
 Options = TypeVar("Options")
+
+OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
+"""Errors that say nothing of our code."""
 
 PLUGIN = (
     "File or module of one's own that is imported first, for the metrics, forecasters, poolings, "
@@ -38,7 +42,8 @@ def run_command(
 
     `--plugin FILE.py|MODULE` is an option of every command: what it names is imported before the
     others are read, so that they know what it registers. The exit status is what `action` returns
-    where that is a number, else 0; 2 for bad input.
+    where that is a number, else 0; 2 for bad input or a disk that is full or read-only, 130 after
+    Ctrl-C.
     """
     tune()
     enable_compilation_cache()
@@ -48,11 +53,15 @@ def run_command(
             arguments = sys.argv[1:] if arguments is None else arguments
             _load_plugins(arguments)
             status = action(tyro.cli(with_plugins(options), args=arguments, prog=prog))
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        leave(2)
-        sys.exit(2)
-    except Exception:
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        leave(130)
+        sys.exit(130)
+    except Exception as error:
+        if isinstance(error, InputError) or getattr(error, "errno", None) in OF_THE_DISK:
+            print(f"error: {error}", file=sys.stderr)
+            leave(2)
+            sys.exit(2)
         leave(1, traceback.format_exc())
         raise
     sys.exit(status if isinstance(status, int) else 0)

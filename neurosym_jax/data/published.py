@@ -49,8 +49,11 @@ def data_folder() -> Path:
     (`~/.local/share` where that is not set)."""
     if own := os.environ.get("NEUROSYM_DATA"):
         return Path(own)
-    base = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share"
-    return Path(base) / "neurosym_jax"
+    try:
+        base = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share")
+    except RuntimeError:  # A user without a home, as containers have them.
+        base = Path()
+    return base / "neurosym_jax"
 
 
 def find(path: Path) -> Path:

@@ -17,7 +17,15 @@ from typing import Any
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["new_file", "new_folder", "refuse_unwritable", "sync", "write_json", "write_text"]
+__all__ = [
+    "append_text",
+    "new_file",
+    "new_folder",
+    "refuse_unwritable",
+    "sync",
+    "write_json",
+    "write_text",
+]
 
 
 @contextlib.contextmanager
@@ -78,6 +86,17 @@ def write_text(path: Path | str, text: str) -> None:
     """
     with new_file(path) as beside:
         beside.write_text(text, encoding="utf-8")
+
+
+def append_text(path: Path | str, text: str) -> None:
+    """Add `text` to a log, which a process that is killed may leave with a part of it.
+
+    Raises:
+        InputError: naming `path`, where it cannot be written.
+    """
+    path = Path(path)
+    with _in_words(path), path.open("a", encoding="utf-8") as file:
+        file.write(text)
 
 
 def write_json(path: Path | str, data: Any, *, indent: int | None = 1) -> None:

@@ -40,20 +40,28 @@ def compile_seconds() -> float:
     return _compiled
 
 
-def cache_folder() -> Path:
-    """The user's own cache folder of this project (`$XDG_CACHE_HOME`, else `~/.cache`)."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "neurosym_jax"
+def cache_folder() -> Path | None:
+    """The user's own cache folder of this project (`$XDG_CACHE_HOME`, else `~/.cache`).
+
+    None where there is none: in a container the user may have neither a name nor a home.
+    """
+    try:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "neurosym_jax"
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):
+        return None
+    return folder
 
 
 def enable_compilation_cache() -> None:
     """Keep compiled programs between processes, unless `NEUROSYM_NO_CACHE` is set.
 
-    Cached programs are executed as they are found, so the folder must be the user's own.
+    Cached programs are executed as they are found, so the folder must be the user's own; where
+    there is none they are not kept.
     """
-    if os.environ.get("NEUROSYM_NO_CACHE"):
+    if os.environ.get("NEUROSYM_NO_CACHE") or (folder := cache_folder()) is None:
         return
-    jax.config.update("jax_compilation_cache_dir", str(cache_folder() / "xla"))
+    jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 

@@ -49,10 +49,19 @@ class TrainingCheckpoints:
 
         Raises:
             TrainingError: before anything is written, where the metric or a leaf is not finite, the
-                record is not JSON or the step is not a new one.
+                record is not JSON or the step is not a new one; and where it cannot be written.
         """
         leaves = {path: np.asarray(leaf) for path, leaf in _by_path(state).items()}
         content = self._content(step, leaves, record, metric)
+        try:
+            self._write(step, leaves, content)
+        except Exception as error:  # Orbax and its storage raise many kinds for a full disk
+            raise TrainingError(
+                f"{self._path(step)}: cannot be written ({_reason(error)}); what was saved before "
+                "is kept"
+            ) from error
+
+    def _write(self, step: int, leaves: dict[str, np.ndarray], content: dict[str, Any]) -> None:
         new = self._scratch / "new"
         self._clear_scratch()
         new.mkdir(parents=True)
@@ -193,12 +202,18 @@ class TrainingCheckpoints:
 
     def _set_aside(self, step: int, error: Exception) -> None:
         path = self._path(step)
-        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
-        print(f"warning: {path}: step {step} is damaged and passed over: {reason}", file=sys.stderr)
+        print(
+            f"warning: {path}: step {step} is damaged and passed over: {_reason(error)}",
+            file=sys.stderr,
+        )
         aside = path.with_name(f"damaged_{path.name}")
         with contextlib.suppress(OSError):  # A folder that cannot be written can still be read.
             shutil.rmtree(aside, ignore_errors=True)
             path.rename(aside)
+
+
+def _reason(error: Exception) -> str:
+    return str(error).splitlines()[0][:200] if str(error) else type(error).__name__
 
 
 def _by_path(tree: Any) -> dict[str, Any]:

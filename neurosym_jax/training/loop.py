@@ -10,7 +10,7 @@ import functools
 import hashlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,9 @@ from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.protocol import evaluate
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import GeneratorForecaster
+from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.runtime.environment import run_environment
+from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.finish import write_curves, write_model
@@ -37,7 +39,7 @@ from neurosym_jax.training.stream import SceneStream
 __all__ = ["CHUNK", "Run", "data_digest", "record_of_today", "train_run"]
 
 CHUNK = 25
-"""Steps compiled into one call, between two updates of the progress bar."""
+"""Most steps of one compiled call, between two updates of the progress bar."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,6 +94,7 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     config = run.config
     networks = 2 if config.adversarial_weight else 1  # A step takes a batch for each.
     stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
+    _refuse_too_large(run, stream.shapes)
     batches = make_batches(run.validation)
     key = jax.random.key(config.seed)
     example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
@@ -112,7 +115,8 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     # tqdm's None is for a terminal only.
     with tqdm(total=config.steps, initial=done, unit="step", disable=None) as bar:
         while done < config.steps:
-            count = min(CHUNK, config.steps - done)
+            to_validation = config.validate_every - done % config.validate_every
+            count = min(CHUNK, to_validation, config.steps - done)
             groups = jax.tree.map(
                 lambda leaf, count=count: leaf.reshape(count, networks, *leaf.shape[1:]),
                 stream.steps(done * networks, count * networks),
@@ -121,10 +125,9 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
             row: dict[str, Any] = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
             _refuse_not_finite(row, folder, done, validations)
-            due = (done + count) // config.validate_every > done // config.validate_every
-            done += count
-            if due or done == config.steps:
+            if count == to_validation or row["step"] == config.steps:
                 row |= _validate(run, _validated(config, state), batches)
+                _refuse_not_finite(row, folder, done, validations)
                 scores = [old["val_score"] for old in validations]
                 if row["val_score"] <= min(scores, default=np.inf):
                     best = _copy(_validated(config, state))
@@ -132,8 +135,9 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
             log.append(row)
             if validations and validations[-1] is row:
                 saved = {**record, "history": validations}
-                checkpoints.save(done, (state, best), saved, row["val_score"])
-            bar.set_postfix(_shown(row, validations), refresh=False)
+                checkpoints.save(row["step"], (state, best), saved, row["val_score"])
+            done += count
+            bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)
     model = Model(run.generator, best, run.scene)
     write_curves(folder, log.rows())
@@ -142,6 +146,23 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     facts = {**record, "data_name": run.data_name, "counts": counts}
     write_model(folder, model, facts, validations)
     return model
+
+
+def _refuse_too_large(run: Run, shapes: Sequence[tuple[int, int]]) -> None:
+    """Refuse a batch of these (scenes, slots) of each size class that memory cannot hold.
+
+    What is counted are the positions of a round's batches, the k forecasts of one, and what pooling
+    keeps of each pair with its gradient: less than is used.
+    """
+    config, generator = run.config, run.generator
+    slots = sum(scenes * size for scenes, size in shapes)
+    pairs = sum(scenes * size**2 for scenes, size in shapes)
+    batches = CHUNK * (2 if config.adversarial_weight else 1)
+    numbers = batches * slots * 2 * (2 * generator.obs_len + generator.pred_len)
+    numbers += config.best_k * slots * (2 * generator.pred_len + generator.decoder_h_dim)
+    numbers += 2 * pairs * POOLINGS[generator.pooling].pair_numbers(generator)
+    remedy = "lower batch_scenes, best_k or max_agents with --set"
+    refuse_beyond_memory(f"a batch of {config.batch_scenes} scenes", 4 * numbers, remedy)
 
 
 def _observed(windows: Windows) -> Iterator[tuple[Any, Any]]:
@@ -169,13 +190,13 @@ def _refuse_not_finite(
         )
 
 
-def _shown(row: dict[str, Any], validations: list[dict[str, Any]]) -> dict[str, str]:
-    """What the progress bar says besides steps and time left."""
+def _progress(row: dict[str, Any], validations: list[dict[str, Any]]) -> dict[str, str]:
+    """What the progress bar holds besides steps and time left."""
     names = {"g_variety": "loss", "g_adversarial": "g_adv", "d_loss": "d"}
-    shown = {short: row[name] for name, short in names.items() if name in row}
+    values = {short: row[name] for name, short in names.items() if name in row}
     if validations:
-        shown |= {"val_ade": validations[-1]["val_ade"], "val_fde": validations[-1]["val_fde"]}
-    return {name: f"{value:.3f}" for name, value in shown.items()}
+        values |= {"val_ade": validations[-1]["val_ade"], "val_fde": validations[-1]["val_fde"]}
+    return {name: f"{value:.3f}" for name, value in values.items()}
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
@@ -184,11 +205,11 @@ def _advance(
 ) -> tuple[TrainState, dict[str, jax.Array]]:
     """One step for each of `groups [steps, batches, ...]`; metrics `[steps]`."""
 
-    def one(state: TrainState, batches: Any):
+    def step(state: TrainState, batches: Any):
         # The key follows from the step, not from where the run was interrupted.
         return train_step(generator, config, state, batches, jax.random.fold_in(key, state.step))
 
-    return jax.lax.scan(one, state, groups)
+    return jax.lax.scan(step, state, groups)
 
 
 def _validated(config: TrainConfig, state: TrainState) -> Any:

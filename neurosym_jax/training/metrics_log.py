@@ -1,9 +1,10 @@
 """`metrics.jsonl`: what a run measured, one row a line, appended to while it goes on."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
+
+from neurosym_jax.runtime.files import append_text, write_text
 
 __all__ = ["MetricsLog"]
 
@@ -17,21 +18,21 @@ class MetricsLog:
 
     def __init__(self, path: Path, step: int):
         self._path = path
-        path.parent.mkdir(parents=True, exist_ok=True)
         kept = [row for row in self.rows() if row["step"] <= step]
-        scratch = path.with_suffix(".part")
-        scratch.write_text("".join(json.dumps(row) + "\n" for row in kept))
-        os.replace(scratch, path)
+        write_text(path, "".join(json.dumps(row) + "\n" for row in kept))
 
     def append(self, row: dict[str, Any]) -> None:
-        """Add one row, which has a `step`."""
-        with self._path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+        """Add one row, which has a `step`.
+
+        Raises:
+            InputError: where it cannot be written.
+        """
+        append_text(self._path, json.dumps(row, allow_nan=False) + "\n")
 
     def rows(self) -> list[dict[str, Any]]:
         """All rows, as far as the file is whole."""
         rows = []
-        for line in self._path.read_text().splitlines() if self._path.exists() else ():
+        for line in self._path.read_bytes().splitlines() if self._path.exists() else ():
             try:
                 rows.append(json.loads(line))
             except ValueError:

@@ -37,6 +37,11 @@ class SceneStream:
         counts = np.array([len(members) for members in self._members])
         self._quotas = quota(counts, len(sizes), batch_scenes).tolist()
 
+    @property
+    def shapes(self) -> list[tuple[int, int]]:
+        """Scenes in a batch, and slots of each, for every size class."""
+        return list(zip(self._quotas, self._slots))
+
     def steps(self, first: int, count: int) -> tuple[Scene, ...]:
         """`count` batches from `first` on: a Scene for each class, `[count, quota, slots, .]`."""
         return tuple(self._of_class(index, first, count) for index in range(len(self._slots)))

@@ -1,5 +1,6 @@
 """Bad input through the command line: one clear line, a status of 2, never a traceback."""
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -155,3 +156,26 @@ assert set(neurosym_jax.__all__) <= set(dir(neurosym_jax))
     done = process("-c", script, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (OSError(28, "No space left on device"), 2, "error: [Errno 28] No space left on device"),
+    ],
+)
+def test_what_is_no_error_of_ours_ends_in_one_line(capsys, monkeypatch, error, status, line):
+    monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
+
+    @dataclasses.dataclass(frozen=True)
+    class Options:
+        """None."""
+
+    def fail(options):
+        raise error
+
+    with pytest.raises(SystemExit) as caught:
+        run_command(Options, fail, [])
+    assert caught.value.code == status
+    assert capsys.readouterr().err == f"{line}\n"

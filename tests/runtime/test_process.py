@@ -6,6 +6,8 @@ import sys
 import jax
 import pytest
 
+from neurosym_jax.runtime.process import cache_folder
+
 # A program with 80 MB of buffers of its own, so 20,000 pages that a call touches anew or not. At
 # some calls aligned memory that is free does not fit and new pages are taken, so the least counts.
 SCRIPT = """
@@ -62,3 +64,18 @@ def test_vectors_are_wide_unless_somebody_said_otherwise(monkeypatch, given):
     monkeypatch.setenv("XLA_FLAGS", said)
     runtime.tune()
     assert os.environ["XLA_FLAGS"] == said
+
+
+def test_without_a_home_nothing_is_kept(monkeypatch, tmp_path):
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr("pathlib.Path.home", lambda: tmp_path)
+    assert cache_folder() == tmp_path / ".cache/neurosym_jax"
+
+    def nobody():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr("pathlib.Path.home", nobody)
+    assert cache_folder() is None
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert cache_folder() is None

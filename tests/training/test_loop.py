@@ -177,10 +177,17 @@ def test_nothing_is_kept_of_a_run_lost_at_once(with_recipe, tmp_path):
 
 
 @pytest.mark.slow
-def test_steps_that_are_no_multiple_of_the_round(with_recipe, tmp_path):
-    train_run(with_recipe(steps=30, validate_every=10), tmp_path)
+def test_validations_come_when_they_are_due_and_at_the_end(with_recipe, tmp_path):
+    train_run(with_recipe(steps=65, validate_every=30), tmp_path)
     rows = MetricsLog(tmp_path / "metrics.jsonl", 1000).rows()
-    assert [(row["step"], "val_ade" in row) for row in rows] == [(25, True), (30, True)]
+    steps = [(row["step"], "val_ade" in row) for row in rows]
+    assert steps == [(25, False), (30, True), (55, False), (60, True), (65, True)]
+
+
+@pytest.mark.parametrize("change", [{"batch_scenes": 10**9}, {"best_k": 10**9}])
+def test_a_batch_beyond_memory_is_refused_before_it_is_taken(with_recipe, tmp_path, change):
+    with pytest.raises(InputError, match=r"a batch of .* GB are free: lower batch_scenes, best_k"):
+        train_run(with_recipe(**change), tmp_path)
 
 
 def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch):
