@@ -27,7 +27,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.weighting import make_weighting
-from neurosym_jax.symbolic.weighting_config import KINDS, WeightingConfig
+from neurosym_jax.symbolic.weighting_config import WEIGHTINGS, WeightingConfig
 
 SAMPLES = 20
 
@@ -48,7 +48,7 @@ def main() -> None:
     scenes = [b.scene.replace(future=None, origin=None) for b in make_batches(windows)]
 
     contestants = {"forecast": forecast(scenes)}
-    configs = [WeightingConfig(kind) for kind in KINDS] + [WeightingConfig("soft", learned=True)]
+    configs = [*map(WeightingConfig, WEIGHTINGS), WeightingConfig("soft", learned=True)]
     for config in configs:
         contestants[config.name] = alpha(config, scenes)
     seconds = {name: [] for name in contestants}

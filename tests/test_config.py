@@ -1,6 +1,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -42,6 +43,9 @@ def test_a_weighting_may_be_its_name_as_it_once_was():
         data = {"format": 1, "pooling": "as_described", "weighting": name}
         assert from_json(GeneratorConfig, data).weighting == WeightingConfig(name)
     assert GeneratorConfig(pooling="as_described").weighting == WeightingConfig("cnd")
+    text: Any = "soft,temperature=0.05"
+    own = GeneratorConfig(pooling="as_described", weighting=text)
+    assert own.weighting == WeightingConfig("soft", temperature=0.05)
 
 
 def test_defaults_are_those_of_the_published_checkpoints():
@@ -59,17 +63,18 @@ def test_defaults_are_those_of_the_published_checkpoints():
         ({"format": None}, "format None is not"),
         ({"poolling": "none"}, "unknown field 'poolling' for GeneratorConfig"),
         ({"pooling": "mean"}, "unknown pooling 'mean': there are none, pool_net, social"),
-        ({"obs_len": "8"}, "obs_len = '8' does not fit"),
-        ({"obs_len": 8.0}, "obs_len = 8.0 does not fit"),
-        ({"obs_len": True}, "obs_len = True does not fit"),
-        ({"pool_every_timestep": 1}, "pool_every_timestep = 1 does not fit"),
-        ({"neighborhood_size": "2"}, "neighborhood_size = '2' does not fit"),
-        ({"neighborhood_size": float("nan")}, "neighborhood_size must be positive"),
+        ({"obs_len": "8"}, "obs_len must be a whole number, not '8'"),
+        ({"obs_len": 8.0}, "obs_len must be a whole number, not 8.0"),
+        ({"obs_len": True}, "obs_len must be a whole number, not True"),
+        ({"pool_every_timestep": 1}, "pool_every_timestep must be true or false, not 1"),
+        ({"neighborhood_size": "2"}, "neighborhood_size must be a finite number, not '2'"),
+        ({"neighborhood_size": float("nan")}, "neighborhood_size must be a finite number"),
         ({"neighborhood_size": 0}, "neighborhood_size must be positive"),
         ({"pred_len": 0}, "pred_len must be at least 1, not 0"),
         ({"grid_size": 0}, "grid_size must be at least 1"),
         ({"noise_dim": 32}, "noise_dim must lie in"),
-        ({"noise_dim": -1}, "noise_dim must lie in"),
+        ({"noise_dim": -1}, "noise_dim must be at least 0"),
+        ({"noise_mix_type": "each"}, "noise_mix_type must be one of global, ped, not 'each'"),
         ({"pooling": "none", "pool_every_timestep": True}, "needs a pooling other than 'none'"),
         ({"pooling": "social"}, "bottleneck_dim must equal encoder_h_dim"),
         ({"weighting": "ones"}, "has no symbols"),
@@ -87,18 +92,25 @@ def test_refused_with_the_name_of_its_source(change, message):
         ({"seed": -1}, "seed must lie in"),
         ({"steps": 0}, "steps must be at least 1, not 0"),
         ({"batch_scenes": 0}, "batch_scenes must be at least 1, not 0"),
-        ({"max_agents": 0}, "max_agents must be at least 1, not 0"),
+        ({"max_agents": 0}, "max_agents must be at least 1 or be null, not 0"),
         ({"best_k": 0}, "best_k must be at least 1, not 0"),
         ({"validate_every": 0}, "validate_every must be at least 1, not 0"),
         ({"warmup_steps": -1}, "warmup_steps must be at least 0, not -1"),
-        ({"clip_norm": float("nan")}, "clip_norm must be at least 0, not nan"),
+        ({"clip_norm": float("nan")}, "clip_norm must be a finite number, not nan"),
         ({"fde_weight": -0.5}, "fde_weight must be at least 0"),
         ({"l2_weight": 0.0}, "nothing would be learned"),
         ({"g_learning_rate": -0.01}, "g_learning_rate must be positive, not -0.01"),
-        ({"d_learning_rate": float("inf")}, "d_learning_rate must be positive, not inf"),
+        ({"d_learning_rate": float("inf")}, "d_learning_rate must be a finite number, not inf"),
         ({"ema": 1.0}, r"ema must lie in \[0, 1\), not 1.0"),
         ({"scale": -0.1}, r"scale must lie in \[0, 1\)"),
-        ({"label_real": (1.2, 0.7)}, r"label_real must be a range of numbers, not \[1.2, 0.7\]"),
+        ({"label_real": (1.2, 0.7)}, r"label_real must be low, high, not \(1.2, 0.7\)"),
+        ({"label_fake": (0.0, float("nan"))}, "label_fake must be 2 finite numbers"),
+        ({"label_fake": 0.0}, "label_fake must be 2 finite numbers, not 0.0"),
+        ({"schedule": "cosin"}, "schedule must be one of constant, cosine, not 'cosin'"),
+        ({"criterion": "best"}, "criterion must be one of squared_displacement, distance"),
+        ({"steps": True}, "steps must be a whole number, not True"),
+        ({"rotate": 2.0}, r"rotate must be true or false or lie in \[0, 1\], not 2.0"),
+        ({"discriminator": {}}, "discriminator must be a DiscriminatorConfig, not {}"),
     ],
 )
 def test_recipes_that_would_fail_late(change, message):
@@ -111,9 +123,12 @@ def test_the_published_recipe_does_not_smooth_fake_labels():
     assert RECIPES["sgan"].label_real == (0.7, 1.2)
 
 
-def test_a_discriminator_has_units():
+def test_a_discriminator_has_units_and_a_kind():
     with pytest.raises(InputError, match="h_dim must be at least 1"):
         DiscriminatorConfig(h_dim=0)
+    kind: Any = "globl"
+    with pytest.raises(InputError, match="kind must be one of global, local, not 'globl'"):
+        DiscriminatorConfig(kind=kind)
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", "null", "3", ""])
@@ -148,5 +163,5 @@ def test_what_was_written_before_models_had_a_period():
     assert from_json(GeneratorConfig, old) == GeneratorConfig(pred_len=12, period=0.4)
     assert record_of_today({"generator": old}, Path("run"))["generator"]["period"] == 0.4
     for period in (0, -1.0, float("nan")):
-        with pytest.raises(InputError, match="period must be positive"):
+        with pytest.raises(InputError, match=r"period must be (positive|a finite number)"):
             GeneratorConfig(period=period)

@@ -22,11 +22,10 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.built_in import table_of
 from neurosym_jax.symbolic.states import decode_state, format_state
 from neurosym_jax.symbolic.transitions import count_states, pair_codes
 from neurosym_jax.symbolic.weighting import initial_parameters, scene_alpha
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.weighting_config import WEIGHTINGS, WeightingConfig
 from neurosym_jax.training.run import named_weighting
 
 __all__ = ["Options", "run"]
@@ -140,9 +139,8 @@ def _tables(
     config: WeightingConfig, parameters: dict[str, Any]
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """[81] weights by state before and after training, where the weighting has any."""
-    if config.kind in ("cnd", "cnd_shipped", "quantised", "soft", "learned", "shuffled"):
-        return table_of(config), parameters.get("table")
-    return None, None
+    table = WEIGHTINGS[config.kind].table
+    return (None, None) if table is None else (table(config), parameters.get("table"))
 
 
 def _chains(codes: np.ndarray, people: np.ndarray) -> str:

@@ -9,11 +9,10 @@ import numpy as np
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.built_in import Parameters
 from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting import scene_alpha
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.weighting_config import Parameters, WeightingConfig
 
 __all__ = ["PairSymbols"]
 

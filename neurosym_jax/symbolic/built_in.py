@@ -1,11 +1,8 @@
-"""How the built-in weightings come to alpha; what they are is said in `weighting`.
+"""The built-in weightings, registered as a plugin would register its own.
 
-Here alpha is not yet 1 for an agent with itself nor 0 in padding: `weighting.scene_alpha` sees to
-that for every weighting.
+What they are is said in `weighting`, which also sees to it that alpha is 1 for an agent with itself
+and 0 in padding.
 """
-
-from collections.abc import Mapping
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,19 +13,25 @@ from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import pair_mask
 from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.transitions import pair_codes, pair_states
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.transitions import (
+    count_transitions,
+    pair_codes,
+    pair_states,
+    transition_parameters,
+)
+from neurosym_jax.symbolic.weighting_config import (
+    WEIGHTINGS,
+    Parameters,
+    Scenes,
+    WeightingConfig,
+    WeightingKind,
+)
 
-__all__ = ["Parameters", "alpha_from_states", "built_in_alpha", "table_of"]
-
-Parameters = Mapping[str, Any]
-"""What a weighting learns or estimates, by name; it lies in `params["weighting"]` of a model."""
+__all__ = ["alpha_from_states", "table_of"]
 
 
 def table_of(config: WeightingConfig) -> np.ndarray:
     """[81] float64: the weight of each QTC_C1 state, by its code, before anything is learnt."""
-    if config.kind in ("ones", "zeros"):
-        return np.full(81, float(config.kind == "ones"))
     if "cnd_shipped" in (config.kind, config.table):
         table = alpha_table("c1", rule="continuity", include_self=True)
     else:
@@ -41,27 +44,46 @@ def alpha_from_states(states: ArrayLike, table: ArrayLike) -> Array:
     return jnp.asarray(table).at[encode_state(states)].get(mode="clip")
 
 
-def built_in_alpha(
+def _by_state(
     config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
 ) -> Array:
-    """[N, N, T] weights of `positions [N, T, 2]`; parameters as `weighting.initial_parameters`."""
-    if config.kind == "transition":
-        return _by_transitions(config, parameters, positions, valid)
-    table = parameters.get("table", table_of(config))
-    if config.kind == "soft" or (config.kind == "quantised" and config.learned):
-        observed = _soft(config, parameters, positions)
-    else:
-        states = pair_states(config, positions, valid)
-        observed = alpha_from_states(states, jnp.asarray(table, positions.dtype))
-    if config.kind == "shuffled":
-        observed = _to_the_wrong_pairs(observed, positions[:, -1], valid)
-    unobserved = parameters.get("unobserved", float(config.kind == "ones"))
-    first = jnp.broadcast_to(jnp.asarray(unobserved, observed.dtype), (*observed.shape[:2], 1))
+    """`cnd`, `cnd_shipped`, `learned`, `quantised`: a table, by the states observed."""
+    table = jnp.asarray(parameters.get("table", table_of(config)), positions.dtype)
+    observed = alpha_from_states(pair_states(config, positions, valid), table)
+    return _after_first(observed, parameters)
+
+
+def _quantised(
+    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+) -> Array:
+    return (_soft if config.learned else _by_state)(config, parameters, positions, valid)
+
+
+def _shuffled(
+    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+) -> Array:
+    observed = _by_state(config, parameters, positions, valid)[..., 1:]
+    return _after_first(_to_the_wrong_pairs(observed, positions[:, -1], valid), parameters)
+
+
+def _after_first(observed: Array, parameters: Parameters) -> Array:
+    """[N, N, T] from `observed [N, N, T-1]`: at the first step no state has been observed."""
+    unobserved = jnp.asarray(parameters.get("unobserved", 0.0), observed.dtype)
+    first = jnp.broadcast_to(unobserved, (*observed.shape[:2], 1))
     return jnp.concatenate([first, observed], axis=-1)
 
 
-def _soft(config: WeightingConfig, parameters: Parameters, positions: Array) -> Array:
-    """[N, N, T-1] by soft symbols, or by hard ones with soft gradients."""
+def _constant(value: float) -> WeightingKind:
+    def weigh(config, parameters, positions, valid):
+        return jnp.full((len(positions), *positions.shape[:2]), value, positions.dtype)
+
+    return WeightingKind(weigh)
+
+
+def _soft(
+    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+) -> Array:
+    """[N, N, T] by soft symbols, or by hard ones with soft gradients."""
     factor, temperature = config.quantisation_factor or 0.0, config.temperature
     if "log_quantisation_factor" in parameters:
         factor = jnp.exp(parameters["log_quantisation_factor"])
@@ -77,7 +99,7 @@ def _soft(config: WeightingConfig, parameters: Parameters, positions: Array) -> 
         straight_through=config.kind == "quantised",
     )
     fixed = config.table if config.decimals is None else table_of(config)
-    return soft_alpha(probabilities, parameters.get("table", fixed))
+    return _after_first(soft_alpha(probabilities, parameters.get("table", fixed)), parameters)
 
 
 def _by_transitions(
@@ -108,3 +130,55 @@ def _to_the_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -
     of_others = jnp.maximum(others.sum(axis=1, keepdims=True), 1)
     source = jnp.take_along_axis(by_distance, (rank - 1) % of_others, axis=1)
     return jnp.take_along_axis(observed[..., ::-1], source[..., None], axis=1)
+
+
+def _start_learned(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+    return {"table": table_of(config), "unobserved": 0.0} if config.learned else {}
+
+
+def _start_quantised(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+    factor = config.quantisation_factor or 0.0
+    return {"log_quantisation_factor": np.log(factor)} if config.learned else {}
+
+
+def _start_soft(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+    if not config.learned:
+        return {}
+    return {
+        **_start_quantised(config, scenes),
+        "log_temperature": np.log(config.temperature),
+        **_start_learned(config, scenes),
+    }
+
+
+def _start_transition(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+    counts = np.zeros((81, 81)) if scenes is None else count_transitions(config, scenes)
+    return transition_parameters(counts)
+
+
+for _name, _kind in {
+    "cnd": WeightingKind(_by_state, table=table_of),
+    "cnd_shipped": WeightingKind(_by_state, table=table_of),
+    "quantised": WeightingKind(
+        _quantised,
+        _start_quantised,
+        table_of,
+        learnable=True,
+        learns_quantisation=True,
+        quantisation_factor=0.05,
+    ),
+    "soft": WeightingKind(
+        _soft,
+        _start_soft,
+        table_of,
+        learnable=True,
+        learns_quantisation=True,
+        quantisation_factor=0.05,
+    ),
+    "learned": WeightingKind(_by_state, _start_learned, table_of, learnable=True, learned=True),
+    "transition": WeightingKind(_by_transitions, _start_transition, learnable=True),
+    "ones": _constant(1.0),
+    "zeros": _constant(0.0),
+    "shuffled": WeightingKind(_shuffled, table=table_of, quantisation_factor=0.05),
+}.items():
+    WEIGHTINGS.register(_name, _kind)

@@ -4,7 +4,6 @@ The conceptual neighbourhood diagram (`cnd`) says what is possible in continuous
 happens from one observed step to the next, counted over the ordered pairs of scenes.
 """
 
-from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -14,7 +13,7 @@ from jax import Array
 
 from neurosym_jax.symbolic.qtc import pair_mask, pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.weighting_config import Scenes, WeightingConfig
 
 __all__ = [
     "count_states",
@@ -23,9 +22,6 @@ __all__ = [
     "pair_states",
     "transition_parameters",
 ]
-
-Scenes = Iterable[tuple[Any, Any]]
-"""Batches (positions [B, N, T, 2] metres, valid [B, N]) of the observed part of scenes."""
 
 
 def pair_states(config: WeightingConfig, positions: Any, valid: Any) -> Array:

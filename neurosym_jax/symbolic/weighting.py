@@ -34,10 +34,13 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.built_in import Parameters, built_in_alpha, table_of
 from neurosym_jax.symbolic.qtc import pair_mask
-from neurosym_jax.symbolic.transitions import Scenes, count_transitions, transition_parameters
-from neurosym_jax.symbolic.weighting_config import KINDS, WeightingConfig, own_weighting
+from neurosym_jax.symbolic.weighting_config import (
+    WEIGHTINGS,
+    Parameters,
+    Scenes,
+    WeightingConfig,
+)
 
 __all__ = ["Weighting", "initial_parameters", "make_weighting", "scene_alpha"]
 
@@ -48,12 +51,16 @@ Weighting = Callable[..., Array]
 def make_weighting(
     config: WeightingConfig | str = "cnd", parameters: Parameters | None = None
 ) -> Weighting:
-    """The weighting as a function of a scene; `config` may be a kind by name.
+    """The weighting as a function of a scene.
+
+    Args:
+        config: a value, or text as `WeightingConfig.name` gives it: `soft,temperature=0.05`.
+        parameters: what it has learned; by default, where it starts.
 
     Raises:
-        InputError: for an unknown kind.
+        InputError: for an unknown kind or setting.
     """
-    chosen = WeightingConfig(config) if isinstance(config, str) else config
+    chosen = WeightingConfig.from_text(config) if isinstance(config, str) else config
     given = initial_parameters(chosen) if parameters is None else parameters
 
     def weigh(positions: ArrayLike, valid: ArrayLike | None = None) -> Array:
@@ -71,21 +78,7 @@ def initial_parameters(
         config: the weighting, None for a model without.
         scenes: the training data; `transition` is estimated from it, and without it knows nothing.
     """
-    start: dict[str, Any] = {}
-    if config is None:
-        return start
-    if config.kind not in KINDS:
-        start = own_weighting(config.kind).start
-    elif config.kind == "transition":
-        counts = np.zeros((81, 81)) if scenes is None else count_transitions(config, scenes)
-        start = transition_parameters(counts)
-    elif config.learned:
-        if config.kind in ("quantised", "soft"):
-            start = {"log_quantisation_factor": np.log(config.quantisation_factor or 0.0)}
-        if config.kind == "soft":
-            start["log_temperature"] = np.log(config.temperature)
-        if config.kind in ("soft", "learned"):
-            start |= {"table": table_of(config), "unobserved": 0.0}
+    start = {} if config is None else WEIGHTINGS[config.kind].start(config, scenes)
     return {name: np.asarray(value, np.float32) for name, value in start.items()}
 
 
@@ -113,11 +106,7 @@ def scene_alpha(
     """
     positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
     count = len(positions)
-    if config.kind in KINDS:
-        alpha = built_in_alpha(config, parameters, positions, valid)
-    else:
-        present = jnp.ones(count, bool) if valid is None else jnp.asarray(valid)
-        alpha = own_weighting(config.kind).weigh(positions, present, **parameters)
+    alpha = WEIGHTINGS[config.kind].weigh(config, parameters, positions, valid)
     alpha = jnp.where(jnp.eye(count, dtype=bool)[..., None], 1, alpha.astype(positions.dtype))
     pairs = pair_mask(valid, count)
     return jnp.where((pairs & (pairs.sum() != 1))[..., None], alpha, 0)

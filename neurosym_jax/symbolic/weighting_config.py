@@ -1,64 +1,40 @@
-"""What a weighting is, as a value that is saved with the model, and the names there are.
+"""What a weighting is, as a value that is saved with the model, and the kinds there are by name.
 
 The weights themselves are computed in `weighting`; tables and whatever else is learnt or estimated
 lie with the model's parameters, not here.
 """
 
 import dataclasses
+import importlib
 import json
-import math
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Literal
 
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+
+from neurosym_jax.checks import NotNegative, Positive, Whole, refuse_misfits
+from neurosym_jax.config_json import FORMAT, from_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.registry import Registry
 from neurosym_jax.symbolic.qtc import Convention
 
-__all__ = ["KINDS", "WeightingConfig", "own_weighting", "register_weighting"]
+__all__ = [
+    "WEIGHTINGS",
+    "Parameters",
+    "Scenes",
+    "WeightingConfig",
+    "WeightingKind",
+    "register_weighting",
+]
 
-KINDS = (
-    *("cnd", "cnd_shipped", "quantised", "soft", "learned", "transition"),
-    *("ones", "zeros", "shuffled"),
-)
-"""The weightings that are built in, see `weighting`."""
+Parameters = Mapping[str, Any]
+"""What a weighting learns or estimates, by name; it lies in `params["weighting"]` of a model."""
 
-QUANTISED = ("quantised", "soft", "shuffled")
-LEARNABLE = ("quantised", "soft", "learned", "transition")
-
-
-class OwnWeighting(NamedTuple):
-    """A weighting that is not built in."""
-
-    weigh: Callable[..., Any]
-    """`(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`."""
-    start: dict[str, Any]
-    """What its parameters are before training."""
-
-
-_OWN: dict[str, OwnWeighting] = {}
-
-
-def register_weighting(kind: str, **start: Any) -> Callable[[Callable], Callable]:
-    """Decorate a function `(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`.
-
-    It is then a weighting by the name `kind`. `start` names its learnable parameters, if any, and
-    says where they start. What an agent weighs for itself, in padding or alone is seen to.
-
-    Raises:
-        InputError: for a name that is built in or cannot be written in a list of names.
-    """
-    if kind in KINDS or not kind.isidentifier():
-        raise InputError(f"{kind!r} cannot name a weighting of one's own")
-
-    def register(weigh: Callable) -> Callable:
-        _OWN[kind] = OwnWeighting(weigh, start)
-        return weigh
-
-    return register
-
-
-def own_weighting(kind: str) -> OwnWeighting:
-    """What was registered by this name."""
-    return _OWN[kind]
+Scenes = Iterable[tuple[Any, Any]]
+"""Batches (positions [B, N, T, 2] metres, valid [B, N]) of the observed part of scenes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,48 +42,51 @@ class WeightingConfig:
     """A weighting; equal weightings are equal, so that they share compiled programs."""
 
     kind: str = "cnd"
-    """One of `KINDS`, or of what `register_weighting` was told."""
+    """One of those in `weighting`, or of what `register_weighting` was told."""
     table: Literal["cnd", "cnd_shipped"] = "cnd"
     """The table of `quantised`, `soft` and `shuffled`, and where `learned` starts."""
-    quantisation_factor: float | None = None
+    quantisation_factor: NotNegative | None = None
     """Metres a step; None is 0.05 for `quantised`, `soft` and `shuffled`, and 0 for the others."""
-    side_quantisation_factor: float | None = None
+    side_quantisation_factor: NotNegative | None = None
     """See `qtc.qtc_c1`."""
     convention: Convention = "distance"
     """See `qtc`."""
-    temperature: float = 0.02
+    temperature: Positive = 0.02
     """Metres a step over which a soft symbol fades into the next, see `soft`."""
-    decimals: int | None = None
+    decimals: Whole | None = None
     """To which a fixed table is rounded; the authors printed theirs with 4."""
     learned: bool | None = None
-    """Whether training changes it; None means that only `learned` is."""
+    """Whether training changes it; None means that only `learned` and one's own are."""
 
     def __post_init__(self):
         """Fill in what hangs on the kind; refuse what cannot be."""
-        if self.kind not in KINDS and self.kind not in _OWN:
-            raise InputError(
-                f"unknown weighting {self.kind!r}: there are {', '.join((*KINDS, *_OWN))} "
-                "(one's own has to be imported first)"
-            )
+        refuse_misfits(self)
+        kind = WEIGHTINGS[self.kind]
         if self.quantisation_factor is None:
-            factor = 0.05 if self.kind in QUANTISED else 0.0
-            object.__setattr__(self, "quantisation_factor", factor)
+            object.__setattr__(self, "quantisation_factor", kind.quantisation_factor)
         if self.learned is None:
-            own = self.kind in _OWN and bool(_OWN[self.kind].start)
-            object.__setattr__(self, "learned", self.kind == "learned" or own)
-        if self.learned and self.kind in KINDS and self.kind not in LEARNABLE:
+            object.__setattr__(self, "learned", kind.learned)
+        if self.learned and not kind.learnable:
             raise InputError(f"the weighting {self.kind!r} has nothing to learn")
-        for name in ("quantisation_factor", "side_quantisation_factor"):
-            value = getattr(self, name)
-            if value is not None and not 0 <= value < math.inf:
-                raise InputError(f"{name} must be at least 0, not {value}")
-        if not 0 < self.temperature < math.inf:
-            raise InputError(f"temperature must be positive, not {self.temperature}")
-        if self.convention not in get_args(Convention):
-            known = ", ".join(get_args(Convention))
-            raise InputError(f"unknown QTC convention {self.convention!r}: there are {known}")
-        if self.learned and self.kind in ("quantised", "soft") and not self.quantisation_factor:
+        if self.learned and kind.learns_quantisation and not self.quantisation_factor:
             raise InputError("a quantisation_factor of 0 cannot be learned: its logarithm is")
+
+    @classmethod
+    def from_text(cls, text: str, source: str = "weighting") -> "WeightingConfig":
+        """The weighting of this `name`: `KIND[,FIELD=VALUE...]`.
+
+        Raises:
+            InputError: naming `source`, for an unknown kind or field, or a value that does not fit.
+        """
+        kind, *changes = text.split(",")
+        fields: dict[str, Any] = {"format": FORMAT, "kind": kind}
+        for change in changes:
+            field, _, value = change.partition("=")
+            try:
+                fields[field] = json.loads(value)
+            except json.JSONDecodeError:
+                fields[field] = value
+        return from_json(cls, fields, source)
 
     @property
     def name(self) -> str:
@@ -119,3 +98,63 @@ class WeightingConfig:
             if value != usual[name]
         ]
         return ",".join([self.kind, *changed])
+
+
+@dataclasses.dataclass(frozen=True)
+class WeightingKind:
+    """A kind of weighting: how alpha is computed, and what a configuration of it can ask for.
+
+    What an agent weighs for itself, in padding or alone is not its business (`scene_alpha`).
+    """
+
+    weigh: Callable[[WeightingConfig, Parameters, Array, ArrayLike | None], Array]
+    """`(config, parameters, positions [N, T, 2], valid [N] or None) -> alpha [N, N, T]`."""
+    start: Callable[[WeightingConfig, Scenes | None], Parameters] = lambda config, scenes: {}
+    """What its parameters are before training; scenes are those it is trained on, where known."""
+    table: Callable[[WeightingConfig], np.ndarray] | None = None
+    """[81] weights of the QTC_C1 states by code before training, where it looks them up."""
+    learnable: bool = False
+    """Whether training can change it."""
+    learned: bool = False
+    """Whether training does so unless it is told otherwise."""
+    learns_quantisation: bool = False
+    """Whether its threshold is a parameter, by its logarithm."""
+    quantisation_factor: float = 0.0
+    """Of the symbols, in metres a step, unless a configuration has another."""
+
+
+WEIGHTINGS: Registry[WeightingKind] = Registry(
+    "weighting", lambda: importlib.import_module("neurosym_jax.symbolic.built_in")
+)
+
+
+def register_weighting(
+    kind: str, *, replace: bool = False, **start: Any
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Decorate a function `(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`.
+
+    It is then a weighting by the name `kind`. What an agent weighs for itself, in padding or alone
+    is seen to.
+
+    Args:
+        kind: letters, digits and underscores.
+        replace: take the place of another weighting of this name.
+        **start: its learnable parameters, if any, and where they start.
+
+    Raises:
+        InputError: for a name that is taken or cannot be one.
+    """
+
+    def register(weigh: Callable[..., Any]) -> Callable[..., Any]:
+        def weigh_scene(config, parameters, positions, valid):
+            present = jnp.ones(len(positions), bool) if valid is None else jnp.asarray(valid)
+            return weigh(positions, present, **parameters)
+
+        learnable = bool(start)
+        own = WeightingKind(
+            weigh_scene, lambda config, scenes: start, learnable=learnable, learned=learnable
+        )
+        WEIGHTINGS.register(kind, own, replace=replace)
+        return weigh
+
+    return register

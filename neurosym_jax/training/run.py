@@ -14,7 +14,6 @@ from neurosym_jax.config import (
     TrainConfig,
     from_json,
     to_json,
-    weighting_from_text,
 )
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
@@ -161,7 +160,7 @@ def named_weighting(text: str) -> WeightingConfig:
             importlib.import_module(module)
     except ImportError as error:
         raise InputError(f"weighting {text}: cannot import {module} ({error})") from None
-    return weighting_from_text(name, f"weighting {text}")
+    return WeightingConfig.from_text(name, f"weighting {text}")
 
 
 def recipe(options: TrainOptions) -> TrainConfig:

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neurosym_jax.symbolic import alpha_table, weighting_config
+from neurosym_jax.symbolic import alpha_table
+from neurosym_jax.symbolic.weighting_config import WEIGHTINGS
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples"
 TESTED = {"which_pair_matters", "learn_weights", "own_weighting"}
@@ -43,5 +44,5 @@ def test_weights_are_learned():
 
 @pytest.mark.slow
 def test_a_weighting_of_ones_own_is_trained(monkeypatch):
-    monkeypatch.setattr(weighting_config, "_OWN", {})
+    monkeypatch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
     assert example("own_weighting").main(steps=5) != 1.0

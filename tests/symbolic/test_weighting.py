@@ -8,15 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic import weighting_config
 from neurosym_jax.symbolic.built_in import alpha_from_states, table_of
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting import initial_parameters, make_weighting, scene_alpha
-from neurosym_jax.symbolic.weighting_config import WeightingConfig, register_weighting
+from neurosym_jax.symbolic.weighting_config import WEIGHTINGS, WeightingConfig, register_weighting
 
-NAMES = weighting_config.KINDS
+NAMES = tuple(WEIGHTINGS)
 RELEASED = WeightingConfig("cnd_shipped", convention="as_published", decimals=4)
 
 
@@ -231,12 +230,18 @@ def test_integer_positions_give_real_weights():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kind": "cdn"}, r"'cdn': there are cnd, cnd_shipped, .*, shuffled \(one's own"),
+        ({"kind": "cdn"}, r"'cdn': there are cnd, cnd_shipped, .*, shuffled \(--plugin"),
         ({"kind": "ones", "learned": True}, "'ones' has nothing to learn"),
         ({"quantisation_factor": -0.1}, "quantisation_factor must be at least 0"),
-        ({"side_quantisation_factor": float("nan")}, "side_quantisation_factor must be"),
+        (
+            {"side_quantisation_factor": float("nan")},
+            "side_quantisation_factor must be a finite",
+        ),
         ({"temperature": 0.0}, "temperature must be positive"),
-        ({"convention": "lines"}, "unknown QTC convention 'lines'"),
+        (
+            {"convention": "lines"},
+            "convention must be one of distance, line, as",
+        ),
         ({"kind": "quantised", "quantisation_factor": 0.0, "learned": True}, "cannot be learned"),
     ],
 )
@@ -246,7 +251,7 @@ def test_what_is_no_weighting(settings, message):
 
 
 def test_a_weighting_of_ones_own(monkeypatch):
-    monkeypatch.setattr(weighting_config, "_OWN", {})
+    monkeypatch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
 
     @register_weighting("nearness", reach=2.0)
     def nearness(positions, valid, reach):
@@ -261,6 +266,32 @@ def test_a_weighting_of_ones_own(monkeypatch):
     np.testing.assert_allclose(alpha[0, 1], np.exp(-1), rtol=1e-6)
     np.testing.assert_array_equal(alpha[0, 0], 1)
     assert not np.asarray(alpha[2]).any()
-    for taken in ("cnd", "a,b"):
-        with pytest.raises(InputError, match="cannot name a weighting"):
-            register_weighting(taken)
+    for name, reason in {"cnd": "another weighting 'cnd'", "a,b": "cannot name"}.items():
+        with pytest.raises(InputError, match=reason):
+            register_weighting(name)(nearness)
+
+
+def test_what_is_replaced_is_gone(monkeypatch):
+    monkeypatch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
+    register_weighting("constant")(lambda positions, valid: 0 * positions[:, None, :, 0] + 1)
+    config, positions = WeightingConfig("constant"), walks(2)
+    weigh = jax.jit(scene_alpha, static_argnums=0)
+    assert weigh(config, {}, positions)[0, 1, 0] == 1
+
+    def twos(positions, valid):
+        return 0 * positions[:, None, :, 0] + 2
+
+    with pytest.raises(InputError, match="replace=True"):
+        register_weighting("constant")(twos)
+    assert weigh(config, {}, positions)[0, 1, 0] == 1
+    register_weighting("constant", replace=True)(twos)
+    assert weigh(config, {}, positions)[0, 1, 0] == 2
+
+
+def test_the_text_form_is_what_documents_say():
+    alpha = alpha_of(walks(3), kind="soft,temperature=0.05")
+    wanted = alpha_of(walks(3), kind=WeightingConfig("soft", temperature=0.05))
+    np.testing.assert_array_equal(alpha, wanted)
+    assert np.abs(alpha - alpha_of(walks(3), kind="soft,temperature=5.0")).max() > 0.01
+    with pytest.raises(InputError, match="weighting: unknown field 'temprature'"):
+        make_weighting("soft,temprature=0.05")
