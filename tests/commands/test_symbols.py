@@ -52,7 +52,7 @@ def test_a_model_adds_its_weights_and_an_animation(recording, tmp_path, capsys):
         ({"window": 5}, r"--window must lie in \[0, 5\), not 5"),
         ({"weighting": "cdn"}, "unknown weighting 'cdn'"),
         ({"obs_len": 0}, "obs-len must be at least 1"),
-        ({"scene": "moon"}, "unknown scene 'moon'"),
+        ({"dataset": "moon"}, "unknown scene 'moon'"),
     ],
 )
 def test_what_cannot_be_shown(recording, changes, message):
