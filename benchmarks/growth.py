@@ -43,7 +43,8 @@ def one(axis: str, point: int) -> dict[str, Any]:
     from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.data.windows import Windows
-    from neurosym_jax.evaluation.protocol import evaluate
+    from neurosym_jax.evaluation.metrics import metric_names
+    from neurosym_jax.evaluation.score import score_forecaster
     from neurosym_jax.forecasting.model import predict
 
     model = _random_model(GeneratorConfig())
@@ -59,10 +60,11 @@ def one(axis: str, point: int) -> dict[str, Any]:
             identity=np.stack([np.zeros(len(sizes)), np.arange(len(sizes))], 1).astype(np.uint32),
             obs_len=8,
         )
-        arguments: dict[str, Any] = {"samples": 20, "seed": 0, "with_collisions": False}
+        metrics = metric_names(costly=False)
+        arguments: dict[str, Any] = {"samples": 20, "seed": 0, "metrics": metrics}
         for _ in range(3):
             start = time.perf_counter()
-            evaluate(model.forecaster, model.params, make_batches(windows), **arguments)
+            score_forecaster(model.forecaster, model.params, make_batches(windows), **arguments)
             seconds.append(time.perf_counter() - start)
     else:
         agents, samples = (point, 20) if axis == "agents" else (10, point)

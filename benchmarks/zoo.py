@@ -22,7 +22,8 @@ def measure(options: Any) -> dict[str, Any]:
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.data.sources import open_source
     from neurosym_jax.data.windows import cut_windows
-    from neurosym_jax.evaluation.protocol import evaluate
+    from neurosym_jax.evaluation.metrics import metric_names
+    from neurosym_jax.evaluation.score import score_forecaster
     from neurosym_jax.forecasting.model_folder import load_model
 
     source = open_source(options.need("data"))
@@ -40,13 +41,13 @@ def measure(options: Any) -> dict[str, Any]:
 
     def ours() -> None:
         ades[OURS] = [
-            evaluate(
+            score_forecaster(
                 model.forecaster,
                 model.params,
                 batches[model.dataset, model.config.pred_len],
                 samples=SAMPLES,
                 seed=0,
-                with_collisions=False,
+                metrics=metric_names(costly=False),
             ).mean("joint_ade")
             for model in models
         ]

@@ -19,7 +19,7 @@ from neurosym_jax.config import TrainConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import Synthetic
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.evaluation.protocol import evaluate
+from neurosym_jax.evaluation.score import score_forecaster
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.symbolic import WeightingConfig, alpha_table
 from neurosym_jax.symbolic.states import decode_state, format_state
@@ -55,13 +55,13 @@ def main(path: Path = MODEL, steps: int = 100, learning_rate: float = 0.003) -> 
 
     def report(when: str) -> None:
         params = {**network, "weighting": weights}
-        found = evaluate(
+        found = score_forecaster(
             GeneratorForecaster(config),
             params,
             make_batches(test),
             samples=20,
             seed=0,
-            with_collisions=False,
+            metrics=("joint_ade", "joint_fde"),
         )
         ade, fde = found.mean("joint_ade"), found.mean("joint_fde")
         print(f"{when}: ADE {ade:.3f} m, FDE {fde:.3f} m, joint best of 20 on the test split")

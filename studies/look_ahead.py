@@ -13,7 +13,7 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.formats import on_grid, read_any
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.evaluation.protocol import evaluate
+from neurosym_jax.evaluation.score import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity
 
 
@@ -30,7 +30,7 @@ def look_ahead(path: Path) -> None:
     careless = [dataclasses.replace(tracks, known=None, foreseen=None) for tracks in recordings]
     for name, tracks in {"interpolated": careless, "as observed": recordings}.items():
         batches = make_batches(cut_windows(tracks, 8, 8))
-        result = evaluate(ConstantVelocity(8), (), batches, samples=1, seed=0)
+        result = score_forecaster(ConstantVelocity(8), (), batches, samples=1, seed=0)
         print(f"{name}: joint ADE {result.mean('joint_ade'):.3f} m, 8 + 8 steps")
 
 

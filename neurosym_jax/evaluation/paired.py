@@ -20,8 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neurosym_jax.evaluation.score import Scores
+
 __all__ = [
-    "METRICS",
     "Difference",
     "ErrorsByScene",
     "Interval",
@@ -29,12 +30,11 @@ __all__ = [
     "paired_difference",
 ]
 
-METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
 RESAMPLES = 4000
 
 
 class Interval(NamedTuple):
-    """95 % of what resampling gave, metres."""
+    """95 % of what resampling gave, in the metric's unit."""
 
     low: float
     high: float
@@ -42,46 +42,57 @@ class Interval(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ErrorsByScene:
-    """A model's errors on the S scenes of a test set."""
+    """What a model scores on the S scenes of a test set, by M metrics of one value."""
 
-    errors: np.ndarray
-    """[S, 4] metres, the `METRICS` summed over the agents of each scene."""
-    agents: np.ndarray
-    """[S] agents."""
+    metrics: tuple[str, ...]
+    """Their names."""
+    totals: np.ndarray
+    """[S, M] summed over what is counted in each scene."""
+    counts: np.ndarray
+    """[S, M] agents, or what else a metric counts."""
     identity: np.ndarray
     """[S, 2] (recording, start frame)."""
     steps: int
     """Steps of a window, observed and forecast."""
 
+    @classmethod
+    def of_scores(cls, scores: Scores, identity: np.ndarray, steps: int) -> "ErrorsByScene":
+        """Those of `scores` that have one value."""
+        single = {name: score for name, score in scores.items() if score.total.ndim == 1}
+        totals, counts = (np.stack(parts, axis=1) for parts in zip(*single.values()))
+        return cls(tuple(single), totals, counts, identity, steps)
+
     @property
     def mean(self) -> np.ndarray:
-        """[4] metres."""
-        return self.errors.sum(axis=0) / self.agents.sum()
+        """[M] over the test set."""
+        return _ratio(self.totals.sum(axis=0), self.counts.sum(axis=0))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Difference:
-    """Errors of one model less those of another, [4] `METRICS` on the last axis, metres."""
+    """Scores of one model less those of another, [M] metrics on the last axis."""
 
+    metrics: tuple[str, ...]
+    """Their names."""
     seeds: np.ndarray
-    """[n, 4] the difference of each pair of runs; of the mean over test sets, seed by seed."""
+    """[n, M] the difference of each pair of runs; of the mean over test sets, seed by seed."""
     over_scenes: np.ndarray
-    """[RESAMPLES, 4] what other test scenes would have given."""
+    """[RESAMPLES, M] what other test scenes would have given."""
     over_seeds: np.ndarray
-    """[RESAMPLES, 4] what other seeds would have given, by bootstrap."""
+    """[RESAMPLES, M] what other seeds would have given, by bootstrap."""
     variance: np.ndarray
-    """[4] of the mean over seeds, by Student."""
+    """[M] of the mean over seeds, by Student."""
     freedom: np.ndarray
-    """[4] its degrees of freedom; 0 for a single seed."""
+    """[M] its degrees of freedom; 0 for a single seed."""
 
     @property
     def mean(self) -> np.ndarray:
-        """[4] metres."""
+        """[M]."""
         return self.seeds.mean(axis=0)
 
     def intervals(self, metric: str, seed: int = 0) -> dict[str, Interval | None]:
         """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
-        at = METRICS.index(metric)
+        at = self.metrics.index(metric)
         scenes, several = self.over_scenes[:, at], self.freedom[at] > 0
         both = scenes
         if several:
@@ -103,20 +114,23 @@ def paired_difference(
     start = first.identity.astype(np.int64) // np.array([1, first.steps])
     _, block = np.unique(start, axis=0, return_inverse=True)
     count = int(block.max()) + 1
-    # [blocks, n, 4] and [blocks].
-    differences = np.stack([a.errors - b.errors for a, b in zip(ours, theirs)], axis=1)
-    in_blocks = np.zeros((count, *differences.shape[1:]))
-    np.add.at(in_blocks, block.ravel(), differences)
-    agents = np.bincount(block.ravel(), first.agents, count)
-
     drawn = draw.multinomial(count, np.full(count, 1 / count), RESAMPLES)
-    over_scenes = np.tensordot(drawn, in_blocks.mean(axis=1), 1) / (drawn @ agents)[:, None]
-    seeds = differences.sum(axis=0) / first.agents.sum()
+
+    def resampled(run: ErrorsByScene) -> np.ndarray:
+        # [RESAMPLES, M] its means over the scenes that were drawn.
+        totals, counts = np.zeros((2, count, len(first.metrics)))
+        np.add.at(totals, block.ravel(), run.totals)
+        np.add.at(counts, block.ravel(), run.counts)
+        return _ratio(drawn @ totals, drawn @ counts)
+
+    pairs = list(zip(ours, theirs))
+    over_scenes = np.mean([resampled(a) - resampled(b) for a, b in pairs], axis=0)
+    seeds = np.stack([a.mean - b.mean for a, b in pairs])
     n = len(seeds)
     over_seeds = seeds[draw.integers(0, n, (RESAMPLES, n))].mean(axis=1)
-    variance = seeds.var(axis=0, ddof=1) / n if n > 1 else np.zeros(len(METRICS))
-    freedom = np.full(len(METRICS), n - 1.0)
-    return Difference(seeds, over_scenes, over_seeds, variance, freedom)
+    variance = seeds.var(axis=0, ddof=1) / n if n > 1 else np.zeros(len(first.metrics))
+    freedom = np.full(len(first.metrics), n - 1.0)
+    return Difference(first.metrics, seeds, over_scenes, over_seeds, variance, freedom)
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
@@ -130,12 +144,18 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
     freedom = np.where(weight > 0, variance**2 / np.where(weight > 0, weight, 1), 1.0) * known
     count = min(len(part.seeds) for part in parts)
     return Difference(
+        parts[0].metrics,
         np.mean([part.seeds[:count] for part in parts], axis=0),
         np.mean([part.over_scenes for part in parts], axis=0),
         np.mean([part.over_seeds for part in parts], axis=0),
         variance,
         freedom,
     )
+
+
+def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Means; 0 where nothing was counted, for the total is 0 then."""
+    return totals / np.where(counts > 0, counts, 1)
 
 
 def _interval(values: np.ndarray) -> Interval:

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
+from neurosym_jax.evaluation.score import chosen, score_group
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import Scene, make_scene, pad_scene
@@ -25,9 +26,14 @@ _begun: dict[Hashable, Future] = {}
 
 
 def compile_ahead(
-    pool: Executor, forecaster: Forecaster, params: Any, batches: Sequence[Batch], samples: int
+    pool: Executor,
+    forecaster: Forecaster,
+    params: Any,
+    batches: Sequence[Batch],
+    samples: int,
+    metrics: Sequence[str] | None,
 ) -> list[Future]:
-    """Begin to compile, where nobody has begun, what `evaluate` of the same arguments will run."""
+    """Begin to compile what `score_forecaster` of the same arguments will run."""
     samples = samples if forecaster.noise.dim else 1
     scenes = {batch.scene.valid.shape: batch.scene for batch in batches}
     futures: list[Future] = []
@@ -38,7 +44,7 @@ def compile_ahead(
         def run(scene: Scene = scene, after: list[Future] = after) -> None:
             for future in after:
                 future.result()
-            _run_empty(forecaster, params, scene, samples)
+            _run_empty(forecaster, params, scene, samples, metrics)
 
         futures.append(_begin(pool, _key(forecaster, scene, samples), run))
     return futures
@@ -78,10 +84,14 @@ def wait_for(futures: Sequence[Future]) -> float:
     return time.perf_counter() - start
 
 
-def _run_empty(forecaster: Forecaster, params: Any, scene: Scene, samples: int) -> None:
+def _run_empty(
+    forecaster: Forecaster,
+    params: Any,
+    scene: Scene,
+    samples: int,
+    metrics: Sequence[str] | None,
+) -> None:
     """`forecaster` on a batch like `scene`, in which a single slot is valid."""
     scene = jax.tree.map(np.zeros_like, scene)
     scene.valid[0, 0] = True
-    spec = forecaster.noise
-    shape = scene.valid.shape if spec.per_agent else scene.valid.shape[:1]
-    forecaster.packed(params, [scene], [np.zeros((samples, *shape, spec.dim), np.float32)])
+    score_group(forecaster, params, [scene], samples, 0, chosen(metrics))

@@ -2,13 +2,14 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.metrics import known_metric
 
-__all__ = ["FORMAT", "check_replaceable", "format_table", "write_json"]
+__all__ = ["FORMAT", "check_replaceable", "format_table", "metric_texts", "write_json"]
 
 FORMAT = 1
 
@@ -22,21 +23,45 @@ def format_table(rows: Sequence[dict[str, Any]]) -> str:
     names = {path: f"  {short[path]}" for path in short} | {None: ""}
     labels = [row["model"] + names[row["checkpoint"]] for row in rows]
     width = max(map(len, labels))
-    head = (
-        f"  {'':{width}}    joint best      marginal best  people in        forecasts  one scene",
-        f"  {'':{width}}    ADE     FDE     ADE     FDE    collision    k  a second      in ms",
+    cells = [_cells(row) for row in rows]
+    # A title's first word stands above the others.
+    heads = [["", *title.split(" ", 1)][-2:] for title in cells[0]]
+    table = [*zip(*heads), *(list(of.values()) for of in cells)]
+    widths = [max(map(len, column)) for column in zip(*table)]
+    above, below, *lines = (
+        f"  {label:{width}}  " + "  ".join(f"{cell:>{of}}" for cell, of in zip(line, widths))
+        for line, label in zip(table, ["", "", *labels])
     )
-    lines = {id(row): _line(row, label, width) for row, label in zip(rows, labels)}
+    of_row = {id(row): line for row, line in zip(rows, lines)}
     blocks = [f"checkpoints in {folder}"] if folder else []
     for (scene, obs_len, pred_len), members in groups.items():
         counts = f"{members[0]['scenes']} scenes, {members[0]['agents']} agents"
         title = f"{scene}: {obs_len} steps observed, {pred_len} forecast; {counts}; metres"
-        blocks.append("\n".join([title, *head, *(lines[id(row)] for row in members)]))
-    blocks.append(
-        "joint: the best of k forecasts of the whole scene (SGAN's protocol); marginal: each\n"
-        "agent's own best (most later papers). Best ADE and best FDE are chosen independently."
-    )
+        blocks.append("\n".join([title, above, below, *(of_row[id(row)] for row in members)]))
+    about = dict.fromkeys(known_metric(name).about for name in rows[0]["metrics"])
+    blocks.append("\n".join(filter(None, about)))
     return "\n\n".join(blocks)
+
+
+def metric_texts(row: Mapping[str, Any]) -> dict[str, str]:
+    """A row's metrics for people: `{"joint ADE": "0.431", "people in collision": "3.5 %"}`.
+
+    A metric that nobody registered here, of a report from elsewhere, has its name for a title.
+    """
+    texts = {}
+    for name, value in row["metrics"].items():
+        metric = known_metric(name)
+        texts[metric.title] = metric.text(value)
+    return texts
+
+
+def _cells(row: Mapping[str, Any]) -> dict[str, str]:
+    return {
+        **metric_texts(row),
+        "k": str(row["samples"]),
+        "forecasts a second": f"{row['forecasts_per_second']:.0f}",
+        "latency in ms": f"{1000 * row['seconds']['latency']:.1f}",
+    }
 
 
 def _shortened(paths: Sequence[str]) -> tuple[str, dict[str, str]]:
@@ -46,16 +71,6 @@ def _shortened(paths: Sequence[str]) -> tuple[str, dict[str, str]]:
     except ValueError:  # no paths, or absolute and relative ones
         folder = ""
     return folder, {path: os.path.relpath(path, folder) if folder else path for path in paths}
-
-
-def _line(row: dict[str, Any], label: str, width: int) -> str:
-    joint, marginal, rate = row["joint"], row["marginal"], row["collision_rate"]
-    collision = "-" if rate is None else f"{100 * rate:.1f} %"
-    return (
-        f"  {label:{width}}  {joint['ade']:5.3f}   {joint['fde']:5.3f}   {marginal['ade']:5.3f}"
-        f"   {marginal['fde']:5.3f}  {collision:>11} {row['samples']:>4}"
-        f" {row['forecasts_per_second']:9.0f} {1000 * row['seconds']['latency']:10.1f}"
-    )
 
 
 def check_replaceable(path: Path) -> bool:

@@ -12,18 +12,19 @@ from tqdm import tqdm
 
 from neurosym_jax.data.batching import Batch, make_batches, single_scene
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.errors import InputWarning
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.cases import Case
-from neurosym_jax.evaluation.paired import METRICS, ErrorsByScene
+from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.programs import compile_ahead, compile_single_ahead, wait_for
-from neurosym_jax.evaluation.protocol import Evaluation, evaluate, latency
+from neurosym_jax.evaluation.score import Evaluation, Scores, score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.plotting.evaluation import Shown
 from neurosym_jax.runtime.environment import cpu_cores
-from neurosym_jax.scene import pad_scene
+from neurosym_jax.scene import Scene, pad_scene
 
-__all__ = ["Row", "Settings", "evaluate_cases"]
+__all__ = ["Row", "Settings", "evaluate_cases", "latency", "metric_means"]
 
 SHOWN = 8
 """People that a figure can show with ease."""
@@ -42,8 +43,8 @@ class Settings:
     """Determines, with the scene and the sample, the noise."""
     min_agents: int = 2
     """Scenes with fewer people are left out."""
-    collisions: bool = True
-    """Whether the collision rate is computed."""
+    metrics: tuple[str, ...] | None = None
+    """Names; None for all."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -77,7 +78,9 @@ def evaluate_cases(
     try:
         for test in tests:
             for _, _, forecaster, params in test.contestants:
-                compile_ahead(pool, forecaster, params, test.batches, settings.samples)
+                compile_ahead(
+                    pool, forecaster, params, test.batches, settings.samples, settings.metrics
+                )
                 _compile_single(pool, test, SHOWN, forecaster, params, settings)
         with tqdm(total=total, desc="evaluating", unit="model", disable=None, leave=False) as bar:
             for test in tests:
@@ -126,17 +129,23 @@ def _evaluate_test(
     """The baselines and then the case's checkpoints."""
     test_set, windows, loading = test.case.test_set, test.windows, test.loading
     common = {"samples": settings.samples, "seed": settings.seed}
-    asked = {**common, "with_collisions": settings.collisions}
     example = None
     for checkpoint, name, forecaster, params in test.contestants:
-        result = evaluate(forecaster, params, test.batches, **asked)
+        samples = settings.samples if forecaster.noise.dim else 1
+        compiling = wait_for(
+            compile_ahead(pool, forecaster, params, test.batches, samples, settings.metrics)
+        )
+        result = score_forecaster(
+            forecaster, params, test.batches, **common, metrics=settings.metrics
+        )
         if example is None:
             example = single_scene(windows, _typical(windows, result))
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(SHOWN, len(example.valid)))
         slots = len(example.valid)
-        compiled = wait_for([_compile_single(pool, test, slots, forecaster, params, settings)])
+        compiling += wait_for([_compile_single(pool, test, slots, forecaster, params, settings)])
         seconds, forecast = latency(forecaster, params, example, **common)
+        metrics = metric_means(result.scores, f"{name} on {test_set.scene}")
         row = {
             "checkpoint": checkpoint,
             "model": name,
@@ -145,24 +154,24 @@ def _evaluate_test(
             "seed": settings.seed,
             "scenes": windows.scenes,
             "agents": result.agents,
-            "joint": {"ade": result.mean("joint_ade"), "fde": result.mean("joint_fde")},
-            "marginal": {"ade": result.mean("marginal_ade"), "fde": result.mean("marginal_fde")},
-            "collision_rate": result.collision_rate,
+            "joint": {"ade": metrics.get("joint_ade"), "fde": metrics.get("joint_fde")},
+            "marginal": {"ade": metrics.get("marginal_ade"), "fde": metrics.get("marginal_fde")},
+            "collision_rate": metrics.get("collision_rate"),
+            "metrics": metrics,
             "seconds": {
                 "loading": loading,
-                "compiling": result.compiling + compiled,
-                "evaluating": result.evaluating,
+                "compiling": compiling,
+                "evaluating": result.seconds,
                 "latency": seconds,
             },
-            "forecasts_per_second": result.agents * result.samples / result.evaluating,
+            "forecasts_per_second": result.agents * result.samples / result.seconds,
         }
-        by_scene = ErrorsByScene(
-            np.stack([getattr(result.errors, metric) for metric in METRICS], axis=1),
-            result.errors.agents,
-            windows.identity,
-            test_set.obs_len + test_set.pred_len,
+        by_scene = ErrorsByScene.of_scores(
+            result.scores, windows.identity, test_set.obs_len + test_set.pred_len
         )
-        shown = Shown(test_set, name, example, forecast, result.horizon, windows.period)
+        score = float(next(iter(result.scores.values())).mean)
+        horizons = {name: each.mean for name, each in result.scores.items() if each.total.ndim == 2}
+        shown = Shown(test_set, name, example, forecast, horizons, windows.period, score)
         yield row, shown, by_scene
         loading = 0.0
 
@@ -170,6 +179,34 @@ def _evaluate_test(
 def _typical(windows: Windows, constant_velocity: Evaluation) -> int:
     """The scene to show: of those with at most `SHOWN` people, the one that constant velocity
     forecasts with the median error, so that neither luck nor taste chooses it."""
-    error = np.asarray(constant_velocity.errors.joint_ade) / windows.sizes
+    error = next(iter(constant_velocity.scores.values())).total / windows.sizes
     small = np.flatnonzero(windows.sizes <= max(SHOWN, windows.sizes.min()))
     return int(small[np.argsort(error[small], kind="stable")[len(small) // 2]])
+
+
+def metric_means(scores: Scores, of: str) -> dict[str, float | None]:
+    """Means of the metrics that have one value, None where nothing was counted; for JSON.
+
+    Raises:
+        InputError: naming `of`, for a metric that is not finite.
+    """
+    means: dict[str, float | None] = {}
+    for name, each in scores.items():
+        if each.total.ndim == 1:
+            means[name] = float(each.mean) if each.count.sum() else None
+            if not np.isfinite(each.total).all():
+                raise InputError(f"metric {name}: is not finite for {of}")
+    return means
+
+
+def latency(
+    forecaster: Forecaster, params: Any, scene: Scene, *, samples: int, seed: int
+) -> tuple[float, np.ndarray]:
+    """Median seconds from one scene to its forecast `[k, N, pred_len, 2]`, world metres."""
+    forecast = SceneForecaster(forecaster, params, samples=samples, seed=seed)
+    futures, seconds = np.empty(0), []
+    for _ in range(11):
+        start = time.perf_counter()
+        futures = forecast(scene)
+        seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds[1:])), futures

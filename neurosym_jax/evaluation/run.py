@@ -13,6 +13,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.cases import make_cases
+from neurosym_jax.evaluation.metrics import metric_names
 from neurosym_jax.evaluation.report import FORMAT, check_replaceable, format_table, write_json
 from neurosym_jax.evaluation.rows import Row, Settings, evaluate_cases
 from neurosym_jax.plotting.evaluation import draw_figures
@@ -63,7 +64,7 @@ class EvaluateOptions:
     figures: bool = True
     """Draw figures."""
     collisions: bool = True
-    """Compute the collision rate, the only part whose work is quadratic in people."""
+    """Compute the collision rate, and what else is quadratic in people."""
     processes: Processes = ALONE
     """Several processes that share the work, on one machine or many; see docs/scaling.md."""
 
@@ -95,7 +96,12 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
         pred_len=options.pred_len,
     )
     loading = time.perf_counter() - start
-    settings = Settings(options.samples, options.seed, options.min_agents, options.collisions)
+    settings = Settings(
+        options.samples,
+        options.seed,
+        options.min_agents,
+        metric_names(costly=options.collisions),
+    )
     rows, shown, _ = evaluate_cases(cases, settings)
     rows[0]["seconds"]["loading"] += loading
     if not is_first():

@@ -62,6 +62,9 @@ def draw_noise(
     refuse_seed(seed)
     scenes = len(identity)
     slots = agents if spec.per_agent else 1
+    shape = (samples, scenes, agents, spec.dim) if spec.per_agent else (samples, scenes, spec.dim)
+    if spec.dim == 0:
+        return np.zeros(shape, np.float32)
     identity = np.repeat(identity, slots, axis=0)
     slot = np.tile(np.arange(slots, dtype=np.uint32), scenes)
     padding = -len(slot) % CHUNK
@@ -72,8 +75,7 @@ def draw_noise(
         for at in range(0, len(slot), CHUNK)
     ]
     noise = np.concatenate([np.asarray(part) for part in parts], axis=1)[:, : scenes * slots]
-    shape = (samples, scenes, agents) if spec.per_agent else (samples, scenes)
-    return noise.reshape(*shape, spec.dim)
+    return noise.reshape(shape)
 
 
 def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:

@@ -64,9 +64,10 @@ class SceneForecaster:
         # The program sees neither the truth nor the host's float64 origin.
         padded = pad_scene(scene.replace(future=None), slots).replace(origin=None)
         spec = self.forecaster.noise
-        noise = _noise(
-            spec, self._key, padded.identity, self.samples, slots if spec.per_agent else 1
-        )
+        noise: Any = np.zeros((self.samples, 0), np.float32)
+        if spec.dim:
+            agents = slots if spec.per_agent else 1
+            noise = _noise(spec, self._key, padded.identity, self.samples, agents)
         return forecast_scene(self.forecaster, self._params, padded, noise)
 
     @staticmethod

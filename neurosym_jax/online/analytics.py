@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import scene_errors
+from neurosym_jax.evaluation.metrics import METRICS
+from neurosym_jax.evaluation.score import Scores, score
 from neurosym_jax.online.predictor import Forecast
 
 __all__ = ["Analytics", "Score"]
@@ -24,33 +25,28 @@ PERCENTILES = (50, 90, 99)
 
 @dataclasses.dataclass
 class Score:
-    """Sums over the people scored of one model, metres; see `evaluation.metrics.SceneErrors`."""
+    """The running score of one model: what its metrics sum up to."""
 
-    horizon_sum: np.ndarray
-    """[pred_len] metres."""
     forecasts: int = 0
     """With at least one person whose future is known."""
-    people: float = 0.0
-    joint_ade_sum: float = 0.0
-    joint_fde_sum: float = 0.0
-    marginal_ade_sum: float = 0.0
-    marginal_fde_sum: float = 0.0
+    people: int = 0
+    sums: dict[str, tuple[np.ndarray, float]] = dataclasses.field(default_factory=dict)
+    """(total [] or [pred_len], count) of each metric, see `evaluation.metrics.Metric`."""
+
+    def add(self, scores: Scores, people: int) -> None:
+        """Take in those of one forecast, of so many people."""
+        self.forecasts += 1
+        self.people += people
+        for name, each in scores.items():
+            total, count = self.sums.get(name, (np.zeros(each.total.shape[1:]), 0.0))
+            self.sums[name] = total + each.total[0], count + float(each.count[0])
 
     def means(self) -> dict[str, Any]:
-        """Errors in metres, means over people, None before the first; JSON-able."""
-
-        def mean(value: float) -> float | None:
-            return value / self.people if self.people else None
-
-        return {
-            "forecasts": self.forecasts,
-            "people": int(self.people),
-            "joint_ade": mean(self.joint_ade_sum),
-            "joint_fde": mean(self.joint_fde_sum),
-            "marginal_ade": mean(self.marginal_ade_sum),
-            "marginal_fde": mean(self.marginal_fde_sum),
-            "horizon": [mean(value) for value in self.horizon_sum.tolist()],
-        }
+        """Means of the metrics, None before the first; JSON-able."""
+        means: dict[str, Any] = dict.fromkeys(METRICS)
+        for name, (total, count) in self.sums.items():
+            means[name] = (total / count).tolist() if count else None
+        return {"forecasts": self.forecasts, "people": self.people, **means}
 
 
 class Analytics:
@@ -135,20 +131,10 @@ class Analytics:
         known = np.all(np.isfinite(future), axis=2)
         for name, result in forecast.models.items():
             length = result.mean.shape[1]
-            score = self.scores.setdefault(name, Score(np.zeros(length)))
-            rows = np.flatnonzero(np.all(known[:, :length], axis=1))
-            if not len(rows):
-                continue
-            errors = scene_errors(
-                result.samples[:, rows], future[rows, :length], np.array([len(rows)])
-            )
-            score.forecasts += 1
-            score.people += len(rows)
-            score.joint_ade_sum += float(errors.joint_ade[0])
-            score.joint_fde_sum += float(errors.joint_fde[0])
-            score.marginal_ade_sum += float(errors.marginal_ade[0])
-            score.marginal_fde_sum += float(errors.marginal_fde[0])
-            score.horizon_sum += errors.horizon[0]
+            running = self.scores.setdefault(name, Score())
+            there = np.all(known[:, :length], axis=1)
+            if there.any():
+                running.add(score(result.samples, future[:, :length], there), int(there.sum()))
         unknown = len(ids) - int(np.all(known, axis=1).sum())
         if unknown:
             self.dropped["future unknown"] += unknown

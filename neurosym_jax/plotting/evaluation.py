@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.evaluation.cases import TestSet
+from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.scene import Scene, to_world
 
 __all__ = ["Shown", "draw_figures"]
@@ -25,16 +26,19 @@ class Shown:
     """The example, padded, with its truth."""
     forecast: np.ndarray
     """[k, N, pred_len, 2] world metres."""
-    horizon: np.ndarray
-    """[pred_len] mean error in metres over the whole test set."""
+    horizons: dict[str, np.ndarray]
+    """[pred_len] means over the whole test set, by metrics that have a value for each step."""
     period: float
     """Seconds between steps."""
+    score: float
+    """By which models of one name are told apart, the less the better."""
 
 
 def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
-    """Three figures for each test set; figures of the same name are replaced.
+    """Figures of each test set: forecasts, samples, errors by horizon.
 
-    Of more than `MOST` models, those of one name are drawn by the one with the least joint ADE.
+    Figures of the same name are replaced. Of more than `MOST` models, those of one name are drawn
+    by the one with the least `score`.
     """
     from neurosym_jax.plotting import (
         plot_fan,
@@ -58,12 +62,16 @@ def draw_figures(folder: Path, shown: Sequence[Shown]) -> list[Path]:
         joint = f"jointly best of {samples}"
         title = f"{test.scene}, {test.obs_len} + {test.pred_len} steps"
         where = folder / f"{test.scene}_{test.obs_len}_{test.pred_len}"
-        horizons = {name: item.horizon for name, item in zip(names, members)}
-        for kind, figure in {
+        figures = {
             "forecasts": plot_forecasts(observed, truth, best, f"{title}: {joint}"),
             "fan": plot_fan(observed, truth, fan, f"{title}: {names[-1]}"),
-            "horizon": plot_horizon_errors(horizons, members[0].period, f"{title}: {joint}"),
-        }.items():
+        }
+        for metric in members[0].horizons:
+            curves = {name: item.horizons[metric] for name, item in drawn.items()}
+            figures[metric] = plot_horizon_errors(
+                curves, members[0].period, f"{title}: {joint}", METRICS[metric].label
+            )
+        for kind, figure in figures.items():
             paths.append(save_figure(figure, where.with_name(f"{where.name}_{kind}.png")))
     return paths
 
@@ -82,7 +90,7 @@ def _drawn(members: Sequence[Shown]) -> dict[str, Shown]:
     if len(members) > MOST:
         return {
             model if len(items) == 1 else f"{model}, best of {len(items)} models": min(
-                items, key=lambda item: item.horizon.mean()
+                items, key=lambda item: item.score
             )
             for model, items in alike.items()
         }

@@ -14,14 +14,18 @@ __all__ = ["plot_horizon_errors"]
 
 
 def plot_horizon_errors(
-    errors: Mapping[str, ArrayLike], period: float = 0.4, title: str | None = None
+    errors: Mapping[str, ArrayLike],
+    period: float = 0.4,
+    title: str | None = None,
+    label: str = "mean displacement error [m]",
 ) -> Figure:
-    """Mean displacement error against the horizon, one line a model, the worst first in the legend.
+    """A mean error against the horizon, one line a model, the largest first in the legend.
 
     Args:
-        errors: [pred_len] metres, by the model's name.
+        errors: [pred_len], by the model's name.
         period: seconds from the last observation to the first step, and between steps.
         title: of the figure.
+        label: what the error is, with its unit.
 
     Raises:
         InputError: for no model, a wrong shape, or a value that is not finite.
@@ -38,6 +42,6 @@ def plot_horizon_errors(
         look = {"color": colours[name], "linestyle": styles[name], "linewidth": 1.6}
         axes.plot(seconds, curve, label=name, marker="o", markersize=2.5, **look)
     axes.set(xlim=(0, None), ylim=(0, None))
-    dress(axes, "horizon [s]", "mean displacement error [m]", title)
+    dress(axes, "horizon [s]", label, title)
     add_legend(figure, axes)
     return figure

@@ -7,7 +7,6 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import (
-    METRICS,
     Difference,
     ErrorsByScene,
     mean_difference,
@@ -31,12 +30,12 @@ class Comparison(NamedTuple):
     """A test set, or `MEAN`."""
     difference: Difference
     reference_mean: list[float]
-    """[4] metres, the reference's own errors, mean over seeds."""
+    """[M] the reference's own scores, mean over seeds."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers: for each metric the difference and its three intervals, metres."""
         of_metrics = {}
-        for at, metric in enumerate(METRICS):
+        for at, metric in enumerate(self.difference.metrics):
             intervals = self.difference.intervals(metric)
             of_metrics[metric] = {
                 "reference": self.reference_mean[at],

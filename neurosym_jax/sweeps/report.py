@@ -46,6 +46,7 @@ def report(options: ReportOptions) -> None:
         "format": FORMAT,
         "training": rows[chosen[0]]["run"]["training"],
         "rows": [_kept(rows[index]) for index in chosen],
+        "metrics": list(comparisons[0].difference.metrics),
         "comparisons": [comparison.to_json() for comparison in comparisons],
         "learned": learned_changes([rows[index] for index in chosen]),
     }
@@ -64,6 +65,6 @@ def report(options: ReportOptions) -> None:
 def _kept(row: dict[str, Any]) -> dict[str, Any]:
     """What a row says of errors, and of the run they are of, without where its files lie."""
     names = ("model", "scene", "obs_len", "pred_len", "samples", "scenes", "agents")
-    errors = {name: row[name] for name in ("joint", "marginal")}
+    errors = {name: row[name] for name in ("joint", "marginal", "metrics") if name in row}
     run = {name: row["run"][name] for name in ("model", "weighting", "recipe", "seed")}
     return {**{name: row[name] for name in names}, **errors, "run": run}

@@ -7,19 +7,18 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.config import RECIPES, TrainConfig, from_json, to_json
-from neurosym_jax.evaluation.paired import METRICS
+from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.sweeps.learned_tables import agreement
 from neurosym_jax.sweeps.table import format_sweep
 
 __all__ = ["format_report"]
 
-TITLES = dict(zip(METRICS, ("joint ADE", "joint FDE", "marginal ADE", "marginal FDE")))
 INTERVALS = """\
-Differences are model less reference, metres, on the same scenes with the same noise and seed; below
-0 the model is better. In brackets 95 %: test scenes resampled in blocks of as many start frames as
-a window has steps (neighbouring windows share most of their steps), and the mean over seeds drawn
-from Student's t. The bootstrap over so few seeds, given below, is too narrow to conclude from.
-`mean` weighs the test sets equally."""
+Differences are model less reference in the unit of the metric, on the same scenes with the same
+noise and seed; below 0 the model is better, unless more of it is. In brackets 95 %: test scenes
+resampled in blocks of as many start frames as a window has steps (neighbouring windows share most
+of their steps), and the mean over seeds drawn from Student's t. The bootstrap over so few seeds,
+given below, is too narrow to conclude from. `mean` weighs the test sets equally."""
 
 Compared = dict[str, Any]
 
@@ -29,11 +28,12 @@ def format_report(data: dict[str, Any], figure: str, command: str) -> str:
     compared: list[Compared] = data["comparisons"]
     references = list(dict.fromkeys(one["reference"] for one in compared))
     parts = ["# Weightings compared", _setting(data, command), "## The answer"]
-    parts += [_answer(compared, reference) for reference in references]
-    parts.append(_exceptions(compared))
+    metrics: list[str] = data["metrics"]
+    parts += [_answer(compared, metrics, reference) for reference in references]
+    parts.append(_exceptions(compared, metrics))
     parts += [f"![Differences and their intervals]({figure})", "## The differences", INTERVALS]
     for reference in references:
-        parts += [f"### Less {reference}", _differences(compared, reference)]
+        parts += [f"### Less {reference}", _differences(compared, metrics, reference)]
     parts += ["### What the uncertainty comes from", _sources(compared)]
     if data["learned"]:
         parts += ["## What was learned", _learned(data["learned"])]
@@ -96,24 +96,26 @@ def _whole(compared: Sequence[Compared]) -> str:
     return "mean" if any(one["scene"] == "mean" for one in compared) else compared[0]["scene"]
 
 
-def verdict(of_metric: dict[str, Any]) -> str:
+def verdict(one: Compared, metric: str) -> str:
     """`better` or `worse` where the interval over scenes and seeds leaves 0 out."""
-    low, high = of_metric["both"]
+    low, high = one[metric]["both"]
+    if known_metric(metric).higher_is_better:
+        low, high = -high, -low
     return "better" if high < 0 else "worse" if low > 0 else "not told apart"
 
 
-def _answer(compared: Sequence[Compared], reference: str) -> str:
+def _answer(compared: Sequence[Compared], metrics: Sequence[str], reference: str) -> str:
     whole = _whole(compared)
     where = "in the mean over test sets" if whole == "mean" else f"on {whole}"
     lines = [f"Against `{reference}`, {where}:", ""]
     for one in _of(compared, reference=reference, scene=whole):
-        said = {metric: verdict(one[metric]) for metric in METRICS}
+        said = {metric: verdict(one, metric) for metric in metrics}
         kinds = list(dict.fromkeys(said.values()))
         words = (
             kinds[0]
             if len(kinds) == 1
             else "; ".join(
-                f"{kind} in {', '.join(TITLES[m] for m in METRICS if said[m] == kind)}"
+                f"{kind} in {', '.join(known_metric(m).title for m in metrics if said[m] == kind)}"
                 for kind in kinds
             )
         )
@@ -122,35 +124,37 @@ def _answer(compared: Sequence[Compared], reference: str) -> str:
         lines.append(
             f"- `{one['model']}`: joint ADE {_cell(ade)} m, {_signed(percent, 1)} %: {words}."
         )
-    return "\n".join([*lines, "", _bounds(_of(compared, reference=reference, scene=whole))])
+    return "\n".join(
+        [*lines, "", _bounds(_of(compared, reference=reference, scene=whole), metrics)]
+    )
 
 
-def _bounds(mine: Sequence[Compared]) -> str:
+def _bounds(mine: Sequence[Compared], metrics: Sequence[str]) -> str:
     """How many are told apart at all, and what the intervals still allow."""
     counts = {
-        kind: sum(verdict(one[metric]) == kind for one in mine for metric in METRICS)
+        kind: sum(verdict(one, metric) == kind for one in mine for metric in metrics)
         for kind in ("better", "worse")
     }
     low = min(one["joint_ade"]["both"][0] / one["joint_ade"]["reference"] for one in mine)
     high = max(one["joint_ade"]["both"][1] / one["joint_ade"]["reference"] for one in mine)
     return (
-        f"Of these {len(mine) * len(METRICS)} comparisons ({len(mine)} models, {len(METRICS)} "
+        f"Of these {len(mine) * len(metrics)} comparisons ({len(mine)} models, {len(metrics)} "
         f"errors) {counts['better']} are told to be better and {counts['worse']} worse. What the "
         f"intervals allow of joint ADE lies between {_signed(100 * low, 1)} % and "
         f"{_signed(100 * high, 1)} %."
     )
 
 
-def _exceptions(compared: Sequence[Compared]) -> str:
+def _exceptions(compared: Sequence[Compared], metrics: Sequence[str]) -> str:
     single = [one for one in compared if one["scene"] != "mean"]
     told = [
-        f"- `{one['model']}` is {verdict(one[metric])} than `{one['reference']}` on {one['scene']} "
-        f"in {TITLES[metric]}: {_cell(one[metric])} m."
+        f"- `{one['model']}` is {verdict(one, metric)} than `{one['reference']}` on {one['scene']} "
+        f"in {known_metric(metric).title}: {_cell(one[metric])} m."
         for one in single
-        for metric in METRICS
-        if verdict(one[metric]) != "not told apart"
+        for metric in metrics
+        if verdict(one, metric) != "not told apart"
     ]
-    count = len(single) * len(METRICS)
+    count = len(single) * len(metrics)
     head = (
         f"Of the {count} comparisons on single test sets {len(told)} leave out 0; "
         f"by chance alone it would be about {0.05 * count:.0f}."
@@ -158,12 +162,13 @@ def _exceptions(compared: Sequence[Compared]) -> str:
     return "\n".join([head, "", *told]) if told else head
 
 
-def _differences(compared: Sequence[Compared], reference: str) -> str:
+def _differences(compared: Sequence[Compared], metrics: Sequence[str], reference: str) -> str:
     mine = _of(compared, reference=reference)
-    lines = ["| model | test set | " + " | ".join(TITLES.values()) + " |", "|" + "---|" * 6]
+    head = ["model", "test set", *(known_metric(m).label for m in metrics)]
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for model in dict.fromkeys(one["model"] for one in mine):
         for one in _of(mine, model=model):
-            cells = [_cell(one[metric]) for metric in METRICS]
+            cells = [_cell(one[metric]) for metric in metrics]
             lines.append(f"| {' | '.join([model, one['scene'], *cells])} |")
     return "\n".join(lines)
 

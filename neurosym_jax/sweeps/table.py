@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.evaluation.metrics import known_metric
+
 __all__ = ["format_sweep", "mean_and_interval"]
 
 Row = Mapping[str, Any]
@@ -33,7 +35,13 @@ def format_sweep(rows: Sequence[Row]) -> str:
         members = [row for row in rows if (row["obs_len"], row["pred_len"]) == lengths]
         for protocol in ("joint", "marginal"):
             title = f"### {lengths[0]} steps observed, {lengths[1]} forecast: {protocol} best of k"
-            blocks.append("\n".join([title, "", *_table(members, protocol)]))
+            pairs = [(row[protocol]["ade"], row[protocol]["fde"]) for row in members]
+            blocks.append("\n".join([title, "", *_table(members, pairs)]))
+        for metric in _further(members):
+            label = known_metric(metric).label
+            title = f"### {lengths[0]} steps observed, {lengths[1]} forecast: {label}"
+            values = [(row["metrics"][metric],) for row in members]
+            blocks.append("\n".join([title, "", *_table(members, values)]))
     blocks.append(
         "ADE / FDE in metres, mean over training seeds ± half of the 95 % interval (Student's t). "
         "Joint: the best of k forecasts of the whole scene; marginal: each agent's own best."
@@ -41,17 +49,28 @@ def format_sweep(rows: Sequence[Row]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _table(rows: Sequence[Row], protocol: str) -> list[str]:
+def _further(rows: Sequence[Row]) -> list[str]:
+    """The metrics that the tables of joint and marginal errors do not have."""
+    both = {f"{protocol}_{error}" for protocol in ("joint", "marginal") for error in ("ade", "fde")}
+    # Rows of an earlier version have no other.
+    names = [name for name in rows[0].get("metrics", {}) if name not in both]
+    return [name for name in names if all(row["metrics"].get(name) is not None for row in rows)]
+
+
+def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> list[str]:
+    """Markdown lines; `values` are what each of `rows` has in its cell."""
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     head = ["model", "k", "seeds", *scenes, *(["average"] if len(scenes) > 1 else [])]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     for model in dict.fromkeys(row["model"] for row in rows):
-        of_model = [row for row in rows if row["model"] == model]
-        # scene to seed to (ADE, FDE); a baseline has no seed of training.
-        found: dict[str, dict[Any, tuple[float, float]]] = {scene: {} for scene in scenes}
-        for row in of_model:
-            seed = row["run"] and row["run"]["seed"]
-            found[row["scene"]][seed] = (row[protocol]["ade"], row[protocol]["fde"])
+        # scene to seed to values; a baseline has no seed of training.
+        found: dict[str, dict[Any, tuple[float, ...]]] = {scene: {} for scene in scenes}
+        samples = 0
+        for row, of_row in zip(rows, values):
+            if row["model"] == model:
+                seed = row["run"] and row["run"]["seed"]
+                found[row["scene"]][seed] = of_row
+                samples = row["samples"]
         seeds = {seed for of_scene in found.values() for seed in of_scene}
         cells = [_cell(list(found[scene].values())) for scene in scenes]
         if len(scenes) > 1:
@@ -59,11 +78,11 @@ def _table(rows: Sequence[Row], protocol: str) -> list[str]:
             means = [np.mean([found[scene][seed] for scene in scenes], axis=0) for seed in whole]
             cells.append(_cell([tuple(mean) for mean in means]))
         count = "-" if seeds == {None} else str(len(seeds))
-        lines.append(f"| {' | '.join([model, str(of_model[0]['samples']), count, *cells])} |")
+        lines.append(f"| {' | '.join([model, str(samples), count, *cells])} |")
     return lines
 
 
-def _cell(errors: Sequence[tuple[float, float]]) -> str:
+def _cell(errors: Sequence[tuple[float, ...]]) -> str:
     if not errors:
         return "-"
     parts = []

@@ -22,7 +22,7 @@ from neurosym_jax.config import GeneratorConfig, TrainConfig, from_json, to_json
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.evaluation.protocol import evaluate
+from neurosym_jax.evaluation.score import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.models.pooling import POOLINGS
@@ -218,13 +218,13 @@ def _validated(config: TrainConfig, state: TrainState) -> Any:
 
 def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     """Joint best-of-k errors on the validation windows; `val_score` chooses the best state."""
-    result = evaluate(
+    result = score_forecaster(
         GeneratorForecaster(run.generator),
         params,
         batches,
         samples=run.config.best_k,
         seed=run.config.seed,
-        with_collisions=False,
+        metrics=("joint_ade", "joint_fde"),
     )
     ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
     score = ade + fde if run.config.select_by == "ade_fde" else ade

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import scene_errors
+from neurosym_jax.evaluation.score import score as score_scene
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.simulation.scenarios import Scenario
@@ -120,18 +120,17 @@ def score(forecasts: list[Forecast], model: str | None) -> Score:
         np.stack([published(forecast, model) for forecast in kept]) - future, axis=-1
     )
     samples = [published(f, None)[None] if model is None else f.models[model].samples for f in kept]
-    best = scene_errors(
-        np.concatenate(samples, axis=1),
-        np.concatenate(list(future)),
-        np.full(len(kept), PEOPLE),
-    )
+    best = [
+        score_scene(of_scene, truth, metrics=("joint_ade", "joint_fde"))
+        for of_scene, truth in zip(samples, future)
+    ]
     people = len(kept) * PEOPLE
     return Score(
         sequences=len(kept),
         ade=float(distance.mean()),
         fde=float(distance[..., -1].mean()),
-        best_ade=float(best.joint_ade.sum() / people),
-        best_fde=float(best.joint_fde.sum() / people),
+        best_ade=float(sum(each["joint_ade"].total[0] for each in best) / people),
+        best_fde=float(sum(each["joint_fde"].total[0] for each in best) / people),
         sum_ade=float(distance.sum(axis=(1, 2)).mean()),
         sum_fde=float(distance[..., -1].sum(axis=1).mean()),
         horizon=distance.mean(axis=(0, 1)).tolist(),

@@ -1,16 +1,10 @@
-import dataclasses
-
 import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.evaluation.metrics import (
-    COLLISION_DISTANCE,
-    SceneErrors,
-    collisions,
-    scene_errors,
-)
+from neurosym_jax.evaluation.metrics import COLLISION_DISTANCE, collisions
+from neurosym_jax.evaluation.score import score
 
 collide = jax.jit(collisions)
 
@@ -27,34 +21,38 @@ def test_by_hand():
     truth = np.array([[[0.0, 0.0], [1.0, 0.0]], [[5.0, 5.0], [5.0, 6.0]]])
     # Sample 0: ADE 1 and 2, FDE 2 and 3; sample 1: ADE 2 and 1.5, FDE 1 and 1.
     forecast = truth + offsets([[[0, 2], [1, 3]], [[3, 1], [2, 1]]])
-    errors = scene_errors(forecast, truth, [2])
-    assert errors.agents.tolist() == [2]
-    assert_allclose(errors.joint_ade, [3.0], atol=1e-6)  # Sample 0: 1 + 2.
-    assert_allclose(errors.joint_fde, [2.0], atol=1e-6)  # Sample 1: 1 + 1.
-    assert_allclose(errors.marginal_ade, [1 + 1.5], atol=1e-6)
-    assert_allclose(errors.marginal_fde, [1 + 1], atol=1e-6)
-    assert_allclose(errors.horizon, [[0 + 1, 2 + 3]], atol=1e-6)  # Sample 0.
+    found = score(forecast, truth)
+    assert all(each.count.tolist() == [2] for each in found.values())
+    wanted = {
+        "joint_ade": [3.0],  # Sample 0: 1 + 2.
+        "joint_fde": [2.0],  # Sample 1: 1 + 1.
+        "marginal_ade": [1 + 1.5],
+        "marginal_fde": [1 + 1],
+        "horizon": [[0 + 1, 2 + 3]],  # Sample 0.
+        "collision_rate": [0],
+    }
+    assert found.keys() == wanted.keys()
+    for name, total in wanted.items():
+        assert_allclose(found[name].total, total, atol=1e-6, err_msg=name)
 
 
-def test_scenes_together_are_as_scenes_alone():
+def test_who_does_not_count_changes_nothing():
     rng = np.random.default_rng(0)
     forecast, truth = rng.normal(size=(4, 6, 5, 2)), rng.normal(size=(6, 5, 2))
-    sizes = [3, 1, 2]
-    together = scene_errors(forecast, truth, sizes)
-    alone = [
-        scene_errors(forecast[:, part], truth[part], [part.stop - part.start])
-        for part in (slice(0, 3), slice(3, 4), slice(4, 6))
-    ]
-    joined = SceneErrors.of_table(np.concatenate([errors.table() for errors in alone]))
-    for name, value in dataclasses.asdict(together).items():
-        assert_allclose(getattr(joined, name), value, atol=1e-12)
+    valid = np.array([True, False, True, True, False, True])
+    forecast[:, 1], truth[4] = np.nan, np.nan
+    alone = score(forecast[:, valid] + 5e6, truth[valid] + 5e6)
+    for name, each in score(forecast, truth, valid).items():
+        assert each.count == 4
+        assert_allclose(each.total, alone[name].total, rtol=1e-6, err_msg=name)
+    assert np.isnan(score(forecast, truth, np.zeros(6, bool))["joint_ade"].mean)
 
 
 def test_marginal_is_never_worse_than_joint():
     rng = np.random.default_rng(1)
-    errors = scene_errors(rng.normal(size=(20, 6, 5, 2)), rng.normal(size=(6, 5, 2)), [6])
-    assert errors.marginal_ade[0] < errors.joint_ade[0]
-    assert errors.marginal_fde[0] < errors.joint_fde[0]
+    found = score(rng.normal(size=(20, 6, 5, 2)), rng.normal(size=(6, 5, 2)))
+    assert found["marginal_ade"].mean < found["joint_ade"].mean
+    assert found["marginal_fde"].mean < found["joint_fde"].mean
 
 
 def straight(start, end, steps=2):

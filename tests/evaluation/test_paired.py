@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from neurosym_jax.evaluation.paired import (
-    METRICS,
     ErrorsByScene,
     mean_difference,
     paired_difference,
 )
+
+METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
 
 
 def runs(better_by=0.0, spread=0.0, seeds=3, scenes=400, seed=0, noise=0.02):
@@ -20,10 +21,14 @@ def runs(better_by=0.0, spread=0.0, seeds=3, scenes=400, seed=0, noise=0.02):
     ours, theirs = [], []
     for shift in draw.normal(0, spread, seeds) if spread else np.zeros(seeds):
         own = draw.normal(0, noise, (scenes, 4)) * agents[:, None]
-        theirs.append(ErrorsByScene(hard * np.ones(4), agents, identity, 16))
+        theirs.append(errors(hard * np.ones(4), agents, identity))
         better = (better_by + shift) * agents[:, None]
-        ours.append(ErrorsByScene(hard - better + own, agents, identity, 16))
+        ours.append(errors(hard - better + own, agents, identity))
     return ours, theirs
+
+
+def errors(totals, agents, identity):
+    return ErrorsByScene(METRICS, totals, np.repeat(agents[:, None], 4, axis=1), identity, 16)
 
 
 def test_a_difference_is_per_agent_and_found_where_it_is():
@@ -63,8 +68,8 @@ def test_windows_that_share_steps_are_drawn_together():
     """An error that lasts for sixteen windows is one observation and not sixteen."""
     ours, theirs = runs(noise=0.0, seeds=1)
     lasting = np.repeat(np.random.default_rng(1).normal(0, 0.05, 25), 16)[:, None]
-    agents = ours[0].agents[:, None]
-    ours = [dataclasses.replace(ours[0], errors=ours[0].errors + lasting * agents)]
+    more = lasting * ours[0].counts
+    ours = [dataclasses.replace(ours[0], totals=ours[0].totals + more)]
     low, high = paired_difference(ours, theirs).intervals("joint_ade")["scenes"]
     assert (high - low) / 2 == pytest.approx(1.96 * 0.05 / np.sqrt(25), rel=0.35)
 

@@ -19,6 +19,14 @@ def row(**fields):
         "joint": {"ade": 0.4312, "fde": 0.9613},
         "marginal": {"ade": 0.3311, "fde": 0.7222},
         "collision_rate": 0.0345,
+        "metrics": {
+            "joint_ade": 0.4312,
+            "joint_fde": 0.9613,
+            "marginal_ade": 0.3311,
+            "marginal_fde": 0.7222,
+            "collision_rate": 0.0345,
+            "of_a_plugin": None,
+        },
         "seconds": {"latency": 0.00123},
         "forecasts_per_second": 12345.6,
         **fields,
@@ -26,15 +34,18 @@ def row(**fields):
 
 
 def test_table():
-    sgan = row(checkpoint="models/zara1.pt", model="SGAN", samples=20, collision_rate=None)
+    sgan = row(checkpoint="models/zara1.pt", model="SGAN", samples=20)
     text = format_table([row(), sgan, row(scene="eth")])
     lines = text.splitlines()
     title = lines.index("zara1: 8 steps observed, 12 forecast; 602 scenes, 2253 agents; metres")
     heads, first, second = lines[title + 1 : title + 3], lines[title + 3], lines[title + 4]
-    assert "joint best" in heads[0]
-    assert "marginal best" in heads[0]
-    assert " ".join(first.split()).startswith("constant velocity 0.431 0.961 0.331 0.722 3.5 % 1 ")
-    assert " ".join(second.split()).startswith("SGAN zara1.pt 0.431 0.961 0.331 0.722 - 20 ")
+    assert heads[0].split()[:4] == ["joint", "joint", "marginal", "marginal"]
+    assert heads[1].split()[:4] == ["ADE", "FDE", "ADE", "FDE"]
+    assert "of_a_plugin" in heads[1]
+    errors = "0.431 0.961 0.331 0.722 3.5 % -"
+    assert " ".join(first.split()).startswith(f"constant velocity {errors} 1 ")
+    assert " ".join(second.split()).startswith(f"SGAN zara1.pt {errors} 20 ")
+    assert "joint: the best of k forecasts of the whole scene" in text
     assert "checkpoints in models" in text
     assert text.count("zara1: ") == text.count("eth: ") == 1
     assert len(heads[1]) == len(first) == len(second)

@@ -2,6 +2,7 @@ import json
 import warnings
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -9,11 +10,13 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation import cases
+from neurosym_jax.evaluation.metrics import METRICS, Metric, register_metric
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
+from neurosym_jax.plugins import load_plugin
 from neurosym_jax.scene import make_scene
 
 SCHEMA = {
@@ -29,6 +32,12 @@ SCHEMA = {
     "joint": {"ade": float, "fde": float},
     "marginal": {"ade": float, "fde": float},
     "collision_rate": float | None,
+    "metrics": {
+        "joint_ade": float,
+        "joint_fde": float,
+        "marginal_ade": float,
+        "marginal_fde": float,
+    },
     "seconds": {"loading": float, "compiling": float, "evaluating": float, "latency": float},
     "forecasts_per_second": float,
 }
@@ -78,6 +87,7 @@ def test_default_run(options, tmp_path, capsys):
     assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
     assert [row["samples"] for row in rows] == [1, 3]
     for row in rows:
+        assert row["metrics"].pop("collision_rate") == row["collision_rate"]
         assert_fits(row, SCHEMA)
         assert row["joint"]["ade"] >= row["marginal"]["ade"] - 1e-9
         assert row["scene"] == "cross-path"
@@ -197,3 +207,28 @@ def test_every_real_sample_of_thor(shared, options):
         rows = run_evaluation(options(data=shared / "data/thor", samples=2, collisions=False))
     assert len(rows) == 6
     assert all(row["scenes"] > 200 and 0.2 < row["joint"]["ade"] < 0.7 for row in rows)
+
+
+def test_a_metric_of_a_plugin_is_in_the_table_and_the_rows(options, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(METRICS, "_things", dict(METRICS))
+    plugin = tmp_path / "spread.py"
+    plugin.write_text(
+        "from neurosym_jax.evaluation.metrics import Metric, register_metric\n"
+        "def spread(forecast, future, valid):\n"
+        "    return (forecast[..., -1, :].std(axis=0).sum(axis=-1) * valid).sum(), valid.sum()\n"
+        "register_metric(Metric('spread', 'final spread', 'm', spread, about='spread: of k'))\n"
+    )
+    load_plugin(str(plugin))
+    plain, sampled = run_evaluation(options(samples=3, scene="cross-path", figures=True))
+    assert plain["metrics"]["spread"] == 0
+    assert sampled["metrics"]["spread"] > 0.1
+    out = capsys.readouterr().out
+    assert f"{sampled['metrics']['spread']:.3f}" in out
+    assert "spread: of k" in out
+
+
+def test_a_metric_that_is_not_finite_is_named(options, monkeypatch):
+    monkeypatch.setattr(METRICS, "_things", dict(METRICS))
+    register_metric(Metric("odd", "odd", "", lambda forecast, future, valid: (jnp.inf, 1)))
+    with pytest.raises(InputError, match="metric odd: is not finite for constant velocity on cr"):
+        run_evaluation(options(samples=3, scene="cross-path"))

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import scene_errors
+from neurosym_jax.evaluation.score import score
 from neurosym_jax.online.analytics import LATENCIES, Analytics
 from neurosym_jax.online.predictor import Forecast, ModelForecast
 
@@ -47,17 +47,15 @@ def test_equals_the_offline_errors():
         assert np.isnan(f.future[:, truth.shape[1] :]).all()
     scored = [f for f in forecasts if f.index + PRED < 40]
     for name in ("a", "b"):
-        errors = scene_errors(
-            np.concatenate([f.models[name].samples for f in scored], axis=1),
-            np.concatenate([path[:, f.index + 1 : f.index + 1 + PRED] for f in scored]),
-            np.full(len(scored), 3),
-        )
+        alone = [
+            score(f.models[name].samples, path[:, f.index + 1 : f.index + 1 + PRED]) for f in scored
+        ]
         result = analytics.summary()["models"][name]
-        assert result["people"] == errors.agents.sum() == 3 * len(scored)
-        for field in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
-            expected = getattr(errors, field).sum() / errors.agents.sum()
-            assert result[field] == pytest.approx(expected)
-        assert result["horizon"] == pytest.approx(errors.horizon.sum(0) / errors.agents.sum())
+        assert (result["forecasts"], result["people"]) == (len(scored), 3 * len(scored))
+        assert result.keys() - {"forecasts", "people"} == alone[0].keys()
+        for metric in alone[0]:
+            expected = np.mean([each[metric].mean for each in alone], axis=0)
+            assert result[metric] == pytest.approx(expected, rel=1e-6)
     assert analytics.dropped == {"future unknown": 3 * PRED}
 
 

@@ -12,8 +12,9 @@ def shown(model, error):
         model,
         scene,
         np.zeros((1, 2, 8, 2)),
-        np.full(8, float(error)),
+        {},
         0.4,
+        error,
     )
 
 

@@ -7,7 +7,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.protocol import evaluate
+from neurosym_jax.evaluation.score import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocitySampled
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.networks import GeneratorForecaster
@@ -28,7 +28,7 @@ def test_a_forecast_of_too_many_samples():
 def test_an_evaluation_of_too_many_samples():
     batches = make_batches(cut_windows([synthetic_tracks("cross-path", 0)], 8, 8))
     with pytest.raises(InputError, match="ask for fewer samples"):
-        evaluate(ConstantVelocitySampled(8), (), batches, samples=10**9, seed=0)
+        score_forecaster(ConstantVelocitySampled(8), (), batches, samples=10**9, seed=0)
 
 
 def test_memory_grows_with_pairs_where_there_are_symbols():

@@ -1,3 +1,4 @@
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -5,8 +6,10 @@ from numpy.testing import assert_allclose
 from neurosym_jax.data.batching import make_batches, single_scene
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.evaluation.metrics import collisions
-from neurosym_jax.evaluation.protocol import evaluate, latency
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.metrics import METRICS, Metric, collisions, register_metric
+from neurosym_jax.evaluation.rows import latency
+from neurosym_jax.evaluation.score import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.simulation.scenarios import synthetic_tracks
@@ -27,7 +30,7 @@ def direct(windows, samples):
     """Sampled constant velocity, evaluated by loops over scenes, samples and agents."""
     spec = ConstantVelocitySampled(8).noise
     total = dict.fromkeys(
-        ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "colliding"), 0
+        ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "collision_rate"), 0
     )
     horizon = np.zeros(8)
     for scene in range(windows.scenes):
@@ -44,7 +47,7 @@ def direct(windows, samples):
         total["joint_fde"] += min(fde.sum(axis=1))
         total["marginal_ade"] += sum(min(ade[:, agent]) for agent in range(agents))
         total["marginal_fde"] += sum(min(fde[:, agent]) for agent in range(agents))
-        total["colliding"] += (
+        total["collision_rate"] += (
             np.asarray(collisions(forecast, np.ones(agents, bool))).sum() / samples
         )
         horizon += error[ade.sum(axis=1).argmin()].sum(axis=0)
@@ -53,32 +56,72 @@ def direct(windows, samples):
 
 @pytest.mark.parametrize("slots", [8, 256])
 def test_equal_to_a_direct_loop(slots):
-    result = evaluate(
+    result = score_forecaster(
         ConstantVelocitySampled(8), (), make_batches(WINDOWS, slots), samples=5, seed=3
     )
     assert len(set(WINDOWS.sizes.tolist())) > 1
     wanted, horizon = direct(WINDOWS, 5)
-    assert wanted["colliding"] > 0
-    assert_allclose(result.collision_rate, wanted.pop("colliding"), rtol=1e-5)
+    assert wanted["collision_rate"] > 0
     for name, value in wanted.items():
         assert_allclose(result.mean(name), value, rtol=1e-5, err_msg=name)
-    assert_allclose(result.horizon, horizon, rtol=1e-5)
-    assert_allclose(result.horizon.mean(), wanted["joint_ade"], rtol=1e-5)
+    assert_allclose(result.scores["horizon"].mean, horizon, rtol=1e-5)
+    assert_allclose(result.scores["horizon"].mean.mean(), wanted["joint_ade"], rtol=1e-5)
     assert (result.samples, result.agents) == (5, WINDOWS.agents)
-    assert result.errors.agents.tolist() == WINDOWS.sizes.tolist()
-    assert result.compiling >= 0
-    assert result.evaluating > 0
+    assert result.scores["joint_ade"].count.tolist() == WINDOWS.sizes.tolist()
+    assert result.seconds > 0
 
 
 def test_deterministic_forecasts_have_one_sample():
     batches = make_batches(cut_windows([synthetic_tracks("cross-path", 0)], 8, 8))
-    result = evaluate(ConstantVelocity(8), (), batches, samples=20, seed=0, with_collisions=False)
+    errors = ("joint_ade", "marginal_ade")
+    result = score_forecaster(ConstantVelocity(8), (), batches, samples=20, seed=0, metrics=errors)
     assert result.samples == 1
+    assert tuple(result.scores) == errors
     assert result.mean("joint_ade") == pytest.approx(result.mean("marginal_ade"), rel=1e-5)
-    assert result.collision_rate is None
-    again = evaluate(ConstantVelocity(8), (), batches, samples=1, seed=5, with_collisions=False)
-    assert again.compiling == 0
-    assert again.mean("joint_fde") == result.mean("joint_fde")
+    again = score_forecaster(ConstantVelocity(8), (), batches, samples=1, seed=5, metrics=errors)
+    assert again.mean("joint_ade") == result.mean("joint_ade")
+
+
+@pytest.fixture
+def own_metric(monkeypatch):
+    """Registers a metric for the length of a test and scores constant velocity by it."""
+    monkeypatch.setattr(METRICS, "_things", dict(METRICS))
+
+    def scored(compute):
+        register_metric(Metric("own", "own metric", "m", compute))
+        batches = make_batches(WINDOWS)
+        return score_forecaster(
+            ConstantVelocity(8), (), batches, samples=1, seed=0, metrics=("own",)
+        ).scores["own"]
+
+    return scored
+
+
+def test_a_metric_of_a_scene_and_one_of_each_step(own_metric):
+    found = own_metric(lambda forecast, future, valid: (jnp.where(valid, 1.0, 0).sum() ** 2, 1))
+    assert found.mean == pytest.approx(np.mean(WINDOWS.sizes**2))
+    with pytest.raises(InputError, match="another metric 'own' already"):
+        own_metric(lambda forecast, future, valid: (0, 0))
+
+
+def test_a_metric_that_counts_nothing_here(own_metric):
+    found = own_metric(lambda forecast, future, valid: (jnp.zeros(8), 0))
+    assert found.total.shape == (WINDOWS.scenes, 8)
+    assert np.isnan(found.mean).all()
+
+
+@pytest.mark.parametrize(
+    ("compute", "message"),
+    [
+        (lambda forecast, future, valid: (future.sum(), valid), r"wanted, not \[\] and \[4\]"),
+        (lambda forecast, future, valid: (valid, 1), r"wanted, not \[4\] and \[\]"),
+        (lambda forecast, future, valid: 3, "TypeError"),
+        (lambda forecast, future, valid: forecast @ valid, "TypeError"),
+    ],
+)
+def test_what_is_no_metric_is_refused(own_metric, compute, message):
+    with pytest.raises(InputError, match=f"metric own: .*{message}"):
+        own_metric(compute)
 
 
 def test_latency_forecasts_the_scene_it_is_given():
