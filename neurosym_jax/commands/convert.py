@@ -1,4 +1,4 @@
-"""Bring an older model folder, or a torch file, to today's format."""
+"""Bring a model to today's format: an older folder in place, or a torch checkpoint as a folder."""
 
 import dataclasses
 import shutil
