@@ -1,4 +1,4 @@
-"""Bring a model to today's format: an older folder in place, or a torch checkpoint as a folder."""
+"""Bring an older model folder, or a torch file, to today's format."""
 
 import dataclasses
 import shutil

@@ -1,0 +1,5 @@
+"""Errors of forecasts by a protocol, differences of models with intervals, tables."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,5 @@
+"""torch checkpoints read and written without torch, and comparison with torch's numbers."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,5 @@
+"""Many trainings compared: a process each, errors scene by scene, intervals."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

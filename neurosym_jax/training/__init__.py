@@ -1,1 +1,5 @@
 """Training of generators and discriminators: losses, one pure step, and the loop around it."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -49,8 +50,11 @@ def test_what_is_asked_for_is_imported():
 def test_every_export_is_there(package):
     module = importlib.import_module(package)
     assert module.__doc__
+    modules = {path.stem for path in Path(module.__path__[0]).iterdir()}
     for name in module.__all__:
-        assert getattr(module, name) is not None
+        exported = getattr(module, name)
+        # One name cannot be a module and what is in it.
+        assert isinstance(exported, ModuleType) == (name in modules)
         assert name in dir(module)
     with pytest.raises(AttributeError, match="no_such_thing"):
         _ = module.no_such_thing

@@ -1,0 +1,14 @@
+from .batching import make_batches as make_batches
+from .batching import single_scene as single_scene
+from .formats import read_any as read_any
+from .reading import ReadOptions as ReadOptions
+from .sources import EthUcy as EthUcy
+from .sources import Files as Files
+from .sources import Source as Source
+from .sources import Synthetic as Synthetic
+from .sources import open_source as open_source
+from .tracks import Tracks as Tracks
+from .tracks import make_tracks as make_tracks
+from .tracks import resample as resample
+from .windows import Windows as Windows
+from .windows import cut_windows as cut_windows

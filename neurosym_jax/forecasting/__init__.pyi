@@ -1,0 +1,13 @@
+from .baselines import ConstantVelocity as ConstantVelocity
+from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
+from .forecaster import Forecaster as Forecaster
+from .kinds import register_forecaster as register_forecaster
+from .model import Model as Model
+from .model import predict as predict
+from .model_folder import load_model as load_model
+from .model_folder import save_model as save_model
+from .model_folder import shipped_models as shipped_models
+from .networks import GeneratorForecaster as GeneratorForecaster
+from .noise import NoiseSpec as NoiseSpec
+from .noise import draw_noise as draw_noise
+from .scene_forecaster import SceneForecaster as SceneForecaster

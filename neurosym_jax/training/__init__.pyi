@@ -1,0 +1,10 @@
+from .gradients import discriminator_gradient as discriminator_gradient
+from .gradients import generator_gradient as generator_gradient
+from .loop import Run as Run
+from .loop import train_run as train_run
+from .run import make_run as make_run
+from .run import train as train
+from .step import TrainState as TrainState
+from .step import initial_state as initial_state
+from .step import train_step as train_step
+from .stream import SceneStream as SceneStream
