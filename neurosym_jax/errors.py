@@ -1,6 +1,6 @@
 """What means "your input, not our code": commands print each as a single line."""
 
-__all__ = ["InputError", "InputWarning", "TrainingError"]
+__all__ = ["InputError", "InputWarning", "TrainingError", "printable"]
 
 
 class InputError(ValueError):
@@ -13,3 +13,11 @@ class InputWarning(UserWarning):
 
 class TrainingError(InputError):
     """Training cannot go on or be resumed; what was saved before is kept."""
+
+
+def printable(text: str) -> str:
+    """Text from outside, with what would steer a terminal, or cannot be written, escaped."""
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in text
+    )

@@ -10,7 +10,7 @@ from typing import Annotated, TypeVar
 
 import tyro
 
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.runtime.processes import leave
@@ -59,7 +59,7 @@ def run_command(
         sys.exit(130)
     except Exception as error:
         if isinstance(error, InputError) or getattr(error, "errno", None) in OF_THE_DISK:
-            print(f"error: {error}", file=sys.stderr)
+            print(f"error: {printable(str(error))}", file=sys.stderr)
             leave(2)
             sys.exit(2)
         leave(1, traceback.format_exc())
@@ -84,7 +84,7 @@ def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
 
     def show(message: Warning | str, category: type[Warning], *where: object) -> None:
         if issubclass(category, InputWarning):
-            print(f"warning: {message}", file=sys.stderr)
+            print(f"warning: {printable(str(message))}", file=sys.stderr)
         else:
             otherwise(message, category, *where)
 

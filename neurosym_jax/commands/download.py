@@ -1,6 +1,64 @@
 """Fetch ETH/UCY or SGAN's checkpoints; say how to get THÖR."""
 
-from neurosym_jax.data.download import DownloadOptions as Options
-from neurosym_jax.data.download import download as run
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from neurosym_jax.commands import inspect
+from neurosym_jax.data.download import download
+from neurosym_jax.data.published import HOME, data_folder
 
 __all__ = ["Options", "run"]
+
+THOR = """THÖR's recordings are to be fetched by hand:
+  1. download https://zenodo.org/records/3382145 (THÖR: files such as Exp_1_run_1_6D.tsv) or
+     https://zenodo.org/records/10407223 (THÖR-MAGNI: CSV files), and unpack what is an archive;
+  2. put the recordings into {folder}
+     (any of them; each file is a scene of its own);
+  3. run this command again: it says what is there and whether it can be read."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Fetch ETH/UCY or SGAN's checkpoints; say how to get THÖR, and check what was put there.
+
+    evaluate.py and train.py look into the folder of the data by themselves.
+    """
+
+    what: Annotated[Literal["eth-ucy", "sgan-checkpoints", "thor"], tyro.conf.Positional]
+    """Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints (2.6 MB), or THÖR."""
+    to: Path | None = None
+    """Folder in which the collection gets a folder of its own; default: $NEUROSYM_DATA, else
+    neurosym_jax in $XDG_DATA_HOME or ~/.local/share."""
+    mirror: str = HOME
+    """Address, or folder, of a copy of the files, with the same paths below it."""
+    timeout: float = 20.0
+    """Seconds of silence after which a connection is given up."""
+
+
+def run(options: Options) -> int:
+    """Do what `options` say; 2 where nothing of THÖR is there yet.
+
+    Raises:
+        InputError: naming the file or address and what is wrong with it.
+    """
+    base = data_folder() if options.to is None else options.to
+    folder = base / options.what
+    if options.what == "thor":
+        return _check_by_hand(folder)
+    count, came = download(options.what, folder, options.mirror, options.timeout)
+    print(f"{folder}: {count} files, every SHA-256 as published, {came} of them fetched now")
+    if options.to is not None and options.to.resolve() != data_folder().resolve():
+        print(f"To have it found without being told: export NEUROSYM_DATA={options.to}")
+    return 0
+
+
+def _check_by_hand(folder: Path) -> int:
+    print(THOR.format(folder=folder.resolve()))
+    if not folder.is_dir() or not any(folder.iterdir()):
+        print("\nNothing is there yet.")
+        return 2
+    print()
+    return inspect.run(inspect.Options(folder))

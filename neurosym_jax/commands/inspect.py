@@ -1,6 +1,61 @@
 """Say what a recording, or a folder of them, holds."""
 
-from neurosym_jax.data.inspection import InspectOptions as Options
-from neurosym_jax.data.inspection import inspect as run
+import dataclasses
+import warnings
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from neurosym_jax.data.formats import FORMATS, read_any
+from neurosym_jax.data.inspection import describe, files_below
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.errors import InputError, InputWarning, printable
 
 __all__ = ["Options", "run"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Say what a recording, or each of a folder's, holds."""
+
+    path: Annotated[Path, tyro.conf.Positional]
+    """A file, or a folder that is searched with its subfolders."""
+    figure: Path | None = None
+    """A PNG of all tracks."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How files are read."""
+
+
+def run(options: Options) -> int:
+    """Print what `options.path` holds; 2 if nothing in it could be read.
+
+    Raises:
+        InputError: where a single file cannot be read, or a folder has none.
+    """
+    folder = options.path.is_dir()
+    paths = files_below(options.path) if folder else [options.path]
+    recordings: list[Tracks] = []
+    for path in paths:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputWarning)  # They stand in the recordings, too.
+            try:
+                found = read_any(path, options.read)
+            except InputError as error:
+                if not folder:
+                    raise
+                print(f"{printable(str(error))}\n")
+                continue
+        names = {tracks.reading.format for tracks in found if tracks.reading}
+        kinds = ", ".join(FORMATS[name].text for name in names if name)
+        print("\n".join([printable(f"{path}: {kinds}"), *map(describe, found), ""]))
+        recordings += found
+    if len(recordings) > 1:
+        print(f"altogether {len(recordings)} recordings of {len(paths)} files")
+    if options.figure and recordings:
+        from neurosym_jax.plotting import save_figure
+        from neurosym_jax.plotting.tracks import plot_tracks
+
+        print(f"wrote {save_figure(plot_tracks(recordings), options.figure)}")
+    return 0 if recordings else 2

@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.dashboard.symbols import PairSymbols
+from neurosym_jax.data.tracks import LATE
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
-from neurosym_jax.online.window import LATE
 from neurosym_jax.tracking.motion import FAR
 
 __all__ = ["MAX_NAMED", "Moments"]

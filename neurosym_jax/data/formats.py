@@ -1,56 +1,33 @@
-"""Which reader a file is for, told from its content; and any recording on the benchmark's grid."""
+"""Formats of files: a registry that every reader, and a plugin's, is added to in its own file.
 
-import codecs
+A format says of a file's beginning whether it knows it, and which of the options of `ReadOptions`
+it has a use for. Which ones there are is known nowhere else.
+"""
+
 import dataclasses
-import json
+import importlib
 import warnings
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 
-import numpy as np
-
-from neurosym_jax.data.readers import columns, eth_ucy, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import SNAP, Tracks, common, resample
+from neurosym_jax.data.suspicions import suspicions
+from neurosym_jax.data.text import Head, read_head
+from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.registry import Registry
 
-__all__ = ["FORMATS", "SUFFIXES", "Format", "data_files", "on_grid", "read_any", "sniff"]
+__all__ = ["FORMATS", "SUFFIXES", "Format", "data_files", "read_any", "register_format", "sniff"]
 
 SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson")
 """Endings of the files that are looked at in a folder."""
 
-_HEAD = 1 << 16  # bytes to tell a format by; a THÖR header is about 10 kB
+_READERS = "neurosym_jax.data.readers"
 
 
-@dataclasses.dataclass(frozen=True)
-class Head:
-    """How a file begins."""
-
-    lines: tuple[str, ...]
-    """The lines that say something."""
-
-    @property
-    def first(self) -> str:
-        """The first of them."""
-        return self.lines[0].lstrip() if self.lines else ""
-
-    @property
-    def fields(self) -> list[str]:
-        """What stands in the first, whatever separates it."""
-        return self.first.split("#")[0].replace(",", " ").replace(";", " ").split()
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers the first is; 0 where it has anything else."""
-        try:
-            return len([float(field) for field in self.fields])
-        except ValueError:
-            return 0
-
-    @property
-    def names(self) -> list[str]:
-        """The first as the header of a CSV file."""
-        return [name.strip() for name in self.first.split(",")]
+def _never(head: Head) -> bool:
+    return False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,108 +37,61 @@ class Format:
     text: str
     """What it is, for people."""
     knows: Callable[[Head], bool]
-    """Whether a file that begins so is of it, if it is of none before it."""
+    """Whether a file that begins so is of it."""
     read: Callable[[Path, ReadOptions, float], list[Tracks]]
     """Its recordings; the number is the seconds that one step of frame numbers stands for."""
-    metric: bool = False
-    """Whether the unit of coordinates is fixed."""
+    uses: frozenset[str] = frozenset()
+    """The fields of `ReadOptions` that it goes by, of columns, unit, time_unit, fps and stride."""
+    general: bool = False
+    """Whether it is asked only where no other format knows the file."""
+    other: Callable[[Head], bool] = _never
+    """Whether a file that it knows holds no tracks, so that a folder is read without it."""
 
 
-def _is_trajnet(head: Head) -> bool:
-    try:
-        row = json.loads(head.first)
-    except (ValueError, RecursionError):
-        # A row cut short is TrajNet++ still, and its reader says which.
-        return head.first.startswith(('{"track"', '{"scene"'))
-    return isinstance(row, dict) and row.keys() in ({"track"}, {"scene"})
+def _built_in() -> None:
+    """Import every reader, which registers its formats."""
+    for file in sorted(file.name for file in files(_READERS).iterdir()):
+        if file.endswith(".py") and not file.startswith("_"):
+            importlib.import_module(f"{_READERS}.{file.removesuffix('.py')}")
 
 
-def _is_qtm(head: Head) -> bool:
-    return any(
-        line.startswith(("Frame\t", "Frame,")) and ("Helmet" in line or " X" in line)
-        for line in head.lines
-    )
+FORMATS: Registry[Format] = Registry("format", _built_in)
+"""By name."""
 
 
-def _is_table(head: Head) -> bool:
-    if head.first.startswith(("{", "[")):
-        return True
-    # A binary file has no header; the reader of text says best what is wrong with it.
-    readable = head.first.isprintable() or "\t" in head.first
-    return bool(head.lines) and not head.numbers and readable
+def register_format(name: str, form: Format, *, replace: bool = False) -> None:
+    """Add a format, which is asked from then on whether it knows a file.
 
-
-FORMATS = {
-    "trajnet": Format(
-        "TrajNet++",
-        _is_trajnet,
-        lambda path, how, _: [trajnet.read_trajnet(path, how.stride_of(path)).tracks],
-        metric=True,
-    ),
-    "qtm": Format(
-        "QTM export (THÖR, THÖR-MAGNI)",
-        _is_qtm,
-        lambda path, *_: [thor.read_qtm(path)],
-        metric=True,
-    ),
-    "tracklets": Format(
-        "THÖR-MAGNI tracklets",
-        lambda head: set(thor.TRACKLET_COLUMNS) <= set(head.names),
-        lambda path, *_: thor.read_tracklets(path),
-        metric=True,
-    ),
-    "columns": Format(
-        "table with named columns",
-        _is_table,
-        lambda path, how, period: [
-            columns.read_columns(
-                path, columns.parse_columns(how.columns), period, how.stride_of(path)
-            )
-        ],
-    ),
-    "cliff": Format(
-        "CLiFF-LHMP tracks (`time,id,x,y,speed,heading`)",
-        lambda head: head.numbers == 6,
-        lambda path, *_: [thor.read_cliff(path)],
-        metric=True,
-    ),
-    "obsmat": Format(
-        "ETH's obsmat (`frame id x z y vx vz vy`)",
-        lambda head: head.numbers == 8,
-        lambda path, how, period: [eth_ucy.read_obsmat(path, period, how.stride_of(path))],
-        metric=True,
-    ),
-    "text": Format(
-        "rows of `frame ped x y`",
-        lambda head: True,
-        lambda path, how, period: [eth_ucy.read_text(path, period, how.stride_of(path))],
-    ),
-}
-"""By name, in the order in which they are asked whether they know a file."""
-
-
-def _head(path: Path) -> Head:
-    try:
-        with path.open("rb") as file:
-            start = file.read(_HEAD)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    text = start.removeprefix(codecs.BOM_UTF8).decode("utf-8", errors="ignore")
-    return Head(tuple(line for line in text.splitlines() if line.split("#")[0].strip()))
+    Raises:
+        InputError: for what is no name, or one that another format has.
+    """
+    FORMATS.register(name, form, replace=replace)
 
 
 def sniff(path: Path) -> str:
-    """The format of a file, a key of `FORMATS`; `text` where nothing says otherwise.
+    """The format of a file, a key of `FORMATS`.
 
     Raises:
-        InputError: if it cannot be read.
+        InputError: if it cannot be read, or several formats know it.
     """
-    head = _head(Path(path))
-    return next(name for name, form in FORMATS.items() if form.knows(head))
+    return _known(Path(path), read_head(Path(path)))
+
+
+def _known(path: Path, head: Head) -> str:
+    for general in (False, True):
+        names = [
+            name for name, form in FORMATS.items() if form.general == general and form.knows(head)
+        ]
+        if len(names) > 1 and not general:
+            choices = " or ".join(f"--format {name}" for name in names)
+            raise InputError(f"{path}: may be of several formats: say {choices}")
+        if names:
+            return names[-1]  # A general format of a plugin's comes last, and goes before ours.
+    raise InputError(f"{path}: of no known format: there are {', '.join(FORMATS)} (--format NAME)")
 
 
 def read_any(
-    path: Path, options: ReadOptions = AS_IT_SAYS, frame_period: float = eth_ucy.PERIOD
+    path: Path, options: ReadOptions = AS_IT_SAYS, frame_period: float = PERIOD
 ) -> list[Tracks]:
     """The recordings in a file of any known format, on their own clocks.
 
@@ -171,52 +101,50 @@ def read_any(
         frame_period: seconds of the most common step between frames, or of the stride given, where
             frames are numbered and the format does not fix their rate.
 
+    Returns:
+        Tracks that say in `reading` how they were read.
+
     Raises:
-        InputError: naming file, row and reason.
+        InputError: naming file, row and reason; for an option that the format has no use for.
+
+    Warns:
+        InputWarning: of what looks wrong; it stands in `reading` as well.
     """
     path = Path(path)
-    form = FORMATS["columns" if options.columns else sniff(path)]
-    metres = options.metres(path)
-    if metres == 1.0:
-        return form.read(path, options, frame_period)
-    if form.metric:
-        raise InputError(f"{path}: {form.text}: its unit is fixed, so none can be chosen")
-    return [
-        dataclasses.replace(tracks, position=tracks.position * metres)
-        for tracks in form.read(path, options, frame_period)
-    ]
-
-
-def on_grid(tracks: Tracks, period: float = eth_ucy.PERIOD) -> Tracks:
-    """`tracks` as they are if they have steps of `period` seconds on one grid, else resampled.
-
-    Raises:
-        InputError: for a period that is no usable number.
-    """
-    if not 0 < period < np.inf:
-        raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
-    place = (tracks.stamp - tracks.stamp.min()) / period
-    # Stamps of large frame numbers are rounded by more than SNAP.
-    tolerance = SNAP / period + 4 * np.finfo(float).eps * np.abs(tracks.stamp).max() / period
-    steps = np.diff(np.unique(np.rint(place)))
-    usual = len(steps) == 0 or common(steps) == 1.0
-    if usual and np.all(np.abs(place - np.rint(place)) <= tolerance):
-        return tracks
-    return resample(tracks, period)
+    name = options.format or ("columns" if options.columns else sniff(path))
+    form = FORMATS[name]
+    options.metres(path)
+    for option in options.given():
+        if option not in form.uses:
+            shown = option.replace("_", "-")
+            raise InputError(f"{path}: --{shown} is of no use for {form.text}, which fixes it")
+    found = []
+    for tracks in form.read(path, options, frame_period):
+        how = tracks.reading or Reading(tracks.recording, str(path), rows=len(tracks.id))
+        lines = (*how.warnings, *suspicions(tracks, how.frame_step is not None))
+        for line in lines:
+            warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
+        how = dataclasses.replace(how, format=name, warnings=lines)
+        found.append(dataclasses.replace(tracks, reading=how))
+    return found
 
 
 def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     """The recordings of a folder, by the endings `SUFFIXES`, in order of name; at least one.
 
+    Raises:
+        InputError: for a folder that is not there or has none.
+
     Warns:
         InputWarning: of a table that is left out, because it has no columns of tracks.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such file or folder")
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    try:
+        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    except OSError as error:
+        raise InputError(f"{folder}: no such file or folder ({error.strerror})") from None
     if not paths:
         raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")
-    if options.columns:
+    if options.columns or options.format:
         return paths
     others = [path for path in paths if _is_of_something_else(path)]
     for path in others:
@@ -227,7 +155,5 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
 
 
 def _is_of_something_else(path: Path) -> bool:
-    """Whether this is a CSV table whose header names neither people nor places nor times."""
-    head = _head(path)
-    csv = "," in head.first and not head.first.startswith(("{", "["))
-    return csv and sniff(path) == "columns" and not columns.names_tracks(head.names)
+    head = read_head(path)
+    return FORMATS[_known(path, head)].other(head)

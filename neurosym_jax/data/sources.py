@@ -12,11 +12,12 @@ from neurosym_jax.data import formats
 from neurosym_jax.data.published import data_folder, find
 from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
+from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation import scenarios as synthetic
 
-__all__ = ["EthUcy", "Files", "Source", "Split", "Synthetic", "open_source"]
+__all__ = ["EthUcy", "Files", "Source", "Split", "Synthetic", "open_source", "windows_from"]
 
 Split = Literal["train", "val", "test"]
 
@@ -31,7 +32,7 @@ class Source:
     scenes: tuple[str, ...]
     read: ReadOptions = AS_IT_SAYS
     """How files are read."""
-    period: float = eth_ucy.PERIOD
+    period: float = PERIOD
     """Seconds between the steps that recordings are brought to."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
@@ -70,7 +71,7 @@ class Source:
         return formats.read_any(path, self.read)
 
     def _on_grid(self, recordings: Sequence[Tracks]) -> list[Tracks]:
-        return [formats.on_grid(tracks, self.period) for tracks in recordings]
+        return [on_grid(tracks, self.period) for tracks in recordings]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,8 +131,8 @@ def _part(tracks: Tracks, split: Split) -> Tracks:
     first, last = tracks.stamp.min(), tracks.stamp.max()
     early = tracks.stamp < first + TRAIN_SHARE * (last - first)
     kept = early if split == "train" else ~early
-    return Tracks(
-        recording=tracks.recording,
+    return dataclasses.replace(
+        tracks,
         stamp=tracks.stamp[kept],
         id=tracks.id[kept],
         position=tracks.position[kept],
@@ -144,7 +145,7 @@ def open_source(
     scene: str | None = None,
     model_scene: str | None = None,
     read: ReadOptions = AS_IT_SAYS,
-    period: float = eth_ucy.PERIOD,
+    period: float = PERIOD,
 ) -> Source:
     """The source at `data`: ETH/UCY as SGAN arranges it, a recording or a folder of them.
 
@@ -185,3 +186,42 @@ def _downloaded(scene: str | None) -> Path | None:
     folder = data_folder() / ("eth-ucy" if scene in eth_ucy.SCENES else "thor")
     known = scene in eth_ucy.SCENES or scene in {path.stem for path in folder.glob("*")}
     return folder if known and folder.is_dir() else None
+
+
+def windows_from(
+    data: Path | str | Tracks | Iterable[Path | str | Tracks],
+    obs_len: int,
+    pred_len: int,
+    *,
+    period: float = PERIOD,
+    read: ReadOptions = AS_IT_SAYS,
+    skip: int = 1,
+    min_agents: int = 2,
+) -> Windows:
+    """Windows of recordings, in one call: read, brought to steps of `period`, and cut.
+
+    Args:
+        data: a file of any known format, a folder of them, tracks of one's own on any clock (see
+            `make_tracks`), or several of these.
+        obs_len: observed steps.
+        pred_len: steps to forecast.
+        period: seconds between steps.
+        read: how files are read.
+        skip: a window starts at every `skip`-th step.
+        min_agents: scenes with fewer agents are dropped.
+
+    Returns:
+        Windows whose `reading` says of each recording how it was read, and its gaps.
+
+    Raises:
+        InputError: for files that cannot be read, or where no window is found.
+    """
+    recordings: list[Tracks] = []
+    for one in [data] if isinstance(data, Path | str | Tracks) else data:
+        if isinstance(one, Tracks):
+            recordings.append(one)
+            continue
+        paths = formats.data_files(path, read) if (path := Path(one)).is_dir() else [path]
+        recordings += [tracks for path in paths for tracks in formats.read_any(path, read)]
+    grid = [on_grid(tracks, period) for tracks in recordings]
+    return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

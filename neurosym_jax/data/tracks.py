@@ -12,11 +12,57 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["SNAP", "Tracks", "common", "make_tracks", "resample"]
+__all__ = [
+    "LATE",
+    "MAX_METRES",
+    "PERIOD",
+    "SNAP",
+    "Reading",
+    "Tracks",
+    "common",
+    "make_tracks",
+    "on_grid",
+    "resample",
+]
+
+PERIOD = 0.4
+"""Seconds between the steps of the ETH/UCY benchmark, and of every model that ships."""
+
+MAX_METRES = 1e8
+"""Metres; farther than any map's coordinates: those of UTM and of web maps stay below."""
+
+LATE = 1e11
+"""Seconds; later than any clock, a float of that size still resolves 20 microseconds."""
 
 SNAP = 1e-6
 """Seconds: a source stamp this near a grid point is on it, so that clocks written in decimals,
 accumulated, or counted from 1970 meet the grid in spite of rounding. At a run this is 10 um."""
+
+DENSE = 100
+"""Points on a grid for each point of a recording; more is no resampling, but a mistyped period."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """How a recording came to be: for people and, by `dataclasses.asdict`, for JSON."""
+
+    recording: str
+    file: str | None = None
+    """Where it was read from; None for what no file holds."""
+    format: str | None = None
+    """Name of the file's format, see `data.formats`."""
+    rows: int = 0
+    """Rows, or points, that were read."""
+    skipped: int = 0
+    """Rows that were left out, because they are no observation of a person."""
+    frame_step: float | None = None
+    """Frame numbers that were taken for one step, because nobody said how many a second has."""
+    runs: int = 1
+    """Parts between gaps in time, which windows do not cross; once they are cut."""
+    gaps: int = 0
+    """Gaps in time between the runs."""
+    warnings: tuple[str, ...] = ()
+    """What looks wrong, a line each."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -39,6 +85,10 @@ class Tracks:
     foreseen: np.ndarray | None = None
     """[R, 2] metres: where the point lies as far as one could tell before `known`, see `resample`;
     None as there."""
+    period: float | None = None
+    """Seconds between the points of the grid that all stamps lie on; None where there is none."""
+    reading: Reading | None = None
+    """How it was read; None where it was made otherwise."""
 
 
 def make_tracks(
@@ -127,7 +177,7 @@ def resample(
 
     Raises:
         InputError: for a period, gap or start that is not a usable number, or where no point of
-            the recording can be put on the grid.
+            the recording can be put on the grid; for a grid of more than `DENSE` points for each.
     """
     name = tracks.recording
     if not (np.isfinite(period) and period > 2 * SNAP):
@@ -151,8 +201,14 @@ def resample(
     first = np.ceil(place)
     last = np.where(joined, np.append(first[1:], 0.0), np.floor(place) + 1)
     first, last = np.maximum(first, 0), np.maximum(last, 0)
+    wanted = float(np.sum(last - first))
+    if wanted > DENSE * len(stamp):
+        raise InputError(
+            f"{name}: a period of {period:g} s makes {wanted:,.0f} points of {len(stamp):,}, more "
+            f"than {DENSE} of each: a longer one does"
+        )
     count = (last - first).astype(np.int64)
-    if not count.any():
+    if not wanted:
         raise InputError(f"{name}: no point lies on or between the points of the grid")
 
     row = np.repeat(np.arange(len(stamp)), count)
@@ -178,7 +234,29 @@ def resample(
         imputed=tracks.imputed[row] | tracks.imputed[after] | (lost[row] & ~exact),
         known=np.where(exact, grid_stamp, stamp[after]),
         foreseen=np.where(exact[:, None], position[row], ahead),
+        period=period,
+        reading=tracks.reading,
     )
+
+
+def on_grid(tracks: Tracks, period: float = PERIOD) -> Tracks:
+    """`tracks` with their own points if these are on one grid of `period` seconds, else resampled.
+
+    Raises:
+        InputError: for a period that is no usable number, see `resample`.
+    """
+    if not 0 < period < np.inf:
+        raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
+    place = (tracks.stamp - tracks.stamp.min()) / period
+    # Stamps of large frame numbers are rounded by more than SNAP.
+    tolerance = SNAP / period + 4 * np.finfo(float).eps * np.abs(tracks.stamp).max() / period
+    nearest = np.rint(place)
+    steps = np.diff(np.unique(nearest))
+    usual = len(steps) == 0 or common(steps) == 1.0
+    alone = np.all((np.diff(tracks.id) != 0) | (np.diff(nearest) > 0))
+    if usual and alone and np.all(np.abs(place - nearest) <= tolerance):
+        return dataclasses.replace(tracks, period=period)
+    return resample(tracks, period)
 
 
 def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:

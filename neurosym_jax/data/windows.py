@@ -1,18 +1,20 @@
 """Cut recordings into windows of people who are present together: SGAN's windows, exactly.
 
-A window spans `obs_len + pred_len` consecutive stamps of its recording (gaps in time included, as
-in SGAN) and holds the agents seen at every one of them. What is observed in it depends on nothing
-that was recorded later. Windows are stored agent by agent, without padding; `data.batching` makes
-padded scenes of them.
+A window spans `obs_len + pred_len` consecutive steps of its recording and holds the agents seen at
+every one of them. It never crosses a gap in time, a step longer than the recording's own: the runs
+between gaps are cut one by one. (SGAN's loader would cross one, but no window of ETH/UCY does.)
+What is observed in a window depends on nothing that was recorded later. Windows are stored agent by
+agent, without padding; `data.batching` makes padded scenes of them.
 """
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from neurosym_jax.data.tracks import SNAP, Tracks, common
+from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.scene import scene_identity
 
 __all__ = ["Windows", "cut_windows"]
@@ -32,8 +34,10 @@ class Windows:
     """[S, 2] uint32 (recording digest, index of the first stamp)."""
     obs_len: int
     """Observed steps; the rest is the future."""
-    period: float = 0.4
-    """Seconds between steps: the most common between stamps."""
+    period: float = PERIOD
+    """Seconds between steps."""
+    reading: tuple[Reading, ...] = ()
+    """For each recording how it was read, and its runs and gaps in time."""
 
     @property
     def scenes(self) -> int:
@@ -62,49 +66,102 @@ def cut_windows(
     """All windows of `recordings`, in order of recording, start stamp and agent id.
 
     Args:
-        recordings: track tables whose unique stamps are the time steps.
+        recordings: track tables, each on one grid; see `tracks.on_grid`.
         obs_len: observed steps.
         pred_len: steps to forecast.
-        skip: a window starts at every `skip`-th stamp.
+        skip: a window starts at every `skip`-th step at which somebody is seen.
         min_agents: scenes with fewer agents are dropped; SGAN keeps scenes of at least 2.
 
     Raises:
-        InputError: when no recording is long enough, or nobody stays for a whole window.
+        InputError: when no recording is long enough, or nobody stays for a whole window; for
+            recordings that have no grid, or grids of different periods.
     """
     recordings = list(recordings)
-    parts = [_cut(tracks, obs_len, pred_len, skip, min_agents) for tracks in recordings]
-    sizes = np.concatenate([sizes for _, _, sizes, *_ in parts]) if parts else np.zeros(0, int)
+    clocks = [_clock(tracks) for tracks in recordings]
+    periods = [period for *_, period in clocks if period is not None]
+    if periods and max(periods) - min(periods) > 0.01 * min(periods):
+        unlike = ", ".join(f"{period:g}" for period in sorted(set(periods))[:4])
+        raise InputError(f"recordings with steps of {unlike} s: bring them to one period first")
+    parts = [
+        _cut(tracks, clock, obs_len, pred_len, skip, min_agents)
+        for tracks, clock in zip(recordings, clocks)
+    ]
+    sizes = np.concatenate([sizes for _, _, sizes, _ in parts]) if parts else np.zeros(0, int)
     if len(sizes) == 0:
-        raise InputError(_why_none(recordings, obs_len + pred_len, min_agents))
+        raise InputError(_why_none(recordings, clocks, obs_len + pred_len, min_agents))
     return Windows(
         position=np.concatenate([position for position, *_ in parts]),
         agent=np.concatenate([agent for _, agent, *_ in parts]),
         bounds=np.concatenate([[0], np.cumsum(sizes)]),
-        identity=np.concatenate([identity for *_, identity, _ in parts]),
+        identity=np.concatenate([identity for *_, identity in parts]),
         obs_len=obs_len,
-        period=common(np.concatenate([steps for *_, steps in parts]).round(6)),
+        period=common(np.array(periods)) if periods else PERIOD,
+        reading=tuple(
+            dataclasses.replace(_reading(tracks), runs=int(run[-1]) + 1, gaps=int(run[-1]))
+            for tracks, (_, run, _) in zip(recordings, clocks)
+        ),
     )
 
 
-def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int):
-    """One recording's (position, agent, sizes, identity, seconds between its stamps)."""
-    length = obs_len + pred_len
+Clock = tuple[np.ndarray, np.ndarray, float | None]
+"""[R] index of every row's step among those at which anybody is seen, [K] the run of each of these
+steps, and the seconds of one; None where there is only one."""
+
+
+def _clock(tracks: Tracks) -> Clock:
+    """The steps of a recording, and which of them follow on one another.
+
+    Raises:
+        InputError: for stamps that are on no grid.
+    """
+    if tracks.period is not None:
+        # Two agents' stamps may be rounded differently on one grid.
+        place = np.rint((tracks.stamp - tracks.stamp.min()) / tracks.period)
+        places, step = np.unique(place, return_inverse=True)
+        return step, np.concatenate([[0], np.cumsum(np.diff(places) > 1)]), tracks.period
     stamps, step = np.unique(tracks.stamp, return_inverse=True)
+    steps = np.diff(stamps)
+    if not len(steps):
+        return step, np.zeros(1, int), None
+    period = common(steps.round(6))
+    count = steps / period if period else np.zeros(len(steps))
+    if np.any((np.abs(count - np.rint(count)) > 0.01) | (count < 0.5)):
+        raise InputError(
+            f"{tracks.recording}: its stamps are on no one grid: resample it first, with "
+            "data.on_grid or data.windows_from"
+        )
+    return step, np.concatenate([[0], np.cumsum(count > 1.5)]), period
+
+
+def _cut(
+    tracks: Tracks, clock: Clock, obs_len: int, pred_len: int, skip: int, min_agents: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """One recording's (position, agent, sizes, identity)."""
+    length = obs_len + pred_len
+    step, run, _ = clock
     # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
-    # `length - 1` steps are all there.
+    # `length - 1` steps of one run are all there.
     last = np.arange(length - 1, len(step))
     first = last - (length - 1)
     whole = (tracks.id[first] == tracks.id[last]) & (step[last] - step[first] == length - 1)
+    whole &= run[step[first]] == run[step[last]]
     first = first[whole & (step[first] % skip == 0)]
     first = first[np.argsort(step[first], kind="stable")]
 
     starts, sizes = np.unique(step[first], return_counts=True)
     enough = sizes >= min_agents
     first = first[np.repeat(enough, sizes)]
+    refuse_beyond_memory(
+        f"{tracks.recording}: windows of {length} steps", 64.0 * len(first) * length, "shorten them"
+    )
     position = tracks.position[first[:, None] + np.arange(length)]
     _forget_the_future(position[:, :obs_len], tracks, first[:, None] + np.arange(obs_len))
     identity = scene_identity(tracks.recording, starts[enough])
-    return position, tracks.id[first], sizes[enough], identity, np.diff(stamps)
+    return position, tracks.id[first], sizes[enough], identity
+
+
+def _reading(tracks: Tracks) -> Reading:
+    return tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
 
 
 def _forget_the_future(observed: np.ndarray, tracks: Tracks, rows: np.ndarray) -> None:
@@ -118,11 +175,24 @@ def _forget_the_future(observed: np.ndarray, tracks: Tracks, rows: np.ndarray) -
     observed[late] = tracks.foreseen[rows[late]]
 
 
-def _why_none(recordings: list[Tracks], length: int, min_agents: int) -> str:
+def _why_none(
+    recordings: Sequence[Tracks], clocks: Sequence[Clock], length: int, min_agents: int
+) -> str:
     if not recordings:
         return "no recordings to cut windows from"
     names = ", ".join(tracks.recording for tracks in recordings[:3])
-    longest = max(len(np.unique(tracks.stamp)) for tracks in recordings)
-    if longest < length:
-        return f"{names}: too few frames: {longest} where a window needs {length}"
-    return f"{names}: no {length} consecutive frames have at least {min_agents} people throughout"
+    longest = max(int(np.bincount(run).max()) for _, run, _ in clocks)
+    if longest >= length:
+        return (
+            f"{names}: no {length} consecutive frames have at least {min_agents} people throughout"
+        )
+    for tracks, (*_, period) in zip(recordings, clocks):
+        steps = np.diff(np.unique(tracks.stamp))
+        if period is not None and len(steps) and np.median(steps) > 1.5 * period:
+            return (
+                f"{tracks.recording}: its points are {np.median(steps):g} s apart, too far to put "
+                f"some between every {period:g} s: ask for that period, or say the times' unit"
+            )
+    gaps = sum(int(run[-1]) for _, run, _ in clocks)
+    between = f" (the longest part between {gaps} gaps in time)" if gaps else ""
+    return f"{names}: too few frames: {longest}{between} where a window needs {length}"

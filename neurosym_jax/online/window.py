@@ -12,14 +12,11 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.tracks import SNAP
+from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.errors import InputError
 from neurosym_jax.tracking.motion import FAR, MAX_SPEED, is_jump
 
 __all__ = ["Health", "Window"]
-
-LATE = 1e11
-"""Seconds; beyond, float64 stamps no longer resolve a step. The year is 5138."""
 
 
 @dataclasses.dataclass

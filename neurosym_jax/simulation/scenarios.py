@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neurosym_jax.checks import refuse_seed
-from neurosym_jax.data.tracks import Tracks, make_tracks, resample
+from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation.social_force import ABREAST, Plan, walk
 from neurosym_jax.simulation.tracker import TrackerFaults, track
@@ -35,7 +35,6 @@ Scenario = Literal["all-forward", "cross-path"]
 ROOM = (5.0, 8.2)
 """Metres along x and y; one corner is the origin."""
 
-PERIOD = 0.4  # seconds between the points of the ETH/UCY protocol
 MAX_STEP = 0.05  # seconds, of the integration
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from neurosym_jax.data.download import DownloadOptions, download
+from neurosym_jax.commands.download import Options, run
 from neurosym_jax.data.published import data_folder, find, published_files
 from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
 from neurosym_jax.errors import InputError
@@ -64,9 +64,9 @@ def test_over_http_and_found_without_being_told(site, home, collection, capsys):
     handler.log_message = lambda *_: None  # pyright: ignore
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
-        options = DownloadOptions(collection, mirror=f"http://127.0.0.1:{server.server_port}")
-        assert download(options) == 0
-        assert download(options) == 0
+        options = Options(collection, mirror=f"http://127.0.0.1:{server.server_port}")
+        assert run(options) == 0
+        assert run(options) == 0
         server.shutdown()
     out = capsys.readouterr().out.splitlines()
     count = len(published_files(collection))
@@ -96,39 +96,39 @@ def test_what_breaks_off_is_not_there_and_goes_on(site, home, capsys, monkeypatc
     lost = site / published_files("eth-ucy")[5].address
     content = lost.resolve()
     lost.unlink()
-    options = DownloadOptions("eth-ucy", mirror=str(site))
+    options = Options("eth-ucy", mirror=str(site))
     monkeypatch.setattr("neurosym_jax.data.transfer.PAUSE", 0.001)
     for break_off in (lambda: None, lambda: lost.write_text("not it")):
         break_off()
         with pytest.raises(InputError, match=r"students001\.txt: .*run this again, or name"):
-            download(options)
+            run(options)
         assert not (home / "eth-ucy").exists()
         assert len(names(home)) >= 4
         with pytest.raises(InputError, match="download eth-ucy"):
             open_source(None, "eth")
     shutil.copy(content, lost)
-    assert download(options) == 0
+    assert run(options) == 0
     assert "19 of them fetched now" in capsys.readouterr().out
     assert names(home / "eth-ucy") == sorted(str(f.path) for f in published_files("eth-ucy"))
 
 
 def test_what_is_there_is_checked_and_never_overwritten(site, home, capsys):
-    options = DownloadOptions("eth-ucy", mirror=str(site))
-    download(options)
+    options = Options("eth-ucy", mirror=str(site))
+    run(options)
     (home / "eth-ucy/all/biwi_eth.txt").unlink()
     (home / "eth-ucy/mine.txt").write_text("mine")
-    assert download(options) == 0
+    assert run(options) == 0
     assert "1 of them fetched now" in capsys.readouterr().out
     (home / "eth-ucy/val/biwi_eth_val.txt").write_text("mine")
     with pytest.raises(InputError, match=r"biwi_eth_val\.txt: is not the published file"):
-        download(options)
+        run(options)
     assert (home / "eth-ucy/val/biwi_eth_val.txt").read_text() == "mine"
     assert (home / "eth-ucy/mine.txt").read_text() == "mine"
 
 
 def test_another_folder(site, home, tmp_path, capsys):
-    options = DownloadOptions("eth-ucy", to=tmp_path / "there", mirror=site.as_uri())
-    assert download(options) == 0
+    options = Options("eth-ucy", to=tmp_path / "there", mirror=site.as_uri())
+    assert run(options) == 0
     assert f"export NEUROSYM_DATA={tmp_path / 'there'}" in capsys.readouterr().out
     assert not home.exists()
 
@@ -144,11 +144,11 @@ def test_another_folder(site, home, tmp_path, capsys):
 def test_refused(tmp_path, changes, message):
     options = {"to": tmp_path, "mirror": str(tmp_path)} | changes
     with pytest.raises(InputError, match=message):
-        download(DownloadOptions("eth-ucy", **options))
+        run(Options("eth-ucy", **options))
 
 
 def test_thor_by_hand(home, capsys):
-    assert download(DownloadOptions("thor")) == 2
+    assert run(Options("thor")) == 2
     out = capsys.readouterr().out
     assert "https://zenodo.org/records/3382145" in out
     assert f"put the recordings into {home / 'thor'}" in out
@@ -156,7 +156,7 @@ def test_thor_by_hand(home, capsys):
     (home / "thor").mkdir(parents=True)
     (home / "thor/Exp_1_run_1_6D.csv").write_text(CSV)
     (home / "thor/broken.csv").write_text("1,2\n")
-    assert download(DownloadOptions("thor")) == 0
+    assert run(Options("thor")) == 0
     out = capsys.readouterr().out
     assert "Exp_1_run_1_6D.csv: QTM export" in out
     assert "broken.csv: " in out
@@ -172,7 +172,7 @@ def test_killed_and_started_again(site, tmp_path, monkeypatch):
     command = [sys.executable, "-m", "neurosym_jax", "download", "eth-ucy", "--mirror", str(site)]
     code = f"""
 import os, sys
-from neurosym_jax.data import download as module, transfer
+from neurosym_jax.commands import download as module
 real, left = os.replace, [int(sys.argv[1])]
 def replace(*paths):
     left[0] -= 1
@@ -180,7 +180,7 @@ def replace(*paths):
         os.kill(os.getpid(), 9)
     real(*paths)
 os.replace = replace
-module.download(module.DownloadOptions("eth-ucy", mirror={str(site)!r}))
+module.run(module.Options("eth-ucy", mirror={str(site)!r}))
 """
     for files in (0, 3, 20):
         done = subprocess.run([sys.executable, "-c", code, str(files)], env=environment)

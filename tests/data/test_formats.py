@@ -8,22 +8,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.formats import FORMATS, data_files, on_grid, read_any, sniff
-from neurosym_jax.data.inspection import summarise, suspicions
+from neurosym_jax.data.formats import FORMATS, data_files, read_any, sniff
+from neurosym_jax.data.inspection import summarise
 from neurosym_jax.data.readers.columns import read_columns
 from neurosym_jax.data.readers.eth_ucy import read_obsmat, read_text
-from neurosym_jax.data.readers.thor import read_cliff, read_qtm, read_tracklets
+from neurosym_jax.data.readers.qtm import read_qtm
+from neurosym_jax.data.readers.thor import read_cliff, read_tracklets
 from neurosym_jax.data.readers.trajnet import read_trajnet
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import open_source
-from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.tracks import make_tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 
 SAMPLES = {
     "text": "780 1 8.4 3.6\n790 1 9.1 3.7\n",
     "obsmat": "  7.8e+02 1.0e+00 8.4 0.0 3.6 1.7 0 0.2\n 7.86e+02 1.0e+00 9.1 0 3.7 1.7 0 0.2\n",
-    "cliff": "0.02,12001,-0.046,-3.443,0.141,2.356\n0.43,12001,-0.077,-3.491,0.1,-1.571\n",
+    "cliff": "0.02,12001,-0.046,-3.443,1.0,1.571\n0.42,12001,-0.046,-3.043,1.0,1.571\n",
     "qtm": "NO_OF_FRAMES\t2\nFREQUENCY\t100\nFrame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"
     "1\t0.0\t1000\t2000\t3\n2\t0.01\t1000\t2000\t3\n",
     "tracklets": "Time,frame_id,x,y,z,ag_id,tracklet_id\n0.01,1,1,2,3,Helmet_3,0.0\n",
@@ -71,14 +72,33 @@ def test_units(tmp_path, kind):
     path = tmp_path / "a.txt"
     path.write_text(SAMPLES[kind])
     options = ReadOptions(unit="cm")
-    if FORMATS[kind].metric:
-        with pytest.raises(InputError, match="its unit is fixed"):
-            read_any(path, options)
-    else:
+    if "unit" in FORMATS[kind].uses:
         position = read_any(path)[0].position
         assert_allclose(read_any(path, options)[0].position, position / 100, rtol=1e-12)
+    else:
+        with pytest.raises(InputError, match=r"--unit is of no use for .*, which fixes it"):
+            read_any(path, options)
     with pytest.raises(InputError, match="the unit is one of m, cm, mm, not 'ft'"):
         read_any(path, ReadOptions(unit="ft"))  # pyright: ignore
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"columns": ("time=1", "id=2", "x=3", "y=4")},
+        {"time_unit": "ms"},
+        {"fps": 25.0},
+        {"stride": 2.0},
+    ],
+)
+def test_an_option_that_is_not_used_is_refused(tmp_path, kind, said):
+    (option,) = said
+    path = tmp_path / "a.txt"
+    path.write_text(SAMPLES[kind])
+    if option not in FORMATS[kind].uses:
+        with pytest.raises(InputError, match=f"--{option.replace('_', '-')} is of no use for"):
+            read_any(path, ReadOptions(format=kind, **said))
 
 
 def test_named_columns(tmp_path):
@@ -103,7 +123,7 @@ def test_real_samples_become_scenes(shared):
 def test_what_is_on_the_grid_stays_as_it_is(shared):
     for path in (shared / "data/eth_ucy/all").glob("*.txt"):
         (tracks,) = read_any(path)
-        assert on_grid(tracks) is tracks
+        assert on_grid(tracks).position is tracks.position
     off = make_tracks("a", [0, 0.5, 1], [1, 1, 1], [[0, 0], [1, 0], [2, 0]])
     assert_allclose(on_grid(off).stamp, [0, 0.4, 0.8])
 
@@ -171,7 +191,7 @@ def survive(path):
         warnings.simplefilter("ignore")
         try:
             for tracks in read_any(path):
-                suspicions(tracks, summarise(tracks))
+                summarise(tracks)
                 cut_windows([on_grid(tracks)], 1, 1, min_agents=1)
         except InputError:
             pass
@@ -224,49 +244,3 @@ def test_truncated_anywhere_or_in_another_encoding(kind, tmp_path):
         survive(path)
     path.write_text(SAMPLES[kind], encoding="utf-16")
     survive(path)
-
-
-def written(kind, rows):
-    """The text of a file of this format with rows (step of 0.4 s, person, x, y) in metres."""
-    if kind == "qtm":
-        people = sorted({person for _, person, _, _ in rows})
-        at = {(step, person): (1000 * x, 1000 * y, 1700.0) for step, person, x, y in rows}
-        header = [f"Helmet_{person} {axis}" for person in people for axis in "XYZ"]
-        lines = [["Frame", "Time", *header]]
-        for step in sorted({step for step, *_ in rows}):
-            fields = [at.get((step, person), (0.0, 0.0, 0.0)) for person in people]
-            lines.append([str(step), repr(0.4 * step), *[repr(v) for xyz in fields for v in xyz]])
-        return "\n".join(["FREQUENCY\t100", *map("\t".join, lines)])
-    form = {
-        "text": "{f}\t{p}\t{x!r}\t{y!r}",
-        "obsmat": "{f} {p} {x!r} 0 {y!r} 0 0 0",
-        "cliff": "{t!r},{p},{x!r},{y!r},0,0",
-        "tracklets": "{t!r},{x!r},{y!r},Helmet_{p},0",
-        "trajnet": '{{"track": {{"f": {f}, "p": {p}, "x": {x!r}, "y": {y!r}}}}}',
-        "columns": "{t!r};{p};{x!r};{y!r}",
-    }[kind]
-    head = {"tracklets": ["Time,x,y,ag_id,tracklet_id"], "columns": ["time;person;x;y"]}
-    lines = [form.format(f=10 * s, t=0.4 * s, p=p, x=x, y=y) for s, p, x, y in rows]
-    return "\n".join([*head.get(kind, []), *lines])
-
-
-@pytest.mark.parametrize("kind", FORMATS)
-@settings(max_examples=15, deadline=None)
-@given(data=st.data())
-def test_what_is_written_is_read(kind, data, tmp_path_factory):
-    steps = data.draw(st.integers(3, 12))
-    rng = np.random.default_rng(data.draw(st.integers(0, 999)))
-    rows = [
-        (step, person, *rng.uniform(-50, 50, 2).round(4).tolist())
-        for person in (1, 2, 7)
-        for step in range(steps)
-        if person == 1 or rng.random() < 0.7
-    ]
-    path = tmp_path_factory.mktemp("w") / "walk.txt"
-    path.write_text(written(kind, rows))
-    assert sniff(path) == kind
-    (tracks,) = read_any(path)
-    assert tracks.recording == ("walk_1" if kind == "tracklets" else "walk")
-    assert_array_equal(tracks.id, [row[1] for row in rows])
-    assert_allclose(tracks.stamp, [0.4 * row[0] for row in rows], atol=1e-9)
-    assert_allclose(tracks.position, [row[2:] for row in rows], rtol=0, atol=1e-9)

@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 
 from neurosym_jax.__main__ import main
-from neurosym_jax.data.inspection import InspectOptions, inspect, summarise, suspicions
+from neurosym_jax.commands import inspect
+from neurosym_jax.data.inspection import summarise
 from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.suspicions import suspicions
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.plotting.tracks import plot_tracks
@@ -28,7 +30,7 @@ def test_summary():
     assert found.speeds == pytest.approx((1, 1, 1))
     assert found.extent == pytest.approx((11.6, 0.7))
     assert found.scenes == {(8, 8): (3, 6), (8, 12): (0, 0)}
-    assert suspicions(tracks, found) == []
+    assert suspicions(tracks) == ()
 
 
 def test_one_point():
@@ -36,7 +38,7 @@ def test_one_point():
     found = summarise(tracks)
     assert np.isnan(found.step)
     assert found.scenes[8, 8] == (0, 0)
-    assert suspicions(tracks, found) == []
+    assert suspicions(tracks) == ()
 
 
 @pytest.mark.parametrize(
@@ -51,7 +53,7 @@ def test_one_point():
 )
 def test_suspicions(tracks, message):
     with pytest.raises(AssertionError, match=message):
-        raise AssertionError(suspicions(tracks, summarise(tracks)))
+        raise AssertionError(suspicions(tracks))
 
 
 def test_leaps_twins_and_whole_numbers():
@@ -59,14 +61,14 @@ def test_leaps_twins_and_whole_numbers():
     leap = make_tracks(
         "a", tracks.stamp, tracks.id, tracks.position + 9.0 * (tracks.stamp > 4)[:, None]
     )
-    (line,) = suspicions(leap, summarise(leap))
+    (line,) = suspicions(leap)
     assert line.startswith("2 steps are faster than 10 m/s (the fastest 32.")
     assert "by person 0 at 4.00 s" in line
     same = make_tracks("a", tracks.stamp, tracks.id, tracks.position * [1, 0])
-    (line,) = suspicions(same, summarise(same))
+    (line,) = suspicions(same)
     assert line.startswith("30 points are duplicates")
     pixels = make_tracks("a", tracks.stamp, tracks.id, np.rint(tracks.position * 2) * 1.0)
-    assert any("whole numbers" in line for line in suspicions(pixels, summarise(pixels)))
+    assert any("whole numbers" in line for line in suspicions(pixels))
 
 
 def test_command(tmp_path, capsys, monkeypatch):
@@ -88,29 +90,25 @@ def test_folder_with_a_file_that_is_none(tmp_path, capsys):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub/bad.txt").write_text("0 1 2\n")
     with pytest.raises(InputError, match="row 1 has 3 columns"):
-        inspect(InspectOptions(tmp_path / "sub/bad.txt"))
-    assert inspect(InspectOptions(tmp_path)) == 2
+        inspect.run(inspect.Options(tmp_path / "sub/bad.txt"))
+    assert inspect.run(inspect.Options(tmp_path)) == 2
     (tmp_path / "good.txt").write_text("0 1 2 3\n1 1 2 3\n")
-    assert inspect(InspectOptions(tmp_path)) == 0
+    assert inspect.run(inspect.Options(tmp_path)) == 0
     out = capsys.readouterr().out
     assert "bad.txt: row 1 has 3 columns" in out
     with pytest.raises(InputError, match="absent: cannot be read"):
-        inspect(InspectOptions(tmp_path / "absent"))
+        inspect.run(inspect.Options(tmp_path / "absent"))
 
 
 def test_real_samples(shared, capsys):
-    assert inspect(InspectOptions(shared / "data/thor")) == 0
+    assert inspect.run(inspect.Options(shared / "data/thor")) == 0
     out = capsys.readouterr().out
     assert "altogether 6 recordings of 4 files" in out
     assert "warning" not in out
-    assert inspect(InspectOptions(shared / "data/eth_ucy/all/biwi_eth.txt")) == 0
+    assert inspect.run(inspect.Options(shared / "data/eth_ucy/all/biwi_eth.txt")) == 0
     assert "needs --eth-stride 6" in capsys.readouterr().out
-    assert (
-        inspect(
-            InspectOptions(shared / "data/eth_ucy/all/biwi_eth.txt", read=ReadOptions(eth_stride=6))
-        )
-        == 0
-    )
+    eth = inspect.Options(shared / "data/eth_ucy/all/biwi_eth.txt", read=ReadOptions(eth_stride=6))
+    assert inspect.run(eth) == 0
     assert "warning" not in capsys.readouterr().out
 
 

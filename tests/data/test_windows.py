@@ -1,3 +1,4 @@
+import dataclasses
 import time
 import zlib
 
@@ -7,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.readers.eth_ucy import SCENES, read_split
-from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
+from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, on_grid, resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 
@@ -36,6 +38,8 @@ def windows_by_loop(tracks: Tracks, length: int, skip: int, min_agents: int):
     scenes = []
     for start in range(0, len(stamps) - length + 1, skip):
         frames = [seen[stamp] for stamp in stamps[start : start + length]]
+        if stamps[start + length - 1] - stamps[start] > 0.4 * (length - 0.5):
+            continue  # SGAN's loader goes on across a gap in time.
         agents = [agent for agent in sorted(frames[0]) if all(agent in frame for frame in frames)]
         if len(agents) >= min_agents:
             rows = [[frame[agent] for frame in frames] for agent in agents]
@@ -56,7 +60,8 @@ def recordings(draw) -> Tracks:
     agent, frame = np.nonzero(present)
     ids = np.array(draw(st.permutations(range(10, 10 + agents))))
     position = np.stack([100.0 * agent + frame, -1.0 * frame], axis=1)
-    return make_tracks("r", frame * 0.4, ids[agent], position)
+    tracks = make_tracks("r", frame * 0.4, ids[agent], position)
+    return dataclasses.replace(tracks, period=0.4)
 
 
 @settings(max_examples=150, deadline=None)
@@ -100,6 +105,58 @@ def test_counts_of_a_training_split(shared):
     recordings = read_split(shared / "data/eth_ucy", "zara1", "train")
     windows = cut_windows(recordings, 8, 8)
     assert (windows.scenes, windows.agents) == (2692, 32686)
+
+
+def test_no_published_window_is_lost_to_a_gap(shared):
+    """Over all files of ETH/UCY and both horizons, as SGAN's loader cuts them, gaps or none."""
+    recordings = [read_any(path)[0] for path in (shared / "data/eth_ucy").glob("*/*.txt")]
+    careless = sum(
+        len(windows_by_loop(dataclasses.replace(tracks, stamp=step * 0.4), 8 + pred_len, 1, 2))
+        for tracks in recordings
+        for step in [np.unique(tracks.stamp, return_inverse=True)[1]]
+        for pred_len in (8, 12)
+    )
+    cut = [cut_windows(map(on_grid, recordings), 8, pred_len) for pred_len in (8, 12)]
+    assert careless == sum(windows.scenes for windows in cut) == 15_382
+    gaps = {found.recording: found.gaps for found in cut[0].reading}
+    assert gaps["biwi_eth"] > 10
+    assert gaps["crowds_zara01"] == 3
+    assert gaps["students003"] == 0
+
+
+def test_windows_do_not_cross_gaps():
+    """Ten steps, a pause of an hour, ten more: as many windows as both parts have alone."""
+    steps = walk(10, 2)
+    whole = make_tracks(
+        "pause",
+        np.concatenate([steps.stamp, steps.stamp + 3600]),
+        np.concatenate([steps.id, steps.id]),
+        np.concatenate([steps.position, steps.position]),
+    )
+    windows = cut_windows([whole], 4, 4)
+    assert windows.scenes == 2 * cut_windows([steps], 4, 4).scenes
+    (found,) = windows.reading
+    assert (found.recording, found.rows, found.runs, found.gaps) == ("pause", 40, 2, 1)
+    with pytest.raises(InputError, match=r"too few frames: 10 \(the longest part between 1 gaps"):
+        cut_windows([whole], 8, 8)
+
+
+def test_what_has_no_grid_or_another_one_is_refused():
+    stamp = np.cumsum(np.linspace(0.3, 0.5, 40))
+    free = make_tracks("free", stamp, np.ones(40, int), np.zeros((40, 2)))
+    with pytest.raises(InputError, match="free: its stamps are on no one grid: resample it first"):
+        cut_windows([free], 8, 8)
+    slow = dataclasses.replace(walk(20, 2), stamp=walk(20, 2).stamp * 2)
+    with pytest.raises(InputError, match=r"recordings with steps of 0\.4, 0\.8 s: bring"):
+        cut_windows([walk(20, 2), slow], 4, 4)
+
+
+def test_steps_longer_than_what_is_filled_are_refused():
+    """Data of 2 s steps has no steps of 0.4 s, and is not silently used as if it had."""
+    sparse = dataclasses.replace(walk(40, 2, "sparse"), stamp=walk(40, 2).stamp * 5)
+    with pytest.raises(InputError, match=r"sparse: its points are 2 s apart, too far to put some"):
+        cut_windows([on_grid(sparse, 0.4)], 8, 8)
+    assert cut_windows([on_grid(sparse, 2.0)], 8, 8).period == 2.0
 
 
 def test_the_largest_split_is_cut_fast(shared):

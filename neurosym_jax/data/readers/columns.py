@@ -1,44 +1,59 @@
-"""A user's own table: CSV with a header, or JSON, whose columns are named or have usual names.
+"""A user's own table: CSV, or JSON, whose columns are named, numbered or have usual names.
 
-JSON is a list of objects, an object of lists, or an object a line. The time is seconds, or a frame
-number that counts periods as in `eth_ucy.read_text`; ids may be texts.
+JSON is a list of objects, an object of lists, or an object a line. The time is a number, ISO 8601,
+or a frame number that counts periods as in `eth_ucy.read_text`; ids may be texts. What the columns
+are called may say their units (`t_ms`, `x [mm]`).
 """
 
-import csv
 import dataclasses
-import json
-from collections.abc import Mapping, Sequence
+import re
+from array import array
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.readers.eth_ucy import PERIOD
-from neurosym_jax.data.readers.rows import assemble, frame_step, load_text, number_ids
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.rows import People, assemble, frame_step, refuse_unwhole
+from neurosym_jax.data.tables import read_table
+from neurosym_jax.data.text import number
+from neurosym_jax.data.tracks import LATE, PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
 __all__ = ["Columns", "names_tracks", "parse_columns", "read_columns"]
 
 _USUAL = {
-    "time": ("time", "t", "timestamp", "stamp", "seconds", "time_s", "sec"),
+    "time": ("", "time", "t", "timestamp", "stamp", "ts", "datetime"),
     "frame": ("frame", "frame_id", "frame_number", "frame_num", "f"),
     "id": (
         *("id", "person", "person_id", "ped", "ped_id", "pedestrian", "pedestrian_id", "agent"),
         *("agent_id", "ag_id", "track", "track_id", "trackid", "p"),
     ),
-    "x": ("x", "px", "pos_x", "x_m", "position_x", "x_est"),
-    "y": ("y", "py", "pos_y", "y_m", "position_y", "y_est"),
+    "x": ("x", "px", "pos_x", "position_x", "x_est"),
+    "y": ("y", "py", "pos_y", "position_y", "y_est"),
 }
+
+_SECONDS = {
+    "s": 1.0,
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "usec", "micros", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), 1e-9),
+}
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+_SUFFIX = re.compile(rf"(?:^|[ _.\[(-]+)({'|'.join([*_SECONDS, *_METRES])})[\])]?$")
 
 
 @dataclasses.dataclass(frozen=True)
 class Columns:
-    """The names of a table's columns; empty for the usual ones, in any case."""
+    """The names of a table's columns, or their numbers from 1; empty for the usual names."""
 
     time: str = ""
-    """Seconds."""
+    """Seconds, or what the name or `ReadOptions.time_unit` says, or ISO 8601."""
     frame: str = ""
     """Frame numbers, where there is no time."""
     id: str = ""
@@ -59,128 +74,180 @@ def parse_columns(pairs: Sequence[str]) -> Columns:
     return Columns(**given)
 
 
-def read_columns(
-    path: Path,
-    columns: Columns = Columns(),
-    period: float = PERIOD,
-    stride: float | None = None,
-) -> Tracks:
+def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
     """Read one table.
 
     Args:
         path: of a CSV (comma, semicolon or tab between the fields) or JSON file.
-        columns: their names.
-        period: seconds; of use where frames are numbered.
-        stride: frame numbers a period; their most common step if None.
+        options: names of the columns, units, and how many frames a second has.
+        period: seconds of the most common step between frames, where these are numbered and
+            `options` do not say how many a second has.
 
     Raises:
         InputError: naming file, row (from 1, the header not counted) and reason.
     """
     path = Path(path)
-    text = load_text(path)
-    table = _json(path, text) if text.lstrip()[:1] in ("{", "[") else _csv(path, text)
-    if not table:
-        raise InputError(f"{path}: the table has no columns")
-    clock = "frame" if columns.frame and not columns.time else "time"
-    name = _find(path, table, clock, getattr(columns, clock), needed=bool(columns.time))
-    if name is None:
-        clock = "frame"
-        name = _find(path, table, clock, columns.frame, needed=True)
-    found = [name, *(_find(path, table, key, getattr(columns, key), True) for key in "xy")]
-    time, x, y = (_numbers(path, str(one), table[str(one)]) for one in found)
-    people = table[str(_find(path, table, "id", columns.id, True))]
-    if len(people) == 0:
+    columns = parse_columns(options.columns)
+    names, rows = read_table(path)
+    who, *places = (_find(path, names, key, getattr(columns, key)) for key in ("id", "x", "y"))
+    numbered = bool(columns.frame and not columns.time) or not (
+        columns.time or any(_is_usual("time", name) for name in names)
+    )
+    key = "frame" if numbered else "time"
+    clock = _find(path, names, key, getattr(columns, key))
+    stride = options.stride_of(path, period)
+    if numbered and options.time_unit:
+        raise InputError(f"{path}: --time-unit is of no use: {names[clock]!r} counts frames")
+    if not numbered and stride is not None:
+        raise InputError(f"{path}: --fps and --stride count frames, and {names[clock]!r} is a time")
+    metres = _metres(path, [names[place] for place in places], options)
+
+    wanted = (clock, *places)
+    if len({who, *wanted}) < 4:
+        raise InputError(f"{path}: time, id, x and y are four columns, not {columns}")
+    time, x, y, ids, iso = _collect(path, names, rows, wanted, who, not numbered)
+    position = np.stack([x, y], axis=1) * metres
+    if numbered:
+        refuse_unwhole(path, time, "frame")
+        step = frame_step(path, time, stride)
+        guessed = step if stride is None else None
+        return assemble(path, time / step * period, ids, position, frame_step=guessed)
+    time = time * _seconds(path, names[clock], options, iso)
+    if np.abs(time).max() > LATE:
+        row = int(np.argmax(np.abs(time))) + 1
+        raise InputError(
+            f"{path}: row {row}: time {time[row - 1]:g} is not a usable number of seconds: say "
+            "--time-unit ms, us or ns"
+        )
+    return assemble(path, time, ids, position)
+
+
+def _collect(
+    path: Path,
+    names: Sequence[str],
+    rows: Iterator[Sequence[Any]],
+    wanted: Sequence[int],
+    who: int,
+    may_be_iso: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]:
+    """[R] times, x and y (the columns `wanted`), [R] ids, and whether the times are ISO 8601."""
+    people, codes = People(path), array("q")
+    numbers = array("d"), array("d"), array("d")
+    iso = False
+    for row, fields in enumerate(rows, 1):
+        iso = iso or (row == 1 and may_be_iso and _is_iso(fields[wanted[0]]))
+        codes.append(people.code(fields[who], row))
+        for column, out in zip(wanted, numbers):
+            if iso and column == wanted[0]:
+                out.append(_moment(path, row, fields[column]))
+                continue
+            try:
+                out.append(number(fields[column]))
+            except (TypeError, ValueError, OverflowError):
+                shown = f"{names[column][:30]} {fields[column]!r}"[:90]
+                hint = " (numbers are written with points)" if "," in str(fields[column]) else ""
+                raise InputError(f"{path}: row {row}: {shown} is not a number{hint}") from None
+    if not codes:
         raise InputError(f"{path}: the table has no rows")
-    if clock == "frame":
-        time = time / frame_step(path, time, stride) * period
-    return assemble(path, time, number_ids(people), np.stack([x, y], axis=1))
+    time, x, y = (np.array(values) for values in numbers)
+    for column, values in zip(wanted, (time, x, y)):
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise InputError(f"{path}: row {bad[0] + 1}: {names[column][:30]} is not finite")
+    return time, x, y, people.numbers(codes), iso
 
 
 def names_tracks(names: Sequence[str]) -> bool:
     """Whether some of a header's names are usual for a time or frame, a person, x and y."""
-    known = {name.strip().lower() for name in names}
-    found = {key for key, usual in _USUAL.items() if known.intersection(usual)}
+    found = {key for key in _USUAL for name in names if _is_usual(key, name)}
     return found >= {"id", "x", "y"} and bool(found & {"time", "frame"})
 
 
-def _find(
-    path: Path, table: Mapping[str, Any], key: str, given: str, needed: bool = False
-) -> str | None:
-    """The column that serves as `key`: the one given, else the first of a usual name."""
-    if given:
-        if given not in table:
-            raise InputError(f"{path}: no column {given!r} among {_shown(table)}")
-        return given
-    names = {name.strip().lower(): name for name in reversed(list(table))}
-    for name in _USUAL[key]:
-        if name in names:
-            return names[name]
-    if needed:
+def _unit(name: str) -> tuple[str, str]:
+    """What a column's name is without the unit that it says, and the unit or nothing."""
+    plain = name.strip().lower()
+    match = _SUFFIX.search(plain) if len(plain) < 60 else None
+    return (plain[: match.start()], match[1]) if match else (plain, "")
+
+
+def _is_usual(key: str, name: str) -> bool:
+    plain, unit = _unit(name)
+    units = {"time": _SECONDS, "x": _METRES, "y": _METRES}.get(key, {})
+    if unit and unit not in units:
+        plain, unit = name.strip().lower(), ""
+    return bool(plain or unit) and plain in _USUAL[key]
+
+
+def _find(path: Path, names: Sequence[str], key: str, given: str) -> int:
+    """The place of the column that serves as `key`: the one given, else the one usual name."""
+    places = [
+        at for at, name in enumerate(names) if (name == given if given else _is_usual(key, name))
+    ]
+    if given and not places and given.isdecimal() and 1 <= int(given[:9]) <= len(names):
+        return int(given) - 1
+    shown = ", ".join(repr(name[:30]) for name in islice(names, 12))
+    if given and not places:
+        raise InputError(f"{path}: no column {given[:40]!r} among {shown}")
+    if len(places) > 1:
+        which = " or ".join(repr(names[at][:30]) for at in places[:4])
+        raise InputError(f"{path}: which column is {key}, {which}? Say --columns {key}=NUMBER")
+    if not places:
         what = "time or frame" if key == "frame" else key
-        raise InputError(f"{path}: which column is {what}? There are {_shown(table)}")
-    return None
+        raise InputError(f"{path}: which column is {what}? There are {shown}: say --columns {key}=")
+    return places[0]
 
 
-def _shown(table: Mapping[str, Any]) -> str:
-    return ", ".join(repr(name[:30]) for name in islice(table, 12))
+def _metres(path: Path, names: Sequence[str], options: ReadOptions) -> float:
+    """Metres in the unit of two columns, as their names or the options say."""
+    units = {_unit(name)[1] for name in names} & _METRES.keys()
+    if options.unit != AS_IT_SAYS.unit:
+        units.add(options.unit)
+    if len(units) > 1:
+        raise InputError(f"{path}: {names[0]!r}, {names[1]!r} and --unit {options.unit} differ")
+    return _METRES[units.pop()] if units else options.metres(path)
 
 
-def _csv(path: Path, text: str) -> dict[str, list[Any]]:
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if not lines:
-        raise InputError(f"{path}: the file has no rows")
-    separator = max(",;\t", key=lines[0].count)
+def _seconds(path: Path, name: str, options: ReadOptions, iso: bool) -> float:
+    """Seconds in the unit of a column of times."""
+    if iso and options.time_unit:
+        raise InputError(f"{path}: --time-unit is of no use: {name!r} has dates and times")
+    own = _SECONDS.get(_unit(name)[1])
+    asked = _SECONDS[options.time_unit] if options.time_unit else own
+    if own is not None and asked != own and not iso:
+        raise InputError(f"{path}: {name!r} says its unit, and --time-unit {options.time_unit}")
+    return 1.0 if iso or asked is None else asked
+
+
+def _is_iso(value: Any) -> bool:
     try:
-        rows = list(csv.reader(lines, delimiter=separator, skipinitialspace=True))
-        if separator not in lines[0]:
-            rows = [line.split() for line in lines]
-    except csv.Error as error:
-        raise InputError(f"{path}: not CSV ({error})") from None
-    header, rows = rows[0], rows[1:]
-    for number, row in enumerate(rows, 1):
-        if len(row) != len(header):
-            raise InputError(f"{path}: row {number} has {len(row)} of {len(header)} columns")
-    table: dict[str, list[Any]] = {}
-    for at, name in enumerate(header):
-        table.setdefault(name, [row[at] for row in rows])  # of two with one name, the first
-    return table
+        number(value)
+    except (TypeError, ValueError):
+        return isinstance(value, str) and bool(re.match(r"\s*\d{4}-?\d\d", value))
+    return False
 
 
-def _json(path: Path, text: str) -> dict[str, list[Any]]:
+def _moment(path: Path, row: int, value: Any) -> float:
+    """Seconds since 1970 of a date and time; without a zone it is taken for UTC."""
     try:
-        try:
-            table = json.loads(text)
-        except json.JSONDecodeError:
-            table = [json.loads(line) for line in text.split("\n") if line.strip()]
-    except (ValueError, RecursionError) as error:
-        reason = str(error)[:80]
-        raise InputError(f"{path}: neither JSON nor a JSON object a line ({reason})") from None
-    if isinstance(table, dict) and all(isinstance(column, list) for column in table.values()):
-        lengths = {len(column) for column in table.values()}
-        if len(lengths) > 1:
-            raise InputError(f"{path}: its lists are of different lengths")
-        return table
-    if isinstance(table, dict):
-        table = [table]
-    if not isinstance(table, list) or not table:
-        raise InputError(f"{path}: a table in JSON is a list of objects or an object of lists")
-    for number, row in enumerate(table, 1):
-        if not isinstance(row, dict) or row.keys() != table[0].keys():
-            raise InputError(f"{path}: row {number} is not an object with the keys of row 1")
-    return {name: [row[name] for row in table] for name in table[0]}
+        moment = datetime.fromisoformat(str(value).strip())
+    except ValueError:
+        raise InputError(f"{path}: row {row}: {str(value)[:40]!r} is no date and time") from None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-def _numbers(path: Path, name: str, values: Sequence[Any]) -> np.ndarray:
-    out = np.empty(len(values))
-    for row, value in enumerate(values):
-        try:
-            out[row] = float(value)
-        except (TypeError, ValueError, OverflowError):
-            shown = repr(value)[:60]
-            raise InputError(
-                f"{path}: row {row + 1}: {name[:30]} {shown} is not a number"
-            ) from None
-    bad = np.flatnonzero(~np.isfinite(out))
-    if len(bad):
-        raise InputError(f"{path}: row {bad[0] + 1}: {name[:30]} is not finite")
-    return out
+register_format(
+    "columns",
+    Format(
+        "table with named columns",
+        lambda head: head.named,
+        lambda path, how, period: [read_columns(path, how, period)],
+        uses=frozenset({"columns", "unit", "time_unit", "fps", "stride"}),
+        general=True,
+        other=lambda head: (
+            head.named
+            and "," in head.first
+            and head.first[:1] not in ("{", "[")
+            and not names_tracks(head.first.split(","))
+        ),
+    ),
+)

@@ -8,12 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.readers.rows import FAR, frame_step, load_text, number_table, refuse_repeats
-from neurosym_jax.data.tracks import Tracks, make_tracks
+from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.rows import (
+    assemble,
+    consecutive,
+    frame_step,
+    number_table,
+    refuse_unwhole,
+)
+from neurosym_jax.data.text import Head
+from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
 __all__ = [
-    "PERIOD",
     "SCENES",
     "is_eth_ucy",
     "read_obsmat",
@@ -21,11 +29,7 @@ __all__ = [
     "read_text",
     "split_files",
     "text_files",
-    "whole_frames",
 ]
-
-PERIOD = 0.4
-"""Seconds between consecutive frames of the benchmark."""
 
 SCENES = {
     "eth": ("biwi_eth",),
@@ -43,7 +47,9 @@ DECIMALS = 4
 """SGAN rounds coordinates to this many decimals."""
 
 
-def read_text(path: Path, period: float = PERIOD, stride: float | None = None) -> Tracks:
+def read_text(
+    path: Path, period: float = PERIOD, stride: float | None = None, metres: float = 1.0
+) -> Tracks:
     """Read one file of rows `frame ped x y` (tab, space, comma or semicolon between them).
 
     Frames are taken to be `period` seconds apart, whatever the numbers count in: the most common
@@ -51,12 +57,19 @@ def read_text(path: Path, period: float = PERIOD, stride: float | None = None) -
     recording a trap: its frames are 10 numbers apart in a video of 15 a second, so 0.67 s. With
     `stride=6`, 6 numbers are one period, and the steps of that file become 10/6 periods long.
 
+    Args:
+        path: of the file.
+        period: seconds.
+        stride: frame numbers a period; their most common step if None.
+        metres: in a unit of the coordinates.
+
     Raises:
         InputError: naming file, row and reason.
     """
     path = Path(path)
-    rows = number_table(path, load_text(path), NAMES)
-    return whole_frames(path, rows, (2, 3), period, stride)
+    rows, ids = number_table(path, NAMES)
+    refuse_unwhole(path, rows[:, 1], "ped")
+    return _whole_frames(path, rows[:, 0], ids, rows[:, 2:] * metres, period, stride)
 
 
 def read_obsmat(path: Path, period: float = PERIOD, stride: float | None = None) -> Tracks:
@@ -69,36 +82,82 @@ def read_obsmat(path: Path, period: float = PERIOD, stride: float | None = None)
         InputError: naming file, row and reason.
     """
     path = Path(path)
-    rows = number_table(path, load_text(path), OBSMAT)
-    return whole_frames(path, rows, (2, 4), period, stride)
+    rows, ids = number_table(path, OBSMAT)
+    refuse_unwhole(path, rows[:, 1], "id")
+    return _whole_frames(path, rows[:, 0], ids, rows[:, [2, 4]], period, stride)
 
 
-def whole_frames(
-    path: Path, rows: np.ndarray, xy: tuple[int, int], period: float, stride: float | None
+def _whole_frames(
+    path: Path,
+    frame: np.ndarray,
+    ids: np.ndarray,
+    metres: np.ndarray,
+    period: float,
+    stride: float | None,
 ) -> Tracks:
-    """Tracks of rows whose columns 0 and 1 are frame and agent and whose columns `xy` metres.
-
-    Raises:
-        InputError: naming file, row and reason.
-    """
-    refuse_repeats(path, rows[:, 0], rows[:, 1], NAMES[:2])
-    for column, name in ((0, "frame"), (1, "ped")):
-        fraction = np.flatnonzero(rows[:, column] != np.round(rows[:, column]))
-        if len(fraction):
-            raise InputError(
-                f"{path}: row {fraction[0] + 1}: {name} {rows[fraction[0], column]} is not whole"
-            )
-    for columns, limit in (([0, 1], 2.0**53), (list(xy), FAR)):
-        row, column = np.nonzero(np.abs(rows[:, columns]) > limit)
-        if len(row):
-            value = rows[row[0], columns][column[0]]
-            raise InputError(f"{path}: row {row[0] + 1}: {value} is too large")
-    return make_tracks(
-        path.stem,
-        stamp=rows[:, 0] / frame_step(path, rows[:, 0], stride) * period,
-        id=rows[:, 1].astype(np.int64),
-        position=np.round(rows[:, list(xy)], DECIMALS),
+    refuse_unwhole(path, frame, "frame")
+    step = frame_step(path, frame, stride)
+    return assemble(
+        path,
+        frame / step * period,
+        ids,
+        np.round(metres, DECIMALS),
+        frame_step=step if stride is None else None,
     )
+
+
+def _is_obsmat(head: Head) -> bool:
+    """Eight numbers a row, of which z and its velocity are zero and the others agree."""
+    if head.columns != len(OBSMAT) or head.rows[:, [3, 6]].any():
+        return False
+    before, after = consecutive(head.rows[:, 0], head.rows[:, 1])
+    frames = (head.rows[after] - head.rows[before])[:, :1]
+    moved = (head.rows[after] - head.rows[before])[:, [2, 4]] / frames
+    velocity = (head.rows[after] + head.rows[before])[:, [5, 7]] / 2
+    # Whatever the frames count in.
+    scale = np.vdot(moved, velocity) / max(float(np.vdot(velocity, velocity)), 1e-12)
+    error = np.abs(moved - scale * velocity).sum()
+    return bool(scale > 0 and error < 0.5 * np.abs(moved).sum())
+
+
+def _read_text(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+    tracks = read_text(path, period, options.stride_of(path, period), options.metres(path))
+    paces = [
+        np.median(np.linalg.norm(tracks.position[after] - tracks.position[before], axis=1))
+        if len(after) > _PAIRS
+        else np.nan
+        for times, ids in ((tracks.stamp, tracks.id), (tracks.id, tracks.stamp))
+        for before, after in [consecutive(times, ids)]
+    ]
+    if options.format is None and paces[1] < paces[0] / 3:
+        raise InputError(
+            f"{path}: its rows look like `ped frame x y`: say --columns frame=2 id=1 x=3 y=4, or "
+            "--format text where they are `frame ped x y` all the same"
+        )
+    return [tracks]
+
+
+_PAIRS = 20  # points that follow on another, from which on they tell an order of columns
+
+register_format(
+    "obsmat",
+    Format(
+        "ETH's obsmat (`frame id x z y vx vz vy`)",
+        _is_obsmat,
+        lambda path, how, period: [read_obsmat(path, period, how.stride_of(path, period))],
+        uses=frozenset({"stride", "fps"}),
+    ),
+)
+register_format(
+    "text",
+    Format(
+        "rows of `frame ped x y`",
+        lambda head: not head.named,
+        _read_text,
+        uses=frozenset({"unit", "stride", "fps"}),
+        general=True,
+    ),
+)
 
 
 def is_eth_ucy(folder: Path) -> bool:

@@ -5,18 +5,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.readers.columns import Columns, parse_columns, read_columns
+from neurosym_jax.data.readers.columns import parse_columns, read_columns
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError
 
-NAMED = Columns(time="t0", id="who", x="px", y="py")
+NAMED = ReadOptions(columns=("time=t0", "id=who", "x=px", "y=py"))
 
 
 def test_named_columns(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text("who;px;note;py;t0\nAnn;1000;a;2000;0.5\nBob;-3;b;4;0.5\nAnn;1500;c;2000;1\n")
-    names = parse_columns(["time=t0", "id=who", "x=px", "y=py"])
-    assert names == NAMED
-    tracks = read_columns(path, names)
+    tracks = read_columns(path, NAMED)
     assert_array_equal(tracks.id, [0, 0, 1])
     assert_array_equal(tracks.stamp, [0.5, 1, 0.5])
     assert_array_equal(tracks.position, [[1000, 2000], [1500, 2000], [-3, 4]])
@@ -29,7 +28,7 @@ def test_usual_names_and_frames(tmp_path, separator):
     tracks = read_columns(tmp_path / "a.csv")
     assert_allclose(tracks.stamp, [0.4, 0.8])
     assert_array_equal(tracks.id, [4, 4])
-    assert_allclose(read_columns(tmp_path / "a.csv", stride=5).stamp, [0.8, 1.6])
+    assert_allclose(read_columns(tmp_path / "a.csv", ReadOptions(stride=5)).stamp, [0.8, 1.6])
 
 
 finite = st.floats(-1e8, 1e8)
@@ -70,7 +69,8 @@ def test_round_trip(table, form, tmp_path_factory):
         ("t,id,x,y\n1,2,3,4\n1,2,3,5\n", r"row 2 repeats \(time 1, id 2\)"),
         ("{}", "the table has no columns"),
         ("[]", "a table in JSON is a list"),
-        ("[1]", "row 1 is not an object"),
+        ("[1]", "a table in JSON is a list of objects"),
+        ('[{"t": 1, "id": 1, "x": 0, "y": 0}, 1]', "row 2 is not an object"),
         ("[" * 100_000, "neither JSON nor"),
         ('{"t": [1], "id": []}', "different lengths"),
         ('[{"t": 1, "id": 1, "x": [], "y": 0}]', "row 1: x .* is not a number"),
@@ -85,7 +85,7 @@ def test_bad_tables(tmp_path, text, message):
 def test_bad_names(tmp_path):
     (tmp_path / "a").write_text("t,id,x,y\n1,2,3,4\n")
     with pytest.raises(InputError, match="no column 'px' among 't', 'id', 'x', 'y'"):
-        read_columns(tmp_path / "a", Columns(x="px"))
+        read_columns(tmp_path / "a", ReadOptions(columns=("x=px",)))
     for pairs in (["time"], ["when=t"], ["x=a", "x=b"], ["x="]):
         with pytest.raises(InputError, match="columns are given as time="):
             parse_columns(pairs)

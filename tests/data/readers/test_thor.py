@@ -4,12 +4,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.readers.thor import ROBOTS, read_cliff, read_qtm, read_tracklets
+from neurosym_jax.data.readers.qtm import ROBOTS, read_qtm
+from neurosym_jax.data.readers.thor import read_cliff, read_tracklets
 from neurosym_jax.data.tracks import make_tracks, resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 
 PREAMBLE = [["NO_OF_FRAMES", "3"], ["FREQUENCY", "50"], ["DESCRIPTION", "--"]] * 3 + [["X"]]
+
+
+HELMET = ["Frame", "Time", "Helmet_1 X", "Helmet_1 Y", "Helmet_1 Z"]
 
 
 def qtm(path, header, rows, separator="\t"):
@@ -71,12 +75,15 @@ def test_magni_centroids_before_markers(tmp_path):
         (["Fame"], [], "no header that begins with `Frame`"),
         (["Frame", "Time", *body("Citi_1")], [], r"no body fits .*; the header has Citi_1"),
         (["Frame", "Time", *body("Helmet_1")], [], "no rows follow the header"),
-        (["Frame", "Time", *body("Helmet_1")], [[1, 2, 3]], "row 12 has 3 columns, and 5 are"),
-        (["Frame", "Time", *body("Helmet_1")], [[1, 2, 3, "x", 4]], "row 12: 'x' is not a number"),
-        (["Frame", "Time", *body("Helmet_1")], [[1, "", 3, 4, 4]], "row 12: the time is not a"),
-        (["Frame", "Time", *body("Helmet_1")], [[1, 0, 0, 0, 0]], "none of its 1 bodies"),
-        (["Frame", "Time", *body("Helmet_1")], [[1, 0, 1e300, 0, 0]], "is not a usable number"),
-        (["Frame", "Time", *body("Helmet_1")], [[1, 0, 1, 0, 0]] * 2, "row 2 repeats"),
+        (["Frame", "Time", *body("Helmet_1")], [[1, 2, 3]], "row 12 has 3 columns, not 19"),
+        (HELMET, [[1, 2, 3, "x", 4]], "row 12: 'x' is not a number"),
+        (HELMET, [[1, "", 3, 4, 4]], "row 12: the time is not a"),
+        (HELMET, [[1, 0, 0, 0, 0]], "none of its 1 bodies"),
+        (HELMET, [[1, 0, 1e300, 0, 0]], "is not a usable number"),
+        (HELMET, [[1, 0, 1, 0, 0]] * 2, "row 13 repeats"),
+        (HELMET, [[1, 0, 1, 0, 0], [2, 1, 1, 7, 0, 0]], "row 13 has 6 columns, not 5"),
+        (HELMET, [[1, 0, 1, 7, 0, 0]], "row 12 has 6 columns, not 5"),
+        ([*HELMET, *HELMET[2:]], [], "the header names Helmet_1  X twice"),
     ],
 )
 def test_bad_qtm(tmp_path, header, rows, message):
