@@ -36,7 +36,7 @@ def main(path: Path = MODEL) -> np.ndarray:
 
     def error(alpha: jax.Array) -> jax.Array:
         """ADE in metres, mean over people and samples."""
-        context = Generator(config).apply(params, scene, alpha, method="encode")
+        context = Generator(config).apply(params, scene, alpha, method=Generator.encode)
         forecast = decode_scene(config, params, context, scene, noise[:, 0])
         return jnp.linalg.norm(forecast - truth, axis=-1).mean()
 

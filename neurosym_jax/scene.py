@@ -11,8 +11,9 @@ numbers, and ties (a neighbour on a grid line, somebody standing) stay ties.
 """
 
 import zlib
-from typing import Any
+from typing import TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
@@ -21,6 +22,7 @@ from jax.typing import ArrayLike
 from neurosym_jax.errors import InputError
 
 __all__ = [
+    "AnyArray",
     "Scene",
     "displacements",
     "make_scene",
@@ -34,25 +36,31 @@ __all__ = [
 DECIMALS = 8
 """Of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
 
+AnyArray: TypeAlias = jax.Array | np.ndarray
+"""numpy's on the host, jax's inside a model."""
+
 
 class Scene(struct.PyTreeNode):
-    """One moment of N agents; arrays are numpy's on the host and jax's inside a model.
+    """One moment of N agents. Every array may carry leading axes: a batch is a Scene too."""
 
-    Every array may carry leading axes: a batch is a Scene too.
-    """
-
-    observed: Any
+    observed: AnyArray
     """[N, obs_len, 2] positions in metres, relative to `origin`."""
-    displacement: Any
+    displacement: AnyArray
     """[N, obs_len, 2] step from the previous position in metres; the first step is zero."""
-    valid: Any
+    valid: AnyArray
     """[N] bool; False is padding and nothing else."""
-    identity: Any
+    identity: AnyArray
     """[2] uint32 (recording digest, start frame); with a seed it determines the noise."""
-    origin: Any
-    """[2] float64 metres, the scene's centre in the caller's frame; only the host uses it."""
-    future: Any = None
+    origin: AnyArray | None
+    """[2] float64 metres, the centre in the caller's frame; the host's, None inside a model."""
+    future: AnyArray | None = None
     """[N, pred_len, 2] positions in metres relative to `origin`, where known; never a model's."""
+
+    @property
+    def known_future(self) -> AnyArray:
+        """[N, pred_len, 2] `future`, of a scene that has one."""
+        assert self.future is not None
+        return self.future
 
 
 def scene_identity(recording: str, frame: int | np.ndarray) -> np.ndarray:

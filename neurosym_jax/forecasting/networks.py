@@ -90,7 +90,7 @@ class GeneratorForecaster(Forecaster):
 
 def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
     """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
-    hidden = Generator(config).apply(params, scene.displacement, method="observe")
+    hidden = Generator(config).apply(params, scene.displacement, method=Generator.observe)
     return interact_scene(config, params, hidden, scene)
 
 
@@ -100,16 +100,18 @@ def interact_scene(config: GeneratorConfig, params: Any, hidden: Any, scene: Sce
     if config.weighting is not None:
         weights = params.get("weighting", {})
         alpha = scene_alpha(config.weighting, weights, scene.observed, scene.valid)
-    return Generator(config).apply(params, hidden, scene, alpha, method="interact")
+    return Generator(config).apply(params, hidden, scene, alpha, method=Generator.interact)
 
 
 def decode_scene(
     config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
 ) -> Array:
     """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.one`."""
-    decode = functools.partial(Generator(config).apply, params, context, scene, method="decode")
+    decode = functools.partial(
+        Generator(config).apply, params, context, scene, method=Generator.decode
+    )
     displacement: Any = jax.vmap(decode)(noise)
-    return scene.observed[:, -1, None] + jnp.cumsum(displacement, axis=-2)
+    return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)
 
 
 decode_agents = jax.jit(decode_scene, static_argnums=0)

@@ -14,6 +14,12 @@ import numpy as np
 
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.parameters import (
+    flat_parameters,
+    listed,
+    nested_parameters,
+    refuse_not_finite,
+)
 
 __all__ = [
     "discriminator_params_from_torch",
@@ -176,16 +182,9 @@ def _from_torch(state: Mapping[str, Any], layers: Iterable[_Layer], what: str) -
     unused = {leaf.torch for leaf in leaves if leaf.ours is None}
     needed = {leaf.torch: leaf.shape[::-1] for leaf in leaves if leaf.ours}
     arrays = _checked({k: v for k, v in state.items() if k not in unused}, needed, what)
-    params: dict[str, Any] = {}
-    for leaf in leaves:
-        if leaf.ours is None:
-            continue
-        *scope, name = leaf.ours.split("/")
-        node = params
-        for part in scope:
-            node = node.setdefault(part, {})
-        node[name] = np.ascontiguousarray(arrays[leaf.torch].T)
-    return params
+    return nested_parameters(
+        {leaf.ours: np.ascontiguousarray(arrays[leaf.torch].T) for leaf in leaves if leaf.ours}
+    )
 
 
 def _to_torch(
@@ -193,7 +192,7 @@ def _to_torch(
 ) -> dict[str, np.ndarray]:
     leaves = list(_leaves(layers))
     ours = {leaf.ours: leaf.shape for leaf in leaves if leaf.ours}
-    arrays = _checked(_flat(params), ours, what)
+    arrays = _checked(flat_parameters(params), ours, what)
     # `load_state_dict` wants every tensor that the code declares; zeros stand for those unused.
     return {
         leaf.torch: np.ascontiguousarray(arrays[leaf.ours].T)
@@ -201,14 +200,6 @@ def _to_torch(
         else np.zeros(leaf.shape[::-1], np.float32)
         for leaf in leaves
     }
-
-
-def _flat(params: Mapping[str, Any], scope: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in params.items():
-        inner = isinstance(value, Mapping)
-        flat |= _flat(value, f"{scope}{name}/") if inner else {f"{scope}{name}": value}
-    return flat
 
 
 def _checked(
@@ -228,16 +219,12 @@ def _checked(
         ],
     }
     if any(faults.values()):
-        words = (f"{fault}: {_listed(names)}" for fault, names in faults.items() if names)
+        words = (f"{fault}: {listed(names)}" for fault, names in faults.items() if names)
         raise InputError(
             f"the {what}'s parameters do not fit its configuration: " + "; ".join(words)
         )
     values = {name: np.asarray(array) for name, array in arrays.items()}
     if wrong := [repr(name) for name, array in values.items() if array.dtype.kind != "f"]:
-        raise InputError(f"the {what}'s parameters are not floating point: {_listed(wrong)}")
-    return {name: array.astype(np.float32) for name, array in values.items()}
-
-
-def _listed(names: list[str], most: int = 6) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+        raise InputError(f"the {what}'s parameters are not floating point: {listed(wrong)}")
+    refuse_not_finite(values)
+    return {name: array.astype(np.float32, copy=False) for name, array in values.items()}

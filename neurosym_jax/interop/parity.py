@@ -2,7 +2,7 @@
 
 A golden directory holds a `manifest.json` with one row a case, and one `.npz` a case with torch's
 weights, inputs and outputs (see `docs/parity.md` for the form, and for how to make one). It needs
-no torch, judges no forecast, and does not read checkpoints, which are `interop.torch`'s.
+no torch, assesses no forecast, and does not read checkpoints, which are `interop.torch`'s.
 """
 
 import dataclasses

@@ -1,6 +1,6 @@
 """How far one training step is from a torch run that somebody saved: a case of `interop.parity`.
 
-One discriminator step, then one generator step that the new discriminator judges, on one batch,
+One discriminator step, then one generator step that the new discriminator scores, on one batch,
 with given noises and no augmentation. The parameters before, the noises and the batch are torch's;
 losses, gradients and the parameters after are compared, all parameters of a network as one vector.
 """
@@ -158,7 +158,7 @@ def _batch(generator: GeneratorConfig, arrays: Arrays) -> Scene:
     bounds = scene_bounds(arrays, len(traj))
 
     def future(positions: np.ndarray, scene: Scene) -> np.ndarray:
-        return relative_positions(positions, scene.origin).astype(model_dtype())
+        return relative_positions(positions, np.asarray(scene.origin)).astype(model_dtype())
 
     scenes = [
         scene.replace(future=future(traj[a:b, generator.obs_len :], scene))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.files import new_file
 
 __all__ = ["write_torch_file"]
 
@@ -37,20 +38,9 @@ def write_torch_file(
     program = pickle.PROTO + b"\x02" + _encode(contents, storages) + pickle.STOP
     files = {"data.pkl": program, "byteorder": b"little", "version": b"3\n"}
     files |= {f"data/{key}": values for key, values in enumerate(storages)}
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        try:
-            with open(partial, "xb") as file:
-                with zipfile.ZipFile(file, "w") as archive:
-                    for name, values in files.items():
-                        archive.writestr(zipfile.ZipInfo(f"archive/{name}"), values)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    with new_file(path) as beside, zipfile.ZipFile(beside, "w") as archive:
+        for name, values in files.items():
+            archive.writestr(zipfile.ZipInfo(f"archive/{name}"), values)
 
 
 def _encode(value: Any, storages: list[bytes]) -> bytes:

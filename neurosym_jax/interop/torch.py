@@ -6,6 +6,7 @@ builds no network.
 """
 
 import dataclasses
+import math
 import os
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -78,12 +79,14 @@ def load_torch_checkpoint(path: str | os.PathLike) -> TorchCheckpoint:
         if not isinstance(state, dict) or not isinstance(given, dict):
             missing = "g_state" if not isinstance(state, dict) else "args"
             raise InputError(f"has no {missing}: not a checkpoint of SGAN, or one without weights")
+        _refuse_repeated(state, os.path.getsize(path))
         arguments = {k: v for k, v in given.items() if isinstance(k, str) and _is_plain(v)}
         config = _generator_config(arguments, state)
         discriminator = None
         if (d_state := contents.get("d_state")) is not None:
             if not isinstance(d_state, dict):
                 raise InputError("d_state is not a state dict")
+            _refuse_repeated(d_state, os.path.getsize(path))
             d_config = _discriminator_config(arguments)
             discriminator = d_config, discriminator_params_from_torch(d_state, d_config)
         scene = arguments.get("dataset_name")
@@ -193,6 +196,13 @@ def _discriminator_config(arguments: Mapping[str, Any]) -> DiscriminatorConfig:
         "mlp_dim": arguments["mlp_dim"],
     }
     return from_json(DiscriminatorConfig, {"format": FORMAT, **fields}, "args")
+
+
+def _refuse_repeated(state: Mapping[str, Any], size: int) -> None:
+    """Tensors that lie over each other may ask for any multiple of the file's `size`, bytes."""
+    shapes = [getattr(tensor, "shape", None) for tensor in state.values()]
+    if 2 * sum(math.prod(shape) for shape in shapes if isinstance(shape, tuple)) > size:
+        raise InputError("its tensors have more elements than the file can hold")
 
 
 def _require(arguments: Mapping[str, Any], *names: str) -> None:

@@ -35,13 +35,13 @@ class Discriminator(nn.Module):
             displacement: [N, T, 2] metres, the first step zero.
             valid: [N] bool.
         """
-        return self.judge(self.observe(displacement), positions, valid)
+        return self.score(self.observe(displacement), positions, valid)
 
     def observe(self, displacement: Array) -> Array:
         """Hidden states `[N, h_dim]`; looks at no neighbour."""
         return self.encoder(displacement)
 
-    def judge(self, hidden: Array, positions: Array, valid: Array) -> Array:
+    def score(self, hidden: Array, positions: Array, valid: Array) -> Array:
         """Scores `[N]` of agents with these hidden states."""
         if self.config.kind == "global":
             # The released code pools at the trajectory's first position, not its last.

@@ -29,7 +29,6 @@ __all__ = [
     "Rule",
     "adjacency",
     "alpha_table",
-    "conceptual_distance",
     "is_transition",
     "states",
 ]
@@ -67,18 +66,6 @@ def adjacency(calculus: Calculus = "c1", rule: Rule = "dominance") -> np.ndarray
     """[S, S] bool, symmetric, read-only: which states are neighbours; none is its own."""
     rows = states(calculus)
     return _frozen(_neighbours(rows[:, None], rows[None], rule))
-
-
-@functools.cache
-def conceptual_distance(calculus: Calculus = "c1", rule: Rule = "dominance") -> np.ndarray:
-    """[S, S] int64, read-only: transitions on the shortest way from one state to the other."""
-    edges = adjacency(calculus, rule)
-    reached = np.eye(len(edges), dtype=bool)
-    distance = np.zeros(edges.shape, int)
-    while not reached.all():
-        distance += ~reached
-        reached = reached | reached @ edges
-    return _frozen(distance)
 
 
 @functools.cache

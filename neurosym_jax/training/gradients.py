@@ -1,7 +1,7 @@
 """Gradients of the generator's and the discriminator's loss over one training batch.
 
 The variety loss learns from the best of k samples alone, so its gradient needs only that one: all k
-are decoded without a gradient, then the best (and the one that the discriminator judges) again
+are decoded without a gradient, then the best (and the one that the discriminator scores) again
 with one. Encoding and pooling are done once. Nothing here knows of optimisers or of steps.
 """
 
@@ -16,7 +16,7 @@ from jax import Array
 
 from neurosym_jax.config import GeneratorConfig, TrainConfig
 from neurosym_jax.models import Discriminator
-from neurosym_jax.scene import Scene
+from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.losses import (
     adversarial_loss,
@@ -47,9 +47,9 @@ def discriminator_gradient(
     fakes = decode_groups(generator_config, generator, contexts, groups, noises)
     valid = _slots([scene.valid for scene in groups])
 
-    # Real and fake trajectories as twice as many scenes, judged at once.
+    # Real and fake trajectories as twice as many scenes, scored at once.
     twice = jax.tree.map(lambda leaf: jnp.concatenate([leaf, leaf]), groups)
-    futures = [jnp.concatenate([scene.future, fake[0]]) for scene, fake in zip(groups, fakes)]
+    futures = [jnp.concatenate([scene.known_future, fake[0]]) for scene, fake in zip(groups, fakes)]
 
     def loss(params: Any) -> Array:
         halves = [jnp.split(part, 2) for part in _scores(config, params, twice, futures)]
@@ -96,15 +96,15 @@ def generator_gradient(
             for noise, scene, future in zip(noises, groups, trials)
         ]
         if config.adversarial_weight:
-            # The discriminator judges the last sample, as SGAN's generator step does.
+            # The discriminator scores the last sample, as SGAN's generator step does.
             chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
         futures = decode(params, contexts, groups, chosen)
         variety = _variety_loss(config, criterion, groups, futures)
         metrics = {"g_variety": variety}
         total = config.l2_weight * variety
         if config.adversarial_weight:
-            judged = [future[-1] for future in futures]
-            scores = _slots(_scores(config, discriminator, groups, judged))
+            last = [future[-1] for future in futures]
+            scores = _slots(_scores(config, discriminator, groups, last))
             valid = _slots([scene.valid for scene in groups])
             metrics["g_adversarial"] = adversarial_loss(scores, label, valid)
             total = total + config.adversarial_weight * metrics["g_adversarial"]
@@ -116,15 +116,15 @@ def generator_gradient(
 
 def _errors(config: TrainConfig, scene: Scene, futures: Array) -> Array:
     """[scenes, criteria, k] of one group's `futures [k, scenes, slots, pred_len, 2]`."""
+    truth, last = scene.known_future, scene.observed[:, :, -1:]
     if config.criterion == "distance":
-        return jax.vmap(distance_errors, in_axes=(1, 0, 0))(futures, scene.future, scene.valid)
-    last = scene.observed[:, :, -1:]
+        return jax.vmap(distance_errors, in_axes=(1, 0, 0))(futures, truth, scene.valid)
     return jax.vmap(squared_displacement_errors, in_axes=(1, 0, 0))(
-        _steps(last, futures), _steps(last, scene.future), scene.valid
+        _steps(last, futures), _steps(last, truth), scene.valid
     )
 
 
-def _steps(last: Array, future: Array) -> Array:
+def _steps(last: AnyArray, future: AnyArray) -> Array:
     """Displacements of `future [..., pred_len, 2]` after the position `last [..., 1, 2]`."""
     start = jnp.broadcast_to(last, (*future.shape[:-2], 1, 2))
     return jnp.diff(jnp.concatenate([start, future], axis=-2), axis=-2)
@@ -165,14 +165,14 @@ def _scores(
         jnp.concatenate([scene.displacement, _steps(scene.observed[:, :, -1:], future)], axis=2)
         for scene, future in zip(groups, futures)
     ]
-    hidden = over_slots(functools.partial(apply, method="observe"), moves)
-    judge: Any = jax.vmap(functools.partial(apply, method="judge"))
+    hidden = over_slots(functools.partial(apply, method=Discriminator.observe), moves)
+    score: Any = jax.vmap(functools.partial(apply, method=Discriminator.score))
     return [
-        judge(part, jnp.concatenate([scene.observed, future], axis=2), jnp.asarray(scene.valid))
+        score(part, jnp.concatenate([scene.observed, future], axis=2), jnp.asarray(scene.valid))
         for part, scene, future in zip(hidden, groups, futures)
     ]
 
 
-def _slots(parts: Sequence[Array]) -> Array:
+def _slots(parts: Sequence[AnyArray]) -> Array:
     """`[scenes, slots]` of each group as one `[A]`."""
     return jnp.concatenate([part.reshape(-1) for part in parts])

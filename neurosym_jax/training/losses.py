@@ -3,6 +3,8 @@
 import jax.numpy as jnp
 from jax import Array
 
+from neurosym_jax.scene import AnyArray
+
 __all__ = ["adversarial_loss", "distance_errors", "safe_norm", "squared_displacement_errors"]
 
 
@@ -15,7 +17,7 @@ def adversarial_loss(scores: Array, label: Array | float, valid: Array) -> Array
     return jnp.where(valid, loss, 0).sum() / valid.sum()
 
 
-def squared_displacement_errors(forecast: Array, truth: Array, valid: Array) -> Array:
+def squared_displacement_errors(forecast: Array, truth: AnyArray, valid: AnyArray) -> Array:
     """SGAN's criterion of one scene: one value a sample, square metres.
 
     Args:
@@ -31,7 +33,7 @@ def squared_displacement_errors(forecast: Array, truth: Array, valid: Array) -> 
     return (squared / (jnp.maximum(valid.sum(), 1) * truth.shape[1]))[None]
 
 
-def distance_errors(forecast: Array, truth: Array, valid: Array) -> Array:
+def distance_errors(forecast: Array, truth: AnyArray, valid: AnyArray) -> Array:
     """The test's own criteria of one scene: ADE and FDE of each sample, metres.
 
     Arguments as above, but positions. Returns [2, k], means over the scene's valid agents.

@@ -16,6 +16,7 @@ from jax import Array
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.networks import decode_scene, interact_scene
 from neurosym_jax.models import Generator
+from neurosym_jax.scene import AnyArray
 from neurosym_jax.training.groups import Groups, cuts
 
 __all__ = ["decode_groups", "draw_group_noise", "encode_groups", "over_slots"]
@@ -42,14 +43,14 @@ def draw_group_noise(
 
 def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[Array]:
     """Contexts `[scenes, slots, C]` of each group."""
-    observe = functools.partial(Generator(config).apply, params, method="observe")
+    observe = functools.partial(Generator(config).apply, params, method=Generator.observe)
     hidden = over_slots(observe, [scene.displacement for scene in groups])
     interact = jax.vmap(lambda hidden, scene: interact_scene(config, params, hidden, scene))
     groups = jax.tree.map(jnp.asarray, groups)  # `vmap` hands numpy on; pooling cannot take it.
     return [interact(part, scene.replace(future=None)) for part, scene in zip(hidden, groups)]
 
 
-def over_slots(function: Callable[[Array], Any], parts: Sequence[Array]) -> list[Array]:
+def over_slots(function: Callable[[Array], Any], parts: Sequence[AnyArray]) -> list[Array]:
     """`function` of `[A, ...]`, all slots together, from and to `[scenes, slots, ...]` parts."""
     shapes = [part.shape[:2] for part in parts]
     out = function(jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts]))

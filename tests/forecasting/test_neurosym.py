@@ -112,7 +112,7 @@ def test_alpha_is_of_the_observed_scene(name):
     model = random_model(name)
     scene = pad_scene(make_scene(walks()), 8)
     alpha = jax.jit(make_weighting(model.config.weighting))(scene.observed, scene.valid)
-    encode = jax.jit(functools.partial(Generator(model.config).apply, method="encode"))
+    encode = jax.jit(functools.partial(Generator(model.config).apply, method=Generator.encode))
     scene = scene.replace(origin=None, identity=None)
     wanted = encode(model.params, scene, alpha)
     found = jax.jit(functools.partial(encode_scene, model.config))(model.params, scene)

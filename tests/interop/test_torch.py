@@ -5,6 +5,7 @@ import json
 import os
 import pickle
 import struct
+import tracemalloc
 import zipfile
 from collections import OrderedDict, defaultdict
 
@@ -14,6 +15,7 @@ import pytest
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import names, pickle_writer
+from neurosym_jax.interop import torch as interop_torch
 from neurosym_jax.interop.names import (
     discriminator_params_from_torch,
     discriminator_params_to_torch,
@@ -21,7 +23,8 @@ from neurosym_jax.interop.names import (
     generator_params_to_torch,
 )
 from neurosym_jax.interop.pickle_writer import write_torch_file
-from neurosym_jax.interop.pickles import LEGACY_MAGIC, StoredTensor, read_torch_file
+from neurosym_jax.interop.pickles import LEGACY_MAGIC, read_torch_file
+from neurosym_jax.interop.stand_ins import StoredTensor
 from neurosym_jax.interop.torch import export_torch_checkpoint, load_torch_checkpoint
 
 SMALL = GeneratorConfig(
@@ -271,6 +274,7 @@ def test_export_never_overwrites_silently(tmp_path):
 
 
 def test_export_into_nowhere(tmp_path):
+    (tmp_path / "no").write_text("")
     with pytest.raises(InputError, match=r"a\.pt: cannot be written"):
         export_torch_checkpoint(tmp_path / "no" / "a.pt", SMALL, random_params(SMALL))
 
@@ -505,6 +509,104 @@ def test_a_view_of_a_storage(tmp_path):
     program = tensor_program(numel=6, view=("v", 2, 4))
     path.write_bytes(legacy_file(program, ["0"], [values.tobytes()]))
     np.testing.assert_array_equal(read_torch_file(path), values[2:].reshape(2, 2))
+
+
+def test_weights_that_are_not_finite(tmp_path):
+    contents = contents_of()
+    contents["g_state"]["decoder.hidden2pos.bias"][1] = np.inf
+    with pytest.raises(InputError, match=r"not finite: decoder\.hidden2pos\.bias"):
+        load_contents(tmp_path / "a.pt", contents)
+
+
+def test_a_namespace_of_arguments(tmp_path):
+    """As some training scripts save them."""
+    path = tmp_path / "a.pt"
+    space = argparse.Namespace(obs_len=8, noise_dim=(1,))
+    path.write_bytes(zip_file(pickle.dumps({"args": space}, 2)))
+    assert read_torch_file(path) == {"args": vars(space)}
+
+
+def repeated(once, again, times):
+    """A pickle that keeps `once` in its memo and then does `again` to it so often."""
+    return b"\x80\x02(" + once + b"q\x00" + again * times + b"t."
+
+
+def overlapping_zip(size, entries):
+    """A zip whose many entries all hold the same bytes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("archive/data.pkl", pickle.dumps({}, 2))
+        archive.writestr("archive/data/0", bytes(size))
+        first = archive.infolist()[1]
+        for i in range(1, entries):
+            info = zipfile.ZipInfo(f"archive/data/{i}")
+            for name in ("CRC", "compress_size", "file_size", "header_offset"):
+                setattr(info, name, getattr(first, name))
+            archive.filelist.append(info)
+    return file.getvalue()
+
+
+BIG_LIST = b"](" + b"N" * 100_000 + b"e"
+BIG_DICT = b"}(" + b"".join(b"J" + i.to_bytes(4, "little") + b"N" for i in range(50_000)) + b"u"
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (zip_file(repeated(BIG_LIST, b"ctorch\nSize\nh\x00\x85R", 20_000)), "made of a tuple"),
+        (
+            zip_file(repeated(BIG_DICT, b"ccollections\nOrderedDict\nh\x00\x85R", 20_000)),
+            "damaged",
+        ),
+        (zip_file(b"\x80\x02" + b"]" * 1_000_000 + b"."), "more than 300000 opcodes"),
+        (zip_file(b"\x80\x02U\x00" + b"\x00" * 2**24 + b"."), "larger than"),
+        (legacy_file(b"\x80\x02X\xff\xff\xff\x01" + b" " * (2**25 - 1) + b"."), "damaged"),
+        (zip_file(b"\x80\x02X\x00\x10\x00\x00" + b" " * 4096 + b"r\x00\x08\x00\x00."), "memo"),
+        (overlapping_zip(2**20, 1000), "overlap"),
+    ],
+    ids=["sizes", "dictionaries", "opcodes", "long", "long legacy", "memo", "overlapping"],
+)
+def test_no_more_memory_than_the_file_has_bytes(tmp_path, data, message):
+    path = tmp_path / "a.pt"
+    path.write_bytes(data)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match=message):
+            load_torch_checkpoint(path)
+        assert tracemalloc.get_traced_memory()[1] < 10 * len(data) + 2e8
+    finally:
+        tracemalloc.stop()
+
+
+def test_namespaces_share_their_attributes(tmp_path):
+    path = tmp_path / "a.pt"
+    program = repeated(BIG_DICT, b"cargparse\nNamespace\n)\x81h\x00b", 20_000)
+    path.write_bytes(zip_file(program))
+    tracemalloc.start()
+    read_torch_file(path)
+    assert tracemalloc.get_traced_memory()[1] < 1e8
+    tracemalloc.stop()
+
+
+def test_a_sparse_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    path = tmp_path / "a.pt"
+    path.write_bytes(legacy_file(tensor_program(), ["0"], [bytes(16)]))
+    os.truncate(path, 2**28)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="bytes follow the last storage"):
+        read_torch_file(path)
+    assert tracemalloc.get_traced_memory()[1] < 2**26
+    tracemalloc.stop()
+    monkeypatch.setattr("neurosym_jax.runtime.memory.available_memory", lambda: 1e9)
+    with pytest.raises(InputError, match="GB of memory"):
+        read_torch_file(path)
+
+
+def test_tensors_that_lie_over_each_other():
+    state = {str(i): np.broadcast_to(np.float32(0), (100,)) for i in range(10)}
+    with pytest.raises(InputError, match="more elements than the file can hold"):
+        interop_torch._refuse_repeated(state, 1999)
+    interop_torch._refuse_repeated(state, 2000)
 
 
 @pytest.mark.parametrize("form", ["zip", "legacy"])

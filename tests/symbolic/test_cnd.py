@@ -6,7 +6,6 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import (
     adjacency,
     alpha_table,
-    conceptual_distance,
     is_transition,
     states,
 )
@@ -51,18 +50,6 @@ def test_alphas(golden):
     )
 
 
-@pytest.mark.parametrize("rule", ["dominance", "continuity"])
-@pytest.mark.parametrize("calculus", ["b1", "c1", "c2"])
-def test_distances_are_of_shortest_ways(calculus, rule):
-    edges, distance = adjacency(calculus, rule), conceptual_distance(calculus, rule)
-    np.testing.assert_array_equal(distance == 0, np.eye(len(edges), dtype=bool))
-    np.testing.assert_array_equal(distance == 1, edges)
-    np.testing.assert_array_equal(distance, distance.T)
-    # Every state further away is one transition from a state that is nearer.
-    for start, end in np.argwhere(distance > 1):
-        assert distance[start, edges[end]].min() == distance[start, end] - 1
-
-
 def test_is_transition_is_the_adjacency_and_compiles():
     rows = states("c1")
     for rule in ("dominance", "continuity"):
@@ -77,7 +64,7 @@ def test_is_transition_is_the_adjacency_and_compiles():
 
 def test_tables_are_made_once_and_nobody_can_change_them():
     assert alpha_table() is alpha_table()
-    for table in (states("b1"), adjacency("b1"), conceptual_distance("b1"), alpha_table("b1")):
+    for table in (states("b1"), adjacency("b1"), alpha_table("b1")):
         with pytest.raises(ValueError, match="read-only"):
             table[0] = 0
 
