@@ -1,0 +1,42 @@
+"""The site builds without a warning, and what the README points to is there."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.mark.slow
+def test_the_site_builds_strictly(tmp_path):
+    pytest.importorskip("mkdocs", reason="the site needs the extra docs")
+    pytest.importorskip("material", reason="the site needs the extra docs")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path / "site")],
+        cwd=ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    page = (tmp_path / "site/reference/symbolic/index.html").read_text()
+    assert "neurosym_jax.symbolic.qtc.qtc_c1" in page
+    assert "[..., T-1, 4] int8" in page
+    assert "neurosym replay" in (tmp_path / "site/reference/commands/index.html").read_text()
+
+
+def test_what_the_readme_points_to_is_there():
+    for name in ("README.md", "CONTRIBUTING.md"):
+        targets = re.findall(r"\]\(([^)#]+)", (ROOT / name).read_text())
+        missing = [path for path in targets if "://" not in path and not (ROOT / path).exists()]
+        assert missing == []
+
+
+def test_every_page_is_in_the_navigation():
+    navigation = (ROOT / "mkdocs.yml").read_text()
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in ROOT.glob("docs/**/*.md")}
+    assert {page for page in pages if f": {page}\n" not in navigation} == set()
