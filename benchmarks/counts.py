@@ -27,7 +27,6 @@ def _programs() -> dict[str, float]:
     import jax
     import numpy as np
 
-    from neurosym_jax.evaluation.cases import SHIPPED
     from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
     from neurosym_jax.forecasting.model import predict
     from neurosym_jax.forecasting.model_folder import load_model
@@ -48,15 +47,14 @@ def _programs() -> dict[str, float]:
         jax.clear_caches()
 
     names = ("sgan_simulations_8_8", "neurosym_simulations_8_8")
-    sgan = load_model(SHIPPED / names[0])
+    sgan = load_model(names[0])
     predict(sgan, np.zeros((5, 8, 2)))
     done("a forecast")
     Predictor(sgan, max_people=64)
     done("an online predictor for 64 people")
     with tempfile.TemporaryDirectory() as folder:
-        paths = tuple(str(SHIPPED / name) for name in names)
         options = {"json": Path(folder) / "rows.json", "figures": False, "collisions": False}
-        run_evaluation(EvaluateOptions(checkpoint=paths, scene="cross-path", **options))
+        run_evaluation(EvaluateOptions(checkpoint=names, scene="cross-path", **options))
     done("the evaluation of two models on a scene")
     return found
 

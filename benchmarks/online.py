@@ -24,7 +24,6 @@ MODELS = {"SGAN": "sgan_zara1_8_8", "NeuroSyM": "neurosym_zara1_8_8"}
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    from neurosym_jax.evaluation.cases import SHIPPED
     from neurosym_jax.forecasting.model_folder import load_model
 
     table: list[Row] = []
@@ -33,7 +32,7 @@ def measure(options: Any) -> dict[str, Any]:
     for people in PEOPLE:
         medians = {}
         for name, folder in MODELS.items():
-            model = load_model(SHIPPED / folder)
+            model = load_model(folder)
             seconds = _ours(model, people, count)
             mine = row(f"{name}, {people} people", OURS, seconds, p99=_p99(seconds))
             medians[name] = mine["median"]

@@ -9,12 +9,11 @@ from neurosym_jax.data.sources import Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model, shipped_models
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import find_checkpoints, shipped_models
 from neurosym_jax.models.pooling import NOT_OF_PAIRS, POOLINGS
 
 __all__ = ["Case", "TestSet", "make_cases"]
-
-SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +52,7 @@ def make_cases(
     Args:
         open_for: gives the source, from the scene asked for and the one that the first of the
             given checkpoints was trained to be tested on; either may be None.
-        checkpoints: paths, see `load_model`.
+        checkpoints: see `load_model`; a folder of several stands for all of them.
         scene: the one to test on.
         test_on: recordings to test on.
         obs_len: observed steps.
@@ -64,13 +63,13 @@ def make_cases(
     """
     if scene is not None and test_on:
         raise InputError("--scene and --test-on name two test sets: give one of them")
-    given = [(str(path), load_model(Path(path))) for path in checkpoints]
+    given = [(path, load_model(path)) for path in find_checkpoints(checkpoints)]
     source = open_for(scene, given[0][1].dataset if given else None)
     if scene is not None and scene not in source.scenes:
         raise InputError(f"unknown scene {scene!r}: there are {', '.join(source.scenes)}")
     everywhere = ("+".join(test_on),) if test_on else source.scenes if scene is None else (scene,)
     tested: dict[TestSet, list[tuple[str, Model]]] = {}
-    for path, model in given or [(str(p), load_model(p)) for p in shipped_models(SHIPPED)]:
+    for path, model in given or [(str(p), load_model(p)) for p in shipped_models()]:
         reason = _contradiction(model, source, scene, obs_len, pred_len)
         if reason and checkpoints:
             raise InputError(f"{path}: {reason}")

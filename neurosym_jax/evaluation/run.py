@@ -35,7 +35,8 @@ class EvaluateOptions:
     """
 
     checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
-    """Folders of ours or SGAN's .pt files, in one table; default: what ships in checkpoints/."""
+    """Models by folder, .pt file or name (see `neurosym models`), in one table; a folder of several
+    stands for all of them. Default: those that ship."""
     data: Annotated[Path | None, _named("PATH")] = None
     """A recording of any format in docs/data.md, a folder of them, or ETH/UCY as SGAN arranges it;
     default: what was downloaded and has the scene, else the embedded simulations."""

@@ -6,7 +6,7 @@ from .model import Model as Model
 from .model import predict as predict
 from .model_folder import load_model as load_model
 from .model_folder import save_model as save_model
-from .model_folder import shipped_models as shipped_models
+from .model_places import shipped_models as shipped_models
 from .networks import GeneratorForecaster as GeneratorForecaster
 from .noise import NoiseSpec as NoiseSpec
 from .noise import draw_noise as draw_noise

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax import config as configs
-from neurosym_jax.data.published import find
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.forecasting.parameters import (
     flat_parameters,
     listed,
@@ -40,7 +40,6 @@ __all__ = [
     "refuse_misfit",
     "replace_model",
     "save_model",
-    "shipped_models",
 ]
 
 CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
@@ -88,19 +87,24 @@ def replace_model(folder: Path | str, model: Model) -> None:
 
 
 def load_model(path: Path | str) -> Model:
-    """Read a model's folder, or a torch checkpoint file of SGAN, also one that was downloaded.
+    """Read a model's folder or a torch checkpoint of SGAN or NeuroSyM.
+
+    Args:
+        path: of the folder or file, the name of a model that ships (`neurosym_zara1_8_8`), or a
+            path among the downloads (`sgan-p-models/zara1_8_model.pt`): `neurosym models` lists
+            what is at hand.
 
     Raises:
         InputError: for anything that is not such a thing, is damaged, or has another format.
     """
-    path = find(Path(path))
+    path = find_model(path)
     if path.is_file():
         from neurosym_jax.interop.torch import load_torch_checkpoint
 
         checkpoint = load_torch_checkpoint(path)
         return Model(checkpoint.config, {"params": checkpoint.params}, checkpoint.scene)
     if not path.exists():
-        raise InputError(f"{path}: no such checkpoint")
+        raise InputError(f"{path}: no such checkpoint (`neurosym models` lists what is at hand)")
     if not (path / CONFIG).is_file():
         raise InputError(f"{path}: not a model's folder: it has no {CONFIG}")
     try:
@@ -218,8 +222,3 @@ def _card(model: Model) -> str:
         f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "
         "ones. `neurosym_jax.load_model` reads this folder.\n"
     )
-
-
-def shipped_models(folder: Path) -> list[Path]:
-    """The models' folders under `folder`, in order of name; none where it does not exist."""
-    return sorted(path.parent for path in folder.glob(f"*/{CONFIG}"))

@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.cases import SHIPPED
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import shipped_models
+from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
@@ -93,7 +92,7 @@ def experiment(
 
 def _shipped(scene: str) -> tuple[Path, ...]:
     """An SGAN and a NeuroSyM as described that ship for a scene, at 8 + 8; none if not both do."""
-    paths = shipped_models(SHIPPED)
+    paths = shipped_models()
     kinds = [
         [path for path in paths if re.fullmatch(f"{kind}_{scene}[^_]*_8_8", path.name)]
         for kind in ("sgan", "neurosym")

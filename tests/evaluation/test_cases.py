@@ -31,8 +31,8 @@ class Named(EthUcy):
 
 @pytest.fixture(autouse=True)
 def _models(monkeypatch):
-    monkeypatch.setattr(cases, "load_model", lambda path: MODELS[path.name])
-    monkeypatch.setattr(cases, "shipped_models", lambda folder: [])
+    monkeypatch.setattr(cases, "load_model", lambda path: MODELS[Path(path).name])
+    monkeypatch.setattr(cases, "shipped_models", list)
 
 
 def described(*checkpoints, source=None, **asked):
@@ -93,7 +93,7 @@ def test_contradictions(asked, message):
 
 
 def test_what_ships_is_taken_as_far_as_it_fits(monkeypatch):
-    monkeypatch.setattr(cases, "shipped_models", lambda _: [Path("zara1_12"), Path("eth_8")])
+    monkeypatch.setattr(cases, "shipped_models", lambda: [Path("zara1_12"), Path("eth_8")])
     assert [models for *_, models in described(pred_len=12)] == [["zara1_12"]]
     assert [models for *_, models in described(pred_len=20)] == [[]] * 5
     assert [models for *_, models in described()] == [["eth_8"], ["zara1_12"]]

@@ -71,7 +71,7 @@ def random_params(config):
 @pytest.fixture
 def options(tmp_path, monkeypatch):
     """Options that write below `tmp_path`; no model ships."""
-    monkeypatch.setattr(cases, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(cases, "shipped_models", list)
 
     def make(**fields):
         written = {"json": tmp_path / "rows.json", "plots": tmp_path / "figures"}

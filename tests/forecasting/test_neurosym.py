@@ -164,7 +164,7 @@ def test_another_variant_is_another_network(tmp_path):
 
 
 def test_evaluated_beside_sgan(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cases, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(cases, "shipped_models", list)
     sgan = GeneratorConfig(pred_len=4)
     export_torch_checkpoint(tmp_path / "sgan.pt", sgan, random_params(sgan)["params"])
     for name in CONFIGS:

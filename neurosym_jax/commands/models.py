@@ -1,0 +1,29 @@
+"""List the models that are at hand: those that ship, and SGAN's where they are downloaded."""
+
+import dataclasses
+
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import models_at_hand
+
+__all__ = ["Options", "run"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """List the models that can be named without a path, as --checkpoint and --model take them.
+
+    `sgan-20v` and `sgan-20vp` name all of SGAN's without and with pooling.
+    """
+
+
+def run(_: Options) -> None:
+    """Print a line for each model."""
+    table = [("name", "forecaster", "steps", "period", "without", "where")]
+    for name, path in models_at_hand():
+        model = load_model(path)
+        config = model.config
+        steps, period = f"{config.obs_len}+{config.pred_len}", f"{config.period:g} s"
+        table.append((name, model.name, steps, period, model.dataset or "-", str(path.parent)))
+    widths = [max(map(len, column)) for column in zip(*table)]
+    for row in table:
+        print("  ".join(map(str.ljust, row, widths)).rstrip())

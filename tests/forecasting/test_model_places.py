@@ -1,0 +1,71 @@
+import shutil
+from pathlib import Path
+
+import pytest
+
+from neurosym_jax import load_model
+from neurosym_jax.commands.models import Options, run
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
+
+NAME = "neurosym_zara1_8_8"
+SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
+
+
+@pytest.fixture
+def downloads(tmp_path, monkeypatch):
+    """An empty working folder, and where downloads go."""
+    monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path / "data"))
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    return tmp_path / "data" / "sgan-checkpoints"
+
+
+def test_every_shipped_model_by_name(downloads):
+    assert [path.name for path in shipped_models()] == sorted(
+        path.name for path in SHIPPED.iterdir()
+    )
+    for path in shipped_models():
+        model = load_model(path.name)
+        lengths = f"{model.config.obs_len}_{model.config.pred_len}"
+        assert path.name.endswith(lengths)
+        assert {file.name for file in path.iterdir()} == {
+            *("README.md", "config.json", "params.safetensors"),
+        }
+
+
+def test_a_path_goes_before_a_name(downloads):
+    shutil.copytree(SHIPPED / "sgan_eth_8_8", NAME)
+    assert find_model(NAME) == Path(NAME)
+    assert load_model(NAME).name == "SGAN"
+    shutil.rmtree(NAME)
+    assert find_model(NAME) == SHIPPED / NAME
+    assert find_model("nowhere") == Path("nowhere")
+    with pytest.raises(InputError, match="neurosym models"):
+        load_model("nowhere")
+
+
+def test_folders_of_several(downloads):
+    with pytest.raises(InputError, match="sgan-20vp: not here yet; `neurosym download"):
+        find_checkpoints(["sgan-20vp"])
+    (downloads / "sgan-p-models").mkdir(parents=True)
+    for name in ("zara1_8_model.pt", "eth_12_model.pt", "notes.txt"):
+        (downloads / "sgan-p-models" / name).write_text("")
+    both = [str(downloads / "sgan-p-models" / f"{name}_model.pt") for name in ("eth_12", "zara1_8")]
+    for name in ("sgan-20vp", "sgan-p-models", downloads / "sgan-p-models"):
+        assert find_checkpoints([name]) == both
+    assert find_checkpoints([NAME, "sgan-20vp"]) == [NAME, *both]
+    assert len(find_checkpoints([SHIPPED])) == len(shipped_models())
+    assert find_checkpoints(["nowhere"]) == ["nowhere"]
+
+
+def test_what_is_at_hand_is_listed(downloads, shared, capsys):
+    shutil.copytree(shared / "checkpoints" / "sgan-p-models", downloads / "sgan-p-models")
+    run(Options())
+    head, *lines = capsys.readouterr().out.splitlines()
+    assert head.split() == ["name", "forecaster", "steps", "period", "without", "where"]
+    assert len(lines) == len(shipped_models()) + 10
+    line = next(line for line in lines if line.startswith(f"{NAME} "))
+    assert line.split() == [NAME, "NeuroSyM,", "cnd", "8+8", "0.4", "s", "zara1", str(SHIPPED)]
+    for line in lines[-10:]:
+        load_model(line.split()[0])
