@@ -57,9 +57,9 @@ def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
 
 def read_batches(data: Path):
     """Two batches (one for each network) of 64 scenes, groups by bucket, as training reads them."""
-    from neurosym_jax.config import RECIPES
     from neurosym_jax.data.sources import open_source
     from neurosym_jax.data.windows import cut_windows
+    from neurosym_jax.training.recipe import RECIPES
     from neurosym_jax.training.stream import SceneStream
 
     windows = cut_windows(open_source(data).recordings("zara1", "train"), 8, 8)
@@ -85,7 +85,8 @@ def ours(batches) -> Callable[[], None]:
     """One call of the compiled step, on batches that lie on the device."""
     import jax
 
-    from neurosym_jax.config import RECIPES, GeneratorConfig
+    from neurosym_jax.config import GeneratorConfig
+    from neurosym_jax.training.recipe import RECIPES
     from neurosym_jax.training.step import initial_state, train_step
 
     generator, config = GeneratorConfig(), RECIPES["sgan"]

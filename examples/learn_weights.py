@@ -15,7 +15,6 @@ import numpy as np
 import optax
 
 from neurosym_jax import load_model
-from neurosym_jax.config import TrainConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import Synthetic
 from neurosym_jax.data.windows import cut_windows
@@ -25,6 +24,7 @@ from neurosym_jax.symbolic import WeightingConfig, alpha_table
 from neurosym_jax.symbolic.states import decode_state, format_state
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.gradients import generator_gradient
+from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.rollout import draw_group_noise
 from neurosym_jax.training.stream import SceneStream
 

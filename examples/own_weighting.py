@@ -15,9 +15,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
+from neurosym_jax.data.sources import open_source
 from neurosym_jax.symbolic import register_weighting
-from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.run import TrainOptions, make_run
+from neurosym_jax.training.loop import train
+from neurosym_jax.training.network import named_generator
+from neurosym_jax.training.recipe import make_recipe
 
 
 @register_weighting("nearness", log_reach=0.0)
@@ -31,26 +33,18 @@ def nearness(positions, valid, log_reach):
 def main(steps: int = 100) -> float:
     """Print both errors and what was learned; returns the reach in metres."""
     reach = 1.0
+    source = open_source(None)
+    training, validation = (source.recordings("cross-path", split) for split in ("train", "val"))
+    changes = ("batch_scenes=16", "best_k=5", f"validate_every={steps}")
+    recipe = make_recipe("ours", steps=steps, changes=changes)
     for weighting in ("cnd", "nearness"):
-        options = TrainOptions(
-            model="neurosym",
-            weighting=weighting,
-            scene="cross-path",
-            steps=steps,
-            set=("batch_scenes=16", "best_k=5", f"validate_every={steps}"),
-        )
-        run = make_run(options)
         # Narrow, so that it is quick.
-        run = dataclasses.replace(
-            run, generator=dataclasses.replace(run.generator, pool_hidden_dim=64)
-        )
+        network = named_generator("neurosym", weighting=weighting)
+        network = dataclasses.replace(network, pool_hidden_dim=64)
         with tempfile.TemporaryDirectory() as folder:
-            model = train_run(run, Path(folder) / "run")
-            (last,) = (
-                line
-                for line in (Path(folder) / "run" / "metrics.jsonl").read_text().splitlines()
-                if "val_ade" in line
-            )
+            run = Path(folder) / "run"
+            model = train(training, validation, run, generator=network, recipe=recipe)
+            last = (run / "metrics.jsonl").read_text().splitlines()[-1]
         print(f"{model.name} after {steps} steps: {last}")
         if weighting == "nearness":
             reach = float(np.exp(model.params["weighting"]["log_reach"]))

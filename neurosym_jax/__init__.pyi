@@ -13,7 +13,6 @@ from . import tracking as tracking
 from . import training as training
 from .config import DiscriminatorConfig as DiscriminatorConfig
 from .config import GeneratorConfig as GeneratorConfig
-from .config import TrainConfig as TrainConfig
 from .errors import InputError as InputError
 from .forecasting.model import Model as Model
 from .forecasting.model import predict as predict
@@ -21,3 +20,4 @@ from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene
+from .training.recipe import TrainConfig as TrainConfig

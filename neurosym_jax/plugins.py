@@ -8,7 +8,9 @@ from pathlib import Path
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["load_plugin"]
+__all__ = ["load_plugin", "loaded"]
+
+_loaded: dict[str, None] = {}
 
 
 def load_plugin(plugin: str) -> None:
@@ -27,6 +29,12 @@ def load_plugin(plugin: str) -> None:
     except Exception as error:  # It is somebody's own code, which can fail in any way.
         reason = f"{type(error).__name__}: {error}"
         raise InputError(f"plugin {plugin}: cannot be imported ({reason})") from error
+    _loaded[plugin] = None
+
+
+def loaded() -> list[str]:
+    """What `load_plugin` was called with, in order, so that another process can load it too."""
+    return list(_loaded)
 
 
 def _load_file(path: Path) -> None:

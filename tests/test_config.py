@@ -6,16 +6,15 @@ from typing import Any
 import pytest
 
 from neurosym_jax.config import (
-    RECIPES,
     DiscriminatorConfig,
     GeneratorConfig,
-    TrainConfig,
     from_json,
     to_json,
 )
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
-from neurosym_jax.training.loop import record_of_today
+from neurosym_jax.training.recipe import RECIPES, TrainConfig
+from neurosym_jax.training.run import record_of_today
 
 
 @pytest.mark.parametrize(

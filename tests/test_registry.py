@@ -1,7 +1,7 @@
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.plugins import load_plugin
+from neurosym_jax.plugins import load_plugin, loaded
 from neurosym_jax.registry import Registry
 
 
@@ -45,3 +45,5 @@ def test_a_plugin_is_imported_once(tmp_path, capsys):
     }.items():
         with pytest.raises(InputError, match=f"plugin {plugin}: .*{reason}"):
             load_plugin(plugin)
+    assert loaded().count(str(path)) == 1
+    assert str(other) not in loaded()

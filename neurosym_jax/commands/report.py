@@ -1,6 +1,33 @@
 """Compare a sweep's models, with intervals."""
 
-from neurosym_jax.sweeps.report import ReportOptions as Options
-from neurosym_jax.sweeps.report import report as run
+import dataclasses
+from pathlib import Path
+
+import tyro
+
+from neurosym_jax.sweeps.report import report
 
 __all__ = ["Options", "run"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Compare a sweep's models with references, paired: Markdown, JSON and a forest plot."""
+
+    sweep: tyro.conf.Positional[Path]
+    """Folder of the sweep."""
+    against: tuple[str, ...] = ("ones", "SGAN")
+    """The references: weightings, or SGAN."""
+    pred_len: int | None = None
+    """Steps forecast, where the sweep has several."""
+    out: Path | None = None
+    """Markdown file, .json and .png beside it; default: report.md in the sweep's folder."""
+
+
+def run(options: Options) -> None:
+    """Write and print the report that `options` ask for.
+
+    Raises:
+        InputError: see `sweeps.report`.
+    """
+    print(report(options.sweep, options.against, pred_len=options.pred_len, out=options.out))

@@ -1,6 +1,64 @@
 """Train and test many models, a process each."""
 
-from neurosym_jax.sweeps.sweep import SweepOptions as Options
-from neurosym_jax.sweeps.sweep import sweep as run
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from neurosym_jax.sweeps.runs import plan_runs
+from neurosym_jax.sweeps.sweep import sweep
 
 __all__ = ["Options", "run"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train every model on every dataset with every seed, a process each; test them; one table."""
+
+    models: tuple[str, ...] = ("sgan", "neurosym")
+    """sgan, neurosym (as described), neurosym_ros, or any other pooling's name."""
+    datasets: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scenes"])] = ()
+    """To leave out of training and test on; default: all that the data has."""
+    seeds: int = 3
+    """Seeds 0 to N-1."""
+    obs_len: int = 8
+    """Observed steps."""
+    pred_lens: tuple[int, ...] = (8,)
+    """Steps to forecast, a model each."""
+    weightings: tuple[str, ...] = ("cnd",)
+    """Of NeuroSyM, a model each; as train's --weighting."""
+    recipe: Literal["ours", "sgan"] = "ours"
+    """How they are trained, see docs/training.md."""
+    steps: int | None = None
+    """Generator steps; default: the recipe's."""
+    set: tuple[str, ...] = ()
+    """Changes to the recipe, NAME=VALUE."""
+    data: Path | None = None
+    """ETH/UCY as SGAN arranges it; default: the embedded simulations."""
+    out: Path = Path("runs/sweep")
+    """Folder of the runs, of sweep.json and of sweep.md."""
+    jobs: int | None = None
+    """Trainings at once; default: one for each core."""
+
+
+def run(options: Options) -> int:
+    """Train and test what `options` ask for; 1 if a training failed.
+
+    Raises:
+        InputError: see `plan_runs` and `sweep`.
+    """
+    runs = plan_runs(
+        options.out,
+        models=options.models,
+        weightings=options.weightings,
+        datasets=options.datasets,
+        seeds=options.seeds,
+        obs_len=options.obs_len,
+        pred_lens=options.pred_lens,
+        recipe=options.recipe,
+        steps=options.steps,
+        changes=options.set,
+        data=options.data,
+    )
+    return sweep(runs, options.out, data=options.data, jobs=options.jobs)

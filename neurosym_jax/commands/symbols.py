@@ -30,7 +30,7 @@ from neurosym_jax.symbolic.description import (
 from neurosym_jax.symbolic.transitions import count_states
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
-from neurosym_jax.training.run import named_weighting
+from neurosym_jax.training.network import named_weighting
 
 __all__ = ["Options", "run"]
 

@@ -1,6 +1,136 @@
 """Train a model."""
 
-from neurosym_jax.training.run import TrainOptions as Options
-from neurosym_jax.training.run import train as run
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
 
-__all__ = ["Options", "run"]
+import tyro
+
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.sources import Source, Synthetic, open_source
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.errors import InputError
+from neurosym_jax.training.loop import train_run
+from neurosym_jax.training.network import model_name, named_generator
+from neurosym_jax.training.recipe import make_recipe
+from neurosym_jax.training.run import Run
+
+__all__ = ["Options", "make_run", "run"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Train a model: `python train.py` alone does so on the embedded simulations."""
+
+    model: Literal["sgan", "neurosym"] = "sgan"
+    """SGAN with pooling, or NeuroSyM."""
+    variant: str = "as_described"
+    """Of NeuroSyM: as_described, neurosym_ros, or what a plugin registers."""
+    weighting: str = "cnd"
+    """Of NeuroSyM: KIND[,FIELD=VALUE...], see docs/weightings.md; MODULE:KIND for one's own."""
+    pooling: str = "pool_net"
+    """Of SGAN: none, pool_net, social, or what a plugin registers."""
+    dataset: Annotated[str | None, tyro.conf.arg(aliases=["--scene"])] = None
+    """The one of ETH/UCY left out of training (eth, hotel, ...); of the simulations, the one
+    trained on (default: all of them)."""
+    obs_len: int = 8
+    """Observed steps."""
+    pred_len: int = 8
+    """Steps to forecast."""
+    period: float = 0.4
+    """Seconds between steps; recordings that have others are resampled."""
+    recipe: Literal["ours", "sgan"] = "ours"
+    """How it is trained, see docs/training.md."""
+    seed: int = 0
+    """Of initialisation, order of scenes, augmentation and noise."""
+    steps: int | None = None
+    """Generator steps; default: the recipe's."""
+    set: tuple[str, ...] = ()
+    """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=0."""
+    data: Path | None = None
+    """ETH/UCY as SGAN arranges it, or a folder of recordings; default: what was downloaded and has
+    the dataset, else the embedded simulations."""
+    train_on: tuple[str, ...] = ()
+    """Recordings by file name to train on, instead of a leave-one-out split."""
+    validate_on: tuple[str, ...] = ()
+    """Recordings by file name to validate on; needed with --train-on."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How files are read."""
+    out: Path | None = None
+    """Folder of the run; default: runs/ and a name made of the options."""
+    resume: bool = False
+    """Continue the run in the folder."""
+
+
+def run(options: Options) -> None:
+    """Train as `options` say.
+
+    Raises:
+        InputError: see `make_run` and `training.train_run`.
+    """
+    run = make_run(options)
+    where = run.dataset or ("files" if options.train_on else "simulations")
+    name = f"{model_name(run.generator)}_{where}_{options.obs_len}_{options.pred_len}"
+    folder = options.out or Path("runs") / f"{name}_{options.recipe}_{options.seed}"
+    print(
+        f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
+        f"{run.validation.scenes} scenes to validate on, {run.recipe.steps} steps"
+    )
+    train_run(run, folder, resume=options.resume)
+    print(f"model: {folder / 'model'}")
+
+
+def make_run(options: Options) -> Run:
+    """The run that `options` describe, its data read.
+
+    Raises:
+        InputError: for options that contradict each other or data that cannot be read.
+    """
+    generator = named_generator(
+        options.model,
+        pooling=options.pooling,
+        variant=options.variant,
+        weighting=options.weighting,
+        obs_len=options.obs_len,
+        pred_len=options.pred_len,
+    )
+    recipe = make_recipe(
+        options.recipe, seed=options.seed, steps=options.steps, changes=options.set
+    )
+    source = open_source(options.data, options.dataset, read=options.read, period=options.period)
+    training, validation = (
+        cut_windows(tracks, options.obs_len, options.pred_len)
+        for tracks in _recordings(options, source)
+    )
+    return Run(
+        generator=dataclasses.replace(generator, period=training.period),
+        recipe=recipe,
+        training=training,
+        validation=validation,
+        dataset=None if options.train_on else options.dataset,
+        data_name=_data_name(options, source),
+    )
+
+
+def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
+    """Those to train on and those to validate on."""
+    if bool(options.train_on) != bool(options.validate_on):
+        raise InputError("--train-on and --validate-on go together")
+    if options.train_on:
+        return [source.files(names) for names in (options.train_on, options.validate_on)]
+    if options.dataset is None and options.data is not None:
+        raise InputError(f"--dataset is needed: one of {', '.join(source.scenes)}")
+    names = source.scenes if options.dataset is None else (options.dataset,)
+    return [
+        [tracks for name in names for tracks in source.recordings(name, split)]
+        for split in ("train", "val")
+    ]
+
+
+def _data_name(options: Options, source: Source) -> str:
+    if options.train_on:
+        return f"trained on {', '.join(Path(name).stem for name in options.train_on)}"
+    if isinstance(source, Synthetic):
+        return f"trained on simulations ({options.dataset or 'all'})"
+    return f"trained without {options.dataset}"

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.config import FORMAT, GeneratorConfig, TrainConfig, from_json, to_json
+from neurosym_jax.config import FORMAT, GeneratorConfig, from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import discriminator_params_from_torch, generator_params_from_torch
 from neurosym_jax.interop.parity_networks import (
@@ -31,6 +31,7 @@ from neurosym_jax.interop.parity_networks import (
 from neurosym_jax.scene import Scene, model_dtype, relative_positions
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.groups import Groups
+from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.step import (
     TrainState,
     clip_gradient,

@@ -52,6 +52,8 @@ def label_of(row: Row) -> str:
     run = row["run"]
     if run["model"] == "sgan":
         return "SGAN"
+    if run["weighting"] is None:
+        return row["model"]
     name = row["model"].partition(", ")[2]
     return name if run["model"] == "as_described" else f"{name} ({run['model']})"
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.runtime.files import new_file
 
 __all__ = ["read_sweep", "write_errors"]
 
@@ -28,7 +29,8 @@ def write_errors(
             arrays[f"totals_{index}"] = of_row.totals
             arrays[f"counts_{index}"] = of_row.counts
             arrays[f"identity_{index}"] = of_row.identity
-    np.savez_compressed(folder / FILE, **arrays)
+    with new_file(folder / FILE) as beside:
+        np.savez_compressed(beside, **arrays)
 
 
 def read_sweep(folder: Path) -> tuple[list[dict[str, Any]], dict[int, ErrorsByScene]]:

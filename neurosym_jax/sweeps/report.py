@@ -1,45 +1,45 @@
-"""`python -m neurosym_jax report`: what a sweep's weightings are worth, with what certainty."""
+"""What a sweep's models are worth, with what certainty: a page, its data and its figure."""
 
-import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import tyro
-
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.report import FORMAT, write_json
+from neurosym_jax.runtime.files import write_text
 from neurosym_jax.sweeps.comparison import compare, one_horizon
 from neurosym_jax.sweeps.errors import read_sweep
 from neurosym_jax.sweeps.learned_tables import learned_changes
 from neurosym_jax.sweeps.report_text import format_report
 
-__all__ = ["ReportOptions", "report"]
+__all__ = ["report"]
 
 
-@dataclasses.dataclass(frozen=True)
-class ReportOptions:
-    """Compare a sweep's models with references, paired: Markdown, JSON and a forest plot."""
+def report(
+    sweep: Path,
+    against: Sequence[str] = ("ones", "SGAN"),
+    *,
+    pred_len: int | None = None,
+    out: Path | None = None,
+) -> str:
+    """Compare a sweep's models with references: Markdown, with JSON and a forest plot beside it.
 
-    sweep: tyro.conf.Positional[Path]
-    """Folder of the sweep."""
-    against: tuple[str, ...] = ("ones", "SGAN")
-    """The references: weightings, or SGAN."""
-    pred_len: int | None = None
-    """Steps forecast, where the sweep has several."""
-    out: Path | None = None
-    """Markdown file, .json and .png beside it; default: report.md in the sweep's folder."""
+    Args:
+        sweep: folder of the sweep.
+        against: the references: weightings, or SGAN.
+        pred_len: steps forecast, where the sweep has several.
+        out: the Markdown's file; default: report.md in the sweep's folder.
 
-
-def report(options: ReportOptions) -> None:
-    """Write the report that `options` ask for.
+    Returns:
+        The Markdown, and a line of the files that were written.
 
     Raises:
         InputError: for a folder without a sweep, or one that has not what is to be compared.
     """
-    rows, errors = read_sweep(options.sweep)
-    chosen = one_horizon(rows, options.pred_len)
-    comparisons = compare(rows, errors, chosen, list(options.against))
-    target = options.out or options.sweep / "report.md"
+    rows, errors = read_sweep(sweep)
+    chosen = one_horizon(rows, pred_len)
+    comparisons = compare(rows, errors, chosen, list(against))
+    target = out or sweep / "report.md"
     if target.suffix != ".md":
         raise InputError(f"--out {target}: must end in .md")
     data: dict[str, Any] = {
@@ -54,12 +54,11 @@ def report(options: ReportOptions) -> None:
     from neurosym_jax.plotting.forest import plot_forest
 
     plot_forest(data["comparisons"], target.with_suffix(".png"))
-    written = "" if options.out is None else f" --out {options.out}"
-    against = " ".join(options.against)
-    command = f"python -m neurosym_jax report SWEEP --against {against}{written}"
+    written = "" if out is None else f" --out {out}"
+    command = f"python -m neurosym_jax report SWEEP --against {' '.join(against)}{written}"
     text = format_report(data, target.with_suffix(".png").name, command)
-    target.write_text(text)
-    print(f"{text}\n{target}, {target.with_suffix('.json')}, {target.with_suffix('.png')}")
+    write_text(target, text)
+    return f"{text}\n{target}, {target.with_suffix('.json')}, {target.with_suffix('.png')}"
 
 
 def _kept(row: dict[str, Any]) -> dict[str, Any]:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.config import RECIPES, TrainConfig, from_json, to_json
+from neurosym_jax.config import from_json, to_json
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.sweeps.learned_tables import agreement
 from neurosym_jax.sweeps.table import format_sweep
+from neurosym_jax.training.recipe import RECIPES, TrainConfig
 
 __all__ = ["format_report"]
 

@@ -1,4 +1,4 @@
-"""Training of generators and discriminators: losses, one pure step, and the loop around it."""
+"""Training of generators and discriminators: recipes, one pure step, and the loop around it."""
 
 import lazy_loader
 

@@ -1,9 +1,12 @@
 from .gradients import discriminator_gradient as discriminator_gradient
 from .gradients import generator_gradient as generator_gradient
-from .loop import Run as Run
+from .loop import train as train
 from .loop import train_run as train_run
-from .run import make_run as make_run
-from .run import train as train
+from .network import named_generator as named_generator
+from .recipe import RECIPES as RECIPES
+from .recipe import TrainConfig as TrainConfig
+from .recipe import make_recipe as make_recipe
+from .run import Run as Run
 from .step import TrainState as TrainState
 from .step import initial_state as initial_state
 from .step import train_step as train_step

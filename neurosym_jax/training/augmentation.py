@@ -1,34 +1,39 @@
-"""What is changed at random in the scenes of a training batch, anew each time they are drawn."""
+"""What is changed at random in the scenes of a training batch, anew each time they are drawn.
+
+To add an augmentation: its function, an entry at the end of `AUGMENTATIONS`, and its options in
+`AugmentationOptions`, which are fields of every recipe.
+"""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.config import TrainConfig
-from neurosym_jax.scene import Scene
+from neurosym_jax.checks import BelowOne, NotNegative, Share
+from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.training.groups import Groups, cuts
 
-__all__ = ["augment"]
+__all__ = ["AUGMENTATIONS", "AugmentationOptions", "augment"]
 
 
-def augment(groups: Groups, key: Array, config: TrainConfig) -> Groups:
-    """Scenes turned, mirrored, stretched and observed with errors, as `config` has it.
+@dataclasses.dataclass(frozen=True)
+class AugmentationOptions:
+    """What a recipe says of its augmentations; 0 leaves one out."""
 
-    Args:
-        groups: the batch.
-        key: consumed.
-        config: its `rotate`, `scale` and `jitter`.
-    """
-    moving, erring = jax.random.split(key)
-    if config.rotate or config.scale:
-        groups = _moved(groups, moving, rotate=config.rotate, scale=config.scale)
-    if config.jitter:
-        groups = _jittered(groups, erring, config.jitter)
-    return groups
+    rotate: bool | Share = 1.0
+    """Share of the training scenes turned at random, and half of them mirrored; true is 1."""
+    scale: BelowOne = 0.0
+    """Stretch each training scene by a random factor within 1 +- scale."""
+    jitter: NotNegative = 0.0
+    """Largest standard deviation, in metres, of errors added to a scene's observed positions."""
 
 
-def _moved(groups: Groups, key: Array, *, rotate: float, scale: float) -> Groups:
+def _move(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
     """A share of the scenes turned, each by its own angle, and mirrored or not; all stretched."""
+    rotate, scale = options.rotate, options.scale
+    if not rotate and not scale:
+        return groups
     counts = [scene.valid.shape[0] for scene in groups]
     choose, turn, flip, stretch = jax.random.split(key, 4)
     total = sum(counts)
@@ -39,30 +44,32 @@ def _moved(groups: Groups, key: Array, *, rotate: float, scale: float) -> Groups
     cos, sin = factor * jnp.cos(angle), factor * jnp.sin(angle)
     matrix = jnp.stack([cos, -sin * sign, sin, cos * sign], axis=-1).reshape(total, 2, 2)
 
-    def moved(vectors: Array, matrix: Array) -> Array:
+    def moved(vectors: AnyArray, matrix: Array) -> Array:
         return jnp.einsum("sab,sntb->snta", matrix, vectors)
 
     return tuple(
         scene.replace(
             observed=moved(scene.observed, part),
             displacement=moved(scene.displacement, part),
-            future=moved(scene.future, part),
+            future=moved(scene.known_future, part),
         )
         for scene, part in zip(groups, jnp.split(matrix, cuts(counts)))
     )
 
 
-def _jittered(groups: Groups, key: Array, jitter: float) -> Groups:
+def _jitter(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
     """Scenes whose observed positions have errors, in each scene of another size.
 
     The future is left as it is: what is to be forecast is where people were, and not the errors.
     """
+    if not options.jitter:
+        return groups
     size, error = jax.random.split(key)
     sizes = [scene.observed.size for scene in groups]
     # One draw for all groups: each draw adds a second of compiling to the step.
     errors = jax.random.normal(error, (sum(sizes),))
     counts = [scene.valid.shape[0] for scene in groups]
-    deviations = jax.random.uniform(size, (sum(counts), 1, 1, 1), maxval=jitter)
+    deviations = jax.random.uniform(size, (sum(counts), 1, 1, 1), maxval=options.jitter)
 
     def jittered(scene: Scene, errors: Array, deviation: Array) -> Scene:
         observed = scene.observed + deviation * errors.reshape(scene.observed.shape)
@@ -71,6 +78,20 @@ def _jittered(groups: Groups, key: Array, jitter: float) -> Groups:
         return scene.replace(observed=observed, displacement=displacement)
 
     return tuple(
-        jittered(*one)
-        for one in zip(groups, jnp.split(errors, cuts(sizes)), jnp.split(deviations, cuts(counts)))
+        jittered(*parts)
+        for parts in zip(
+            groups, jnp.split(errors, cuts(sizes)), jnp.split(deviations, cuts(counts))
+        )
     )
+
+
+AUGMENTATIONS = (_move, _jitter)
+"""`(groups, key, options) -> groups`, applied in this order; the key is consumed."""
+
+
+def augment(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
+    """The batch `groups` with every augmentation that `options` ask for; consumes `key`."""
+    # The first keys are the same however many there are, so one more changes no recipe without it.
+    for augmentation, part in zip(AUGMENTATIONS, jax.random.split(key, len(AUGMENTATIONS))):
+        groups = augmentation(groups, part, options)
+    return groups

@@ -14,15 +14,18 @@ import jax.numpy as jnp
 import optax
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig, TrainConfig
+from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models import Discriminator
-from neurosym_jax.scene import AnyArray, Scene
+from neurosym_jax.scene import AnyArray
 from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.losses import (
+    Forecasts,
     adversarial_loss,
-    distance_errors,
-    squared_displacement_errors,
+    criterion_errors,
+    displacements,
+    generator_loss,
 )
+from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.rollout import decode_groups, encode_groups, over_slots
 
 __all__ = ["Metrics", "discriminator_gradient", "generator_gradient"]
@@ -82,52 +85,30 @@ def generator_gradient(
         label: what the discriminator is to take the forecasts for.
 
     Returns:
-        The gradient, and `g_variety`, `g_loss`, `g_gradient_norm` and, with an adversarial term,
-        `g_adversarial`.
+        The gradient, and `g_loss`, `g_gradient_norm` and each term of the loss (`g_variety`, ...).
     """
-    criterion = functools.partial(_errors, config)
     decode = functools.partial(decode_groups, generator_config)
 
     def loss(params: Any) -> tuple[Array, Metrics]:
         contexts = encode_groups(generator_config, params, groups)
         trials = decode(*jax.lax.stop_gradient((params, contexts)), groups, noises)
         chosen = [
-            _take_samples(noise, criterion(scene, future).argmin(axis=-1))
+            _take_samples(noise, criterion_errors(config, scene, future).argmin(axis=-1))
             for noise, scene, future in zip(noises, groups, trials)
         ]
         if config.adversarial_weight:
             # The discriminator scores the last sample, as SGAN's generator step does.
             chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
         futures = decode(params, contexts, groups, chosen)
-        variety = _variety_loss(config, criterion, groups, futures)
-        metrics = {"g_variety": variety}
-        total = config.l2_weight * variety
+        scores = None
         if config.adversarial_weight:
             last = [future[-1] for future in futures]
             scores = _slots(_scores(config, discriminator, groups, last))
-            valid = _slots([scene.valid for scene in groups])
-            metrics["g_adversarial"] = adversarial_loss(scores, label, valid)
-            total = total + config.adversarial_weight * metrics["g_adversarial"]
-        return total, metrics | {"g_loss": total}
+        total, terms = generator_loss(config, Forecasts(groups, futures, scores, label))
+        return total, {f"g_{name}": value for name, value in terms.items()} | {"g_loss": total}
 
     gradient, metrics = jax.grad(loss, has_aux=True)(generator)
     return gradient, metrics | {"g_gradient_norm": optax.tree.norm(gradient)}
-
-
-def _errors(config: TrainConfig, scene: Scene, futures: Array) -> Array:
-    """[scenes, criteria, k] of one group's `futures [k, scenes, slots, pred_len, 2]`."""
-    truth, last = scene.known_future, scene.observed[:, :, -1:]
-    if config.criterion == "distance":
-        return jax.vmap(distance_errors, in_axes=(1, 0, 0))(futures, truth, scene.valid)
-    return jax.vmap(squared_displacement_errors, in_axes=(1, 0, 0))(
-        _steps(last, futures), _steps(last, truth), scene.valid
-    )
-
-
-def _steps(last: AnyArray, future: AnyArray) -> Array:
-    """Displacements of `future [..., pred_len, 2]` after the position `last [..., 1, 2]`."""
-    start = jnp.broadcast_to(last, (*future.shape[:-2], 1, 2))
-    return jnp.diff(jnp.concatenate([start, future], axis=-2), axis=-2)
 
 
 def _take_samples(noise: Array, best: Array) -> Array:
@@ -137,32 +118,15 @@ def _take_samples(noise: Array, best: Array) -> Array:
     )
 
 
-def _variety_loss(config: TrainConfig, criterion, groups: Groups, futures: list[Array]) -> Array:
-    """The loss of the chosen samples: sample c was the best by criterion c."""
-    total = jnp.zeros(())
-    by_agents = config.weigh_scenes == "by_agents"
-    for scene, future in zip(groups, futures):
-        errors = criterion(scene, future)
-        count = errors.shape[1]
-        best = jnp.diagonal(errors[:, :, :count], axis1=1, axis2=2)
-        value = best[:, 0] + (config.fde_weight * best[:, 1] if count > 1 else 0.0)
-        agents = scene.valid.sum(axis=1).astype(value.dtype)
-        share = agents if by_agents else (agents > 0).astype(value.dtype)
-        total = total + (value * share).sum()
-    # SGAN's loss is a sum over scenes; a mean keeps `distance` in metres, whatever the batch.
-    if config.criterion == "squared_displacement":
-        return total
-    sizes = jnp.concatenate([scene.valid.sum(axis=1) for scene in groups])
-    return total / (sizes.sum() if by_agents else (sizes > 0).sum())
-
-
 def _scores(
     config: TrainConfig, params: Any, groups: Groups, futures: Sequence[Array]
 ) -> list[Array]:
     """Discriminator scores `[scenes, slots]` of `futures [scenes, slots, pred_len, 2]`."""
     apply = functools.partial(Discriminator(config.discriminator).apply, params)
     moves = [
-        jnp.concatenate([scene.displacement, _steps(scene.observed[:, :, -1:], future)], axis=2)
+        jnp.concatenate(
+            [scene.displacement, displacements(scene.observed[:, :, -1:], future)], axis=2
+        )
         for scene, future in zip(groups, futures)
     ]
     hidden = over_slots(functools.partial(apply, method=Discriminator.observe), moves)

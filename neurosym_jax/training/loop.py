@@ -7,9 +7,6 @@ Everything random follows from (seed, step), so a resumed run continues bit for 
 
 import dataclasses
 import functools
-import hashlib
-import json
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,9 +15,10 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from neurosym_jax.config import GeneratorConfig, TrainConfig, from_json, to_json
+from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import Batch, make_batches
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.score import score_forecaster
 from neurosym_jax.forecasting.model import Model
@@ -33,47 +31,55 @@ from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.finish import write_curves, write_model
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
+from neurosym_jax.training.recipe import RECIPES, TrainConfig
+from neurosym_jax.training.run import Run, refuse_other_run
 from neurosym_jax.training.step import TrainState, initial_state, train_step
 from neurosym_jax.training.stream import SceneStream
 
-__all__ = ["CHUNK", "Run", "data_digest", "record_of_today", "train_run"]
+__all__ = ["CHUNK", "train", "train_run"]
 
 CHUNK = 25
 """Most steps of one compiled call, between two updates of the progress bar."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Run:
-    """What is trained on what; `train_run` does it."""
+def train(
+    training: Windows | Sequence[Tracks],
+    validation: Windows | Sequence[Tracks],
+    folder: Path | str,
+    *,
+    generator: GeneratorConfig | None = None,
+    recipe: TrainConfig | None = None,
+    dataset: str | None = None,
+    data_name: str = "data not named",
+    resume: bool = False,
+) -> Model:
+    """Train a generator; what it leaves in `folder` is said in the module.
 
-    generator: GeneratorConfig
-    config: TrainConfig
-    training: Windows
-    validation: Windows
-    scene: str | None
-    """The scene left out, recorded with the model."""
-    data_name: str = "data not named"
-    """Of the training data, for people."""
+    Args:
+        training: recordings to cut windows from, or the windows.
+        validation: of these the error is least at the state that is kept.
+        folder: of the run.
+        generator: the network; default: SGAN's. Its period becomes that of the data.
+        recipe: how it is trained; default: `ours`.
+        dataset: what was left out to be tested on; recorded with the model.
+        data_name: of the training data, for people.
+        resume: go on with the run in `folder`.
 
-    def describe(self) -> dict[str, Any]:
-        """All that must be equal for a run to be resumed."""
-        return {
-            "generator": to_json(self.generator),
-            "training": to_json(self.config),
-            "scene": self.scene,
-            "data": {
-                "training": data_digest(self.training),
-                "validation": data_digest(self.validation),
-            },
-        }
+    Returns:
+        The best model by validation, also written to `folder / "model"`.
 
-
-def data_digest(windows: Windows) -> str:
-    """SHA-256 of the windows themselves, whatever files they came from."""
-    sha = hashlib.sha256()
-    for array in (windows.position, windows.bounds, windows.identity):
-        sha.update(np.ascontiguousarray(array).tobytes())
-    return sha.hexdigest()
+    Raises:
+        InputError: for recordings without windows, and as `train_run`.
+    """
+    generator = generator or GeneratorConfig()
+    lengths = generator.obs_len, generator.pred_len
+    learned, validated = (
+        part if isinstance(part, Windows) else cut_windows(part, *lengths)
+        for part in (training, validation)
+    )
+    generator = dataclasses.replace(generator, period=learned.period)
+    run = Run(generator, recipe or RECIPES["ours"], learned, validated, dataset, data_name)
+    return train_run(run, Path(folder), resume=resume)
 
 
 def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
@@ -91,7 +97,7 @@ def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
 
 
 def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool) -> Model:
-    config = run.config
+    config = run.recipe
     networks = 2 if config.adversarial_weight else 1  # A step takes a batch for each.
     stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
     _refuse_too_large(run, stream.shapes)
@@ -107,7 +113,11 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
 
     found = checkpoints.restore((state, best))
     if found is not None:
-        state, best, validations = _resumed(found, record, folder, resume)
+        step, (state, best), before = found
+        if not resume:
+            raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
+        refuse_other_run(before, record, folder)
+        validations = [row for row in before["history"] if "val_score" in row]
     elif (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
     done = int(state.step)
@@ -139,7 +149,7 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
             done += count
             bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)
-    model = Model(run.generator, best, run.scene)
+    model = Model(run.generator, best, run.dataset)
     write_curves(folder, log.rows())
     windows = {"training": run.training, "validation": run.validation}
     counts = {name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()}
@@ -154,7 +164,7 @@ def _refuse_too_large(run: Run, shapes: Sequence[tuple[int, int]]) -> None:
     What is counted are the positions of a round's batches, the k forecasts of one, and what pooling
     keeps of each pair with its gradient: less than is used.
     """
-    config, generator = run.config, run.generator
+    config, generator = run.recipe, run.generator
     slots = sum(scenes * size for scenes, size in shapes)
     pairs = sum(scenes * size**2 for scenes, size in shapes)
     batches = CHUNK * (2 if config.adversarial_weight else 1)
@@ -222,45 +232,10 @@ def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
         GeneratorForecaster(run.generator),
         params,
         batches,
-        samples=run.config.best_k,
-        seed=run.config.seed,
+        samples=run.recipe.best_k,
+        seed=run.recipe.seed,
         metrics=("joint_ade", "joint_fde"),
     )
     ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
-    score = ade + fde if run.config.select_by == "ade_fde" else ade
+    score = ade + fde if run.recipe.select_by == "ade_fde" else ade
     return {"val_ade": ade, "val_fde": fde, "val_score": score}
-
-
-def record_of_today(record: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A run's record with its configurations as they are written today, perhaps by an earlier one.
-
-    Raises:
-        InputError: naming `folder`, for what no version wrote.
-    """
-    kinds = {"generator": GeneratorConfig, "training": TrainConfig}
-    today = {
-        name: to_json(from_json(kind, record[name], str(folder)))
-        for name, kind in kinds.items()
-        if name in record
-    }
-    return {**record, **json.loads(json.dumps(today))}
-
-
-def _resumed(
-    found: tuple[int, Any, dict[str, Any]], ours: dict[str, Any], folder: Path, resume: bool
-) -> tuple[TrainState, Any, list[dict[str, Any]]]:
-    step, (state, best), record = found
-    if not resume:
-        raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
-    ours, record = json.loads(json.dumps(ours)), record_of_today(record, folder)
-    for name, value in ours.items():
-        if name != "environment" and record.get(name) != value:
-            raise InputError(f"{folder}: holds another run: its {name} differs")
-    for name, value in ours["environment"].items():
-        if (before := record["environment"].get(name)) != value:
-            print(
-                f"warning: {folder}: the run began with {name} {before} and goes on with {value}: "
-                "it will not end with the same bits",
-                file=sys.stderr,
-            )
-    return state, best, [row for row in record["history"] if "val_score" in row]

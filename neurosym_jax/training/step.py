@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import optax
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig, TrainConfig
+from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
@@ -18,6 +18,7 @@ from neurosym_jax.training.gradients import (
     generator_gradient,
 )
 from neurosym_jax.training.groups import Groups
+from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.rollout import draw_group_noise
 
 __all__ = [

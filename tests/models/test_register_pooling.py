@@ -16,7 +16,7 @@ from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models import Generator, pooling_names, register_pooling
 from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.scene import make_scene
-from neurosym_jax.training.run import TrainOptions, generator_config
+from neurosym_jax.training.network import named_generator
 
 OBSERVED = np.random.default_rng(0).normal(0, 0.3, (4, 8, 2)).cumsum(axis=1)
 
@@ -48,12 +48,12 @@ def registered(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "name"),
     [
-        (TrainOptions(pooling="mean"), "Mean"),
-        (TrainOptions(model="neurosym", variant="weighted"), "Weighted mean, cnd"),
+        ({"pooling": "mean"}, "Mean"),
+        ({"model": "neurosym", "variant": "weighted"}, "Weighted mean, cnd"),
     ],
 )
 def test_it_is_chosen_saved_loaded_and_forecasts(tmp_path, options, name):
-    config = generator_config(options)
+    config = named_generator(**options)
     assert from_json(GeneratorConfig, to_json(config)) == config
     arguments = (make_scene(OBSERVED), np.zeros(8), np.zeros((4, 4, 8)))
     params = jax.jit(Generator(config).init)(jax.random.key(0), *arguments)
@@ -76,9 +76,9 @@ def test_what_is_refused():
     for pooling in ("mean", "weighted"):
         with pytest.raises(InputError, match=f"pool_every_timestep with {pooling}"):
             GeneratorConfig(pooling=pooling, pool_every_timestep=True)
-    for options in (TrainOptions(pooling="weighted"), TrainOptions(pooling="neurosym_ros")):
+    for pooling in ("weighted", "neurosym_ros"):
         with pytest.raises(InputError, match="sgan has none, pool_net, social, mean"):
-            generator_config(options)
+            named_generator(pooling=pooling)
     with pytest.raises(InputError, match="another pooling 'mean' already"):
         register_pooling("mean", MeanPooling, label="Mean")
 

@@ -1,12 +1,15 @@
-import dataclasses
 import json
 
 import numpy as np
 import pytest
+import tyro
 
+from neurosym_jax.commands._running import with_plugins
+from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError
 from neurosym_jax.sweeps import sweep as module
-from neurosym_jax.sweeps.sweep import SweepOptions, sweep, sweep_runs
+from neurosym_jax.sweeps.runs import plan_runs
+from neurosym_jax.sweeps.sweep import sweep
 from neurosym_jax.sweeps.table import format_sweep, mean_and_interval
 
 
@@ -51,70 +54,82 @@ def test_table():
     assert format_sweep([row("SGAN", "eth", 0, 0.5, 12)]).count("| model | k | seeds | eth |") == 2
 
 
+CHOSEN = {
+    "models": ("sgan", "neurosym"),
+    "weightings": ("cnd", "ones"),
+    "datasets": ("cross-path",),
+}
+
+
 def test_runs(tmp_path):
-    options = SweepOptions(
-        models=("sgan", "neurosym"),
-        scenes=("cross-path",),
-        seeds=2,
-        pred_lens=(8, 12),
-        weightings=("cnd", "ones"),
-        out=tmp_path,
-    )
-    runs = sweep_runs(options)
-    assert len({run.out for run in runs}) == len(runs) == 3 * 2 * 2
-    assert {(run.model, run.weighting) for run in runs} == {
-        ("sgan", "cnd"),
-        ("neurosym", "cnd"),
-        ("neurosym", "ones"),
-    }
-    assert all(run.resume for run in runs)
-    assert len(sweep_runs(dataclasses.replace(options, scenes=()))) == 2 * len(runs)
+    chosen = {**CHOSEN, "seeds": 2, "pred_lens": (8, 12)}
+    runs = plan_runs(tmp_path, **chosen)
+    assert len({run.folder for run in runs}) == len(runs) == 3 * 2 * 2
+    kinds = {(run.generator.pooling, run.weighting) for run in runs}
+    assert kinds == {("pool_net", None), ("as_described", "cnd"), ("as_described", "ones")}
+    assert len(plan_runs(tmp_path, **{**chosen, "datasets": ()})) == 2 * len(runs)
     for changes, reason in (
         ({"seeds": 0}, "--seeds must be at least 1"),
-        ({"jobs": 0}, "--jobs must be at least 1"),
-        ({"scenes": ("moon",)}, "unknown scene 'moon': there are all-forward, cross-path"),
-        ({"set": ("emma=1",)}, "--set emma=1"),
+        ({"models": ("lstm",)}, "unknown pooling 'lstm'"),
+        ({"datasets": ("moon",)}, "unknown dataset 'moon': there are all-forward, cross-path"),
+        ({"changes": ("emma=1",)}, "--set emma=1"),
     ):
         with pytest.raises(InputError, match=reason):
-            sweep_runs(dataclasses.replace(options, **changes))
+            plan_runs(tmp_path, **{**chosen, **changes})
+    with pytest.raises(InputError, match="--jobs must be at least 1"):
+        sweep(runs, tmp_path, jobs=0)
+
+
+def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
+    """Its process is told of everything that makes the run, plugins included."""
+    monkeypatch.setattr("neurosym_jax.sweeps.runs.loaded", lambda: ["mine.py"])
+    models = ("sgan", "social", "neurosym", "neurosym_ros")
+    changes = ("batch_scenes=4", "rotate=0")
+    for run in plan_runs(tmp_path, **{**CHOSEN, "models": models, "changes": changes}, steps=10):
+        options = tyro.cli(with_plugins(Options), args=run.arguments)
+        assert options.plugin == ("mine.py",)
+        assert (options.out, options.resume) == (run.folder, True)
+        described = make_run(options)
+        assert (described.generator, described.recipe) == (run.generator, run.recipe)
+        assert described.dataset == run.dataset
 
 
 @pytest.mark.slow
 def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
-    options = SweepOptions(
-        models=("sgan",),
-        scenes=("cross-path",),
-        seeds=2,
-        steps=25,
-        set=("batch_scenes=4", "best_k=2", "max_agents=4"),
-        out=tmp_path / "sweep",
-        jobs=1,  # So that the second finds the first one's compiled programs.
-    )
-    assert sweep(options) == 0
-    rows = json.loads((tmp_path / "sweep" / "sweep.json").read_text())["rows"]
+    out = tmp_path / "sweep"
+    chosen = {
+        **CHOSEN,
+        "models": ("sgan",),
+        "seeds": 2,
+        "changes": ("batch_scenes=4", "best_k=2", "max_agents=4"),
+    }
+    runs = plan_runs(out, **chosen, steps=25)
+    # One job, so that the second run finds the first one's compiled programs.
+    assert sweep(runs, out, jobs=1) == 0
+    rows = json.loads((out / "sweep.json").read_text())["rows"]
     trained = [row for row in rows if row["run"]]
     assert [row["model"] for row in rows[:2]] == ["constant velocity", "constant velocity, sampled"]
     assert [row["run"]["seed"] for row in trained] == [0, 1]
     assert {row["run"]["weighting"] for row in trained} == {None}
     assert len({row["joint"]["ade"] for row in trained}) == 2
-    table = (tmp_path / "sweep" / "sweep.md").read_text()
+    table = (out / "sweep.md").read_text()
     assert "| 20 | 2 |" in table
-    folder = tmp_path / "sweep" / "sgan_pool_net_cross-path_8_8_seed1"
+    folder = out / "sgan_pool_net_cross-path_8_8_seed1"
     assert "test on cross-path: this model" in (folder / "model" / "README.md").read_text()
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
 
     monkeypatch.setattr(module, "_start", None)  # Nothing is trained again.
-    assert sweep(options) == 0
+    assert sweep(runs, out) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
     with pytest.raises(InputError, match="was trained with steps = 25, not 50"):
-        sweep(dataclasses.replace(options, steps=50))
+        sweep(plan_runs(out, **chosen, steps=50), out)
 
 
 @pytest.mark.slow
 def test_failed_runs_are_told(tmp_path, capsys):
-    options = SweepOptions(models=("sgan",), scenes=("cross-path",), seeds=2, out=tmp_path, jobs=2)
-    for run in sweep_runs(options):
-        (run.out / "model").mkdir(parents=True)  # A model of nobody knows what.
+    runs = plan_runs(tmp_path, **{**CHOSEN, "models": ("sgan",)}, seeds=2)
+    for run in runs:
+        run.model.mkdir(parents=True)  # A model of nobody knows what.
     with pytest.raises(InputError, match="no run was finished"):
-        sweep(options)
+        sweep(runs, tmp_path, jobs=2)
     assert capsys.readouterr().err.count("holds a finished model, and nothing is overwritten") == 2

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from neurosym_jax.config import GeneratorConfig, TrainConfig
+from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.training.loop import Run
+from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.training.run import Run
 
 OBS, PRED = 4, 3
 GENERATOR = GeneratorConfig(
@@ -71,6 +72,6 @@ def with_recipe(run):
     """The run with changes to its recipe."""
 
     def changed(**changes) -> Run:
-        return dataclasses.replace(run, config=dataclasses.replace(run.config, **changes))
+        return dataclasses.replace(run, recipe=dataclasses.replace(run.recipe, **changes))
 
     return changed

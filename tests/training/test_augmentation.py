@@ -2,8 +2,8 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.config import TrainConfig
 from neurosym_jax.training.augmentation import augment
+from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.stream import SceneStream
 
 

@@ -11,17 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neurosym_jax.config import RECIPES
+from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
-from neurosym_jax.training.run import (
-    TrainOptions,
-    generator_config,
-    make_run,
-    model_name,
-    named_weighting,
-    recipe,
-)
 
 SCRIPT = Path(__file__).resolve().parents[2] / "train.py"
 EVERY_KILL = bool(os.environ.get("NEUROSYM_ALL_KILLS"))
@@ -147,100 +138,28 @@ def test_bad_input_is_one_line(files, tmp_path):
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("changes", "reason"),
-    [
-        ({"set": ("emma=0.9",)}, "--set emma=0.9: must be NAME=VALUE"),
-        ({"set": ("ema",)}, "--set ema: must be NAME=VALUE"),
-        ({"set": ("format=2",)}, "must be NAME=VALUE"),
-        ({"set": ("ema=fast",)}, "ema must be a finite number, not 'fast'"),
-        ({"set": ("best_k=2.5",)}, r"best_k must be a whole number, not 2\.5"),
-        ({"set": ("criterion=best",)}, "criterion must be one of .*, not 'best'"),
-        (
-            {"set": ('discriminator={"kind": "big"}',)},
-            "kind must be one of global, local",
-        ),
-        ({"steps": 0}, "recipe ours: steps must be at least 1, not 0"),
-        ({"set": ("steps=-25",)}, "steps must be at least 1, not -25"),
-    ],
-)
-def test_recipes_that_cannot_be(changes, reason):
-    with pytest.raises(InputError, match=reason) as caught:
-        recipe(TrainOptions(**changes))
-    assert "\n" not in str(caught.value)
-
-
-def test_recipes():
-    assert recipe(TrainOptions()) == RECIPES["ours"]
-    changed = recipe(
-        TrainOptions(
-            recipe="sgan",
-            seed=3,
-            steps=30,
-            set=("rotate=0.5", "max_agents=null", "label_real=[0.9, 1]", "schedule=cosine"),
-        )
-    )
-    assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, 0.5, None)
-    assert (changed.label_real, changed.schedule) == ((0.9, 1), "cosine")
-    assert changed.g_learning_rate == RECIPES["sgan"].g_learning_rate
-
-
-def test_generators():
-    assert generator_config(TrainOptions(pred_len=12)).pred_len == 12
-    social = generator_config(TrainOptions(pooling="social"))
-    assert social.bottleneck_dim == social.encoder_h_dim
-    symbolic = generator_config(TrainOptions(model="neurosym", weighting="ones"))
-    assert (symbolic.pooling, symbolic.weighting) == ("as_described", WeightingConfig("ones"))
-
-
-def test_weightings_by_name(tmp_path, monkeypatch):
-    assert named_weighting("cnd") == WeightingConfig()
-    coarse = named_weighting("learned,quantisation_factor=0.1,table=cnd_shipped")
-    assert coarse == WeightingConfig("learned", table="cnd_shipped", quantisation_factor=0.1)
-    assert named_weighting(coarse.name) == coarse
-    options = TrainOptions(model="neurosym", weighting="quantised,quantisation_factor=0.05")
-    assert model_name(options) == "neurosym_as_described_quantised"
-    for text, reason in (
-        ("cdn", "weighting cdn: unknown weighting 'cdn'"),
-        ("cnd,tabel=cnd", "unknown field 'tabel'"),
-        ("cnd,decimals=x", "decimals must be a whole number or be null, not 'x'"),
-        ("no_such_module:mine", "cannot import no_such_module"),
-    ):
-        with pytest.raises(InputError, match=reason):
-            named_weighting(text)
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "weightings_of_mine.py").write_text(
-        "from neurosym_jax.symbolic import register_weighting\n"
-        "register_weighting('all_alike')(lambda positions, valid: 0 * positions[:, None, :, 0])\n"
-    )
-    assert named_weighting("weightings_of_mine:all_alike").name == "all_alike"
-
-
 def test_a_model_knows_its_rate(files):
     names = {"train_on": ("walk",), "validate_on": ("check",), "obs_len": 4, "pred_len": 4}
     for period in (0.4, 0.2):
-        run = make_run(TrainOptions(data=files, period=period, **names))
+        run = make_run(Options(data=files, period=period, **names))
         assert run.generator.period == run.training.period == run.validation.period == period
     assert run.training.scenes > 100
 
 
 @pytest.mark.parametrize("model", ["sgan", "neurosym"])
 def test_one_recording_of_thor_left_out(shared, model):
+    name = "CLiFF-LHMP_thor3_exp-3-run-2"
     with pytest.warns(InputWarning, match="goals_positions"):
-        run = make_run(
-            TrainOptions(
-                model=model, data=shared / "data/thor", scene="CLiFF-LHMP_thor3_exp-3-run-2"
-            )
-        )
-    assert run.scene == "CLiFF-LHMP_thor3_exp-3-run-2"
-    assert run.data_name == "trained without CLiFF-LHMP_thor3_exp-3-run-2"
+        run = make_run(Options(model=model, data=shared / "data/thor", dataset=name))
+    assert run.dataset == name
+    assert run.data_name == f"trained without {name}"
     counts = [(part.scenes, part.agents) for part in (run.training, run.validation)]
     assert counts == [(2237, 7656), (496, 1699)]
 
 
 def test_data(files):
-    options = TrainOptions(train_on=(str(files / "walk.txt"),), obs_len=4, pred_len=4)
+    options = Options(train_on=(str(files / "walk.txt"),), obs_len=4, pred_len=4)
     with pytest.raises(InputError, match="go together"):
         make_run(options)
-    with pytest.raises(InputError, match="--scene is needed"):
-        make_run(TrainOptions(data=files))
+    with pytest.raises(InputError, match="--dataset is needed"):
+        make_run(Options(data=files))

@@ -29,7 +29,7 @@ def groups(windows):
 
 def start(run, groups, **changes):
     """The state before the first step, with parameters that numpy draws: it compiles nothing."""
-    config = dataclasses.replace(run.config, **changes)
+    config = dataclasses.replace(run.recipe, **changes)
     example = jax.tree.map(lambda leaf: leaf[0], groups[0])
     shapes = jax.eval_shape(
         lambda: initial_state(run.generator, config, example, jax.random.key(0))
@@ -219,7 +219,7 @@ def test_clipping(run, groups):
 
 @pytest.mark.slow
 def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, windows):
-    config = dataclasses.replace(run.config, schedule="constant", **ADVERSARIAL)
+    config = dataclasses.replace(run.recipe, schedule="constant", **ADVERSARIAL)
     batches = SceneStream(windows, 6, seed=0).steps(0, 2)
     example = jax.tree.map(lambda leaf: leaf[0, 0], batches[0])
     initial = jax.jit(initial_state, static_argnums=(0, 1))

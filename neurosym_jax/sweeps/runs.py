@@ -1,0 +1,164 @@
+"""The runs of a sweep: every model on every dataset with every seed, each a command."""
+
+import dataclasses
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from neurosym_jax.checks import refuse_below
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.config_json import to_json
+from neurosym_jax.data.sources import open_source
+from neurosym_jax.errors import InputError
+from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.plugins import loaded
+from neurosym_jax.training.finish import RUN
+from neurosym_jax.training.network import model_name, named_generator
+from neurosym_jax.training.recipe import TrainConfig, make_recipe
+from neurosym_jax.training.run import record_of_today
+
+__all__ = ["SweepRun", "plan_runs"]
+
+POOLING_OF = {"sgan": "pool_net", "neurosym": "as_described"}
+"""Models that have a name besides their pooling's."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepRun:
+    """One training of a sweep."""
+
+    generator: GeneratorConfig
+    recipe: TrainConfig
+    recipe_name: str
+    weighting: str | None
+    """As it was asked for."""
+    dataset: str
+    folder: Path
+    arguments: tuple[str, ...]
+    """Of `neurosym train`."""
+
+    @property
+    def model(self) -> Path:
+        """The folder of its model, where it is finished."""
+        return self.folder / "model"
+
+    def facts(self) -> dict[str, Any]:
+        """What `run.json` of the finished run holds.
+
+        Raises:
+            InputError: where it cannot be read.
+        """
+        try:
+            return json.loads((self.folder / RUN).read_text())
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self.folder / RUN}: cannot be read ({error})") from None
+
+    def finished(self) -> bool:
+        """Whether the run has its model.
+
+        Raises:
+            InputError: where it is that of another network or recipe than the sweep's.
+        """
+        if not self.model.is_dir() or not (self.folder / RUN).is_file():
+            return False
+        facts = record_of_today(self.facts(), self.folder / RUN)
+        wanted = {"generator": to_json(self.generator), "training": to_json(self.recipe)}
+        for part, fields in json.loads(json.dumps(wanted)).items():
+            for name, value in fields.items():
+                if facts[part].get(name) != value:
+                    raise InputError(
+                        f"{self.folder}: was trained with {name} = {facts[part].get(name)}, "
+                        f"not {value}: choose another --out"
+                    )
+        return True
+
+    def to_json(self) -> dict[str, Any]:
+        """What a row of `sweep.json` says of the run."""
+        pooling = self.generator.pooling
+        return {
+            "model": "sgan" if pooling == POOLING_OF["sgan"] else pooling,
+            "weighting": self.weighting,
+            "recipe": self.recipe_name,
+            "training": to_json(self.recipe),
+            "seed": self.recipe.seed,
+            "validation": self.facts()["validation"],
+        }
+
+
+def plan_runs(
+    out: Path,
+    *,
+    models: Sequence[str],
+    weightings: Sequence[str],
+    datasets: Sequence[str] = (),
+    seeds: int = 1,
+    obs_len: int = 8,
+    pred_lens: Sequence[int] = (8,),
+    recipe: str = "ours",
+    steps: int | None = None,
+    changes: Sequence[str] = (),
+    data: Path | None = None,
+) -> list[SweepRun]:
+    """One run for each seed, model, weighting, dataset and horizon, in that order.
+
+    Args:
+        out: folder of the runs' folders.
+        models: `sgan`, `neurosym`, or a pooling's name.
+        weightings: for each model that takes them, as `training.network.named_weighting`.
+        datasets: to leave out of training; none for all that `data` has.
+        seeds: how many, from 0.
+        obs_len: observed steps.
+        pred_lens: steps to forecast.
+        recipe: its name.
+        steps: generator steps; None for the recipe's.
+        changes: to the recipe, NAME=VALUE.
+        data: as `data.open_source` takes it.
+
+    Raises:
+        InputError: for nothing to train, a dataset the data has not, an unknown model or weighting
+            or a recipe that cannot be.
+    """
+    refuse_below(1, {"--seeds": seeds})
+    source = open_source(data, datasets[0] if datasets else None)
+    if unknown := [name for name in datasets if name not in source.scenes]:
+        raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
+    common = ["--recipe", recipe, "--obs-len", str(obs_len), "--resume"]
+    common += [] if steps is None else ["--steps", str(steps)]
+    common += [] if data is None else ["--data", str(data)]
+    common += ["--set", *changes] if changes else []
+    common += [part for plugin in loaded() for part in ("--plugin", plugin)]
+    runs: dict[Path, SweepRun] = {}
+    # Seed by seed: whenever it is interrupted, all models have been trained as often; and what one
+    # seed compiled the next one finds.
+    for seed in range(seeds):
+        config = make_recipe(recipe, seed=seed, steps=steps, changes=changes)
+        for named in _networks(models, weightings):
+            for dataset in datasets or source.scenes:
+                for pred_len in pred_lens:
+                    generator = named_generator(**named, obs_len=obs_len, pred_len=pred_len)
+                    name = f"{model_name(generator)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
+                    own = {"dataset": dataset, "pred-len": pred_len, "seed": seed}
+                    own |= named | {"out": out / name}
+                    pairs = [str(part) for name, v in own.items() for part in (f"--{name}", v)]
+                    runs[out / name] = SweepRun(
+                        generator,
+                        config,
+                        recipe,
+                        named.get("weighting"),
+                        dataset,
+                        out / name,
+                        (*pairs, *common),
+                    )
+    return list(runs.values())
+
+
+def _networks(models: Sequence[str], weightings: Sequence[str]) -> Iterator[dict[str, str]]:
+    """The options of `named_generator` that make `models`."""
+    for model in models:
+        pooling = POOLING_OF.get(model, model)
+        if not POOLINGS[pooling].symbolic:
+            yield {"model": "sgan", "pooling": pooling}
+            continue
+        for weighting in weightings:
+            yield {"model": "neurosym", "variant": pooling, "weighting": weighting}

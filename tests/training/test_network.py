@@ -1,0 +1,41 @@
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.training.network import model_name, named_generator, named_weighting
+
+
+def test_generators():
+    assert named_generator(pred_len=12).pred_len == 12
+    social = named_generator(pooling="social")
+    assert social.bottleneck_dim == social.encoder_h_dim
+    symbolic = named_generator("neurosym", weighting="ones")
+    assert (symbolic.pooling, symbolic.weighting) == ("as_described", WeightingConfig("ones"))
+
+
+def test_names():
+    assert model_name(named_generator(pooling="none")) == "sgan_none"
+    coarse = named_generator("neurosym", weighting="quantised,quantisation_factor=0.05")
+    assert model_name(coarse) == "neurosym_as_described_quantised"
+    assert model_name(named_generator("neurosym", variant="neurosym_ros")) == "neurosym_ros_cnd"
+
+
+def test_weightings(tmp_path, monkeypatch):
+    assert named_weighting("cnd") == WeightingConfig()
+    coarse = named_weighting("learned,quantisation_factor=0.1,table=cnd_shipped")
+    assert coarse == WeightingConfig("learned", table="cnd_shipped", quantisation_factor=0.1)
+    assert named_weighting(coarse.name) == coarse
+    for text, reason in (
+        ("cdn", "weighting cdn: unknown weighting 'cdn'"),
+        ("cnd,tabel=cnd", "unknown field 'tabel'"),
+        ("cnd,decimals=x", "decimals must be a whole number"),
+        ("no_such_module:mine", "plugin no_such_module: cannot be imported"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            named_weighting(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "weightings_of_mine.py").write_text(
+        "from neurosym_jax.symbolic import register_weighting\n"
+        "register_weighting('all_alike')(lambda positions, valid: 0 * positions[:, None, :, 0])\n"
+    )
+    assert named_weighting("weightings_of_mine:all_alike").name == "all_alike"
