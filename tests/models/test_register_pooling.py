@@ -13,8 +13,8 @@ from neurosym_jax.config import GeneratorConfig, from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.models import Generator, pooling_names, register_pooling
-from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.models import Generator, register_pooling
+from neurosym_jax.models.pooling import POOLINGS, pooling_names
 from neurosym_jax.scene import make_scene
 from neurosym_jax.training.network import named_generator
 
