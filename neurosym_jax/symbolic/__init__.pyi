@@ -10,6 +10,7 @@ from .qtc import qtc_c1 as qtc_c1
 from .soft import soft_qtc_c1 as soft_qtc_c1
 from .states import collapse as collapse
 from .states import format_state as format_state
+from .weighting import initial_parameters as initial_parameters
 from .weighting import make_weighting as make_weighting
 from .weighting_config import WeightingConfig as WeightingConfig
 from .weighting_config import register_weighting as register_weighting

@@ -1,6 +1,9 @@
 """Every example, as a module, with fewer steps."""
 
+import ast
 import importlib.util
+import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +13,10 @@ from neurosym_jax.symbolic import alpha_table
 from neurosym_jax.symbolic.weighting_config import WEIGHTINGS
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples"
-TESTED = {"which_pair_matters", "learn_weights", "own_weighting"}
+TESTED = {
+    *("which_pair_matters", "learn_weights", "own_weighting", "closest"),
+    *("evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
+}
 
 
 def example(name):
@@ -46,3 +52,71 @@ def test_weights_are_learned():
 def test_a_weighting_of_ones_own_is_trained(monkeypatch):
     monkeypatch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
     assert example("own_weighting").main(steps=5) != 1.0
+
+
+@pytest.fixture
+def script(capsys, monkeypatch):
+    """Runs a script of at most ten lines; gives what it prints."""
+
+    def run(name, *arguments):
+        path = FOLDER / f"{name}.py"
+        body = ast.parse(path.read_text()).body[1:]
+        lines = {node.lineno for part in body for node in ast.walk(part) if hasattr(node, "lineno")}
+        assert len(lines) <= 14, "imports and ten lines"
+        monkeypatch.setattr("sys.argv", [str(path), *map(str, arguments)])
+        runpy.run_path(str(path), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def tracks(tmp_path_factory):
+    """Four people who cross each other's way for 16 s."""
+    rows = [
+        (10 * step, person, (-1) ** person * (0.4 * step - 8), 0.7 * person + 0.01 * step)
+        for step in range(40)
+        for person in range(4)
+    ]
+    path = tmp_path_factory.mktemp("tracks") / "walk.txt"
+    np.savetxt(path, rows, fmt=["%d", "%d", "%.4f", "%.4f"])
+    return path
+
+
+MODEL = FOLDER.parent / "checkpoints" / "sgan_simulations_8_8"
+
+
+@pytest.mark.slow
+def test_tracks_to_errors(script, tracks):
+    ade, fde = map(float, re.findall(r"([\d.]+) m", script("evaluate_tracks", tracks, MODEL)))
+    assert 0 < ade < fde < 3
+
+
+@pytest.mark.slow
+def test_frame_by_frame(script, tracks):
+    lines = script("forecast_frames", tracks, MODEL).splitlines()
+    assert len(lines) == 40 - 7
+    assert lines[0] == "2.8 s: 4 people, samples (20, 4, 8, 2)"
+
+
+@pytest.mark.slow
+def test_gradients_of_a_weight(script):
+    lines = script("weighting_gradient").splitlines()
+    gradients = {line.split()[4][:-1]: float(line.split()[-1]) for line in lines[1:]}
+    assert gradients["log_temperature"] > 0
+    assert gradients["log_quantisation_factor"] > 0
+
+
+@pytest.mark.slow
+def test_a_model_is_trained(script, tmp_path):
+    assert "ADE" in script("train_model", tmp_path / "run", 2)
+
+
+def test_a_metric_of_ones_own():
+    compute = example("closest").closest
+    forecast = np.zeros((2, 3, 4, 2))
+    forecast[:, 1, :, 0], forecast[1, 1, 2, 0] = 3.0, 1.0
+    total, count = compute(forecast, forecast[0], np.array([True, True, False]))
+    assert (float(total), int(count)) == (4.0, 2)
+    total, count = compute(forecast[:, :1], forecast[0, :1], np.array([True]))
+    assert (float(total), int(count)) == (0.0, 0)

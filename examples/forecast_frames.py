@@ -1,0 +1,17 @@
+"""Forecast a recording frame by frame, as a robot would live.
+
+python examples/forecast_frames.py TRACKS MODEL
+"""
+
+import sys
+
+import neurosym_jax as nj
+
+tracks, name = sys.argv[1:]
+predictor = nj.online.Predictor(nj.load_model(name))
+(recording,) = nj.data.read_any(tracks)
+for stamp, ids, xy in nj.online.frames_of_tracks(recording):
+    forecast = predictor.push(stamp, ids, xy)  # None until somebody has been seen long enough
+    if forecast is not None:
+        (model,) = forecast.models.values()
+        print(f"{stamp:.1f} s: {len(forecast.ids)} people, samples {model.samples.shape}")
