@@ -1,4 +1,4 @@
-"""List the models that are at hand: those that ship, and SGAN's where they are downloaded."""
+"""List the models at hand: those that ship, those downloaded."""
 
 import dataclasses
 

@@ -1,7 +1,5 @@
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .errors import read_sweep as read_sweep
-from .report import report as report
 from .runs import SweepRun as SweepRun
 from .runs import plan_runs as plan_runs
-from .sweep import sweep as sweep
