@@ -7,6 +7,7 @@ from . import models as models
 from . import online as online
 from . import plotting as plotting
 from . import ros as ros
+from . import runtime as runtime
 from . import simulation as simulation
 from . import symbolic as symbolic
 from . import tracking as tracking
