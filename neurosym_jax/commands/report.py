@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from neurosym_jax.sweeps.report import report
+from neurosym_jax.sweeps.report import write_report
 
 __all__ = ["Options", "run"]
 
@@ -28,6 +28,6 @@ def run(options: Options) -> None:
     """Write and print the report that `options` ask for.
 
     Raises:
-        InputError: see `sweeps.report`.
+        InputError: see `sweeps.write_report`.
     """
-    print(report(options.sweep, options.against, pred_len=options.pred_len, out=options.out))
+    print(write_report(options.sweep, options.against, pred_len=options.pred_len, out=options.out))

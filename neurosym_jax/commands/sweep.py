@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from neurosym_jax.sweeps.runs import plan_runs
-from neurosym_jax.sweeps.sweep import sweep
+from neurosym_jax.sweeps.sweep import run_sweep
 
 __all__ = ["Options", "run"]
 
@@ -46,7 +46,7 @@ def run(options: Options) -> int:
     """Train and test what `options` ask for; 1 if a training failed.
 
     Raises:
-        InputError: see `plan_runs` and `sweep`.
+        InputError: see `plan_runs` and `run_sweep`.
     """
     runs = plan_runs(
         options.out,
@@ -61,4 +61,4 @@ def run(options: Options) -> int:
         changes=options.set,
         data=options.data,
     )
-    return sweep(runs, options.out, data=options.data, jobs=options.jobs)
+    return run_sweep(runs, options.out, data=options.data, jobs=options.jobs)

@@ -12,10 +12,10 @@ from neurosym_jax.sweeps.errors import read_sweep
 from neurosym_jax.sweeps.learned_tables import learned_changes
 from neurosym_jax.sweeps.report_text import format_report
 
-__all__ = ["report"]
+__all__ = ["write_report"]
 
 
-def report(
+def write_report(
     sweep: Path,
     against: Sequence[str] = ("ones", "SGAN"),
     *,

@@ -28,12 +28,12 @@ from neurosym_jax.sweeps.runs import SweepRun
 from neurosym_jax.sweeps.table import format_sweep
 from neurosym_jax.training.card import write_card
 
-__all__ = ["sweep"]
+__all__ = ["run_sweep"]
 
 LOG = "train.log"
 
 
-def sweep(
+def run_sweep(
     runs: Sequence[SweepRun], out: Path, *, data: Path | None = None, jobs: int | None = None
 ) -> int:
     """Train what is left, test all, write `sweep.json` and `sweep.md`; 1 if a training failed.

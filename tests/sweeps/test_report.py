@@ -10,7 +10,7 @@ from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.sweeps import report as module
 from neurosym_jax.sweeps.errors import EARLIER, write_errors
-from neurosym_jax.sweeps.report import report
+from neurosym_jax.sweeps.report import write_report
 from neurosym_jax.training.recipe import RECIPES
 
 BETTER = {"SGAN": 0.0, "NeuroSyM, ones": 0.01, "NeuroSyM, cnd": 0.1}
@@ -63,7 +63,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_what_is_better_is_called_so(folder):
-    report(folder, out=folder / "ablation.md")
+    write_report(folder, out=folder / "ablation.md")
     text = (folder / "ablation.md").read_text()
     assert "18 runs of one budget: recipe `ours` with `steps=600`, 8 steps observed" in text
     assert "3 seeds. Tested on eth (70 windows), zara1 (160 windows), best of 20" in text
@@ -96,7 +96,7 @@ def test_a_sweep_of_an_earlier_version_keeps_its_recipe(folder):
             row["run"]["training"] |= {"rotate": True}
             del row["run"]["training"]["jitter"]
     path.write_text(json.dumps(data))
-    report(folder)
+    write_report(folder)
     assert "--set rotate=true jitter=0.0 steps=600\n" in (folder / "report.md").read_text()
 
 
@@ -106,17 +106,17 @@ def test_runs_that_are_not_alike_are_not_compared(folder):
     data["rows"][1]["run"]["training"]["steps"] = 3000
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match="not trained alike"):
-        report(folder)
+        write_report(folder)
     data["rows"][1]["pred_len"] = 12
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match=r"\(8, 8\), \(8, 12\).*--pred-len"):
-        report(folder)
+        write_report(folder)
 
 
 def test_what_is_not_there(folder, tmp_path_factory):
     with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN, ones, cnd"):
-        report(folder, against=("soft",))
+        write_report(folder, against=("soft",))
     with pytest.raises(InputError, match=r"must end in \.md"):
-        report(folder, out=folder / "r.txt")
+        write_report(folder, out=folder / "r.txt")
     with pytest.raises(InputError, match="holds no whole sweep"):
-        report(tmp_path_factory.mktemp("empty"))
+        write_report(tmp_path_factory.mktemp("empty"))

@@ -9,7 +9,7 @@ from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError
 from neurosym_jax.sweeps import sweep as module
 from neurosym_jax.sweeps.runs import plan_runs
-from neurosym_jax.sweeps.sweep import sweep
+from neurosym_jax.sweeps.sweep import run_sweep
 from neurosym_jax.sweeps.table import format_sweep, mean_and_interval
 
 
@@ -77,7 +77,7 @@ def test_runs(tmp_path):
         with pytest.raises(InputError, match=reason):
             plan_runs(tmp_path, **{**chosen, **changes})
     with pytest.raises(InputError, match="--jobs must be at least 1"):
-        sweep(runs, tmp_path, jobs=0)
+        run_sweep(runs, tmp_path, jobs=0)
 
 
 def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
@@ -105,7 +105,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     }
     runs = plan_runs(out, **chosen, steps=25)
     # One job, so that the second run finds the first one's compiled programs.
-    assert sweep(runs, out, jobs=1) == 0
+    assert run_sweep(runs, out, jobs=1) == 0
     rows = json.loads((out / "sweep.json").read_text())["rows"]
     trained = [row for row in rows if row["run"]]
     assert [row["model"] for row in rows[:2]] == ["constant velocity", "constant velocity, sampled"]
@@ -119,10 +119,10 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
 
     monkeypatch.setattr(module, "_start", None)  # Nothing is trained again.
-    assert sweep(runs, out) == 0
+    assert run_sweep(runs, out) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
     with pytest.raises(InputError, match="was trained with steps = 25, not 50"):
-        sweep(plan_runs(out, **chosen, steps=50), out)
+        run_sweep(plan_runs(out, **chosen, steps=50), out)
 
 
 @pytest.mark.slow
@@ -131,5 +131,5 @@ def test_failed_runs_are_told(tmp_path, capsys):
     for run in runs:
         run.model.mkdir(parents=True)  # A model of nobody knows what.
     with pytest.raises(InputError, match="no run was finished"):
-        sweep(runs, tmp_path, jobs=2)
+        run_sweep(runs, tmp_path, jobs=2)
     assert capsys.readouterr().err.count("holds a finished model, and nothing is overwritten") == 2
