@@ -66,7 +66,7 @@ def test_duplicate_backward_and_unusable_stamps_change_nothing():
 def test_a_clock_set_back_begins_the_grid_anew():
     window = Window(3, 0.4)
     frames(window, 1000 + np.arange(15) / 10)
-    assert window.push(5.0, [1], [[0.0, 0.0]])
+    assert window.push(5.0, [1], [[6.0, 1.0]])
     assert (window.index, window.health.clock_resets) == (0, 1)
     assert len(window.complete()[0]) == 0
     frames(window, 5.1 + np.arange(12) / 10)
