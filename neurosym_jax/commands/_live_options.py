@@ -106,4 +106,6 @@ class LiveOptions:
 
     def stitcher(self) -> OnlineStitcher | None:
         """What mends ids, where that is asked for."""
-        return OnlineStitcher(self.links) if self.stitch else None
+        if not self.stitch:
+            return None
+        return OnlineStitcher(self.links, far=self.far, max_speed=self.max_speed)

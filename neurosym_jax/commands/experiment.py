@@ -38,7 +38,8 @@ def run(options: Options) -> None:
     """
     if not (REPOSITORY / "studies" / "experiment").is_dir():
         raise InputError("the experiment is a study of the repository, which is not installed here")
+    given = {each.name: getattr(options, each.name) for each in dataclasses.fields(Options)}
     sys.path.insert(0, str(REPOSITORY))
     from studies.experiment.experiment import experiment
 
-    print(f"the report is {experiment(**vars(options))}")
+    print(f"the report is {experiment(**given)}")

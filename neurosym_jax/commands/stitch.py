@@ -13,7 +13,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.tracking.linking import LinkOptions
-from neurosym_jax.tracking.stitching import Stitched
+from neurosym_jax.tracking.stitching import LOOKING_BACK, Stitched
 from neurosym_jax.tracking.stitching import stitch as mend
 
 __all__ = ["Options", "format_stitched", "read_ids", "run", "write_text"]
@@ -38,7 +38,7 @@ class Options:
     """JSON [[x, y], ...] of the map's corners; points outside are dropped."""
     report: bool = False
     """Say which tracks were joined."""
-    links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
+    links: LinkOptions = LOOKING_BACK
     """When two tracks may be one person's."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How the file is read."""
@@ -99,6 +99,7 @@ def format_stitched(mended: Stitched, joins: bool = False) -> str:
     lines = [
         f"{mended.before} ids became {len(np.unique(mended.tracks.id))}: {len(mended.joins)} joins",
         f"{mended.filled} points filled in, {mended.outside} outside the map dropped",
+        f"{mended.ghosts} points of people seen for a moment only dropped",
     ]
     if joins:
         lines += [f"  {j.new} goes on as {j.old} after {j.gap:.1f} s" for j in mended.joins]

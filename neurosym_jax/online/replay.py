@@ -13,7 +13,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast, Predictor
-from neurosym_jax.tracking.live import OnlineStitcher
+from neurosym_jax.tracking.live import NOBODY, OnlineStitcher
 
 __all__ = ["Event", "advance", "replay"]
 
@@ -40,7 +40,9 @@ def advance(
 ) -> Event:
     """Push one frame through everything."""
     if stitcher is not None:
-        frame = frame._replace(ids=stitcher.push(*frame))
+        ids = stitcher.push(*frame)
+        somebody = ids != NOBODY
+        frame = Frame(frame.stamp, ids[somebody], frame.xy[somebody])
     forecast = predictor.push(*frame)
     return Event(frame, forecast, [] if forecast is None else analytics.add(forecast))
 

@@ -29,7 +29,7 @@ from neurosym_jax.ros.messages import (
     typestore,
 )
 from neurosym_jax.ros.tcpros import Node, Publisher, Topic, global_name
-from neurosym_jax.tracking.live import OnlineStitcher
+from neurosym_jax.tracking.live import NOBODY, OnlineStitcher
 
 __all__ = ["ForecastNode"]
 
@@ -122,11 +122,14 @@ class ForecastNode:
         if not 0 <= frame.stamp < LAST:
             self.malformed += 1
             return
-        event = advance(frame, self.predictor, self.analytics, self.stitcher)
-        if self._mended is not None:
-            for person, id in zip(message.people, event.frame.ids.tolist()):
+        if self.stitcher is not None and self._mended is not None:
+            ids = self.stitcher.push(*frame).tolist()
+            for person, id in zip(message.people, ids):
                 person.name = str(id)
+            message.people = [each for each, id in zip(message.people, ids) if id != NOBODY]
             self._send(self._mended, message)
+            frame = frame_of_people(message)
+        event = advance(frame, self.predictor, self.analytics)
         common: dict[str, Any] = {
             "types": self._store.types,
             "period": self.predictor.window.period,

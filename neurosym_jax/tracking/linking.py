@@ -1,18 +1,19 @@
-"""Which new track goes on where a lost one ended: damped extrapolation and an assignment.
+"""Which new track goes on where a lost one ended: constant velocity and an assignment.
 
-A lost person is expected to go on with the last velocity, which fades with the time constant
-`tau`: people who vanish soon turn or stop. The same rule serves a whole recording, where the new
-track's beginning is extrapolated backwards too, and a live stream, where it is a single point.
+A lost person is expected to go on as before, and a new one to have come as they go on: who has left
+is expected outside, and whoever enters there later is somebody else. The same rule serves a whole
+recording and a live stream, where little of the new track is known yet.
 """
 
 import dataclasses
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["LinkOptions", "Loose", "assign", "velocity"]
+__all__ = ["UNLINKED", "LinkOptions", "TrackEnds", "assign", "velocity"]
 
 UNLINKED = 1e6
 """Cost of no link, above that of any that is allowed."""
@@ -24,26 +25,28 @@ class LinkOptions:
 
     max_gap: float = 6.0
     """Seconds between the end of one and the start of the other."""
-    tau: float = 0.8
-    """Seconds in which a lost person's velocity fades to 1/e."""
-    reach: float = 0.5
+    reach: float = 0.6
     """Metres that the start may lie off where it is expected, at once."""
-    drift: float = 1.0
+    drift: float = 0.8
     """Metres more for each second of the gap."""
-    memory: float = 0.6
+    turn: float = 0.2
+    """Metres that count as much as velocities that differ by 1 m/s."""
+    memory: float = 1.0
     """Seconds at an end or a start from which its velocity is taken."""
+    least: float = 0.3
+    """Seconds for which somebody new must be seen, or else is a tracker's ghost and left out."""
 
     def __post_init__(self):
         """Refuse what is negative or no number."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
-            if not 0 <= value < float("inf") or (field.name == "tau" and value == 0):
-                raise InputError(f"{field.name} must be positive, not {value}")
+            if not 0 <= value < float("inf"):
+                raise InputError(f"{field.name} must not be negative, not {value}")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Loose:
-    """Loose ends, or loose starts, of L tracks."""
+class TrackEnds:
+    """The ends, or the starts, of L tracks."""
 
     stamp: np.ndarray
     """[L] seconds."""
@@ -61,23 +64,32 @@ def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:
     return time @ position / (time @ time)
 
 
-def assign(ends: Loose, starts: Loose, options: LinkOptions) -> tuple[np.ndarray, np.ndarray]:
+def assign(
+    ends: TrackEnds, starts: TrackEnds, options: LinkOptions, most: ArrayLike = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Links of least cost: indices into `ends` and into `starts`, of the same length.
 
     Cost is the distance from where the person was expected, over how far off that may be.
+
+    Args:
+        ends: of tracks that were lost.
+        starts: of new ones.
+        options: when two tracks may be one person's.
+        most: cost of a link, at most, [] or [L] by start; 1 is as far off as may be.
     """
     gap = starts.stamp[None] - ends.stamp[:, None]
     allowed = (gap > 0) & (gap <= options.max_gap)
     gap = np.where(allowed, gap, 0.0)
-    travel = (options.tau * -np.expm1(-gap / options.tau))[..., None]
     moved = starts.position[None] - ends.position[:, None]
-    ahead = np.linalg.norm(moved - travel * np.nan_to_num(ends.velocity)[:, None], axis=-1)
-    back = np.linalg.norm(moved - travel * np.nan_to_num(starts.velocity)[None], axis=-1)
+    before, after = np.nan_to_num(ends.velocity)[:, None], np.nan_to_num(starts.velocity)[None]
+    ahead = np.linalg.norm(moved - gap[..., None] * before, axis=-1)
+    back = np.linalg.norm(moved - gap[..., None] * after, axis=-1)
+    turned = options.turn * np.linalg.norm(after - before, axis=-1)
     # A start of which the velocity is unknown is no witness.
-    unknown = np.isnan(starts.velocity[:, 0])
-    back = np.where(unknown[None, :], ahead, back)
-    cost = (ahead + back) / 2 / (options.reach + options.drift * gap)
-    cost = np.where(allowed & (cost <= 1), cost, UNLINKED)
+    unknown = np.isnan(starts.velocity[:, 0])[None]
+    off = np.where(unknown, ahead, (ahead + back) / 2 + turned)
+    cost = off / np.maximum(options.reach + options.drift * gap, 1e-9)
+    cost = np.where(allowed & (cost <= np.asarray(most)), cost, UNLINKED)
     end, start = linear_sum_assignment(cost)
     linked = cost[end, start] < UNLINKED
     return end[linked], start[linked]

@@ -1,18 +1,23 @@
 """Broken tracks mended frame by frame: `stitching` for a live stream, which cannot look ahead."""
 
-import collections
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.tracking.linking import LinkOptions, Loose, assign, velocity
+from neurosym_jax.tracking.following import Follower, Track
+from neurosym_jax.tracking.linking import LinkOptions, TrackEnds, assign
+from neurosym_jax.tracking.motion import FAR, MAX_SPEED
 
-__all__ = ["OnlineStitcher"]
+__all__ = ["NOBODY", "OnlineStitcher"]
 
-POINTS = 20
-"""Kept of each track; at 10 Hz twice what its velocity is taken from."""
+NOBODY = int(np.iinfo(np.int64).min)
+"""The id of who is not believed to be somebody: far away, nowhere, or seen too briefly so far."""
+MOVED = 0.3
+"""Seconds after which a newcomer's velocity is known, and any link that is allowed is made."""
+SURE = 0.1
+"""Cost of a link up to which it is made at first sight, before the newcomer's velocity is known."""
 
 
 class OnlineStitcher:
@@ -29,22 +34,31 @@ class OnlineStitcher:
         ids: Mapping[int, int] | None = None,
         forget: float = 60.0,
         max_tracks: int = 1024,
+        far: float = FAR,
+        max_speed: float = MAX_SPEED,
     ):
-        """Nobody seen yet; `ids` maps old ids to new, decided by hand."""
+        """Nobody seen yet.
+
+        Args:
+            options: when two tracks may be one person's.
+            ids: new id of an old one, decided by hand.
+            forget: seconds.
+            max_tracks: followed at once.
+            far: metres; who has a coordinate that is as large is nobody.
+            max_speed: metres per second; see `motion.is_jump`.
+        """
         self.options = LinkOptions() if options is None else options
         self.ids: dict[int, int] = dict(ids or {})
-        self.forget, self.max_tracks = max(forget, self.options.max_gap), max_tracks
+        self.forget = max(forget, self.options.max_gap)
         self.joined = 0
-        self._stamp = -np.inf
-        self._name: dict[int, int] = {}  # tracker's id -> mended
-        self._history: dict[int, collections.deque] = {}  # tracker's id -> (stamp, x, y)
-        self._followed: set[int] = set()  # lost tracks that somebody new goes on with
+        self._follower = Follower(self.forget, max_tracks, far, max_speed)
+        self._fresh = 0
 
     def push(self, stamp: float, ids: ArrayLike, xy: ArrayLike) -> np.ndarray:
-        """[N] mended ids of the people of a frame.
+        """[N] int64, mended ids of the people of a frame, or `NOBODY`.
 
-        Frames that do not follow in time, and people whose position is not finite, are named by
-        what is known but change nothing; a clock set back by more than `forget` starts anew.
+        Frames that do not follow in time are named by what is known but change nothing; a clock
+        set back by more than `forget` starts anew.
 
         Args:
             stamp: seconds.
@@ -57,59 +71,67 @@ class OnlineStitcher:
         numbers, xy = np.asarray(ids), np.asarray(xy, np.float64)
         if numbers.ndim != 1 or (len(numbers) and xy.shape != (len(numbers), 2)):
             raise InputError(f"a frame is ids [N], xy [N, 2], not {numbers.shape}, {xy.shape}")
-        numbers = numbers.astype(np.int64)
-        if np.isfinite(stamp) and stamp < self._stamp - self.forget:
-            self._name, self._history, self._followed = {}, {}, set()
-            self._stamp = -np.inf
-        if np.isfinite(stamp) and stamp > self._stamp:
-            self._stamp = float(stamp)
-            self._see(numbers, xy)
-        return np.array(
-            [self._name.get(id, self.ids.get(id, id)) for id in numbers.tolist()], np.int64
-        )
+        wanted, follower = numbers.astype(np.int64).tolist(), self._follower
+        if np.isfinite(stamp) and stamp < follower.stamp - self.forget:
+            follower.clear()
+        if np.isfinite(stamp) and stamp > follower.stamp:
+            found = follower.push(float(stamp), wanted, xy)
+            self._name([track for track in found if track is not None and track.name is None])
+            names = [None if track is None else track.name for track in found]
+            near = (np.abs(xy) < follower.far).all(axis=1) if len(numbers) else numbers
+            # Who is not followed for want of room keeps the id.
+            other = [
+                self.ids.get(id, id) if track is None and here else NOBODY
+                for id, track, here in zip(wanted, found, near)
+            ]
+        else:
+            known = {track.id: track.name for track in follower.tracks}
+            names = [known.get(id) for id in wanted]
+            other = [NOBODY if id in known else self.ids.get(id, id) for id in wanted]
+        return np.array([b if a is None else a for a, b in zip(names, other)], np.int64)
 
-    def _see(self, numbers: np.ndarray, xy: np.ndarray) -> None:
-        for id in [n for n, h in self._history.items() if self._stamp - h[-1][0] > self.forget]:
-            del self._history[id], self._name[id]
-            self._followed.discard(id)
-        fine = np.isfinite(xy).all(axis=1) if len(numbers) else np.zeros(0, bool)
-        here = dict(zip(numbers[fine].tolist(), xy[fine].tolist()))
-        new = [id for id in here if id not in self._history]
-        new = new[: max(0, self.max_tracks - len(self._history))]
-        self._link([id for id in new if id not in self.ids], here)
-        for id in new:
-            if id not in self._name:
-                by_hand = self.ids.get(id)
-                self._name[id] = id if by_hand is None else by_hand
-            self._history[id] = collections.deque(maxlen=POINTS)
-        for id, position in here.items():
-            if id in self._history:
-                self._history[id].append((self._stamp, *position))
+    def _name(self, new: list[Track]) -> None:
+        """Names for those of the newcomers who go on with a lost track, or are old enough."""
+        for track in [each for each in new if each.id in self.ids]:
+            track.name = self.ids[track.id]
+        new = [each for each in new if each.name is None]
+        stamp = self._follower.stamp
+        age = {id(each): stamp - each.born + 1e-6 for each in new}
+        wait = max(min(MOVED, self.options.least), 1e-6)
+        sure = np.array([min(1.0, age[id(each)] / wait) for each in new])
+        self._link(new, SURE + (1 - SURE) * sure**2)
+        for track in new:
+            if track.name is None and age[id(track)] >= self.options.least:
+                track.name = self._unused(track.id)
 
-    def _link(self, new: list[int], here: dict[int, list[float]]) -> None:
-        """Names for those of the newcomers who go on with a lost track."""
-        named = {self._name[id] for id in here if id in self._name}
-        lost = [
-            id
-            for id, history in self._history.items()
-            if self._stamp - history[-1][0] <= self.options.max_gap
-            and id not in here
-            and id not in self._followed
-            and id not in self.ids
-            and self._name[id] not in named
-        ]
+    def _link(self, new: list[Track], most: np.ndarray) -> None:
+        taken = {each.name for each in self._follower.tracks if each.stamp == self._follower.stamp}
+        lost = {
+            each.name: each  # The newest of a name, for tracks are in order of their beginning.
+            for each in self._follower.tracks
+            if each.name is not None and each.name not in taken and each.id not in self.ids
+        }
         if not (new and lost):
             return
-        tails = []
-        for id in lost:
-            points = np.array(self._history[id])
-            points = points[points[:, 0] >= points[-1, 0] - self.options.memory]
-            tails.append((*points[-1], *velocity(points[:, 0], points[:, 1:])))
-        tail = np.array(tails)
-        ends = Loose(tail[:, 0], tail[:, 1:3], tail[:, 3:])
-        position = np.array([here[id] for id in new])
-        starts = Loose(np.full(len(new), self._stamp), position, np.full((len(new), 2), np.nan))
-        for end, start in zip(*assign(ends, starts, self.options)):
-            self._name[new[start]] = self._name[lost[end]]
-            self._followed.add(lost[end])
+        memory, tracks = self.options.memory, list(lost.values())
+        ends = TrackEnds(
+            np.array([each.stamp for each in tracks]),
+            np.array([each.place for each in tracks]),
+            np.array([each.velocity(memory) for each in tracks]),
+        )
+        starts = TrackEnds(
+            np.array([each.born for each in new]),
+            np.array([each.first for each in new]),
+            np.array([each.velocity(memory, at_start=True) for each in new]),
+        )
+        for end, start in zip(*assign(ends, starts, self.options, most)):
+            new[start].name = tracks[end].name
             self.joined += 1
+
+    def _unused(self, id: int) -> int:
+        """The tracker's id, or a number of our own where somebody else has it."""
+        used = {each.name for each in self._follower.tracks} | set(self.ids.values())
+        if id not in used:
+            return id
+        self._fresh += 1
+        return 2**53 + self._fresh

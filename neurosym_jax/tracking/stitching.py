@@ -1,11 +1,12 @@
-"""Broken tracks mended: ids of one person joined across occlusions, short gaps filled.
+"""Broken tracks mended: ids of one person joined across occlusions, swapped ids put right, ghosts
+dropped, short gaps filled.
 
 `stitch` works over a recording, `OnlineStitcher` frame by frame. What a person has said about ids
 (a map from old to new) stands: those tracks are renamed, and not joined by themselves.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -13,11 +14,14 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.tracking.linking import LinkOptions, Loose, assign, velocity
+from neurosym_jax.tracking.following import Follower, Track
+from neurosym_jax.tracking.linking import LinkOptions, TrackEnds, assign, velocity
+from neurosym_jax.tracking.live import NOBODY
 
-__all__ = ["Join", "Stitched", "inside", "join_ids", "stitch"]
+__all__ = ["LOOKING_BACK", "Join", "Stitched", "inside", "stitch", "stitched_ids"]
 
-NO_LINKS = LinkOptions()
+LOOKING_BACK = LinkOptions(least=1.0)
+"""A ghost can be told from a person later than live, where everybody waits."""
 
 
 class Join(NamedTuple):
@@ -39,13 +43,15 @@ class Stitched:
     joins: list[Join]
     outside: int
     """Rows dropped because they lie outside the map."""
+    ghosts: int
+    """Rows dropped because whoever they are was seen for less than `least`, or far away."""
     filled: int
     """Rows added, marked as imputed."""
 
 
 def stitch(
     tracks: Tracks,
-    options: LinkOptions = NO_LINKS,
+    options: LinkOptions = LOOKING_BACK,
     *,
     fill: float = 2.0,
     polygon: ArrayLike | None = None,
@@ -73,47 +79,85 @@ def stitch(
             raise InputError(f"{tracks.recording}: nobody is inside the map")
         tracks = _rows(tracks, tracks.id, keep)
     outside = rows - len(tracks.id)
-    pinned = np.zeros(0, np.int64)
+    pinned: set[int] = set()
     if ids:
-        taken = set(tracks.id.tolist())
-        pinned = np.array(sorted({ids[old] for old in taken if old in ids}), np.int64)
+        pinned = {ids[old] for old in set(tracks.id.tolist()) if old in ids}
         tracks = _rows(tracks, np.array([ids.get(id, id) for id in tracks.id.tolist()]))
-    label, joins = _join(tracks, options, pinned)
-    tracks = _rows(tracks, label)
+    label, joins = stitched_ids(tracks, options, pinned)
+    there = label != NOBODY
+    if not there.any():
+        raise InputError(
+            f"{tracks.recording}: nobody is seen for {options.least} s (--links.least)"
+        )
+    tracks = _rows(tracks, label, there)
     mended = _fill(tracks, fill)
-    return Stitched(mended, before, joins, outside, len(mended.id) - len(tracks.id))
+    ghosts = int((~there).sum())
+    return Stitched(mended, before, joins, outside, ghosts, len(mended.id) - len(tracks.id))
 
 
-def join_ids(tracks: Tracks, options: LinkOptions = NO_LINKS) -> np.ndarray:
-    """[R] ids of the rows of `tracks`: those of one person are the first that the person had."""
-    return _join(tracks, options, np.zeros(0, np.int64))[0]
-
-
-def _join(
-    tracks: Tracks, options: LinkOptions, pinned: np.ndarray
+def stitched_ids(
+    tracks: Tracks, options: LinkOptions = LOOKING_BACK, pinned: Collection[int] = ()
 ) -> tuple[np.ndarray, list[Join]]:
-    ids, first, count = np.unique(tracks.id, return_index=True, return_counts=True)
+    """Mended ids [R] of the rows, `NOBODY` for those of ghosts, and what was joined.
+
+    Args:
+        tracks: R rows.
+        options: when two tracks may be one person's.
+        pinned: ids that stand as they are.
+    """
+    label = _follow(tracks, options, pinned)
+    order = np.lexsort((tracks.stamp, label))
+    label, stamp, position = label[order], tracks.stamp[order], tracks.position[order]
+    ids, first, count = np.unique(label, return_index=True, return_counts=True)
     last = first + count - 1
-    free = ~np.isin(ids, pinned)
-    ids, first, last = ids[free], first[free], last[free]
-    motion = np.zeros((2, len(ids), 2))
-    for n, (head, tail) in enumerate(zip(first, last)):
-        stamp, position = tracks.stamp[head : tail + 1], tracks.position[head : tail + 1]
-        for side, at in enumerate((stamp[-1], stamp[0])):
-            near = np.abs(stamp - at) <= options.memory + SNAP
-            motion[side, n] = velocity(stamp[near], position[near])
-    ends = Loose(tracks.stamp[last], tracks.position[last], motion[0])
-    starts = Loose(tracks.stamp[first], tracks.position[first], motion[1])
+    short = (stamp[last] - stamp[first] < options.least - SNAP) | (ids == NOBODY)
+    ghost = short & ~np.isin(ids, list(pinned))
+    free = np.flatnonzero(~short & ~np.isin(ids, list(pinned)))
+    motion = np.zeros((2, len(free), 2))
+    for n, (head, tail) in enumerate(zip(first[free], last[free])):
+        at, xy = stamp[head : tail + 1], position[head : tail + 1]
+        for side, end in enumerate((at[-1], at[0])):
+            near = np.abs(at - end) <= options.memory + SNAP
+            motion[side, n] = velocity(at[near], xy[near])
+    ends = TrackEnds(stamp[last[free]], position[last[free]], motion[0])
+    starts = TrackEnds(stamp[first[free]], position[first[free]], motion[1])
+    links = [(free[end], free[start]) for end, start in zip(*assign(ends, starts, options))]
     joins = [
-        Join(int(ids[end]), int(ids[start]), float(starts.stamp[start] - ends.stamp[end]))
-        for end, start in zip(*assign(ends, starts, options))
+        Join(int(ids[end]), int(ids[start]), float(stamp[first[start]] - stamp[last[end]]))
+        # In order of time, so that the track gone on has its final name already.
+        for end, start in sorted(links, key=lambda link: stamp[first[link[1]]])
     ]
-    joins.sort(key=lambda join: (tracks.stamp[first[np.searchsorted(ids, join.new)]], join.new))
-    # In order of time, so that the track gone on has its final name already.
-    name = {int(id): int(id) for id in np.unique(tracks.id)}
+    name = {int(id): NOBODY if gone else int(id) for id, gone in zip(ids, ghost)}
     for join in joins:
         name[join.new] = name[join.old]
-    return np.array([name[id] for id in tracks.id.tolist()], np.int64), joins
+    mended = np.empty_like(label)
+    mended[order] = [name[id] for id in label.tolist()]
+    return mended, joins
+
+
+def _follow(tracks: Tracks, options: LinkOptions, pinned: Collection[int]) -> np.ndarray:
+    """[R] an id for each unbroken way: the tracker's, or a new one where that is another's."""
+    label, used = tracks.id.copy(), set(tracks.id.tolist())
+    follower = Follower(options.max_gap, len(label))
+    names: dict[Track, int] = {}
+    taken: set[int] = set()
+    rows = np.flatnonzero(~np.isin(tracks.id, list(pinned)))
+    rows = rows[np.lexsort((tracks.id[rows], tracks.stamp[rows]))]
+    for here in np.split(rows, np.flatnonzero(np.diff(tracks.stamp[rows])) + 1):
+        if not len(here):
+            continue
+        ids = tracks.id[here].tolist()
+        found = follower.push(float(tracks.stamp[here[0]]), ids, tracks.position[here])
+        for row, id, track in zip(here, ids, found):
+            if track is None:
+                label[row] = NOBODY
+                continue
+            if track not in names:
+                names[track] = id if id not in taken else max(used) + 1
+                used.add(names[track])
+                taken.add(names[track])
+            label[row] = names[track]
+    return label
 
 
 def _fill(tracks: Tracks, fill: float) -> Tracks:

@@ -16,6 +16,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.recordings import frames_of_tracks
@@ -24,7 +25,7 @@ from neurosym_jax.ros.bags import BagWriter, read_people
 from neurosym_jax.ros.messages import PEOPLE_TOPICS, make_people
 from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
 from neurosym_jax.simulation.tracker import TrackerFaults
-from neurosym_jax.tracking.live import OnlineStitcher
+from neurosym_jax.tracking.live import NOBODY, OnlineStitcher
 from studies.experiment.report import write_report
 from studies.experiment.results import PEOPLE, Recording, Results, score
 
@@ -126,13 +127,13 @@ def _forecast(
 ) -> Recording:
     """The way of a recording through the whole chain, and once more without stitching."""
     frames = list(read_people(bag))
-    summaries, done, mended = [], [], []
+    summaries, done = [], []
+    mended = _mended(frames)
     for stitcher in (None, OnlineStitcher()):
         predictor = _predictor(models, samples)
         analytics = Analytics()
         events = list(replay(frames, predictor, analytics, stitcher=stitcher))
         done = [each for event in events for each in event.scored] + analytics.finish()
-        mended = [event.frame.ids for event in events]
         summaries.append(analytics.summary())
     scores = {name: score(done, name) for name in models}
     scores["constant velocity"] = score(done, None)
@@ -140,6 +141,13 @@ def _forecast(
     return Recording(
         scenario, number, bag, frames, mended, people, done, summary, unstitched, scores
     )
+
+
+def _mended(frames: list[Frame]) -> list[np.ndarray]:
+    """Of everybody in each frame, -1 where the stitcher waits whether it is somebody."""
+    stitcher = OnlineStitcher()
+    given = [stitcher.push(*frame) for frame in frames]
+    return [np.where(ids == NOBODY, -1, ids) for ids in given]
 
 
 def _predictor(models: dict[str, Model], samples: int) -> Predictor:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.recordings import tracks_of_frames
 from studies.experiment.document import Document
@@ -36,7 +37,8 @@ def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) 
         document.figure(path, caption)
 
     mended = [
-        frame._replace(ids=ids) for frame, ids in zip(first.frames, first.mended, strict=True)
+        Frame(frame.stamp, ids[ids >= 0], frame.xy[ids >= 0])
+        for frame, ids in zip(first.frames, first.mended, strict=True)
     ]
     tracks = [
         tracks_of_frames(iter(first.frames), "as the tracker named them"),

@@ -50,7 +50,7 @@ class Recording:
     frames: list[Frame]
     """As the tracker named people."""
     mended: list[np.ndarray]
-    """Their ids, stitched."""
+    """Their ids, stitched; -1 for nobody."""
     people: list[np.ndarray]
     """Who they truly are."""
     forecasts: list[Forecast]

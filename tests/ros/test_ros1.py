@@ -187,11 +187,12 @@ def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_n
         ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
         xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
         message = messages.make_people(store.types, Frame(1e9 + n / 10, ids, xy), "odom")
-        message.people[0].tags = ["kept"]
+        for person in message.people:
+            person.tags = ["kept"]
         node.work(bytes(store.serialize_ros1(message, messages.PEOPLE)))
     back = [store.deserialize_ros1(data, messages.PEOPLE) for data in sent]
     assert {person.name for message in back for person in message.people} == {"1", "2"}
-    assert all(message.people[0].tags == ["kept"] for message in back)
+    assert all(person.tags == ["kept"] for message in back for person in message.people)
     assert back[-1].header.frame_id == "odom"
     assert "1 tracks joined" in node.status()
     with pytest.raises(InputError, match="--topic must be another"):
