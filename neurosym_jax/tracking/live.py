@@ -78,7 +78,7 @@ class OnlineStitcher:
             found = follower.push(float(stamp), wanted, xy)
             self._name([track for track in found if track is not None and track.name is None])
             names = [None if track is None else track.name for track in found]
-            near = (np.abs(xy) < follower.far).all(axis=1) if len(numbers) else numbers
+            near = (np.abs(xy.reshape(-1, 2)) < follower.far).all(axis=1).tolist()
             # Who is not followed for want of room keeps the id.
             other = [
                 self.ids.get(id, id) if track is None and here else NOBODY
