@@ -100,8 +100,8 @@ class Follower:
             if track is not None:
                 track.add(ids[n], stamp, xy[n])
             elif len(self.tracks) < self.max_tracks:
-                found[n] = Track(ids[n], stamp, xy[n])
-                self.tracks.append(found[n])
+                found[n] = new = Track(ids[n], stamp, xy[n])
+                self.tracks.append(new)
         return found
 
     def _off(self, track: Track, place: np.ndarray) -> float:

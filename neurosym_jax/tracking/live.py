@@ -68,7 +68,8 @@ class OnlineStitcher:
         Raises:
             InputError: where the shapes differ.
         """
-        numbers, xy = np.asarray(ids), np.asarray(xy, np.float64)
+        numbers = np.asarray(ids)
+        xy = np.asarray(xy, np.float64)
         if numbers.ndim != 1 or (len(numbers) and xy.shape != (len(numbers), 2)):
             raise InputError(f"a frame is ids [N], xy [N, 2], not {numbers.shape}, {xy.shape}")
         wanted, follower = numbers.astype(np.int64).tolist(), self._follower
@@ -78,7 +79,7 @@ class OnlineStitcher:
             found = follower.push(float(stamp), wanted, xy)
             self._name([track for track in found if track is not None and track.name is None])
             names = [None if track is None else track.name for track in found]
-            near = (np.abs(xy.reshape(-1, 2)) < follower.far).all(axis=1).tolist()
+            near = np.all(np.abs(xy.reshape(-1, 2)) < follower.far, axis=1)
             # Who is not followed for want of room keeps the id.
             other = [
                 self.ids.get(id, id) if track is None and here else NOBODY
