@@ -64,8 +64,8 @@ def _costs() -> dict[str, float]:
     import numpy as np
 
     from neurosym_jax.config import GeneratorConfig
-    from neurosym_jax.forecasting.forecaster import forecast_scene
     from neurosym_jax.forecasting.networks import GeneratorForecaster
+    from neurosym_jax.forecasting.scene_forecaster import forecast_scene
     from neurosym_jax.models import Generator
     from neurosym_jax.scene import make_scene, pad_scene
 

@@ -44,7 +44,7 @@ def one(axis: str, point: int) -> dict[str, Any]:
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.data.windows import Windows
     from neurosym_jax.evaluation.metrics import metric_names
-    from neurosym_jax.evaluation.score import score_forecaster
+    from neurosym_jax.evaluation.scoring import score_forecaster
     from neurosym_jax.forecasting.model import predict
 
     model = _random_model(GeneratorConfig())

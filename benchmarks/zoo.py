@@ -23,7 +23,7 @@ def measure(options: Any) -> dict[str, Any]:
     from neurosym_jax.data.sources import open_source
     from neurosym_jax.data.windows import cut_windows
     from neurosym_jax.evaluation.metrics import metric_names
-    from neurosym_jax.evaluation.score import score_forecaster
+    from neurosym_jax.evaluation.scoring import score_forecaster
     from neurosym_jax.forecasting.model_folder import load_model
 
     source = open_source(options.need("data"))
@@ -139,32 +139,27 @@ class _Clock:
 
 def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     from neurosym_jax.data.batching import make_batches
-    from neurosym_jax.evaluation.metrics import scene_errors
-    from neurosym_jax.forecasting.forecaster import bare
-    from neurosym_jax.forecasting.networks import decode_agents, encode_scenes
-    from neurosym_jax.forecasting.noise import draw_noise
-    from neurosym_jax.forecasting.packing import in_parts, pack_agents
+    from neurosym_jax.evaluation.batched import (
+        decode_agents,
+        draw_noises,
+        encode_batch,
+        pack_agents,
+    )
+    from neurosym_jax.evaluation.metrics import metric_names
+    from neurosym_jax.evaluation.scoring import chosen, score_futures
 
-    config, params, spec = model.config, model.params, model.forecaster.noise
+    forecaster, params = model.forecaster, model.params
     clock = _Clock()
     scenes = [batch.scene for batch in make_batches(windows)]
     clock.done("windows to batches")
-    noises = [draw_noise(spec, 0, each.identity, SAMPLES, 1) for each in scenes]
+    noises = draw_noises(forecaster.noise, scenes, SAMPLES, 0)
     clock.done("noise")
     agents, noise = pack_agents(scenes, noises)
     clock.done("packing")
-    contexts = np.concatenate(
-        [np.asarray(encode_scenes(config, params, bare(each)))[each.valid] for each in scenes]
-    )
+    contexts = np.concatenate([encode_batch(forecaster, params, each) for each in scenes])
     clock.done("encoding and pooling")
-
-    def decode(part: Any, noise: Any) -> Any:
-        return decode_agents(config, params, *part, noise)
-
-    futures = in_parts(decode, (contexts, agents), noise)
+    futures = decode_agents(forecaster, params, contexts, agents, noise)
     clock.done("decoding")
-    future = np.concatenate([each.future[each.valid] for each in scenes])
-    sizes = np.concatenate([each.valid.sum(axis=1) for each in scenes])
-    scene_errors(futures, future, sizes[sizes > 0])
+    score_futures(chosen(metric_names(costly=False)), futures, scenes)
     clock.done("errors")
     return clock.seconds

@@ -18,7 +18,7 @@ from neurosym_jax import load_model
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import Synthetic
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.evaluation.score import score_forecaster
+from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.symbolic import WeightingConfig, alpha_table
 from neurosym_jax.symbolic.states import decode_state, format_state

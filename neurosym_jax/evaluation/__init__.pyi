@@ -1,4 +1,5 @@
 from .metrics import Metric as Metric
+from .metrics import collisions as collisions
 from .metrics import metric_names as metric_names
 from .metrics import register_metric as register_metric
 from .paired import Difference as Difference
@@ -6,6 +7,7 @@ from .paired import ErrorsByScene as ErrorsByScene
 from .paired import mean_difference as mean_difference
 from .paired import paired_difference as paired_difference
 from .report import format_table as format_table
-from .score import Evaluation as Evaluation
-from .score import Score as Score
-from .score import score_forecaster as score_forecaster
+from .scoring import Evaluation as Evaluation
+from .scoring import Score as Score
+from .scoring import score as score
+from .scoring import score_forecaster as score_forecaster

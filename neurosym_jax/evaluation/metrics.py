@@ -4,7 +4,7 @@ Joint best-of-k takes one sample for the whole scene (SGAN's protocol); marginal
 agent have its own, which is what most later papers report. The two are not comparable, so both are
 always computed. The minima of ADE and of FDE are taken independently, as SGAN does.
 
-How metrics are computed over many scenes is not said here (see `score`).
+How metrics are computed over many scenes is not said here (see `scoring`).
 """
 
 import dataclasses

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neurosym_jax.evaluation.score import Scores
+from neurosym_jax.evaluation.scoring import Scores
 
 __all__ = [
     "Difference",

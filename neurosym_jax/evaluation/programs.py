@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.evaluation.score import chosen, score_group
+from neurosym_jax.evaluation.scoring import chosen, score_group
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import Scene, make_scene, pad_scene

@@ -16,7 +16,7 @@ from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.cases import Case
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.programs import compile_ahead, compile_single_ahead, wait_for
-from neurosym_jax.evaluation.score import Evaluation, Scores, score_forecaster
+from neurosym_jax.evaluation.scoring import Evaluation, Scores, score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster

@@ -1,6 +1,7 @@
 from .baselines import ConstantVelocity as ConstantVelocity
 from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
 from .forecaster import Forecaster as Forecaster
+from .forecaster import TwoStageForecaster as TwoStageForecaster
 from .kinds import register_forecaster as register_forecaster
 from .model import Model as Model
 from .model import predict as predict

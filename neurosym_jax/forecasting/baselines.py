@@ -11,9 +11,9 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.forecasting.forecaster import AgentwiseForecaster
+from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
-from neurosym_jax.scene import Scene
+from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = ["HEADING_STD", "ConstantVelocity", "ConstantVelocitySampled"]
 
@@ -22,17 +22,17 @@ HEADING_STD = math.radians(25.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstantVelocity(AgentwiseForecaster):
+class ConstantVelocity(TwoStageForecaster):
     """Everybody repeats the last observed step: one forecast."""
 
-    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
-        """`[k, N, pred_len, 2]`, the same for every sample; `params` is not used."""
+    def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
+        """`[k, N, pred_len, 2]`, the same for every sample; `params` and `context` are empty."""
         step = jnp.broadcast_to(scene.displacement[:, -1], (len(noise), *scene.valid.shape, 2))
         return _extrapolate(scene.observed[:, -1], step, self.pred_len)
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstantVelocitySampled(AgentwiseForecaster):
+class ConstantVelocitySampled(TwoStageForecaster):
     """Constant velocity, each agent's heading turned by its own Gaussian angle in each sample."""
 
     @property
@@ -40,8 +40,8 @@ class ConstantVelocitySampled(AgentwiseForecaster):
         """One standard normal number for each agent."""
         return NoiseSpec(dim=1, per_agent=True)
 
-    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
-        """`[k, N, pred_len, 2]`; `params` is not used."""
+    def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
+        """`[k, N, pred_len, 2]`; `params` and `context` are empty."""
         angle = HEADING_STD * noise[..., 0]
         cos, sin = jnp.cos(angle), jnp.sin(angle)
         x, y = scene.displacement[:, -1, 0], scene.displacement[:, -1, 1]
@@ -49,7 +49,7 @@ class ConstantVelocitySampled(AgentwiseForecaster):
         return _extrapolate(scene.observed[:, -1], step, self.pred_len)
 
 
-def _extrapolate(position: Array, step: Array, pred_len: int) -> Array:
+def _extrapolate(position: AnyArray, step: Array, pred_len: int) -> Array:
     """`position [N, 2]` moved by 1 .. pred_len times `step [k, N, 2]`: [k, N, pred_len, 2]."""
     steps = jnp.arange(1, pred_len + 1, dtype=position.dtype)
-    return position[:, None] + steps[:, None] * step[..., None, :]
+    return jnp.asarray(position)[:, None] + steps[:, None] * step[..., None, :]

@@ -1,25 +1,19 @@
-"""What a forecaster is: k futures of one scene, and where scenes gain their batch axis.
+"""What a forecaster is: k futures of one scene.
 
-A forecaster is written for one scene, `one(params, scene, noise)`; `packed` maps it over batches of
-padded scenes. Equal forecasters are equal to `jax.jit`, so they share compiled programs. Which
-networks there are to forecast with is not said here.
+Equal forecasters are equal to `jax.jit`, so they share compiled programs. Which ones there are,
+`kinds` says; how the scenes of a test set are forecast at once is `evaluation.batched`'s.
 """
 
 import abc
 import dataclasses
-import functools
-from collections.abc import Sequence
 from typing import Any
 
-import jax
-import numpy as np
 from jax import Array
 
 from neurosym_jax.forecasting.noise import NoiseSpec
-from neurosym_jax.forecasting.packing import Map, in_parts, pack_agents, unpacked
 from neurosym_jax.scene import Scene
 
-__all__ = ["AgentwiseForecaster", "Forecaster", "bare", "forecast_scene"]
+__all__ = ["Forecaster", "TwoStageForecaster"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,77 +28,48 @@ class Forecaster(abc.ABC):
         return NoiseSpec()
 
     @abc.abstractmethod
-    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
-        """`[k, N, pred_len, 2]` metres relative to the scene's origin.
+    def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """Futures of one scene; a function that `jax.vmap` and `jax.jit` can take.
 
-        `noise` is `[k, dim]`, or `[k, N, dim]` where the spec says per agent.
+        Args:
+            params: of the model.
+            scene: of N slots; without `future` and `origin`.
+            noise: [k, dim], or [k, N, dim] where `noise` says per agent; k = 1 for dim 0.
+
+        Returns:
+            [k, N, pred_len, 2] metres relative to the scene's origin.
         """
 
     def scene_bytes(self, samples: int, slots: int) -> float:
         """About what forecasting one scene takes in memory: futures, and states of its agents."""
         return 4.0 * samples * slots * (8 * self.pred_len + 256)
 
-    def packed(
-        self,
-        params: Any,
-        scenes: Sequence[Scene],
-        noises: Sequence[np.ndarray],
-        run: Map = map,
-    ) -> np.ndarray:
-        """Futures of all valid agents of some batches, batch after batch, scene after scene.
 
-        Args:
-            params: of the forecaster.
-            scenes: batches, each with a leading axis of B scenes.
-            noises: for each batch, `[k, B, dim]` or `[k, B, N, dim]`.
-            run: applies a function to pieces of the work that do not depend on each other.
+class TwoStageForecaster(Forecaster):
+    """A forecaster that encodes a scene once and decodes it for each noise.
 
-        Returns:
-            [k, A, pred_len, 2] metres relative to each scene's origin.
-        """
-
-        def of_batch(batch: Scene, noise: np.ndarray) -> np.ndarray:
-            return np.asarray(_over_scenes(self, params, batch, noise))[:, np.asarray(batch.valid)]
-
-        return np.concatenate(list(run(of_batch, map(bare, scenes), noises)), axis=1)
-
-    def batch(self, params: Any, scenes: Scene, noise: np.ndarray) -> np.ndarray:
-        """`packed` of one batch in its places, `[k, B, N, pred_len, 2]`; zero where not valid."""
-        return unpacked(self.packed(params, [scenes], [noise]), np.asarray(scenes.valid))
-
-
-class AgentwiseForecaster(Forecaster):
-    """A forecaster in which agents do not look at each other.
-
-    The agents of all scenes are then forecast as if they were one scene, without padding, in parts
-    of one size: a single compiled program serves every bucket.
+    Where decoding looks at no neighbour, an evaluation decodes the agents of many scenes as if they
+    were one scene, without padding and by a single program.
     """
 
-    def packed(
-        self,
-        params: Any,
-        scenes: Sequence[Scene],
-        noises: Sequence[np.ndarray],
-        run: Map = map,
-    ) -> np.ndarray:
-        """See `Forecaster.packed`."""
-        agents, noise = pack_agents(scenes, noises)
-        return in_parts(
-            lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise, run
-        )
+    @property
+    def encoder(self) -> "TwoStageForecaster | None":
+        """What encodes: equal ones share programs. None where `encode` has nothing to do."""
+        return None
 
+    @property
+    def decodes_alone(self) -> bool:
+        """Whether `decode` looks at no neighbour."""
+        return True
 
-def bare(scene: Scene) -> Scene:
-    """Without the truth and the host's float64 origin, which no forecaster sees."""
-    return scene.replace(future=None, origin=None)
+    def encode(self, params: Any, scene: Scene) -> Any:
+        """What is known of one scene before the noise: arrays [N, ...]."""
+        return ()
 
+    @abc.abstractmethod
+    def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
+        """See `forecast`; where it decodes alone, `scene` has no identity either."""
 
-@functools.partial(jax.jit, static_argnums=0)
-def _over_scenes(forecaster: Forecaster, params, scenes, noise):
-    return jax.vmap(forecaster.one, in_axes=(None, 0, 1), out_axes=1)(params, scenes, noise)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Array:
-    """`forecaster.one`, compiled; equal forecasters share the program."""
-    return forecaster.one(params, scene, noise)
+    def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """See `Forecaster.forecast`."""
+        return self.decode(params, self.encode(params, scene), scene, noise)

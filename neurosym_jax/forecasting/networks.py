@@ -2,18 +2,15 @@
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.forecasting.forecaster import Forecaster, bare, forecast_scene
+from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
-from neurosym_jax.forecasting.packing import Map, in_parts, pack_agents
 from neurosym_jax.models import Generator
 from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.scene import Scene
@@ -21,16 +18,14 @@ from neurosym_jax.symbolic.weighting import scene_alpha
 
 __all__ = [
     "GeneratorForecaster",
-    "decode_agents",
     "decode_scene",
     "encode_scene",
-    "encode_scenes",
     "interact_scene",
 ]
 
 
 @dataclasses.dataclass(frozen=True)
-class GeneratorForecaster(Forecaster):
+class GeneratorForecaster(TwoStageForecaster):
     """A `Generator`: encoding and pooling once, then one decoding for each noise."""
 
     pred_len: int = dataclasses.field(init=False)
@@ -56,36 +51,27 @@ class GeneratorForecaster(Forecaster):
             pairs += 16.0 * config.obs_len
         return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
 
-    def one(self, params: Any, scene: Scene, noise: Array) -> Array:
-        """See `Forecaster.one`."""
-        context = encode_scene(self.config, params, scene)
-        return decode_scene(self.config, params, context, scene, noise)
-
-    def packed(
-        self,
-        params: Any,
-        scenes: Sequence[Scene],
-        noises: Sequence[np.ndarray],
-        run: Map = map,
-    ) -> np.ndarray:
-        """See `Forecaster.packed`; what looks at no neighbours works on packed agents."""
-        if self.config.pool_every_timestep:
-            return super().packed(params, scenes, noises, run)
-        agents, noise = pack_agents(scenes, noises)
+    @property
+    def encoder(self) -> "GeneratorForecaster | None":
+        """Nothing of it depends on the horizon; without pooling it is a part of the decoding."""
         if self.config.pooling == "none":
-            return in_parts(
-                lambda scene, noise: forecast_scene(self, params, scene, noise), agents, noise, run
-            )
+            return None
+        return GeneratorForecaster(dataclasses.replace(self.config, pred_len=1))
 
-        def contexts(batch: Scene) -> np.ndarray:
-            return np.asarray(encode_scenes(self.config, params, batch))[np.asarray(batch.valid)]
+    @property
+    def decodes_alone(self) -> bool:
+        """Unless it pools at every step."""
+        return not self.config.pool_every_timestep
 
-        return in_parts(
-            lambda part, noise: decode_agents(self.config, params, *part, noise),
-            (np.concatenate(list(run(contexts, map(bare, scenes)))), agents),
-            noise,
-            run,
-        )
+    def encode(self, params: Any, scene: Scene) -> Any:
+        """Context `[N, C]`, see `encode_scene`; nothing without pooling."""
+        return () if self.encoder is None else encode_scene(self.config, params, scene)
+
+    def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
+        """See `TwoStageForecaster.decode`."""
+        if self.encoder is None:
+            context = encode_scene(self.config, params, scene)
+        return decode_scene(self.config, params, context, scene, noise)
 
 
 def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
@@ -106,23 +92,9 @@ def interact_scene(config: GeneratorConfig, params: Any, hidden: Any, scene: Sce
 def decode_scene(
     config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
 ) -> Array:
-    """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.one`."""
+    """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.forecast`."""
     decode = functools.partial(
         Generator(config).apply, params, context, scene, method=Generator.decode
     )
     displacement: Any = jax.vmap(decode)(noise)
     return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)
-
-
-decode_agents = jax.jit(decode_scene, static_argnums=0)
-
-
-def encode_scenes(config: GeneratorConfig, params: Any, scenes: Scene) -> Array:
-    """Contexts `[B, N, C]` of a batch."""
-    # Nothing of it depends on the horizon, so checkpoints of all horizons share the programs.
-    return _encode(dataclasses.replace(config, pred_len=1), params, scenes)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _encode(config, params, scenes):
-    return jax.vmap(functools.partial(encode_scene, config), in_axes=(None, 0))(params, scenes)

@@ -1,9 +1,10 @@
 """Forecasts of single scenes as they come: from a scene to its futures in the world's frame.
 
 `predict`, the online predictor and the latency that an evaluation reports are this. Batches of
-scenes are `Forecaster.batch`'s.
+scenes are `evaluation.batched`'s.
 """
 
+import functools
 from typing import Any
 
 import jax
@@ -12,12 +13,12 @@ from jax import Array
 
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.data.batching import bucket_of
-from neurosym_jax.forecasting.forecaster import Forecaster, forecast_scene
+from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
-__all__ = ["SceneForecaster"]
+__all__ = ["SceneForecaster", "forecast_scene"]
 
 
 class SceneForecaster:
@@ -78,6 +79,12 @@ class SceneForecaster:
             [k, N, pred_len, 2] float64 metres in the world's frame.
         """
         return to_world(np.asarray(started)[:, : len(scene.valid)], scene)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Array:
+    """`forecaster.forecast`, compiled; equal forecasters share the program."""
+    return forecaster.forecast(params, scene, noise)
 
 
 # Apart from the forecast, because threefry is slow to compile and this serves every bucket.

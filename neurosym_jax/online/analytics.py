@@ -13,7 +13,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.evaluation.score import Scores, score
+from neurosym_jax.evaluation.scoring import Scores, score
 from neurosym_jax.online.predictor import Forecast
 
 __all__ = ["Analytics", "Score"]

@@ -20,7 +20,7 @@ from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.evaluation.score import score_forecaster
+from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.models.pooling import POOLINGS

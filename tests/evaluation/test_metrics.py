@@ -4,7 +4,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.evaluation.metrics import COLLISION_DISTANCE, collisions
-from neurosym_jax.evaluation.score import score
+from neurosym_jax.evaluation.scoring import score
 
 collide = jax.jit(collisions)
 

@@ -17,7 +17,7 @@ SCENE = make_scene(OBSERVED).replace(origin=None)
 def test_constant_velocity_repeats_the_last_step():
     forecaster = ConstantVelocity(pred_len=5)
     assert forecaster.noise == NoiseSpec()
-    forecast = forecaster.one((), SCENE, np.zeros((1, 0)))
+    forecast = forecaster.forecast((), SCENE, np.zeros((1, 0)))
     step = OBSERVED[:, -1] - OBSERVED[:, -2]
     wanted = SCENE.observed[:, None, -1] + step[:, None] * np.arange(1, 6)[:, None]
     assert_allclose(forecast, wanted[None], atol=1e-5)
@@ -26,7 +26,9 @@ def test_constant_velocity_repeats_the_last_step():
 def test_sampled_heading():
     forecaster = ConstantVelocitySampled(pred_len=4)
     noise = np.random.default_rng(1).normal(size=(20_000, 3, 1)).astype(np.float32)
-    forecast = np.asarray(jax.jit(forecaster.one)((), SCENE, noise)) - SCENE.observed[:, None, -1]
+    forecast = (
+        np.asarray(jax.jit(forecaster.forecast)((), SCENE, noise)) - SCENE.observed[:, None, -1]
+    )
     step = (OBSERVED[:, -1] - OBSERVED[:, -2])[:, None]
     # The pace is kept, the path is straight, the heading varies by 25 degrees.
     pace = np.linalg.norm(step, axis=-1) * np.arange(1, 5)
@@ -46,4 +48,4 @@ def test_sampled_heading():
 def test_standing_people_stay():
     scene = make_scene(np.ones((2, 8, 2))).replace(origin=None)
     noise = np.ones((3, 2, 1), np.float32)
-    assert not ConstantVelocitySampled(4).one((), scene, noise).any()
+    assert not ConstantVelocitySampled(4).forecast((), scene, noise).any()

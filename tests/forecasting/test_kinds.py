@@ -33,7 +33,7 @@ class DampedForecaster(Forecaster):
 
     rate: float
 
-    def one(self, params, scene, noise):
+    def forecast(self, params, scene, noise):
         step = self.rate * params["scale"] * scene.displacement[:, -1]
         steps = jnp.arange(1, self.pred_len + 1)[:, None]
         return (scene.observed[:, -1, None] + steps * step[:, None])[None]

@@ -241,7 +241,7 @@ class Own(Lengths):
 
 @dataclasses.dataclass(frozen=True)
 class OwnForecaster(Forecaster):
-    def one(self, params, scene, noise):
+    def forecast(self, params, scene, noise):
         steps = jnp.arange(1, self.pred_len + 1)[:, None] * params["own"]["velocity"]
         return (scene.observed[:, -1, None] + steps)[None]
 

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import cases
+from neurosym_jax.evaluation.batched import forecast_batch
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
@@ -67,7 +68,8 @@ def by_batch(model: Model, observed: np.ndarray, slots: int, batch: int = 1) -> 
     scene = pad_scene(make_scene(observed, recording="r"), slots).replace(origin=None)
     scenes = jax.tree.map(lambda array: np.stack([array] * batch), scene)
     noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
-    return np.asarray(model.forecaster.batch(model.params, scenes, noise))[:, -1, : len(observed)]
+    forecast = forecast_batch(model.forecaster, model.params, scenes, noise)
+    return forecast[:, -1, : len(observed)]
 
 
 @EACH

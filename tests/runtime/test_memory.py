@@ -7,7 +7,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.score import score_forecaster
+from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocitySampled
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.networks import GeneratorForecaster

@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 # Groups so small that both processes have some of every test set.
 EVALUATE = """
 from neurosym_jax.commands._running import run_command
-from neurosym_jax.evaluation import score
+from neurosym_jax.evaluation import scoring
 from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
-score.GROUP = 2**9
+scoring.GROUP = 2**9
 run_command(EvaluateOptions, run_evaluation)
 """
 

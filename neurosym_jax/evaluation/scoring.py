@@ -15,16 +15,24 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.data.batching import Batch, bucket_of
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.batched import Map, draw_noises, forecast_batches, unpacked
 from neurosym_jax.evaluation.metrics import METRICS, Metric
 from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
-from neurosym_jax.forecasting.packing import Map, unpacked
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.runtime.processes import share, sum_over_processes
 from neurosym_jax.scene import Scene, model_dtype
 
-__all__ = ["Evaluation", "Score", "Scores", "chosen", "score", "score_forecaster", "score_group"]
+__all__ = [
+    "Evaluation",
+    "Score",
+    "Scores",
+    "chosen",
+    "score",
+    "score_forecaster",
+    "score_futures",
+    "score_group",
+]
 
 GROUP = 2**17
 """Samples of agent slots that are forecast before they are scored, some 25 MB; and what one of
@@ -200,8 +208,8 @@ def chosen(names: Sequence[str] | None) -> tuple[Metric, ...]:
 
 
 def _shapes(metrics: tuple[Metric, ...], scene: Scene, samples: int) -> Any:
-    forecast = jax.ShapeDtypeStruct((samples, *scene.future.shape), scene.future.dtype)
-    return _score_scenes.eval_shape(metrics, forecast, scene.future, scene.valid)
+    forecast = jax.ShapeDtypeStruct((samples, *scene.known_future.shape), scene.known_future.dtype)
+    return _score_scenes.eval_shape(metrics, forecast, scene.known_future, scene.valid)
 
 
 def _groups(batches: Sequence[Batch], samples: int) -> Iterator[list[Batch]]:
@@ -226,14 +234,21 @@ def score_group(
     run: Map = map,
 ) -> list[Scores]:
     """Scores of each of some batches, all forecast at once."""
-    noises = list(_noises(forecaster.noise, scenes, samples, seed))
-    forecast = forecaster.packed(params, scenes, noises, run)
+    noises = draw_noises(forecaster.noise, scenes, samples, seed)
+    futures = forecast_batches(forecaster, params, scenes, noises, run)
+    return score_futures(metrics, futures, scenes, run)
+
+
+def score_futures(
+    metrics: tuple[Metric, ...], futures: np.ndarray, scenes: Sequence[Scene], run: Map = map
+) -> list[Scores]:
+    """Scores of each of some batches, by the `futures [k, A, T, 2]` of their valid agents."""
     ends = np.cumsum([scene.valid.sum() for scene in scenes])
-    pieces = np.split(forecast, ends[:-1], axis=1)
+    pieces = np.split(futures, ends[:-1], axis=1)
 
     def of_batch(scene: Scene, piece: np.ndarray) -> Scores:
-        places = unpacked(piece, scene.valid)
-        return _on_host(metrics, _score_scenes(metrics, places, scene.future, scene.valid))
+        places = unpacked(piece, np.asarray(scene.valid))
+        return _on_host(metrics, _score_scenes(metrics, places, scene.known_future, scene.valid))
 
     return list(run(of_batch, scenes, pieces))
 
@@ -243,17 +258,3 @@ def _on_host(metrics: tuple[Metric, ...], scores: Sequence[tuple[Array, Array]])
         metric.name: Score(*(np.asarray(part, np.float64) for part in parts))
         for metric, parts in zip(metrics, scores)
     }
-
-
-def _noises(
-    spec: NoiseSpec, scenes: Sequence[Scene], samples: int, seed: int
-) -> Iterator[np.ndarray]:
-    """Noise of each batch, `[k, B, dim]` or `[k, B, N, dim]`."""
-    if spec.per_agent:
-        for scene in scenes:
-            yield draw_noise(spec, seed, scene.identity, samples, scene.valid.shape[1])
-    else:
-        # Drawn together, because each draw is of a fixed number of scenes or more.
-        ends = np.cumsum([len(scene.identity) for scene in scenes])
-        identity = np.concatenate([scene.identity for scene in scenes])
-        yield from np.split(draw_noise(spec, seed, identity, samples, 1), ends[:-1], axis=1)

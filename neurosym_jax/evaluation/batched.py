@@ -1,0 +1,177 @@
+"""Forecasts of many scenes at once: batches, and agents packed without padding.
+
+Where a forecaster's decoding looks at no neighbour, the agents of many padded scenes are decoded as
+one scene without padding, in parts of one size: nothing is computed for padding, and a single
+compiled program serves scenes of every size. Single scenes are `forecasting.scene_forecaster`'s.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
+from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
+from neurosym_jax.scene import Scene
+
+__all__ = [
+    "PART",
+    "Map",
+    "decode_agents",
+    "draw_noises",
+    "encode_batch",
+    "forecast_batch",
+    "forecast_batches",
+    "pack_agents",
+    "unpacked",
+]
+
+PART = 128
+"""Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
+
+Map = Callable[..., Iterable[Any]]
+"""`map`, or that of an executor, whose calls may then run at once."""
+
+
+def forecast_batches(
+    forecaster: Forecaster,
+    params: Any,
+    scenes: Sequence[Scene],
+    noises: Sequence[np.ndarray],
+    run: Map = map,
+) -> np.ndarray:
+    """Futures of all valid agents of some batches, batch after batch, scene after scene.
+
+    Args:
+        forecaster: what forecasts.
+        params: its parameters.
+        scenes: batches, each with a leading axis of B scenes.
+        noises: for each batch, `[k, B, dim]` or `[k, B, N, dim]`, see `draw_noises`.
+        run: applies a function to pieces of the work that do not depend on each other.
+
+    Returns:
+        [k, A, pred_len, 2] metres relative to each scene's origin.
+    """
+    if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:
+        contexts = list(run(lambda batch: encode_batch(forecaster, params, batch), scenes))
+        context = jax.tree.map(lambda *parts: np.concatenate(parts), *contexts)
+        agents, noise = pack_agents(scenes, noises)
+        return decode_agents(forecaster, params, context, agents, noise, run)
+
+    def of_batch(batch: Scene, noise: np.ndarray) -> np.ndarray:
+        futures = _forecast(forecaster, params, _bare(batch), noise)
+        return np.asarray(futures)[:, np.asarray(batch.valid)]
+
+    return np.concatenate(list(run(of_batch, scenes, noises)), axis=1)
+
+
+def forecast_batch(
+    forecaster: Forecaster, params: Any, scenes: Scene, noise: np.ndarray
+) -> np.ndarray:
+    """`forecast_batches` of one, in its places: `[k, B, N, pred_len, 2]`; zero where not valid."""
+    futures = forecast_batches(forecaster, params, [scenes], [noise])
+    return unpacked(futures, np.asarray(scenes.valid))
+
+
+def draw_noises(
+    spec: NoiseSpec, scenes: Sequence[Scene], samples: int, seed: int
+) -> list[np.ndarray]:
+    """Noise of each batch, `[k, B, dim]` or `[k, B, N, dim]`."""
+    if spec.per_agent:
+        return [
+            draw_noise(spec, seed, np.asarray(scene.identity), samples, scene.valid.shape[1])
+            for scene in scenes
+        ]
+    # Drawn together, because each draw is of a fixed number of scenes or more.
+    ends = np.cumsum([len(scene.identity) for scene in scenes])
+    identity = np.concatenate([scene.identity for scene in scenes])
+    return np.split(draw_noise(spec, seed, identity, samples, 1), ends[:-1], axis=1)
+
+
+def encode_batch(forecaster: TwoStageForecaster, params: Any, scenes: Scene) -> Any:
+    """What `encode` gives for the A valid agents of a batch: arrays [A, ...] on the host."""
+    if forecaster.encoder is None:
+        return ()
+    context = _encode(forecaster.encoder, params, _bare(scenes))
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[np.asarray(scenes.valid)], context)
+
+
+def pack_agents(scenes: Sequence[Scene], noises: Sequence[np.ndarray]) -> tuple[Scene, np.ndarray]:
+    """The valid agents of some batches as one scene of A agents, and their noise `[k, A, dim]`.
+
+    A noise is `[k, B, dim]` or, per agent, `[k, B, N, dim]` for its batch of B scenes of N slots.
+    """
+    masks = [np.asarray(batch.valid) for batch in scenes]
+    without = [_bare(batch).replace(identity=None) for batch in scenes]
+    agents = jax.tree.map(
+        lambda *leaves: np.concatenate([leaf[mask] for leaf, mask in zip(leaves, masks)]), *without
+    )
+    parts = [
+        noise[:, mask] if noise.ndim == 4 else np.repeat(noise, mask.sum(axis=1), axis=1)
+        for noise, mask in zip(noises, masks)
+    ]
+    return agents, np.concatenate(parts, axis=1)
+
+
+def decode_agents(
+    forecaster: TwoStageForecaster,
+    params: Any,
+    context: Any,
+    agents: Scene,
+    noise: np.ndarray,
+    run: Map = map,
+) -> np.ndarray:
+    """Futures `[k, A, pred_len, 2]` of A >= 1 packed agents, in parts of `PART`.
+
+    Args:
+        forecaster: whose decoding looks at no neighbour.
+        params: its parameters.
+        context: arrays [A, ...], see `encode_batch`.
+        agents: of A agents.
+        noise: [k, A, dim].
+        run: applies a function to every part.
+    """
+    count = noise.shape[1]
+
+    def of_part(at: int) -> np.ndarray:
+        short = max(0, at + PART - count)
+
+        def part(leaf: np.ndarray, axis: int) -> np.ndarray:
+            taken = leaf[(slice(None),) * axis + (slice(at, at + PART),)]
+            widths = [(0, short if dim == axis else 0) for dim in range(leaf.ndim)]
+            return np.pad(taken, widths) if short else taken
+
+        inputs = jax.tree.map(lambda leaf: part(leaf, 0), (context, agents))
+        futures = _decode(forecaster, params, *inputs, part(noise, 1))
+        return np.asarray(futures)[:, : PART - short]
+
+    return np.concatenate(list(run(of_part, range(0, count, PART))), axis=1)
+
+
+def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """`futures [k, A, ...]` in their places `valid [B, N]`: `[k, B, N, ...]`, elsewhere zero."""
+    places = np.zeros((len(futures), *valid.shape, *futures.shape[2:]), futures.dtype)
+    places[:, valid] = futures
+    return places
+
+
+def _bare(scene: Scene) -> Scene:
+    """Without the truth and the host's float64 origin, which no forecaster sees."""
+    return scene.replace(future=None, origin=None)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _forecast(forecaster, params, scenes, noise):
+    return jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)(params, scenes, noise)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _encode(encoder, params, scenes):
+    return jax.vmap(encoder.encode, in_axes=(None, 0))(params, scenes)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _decode(forecaster, params, context, agents, noise):
+    return forecaster.decode(params, context, agents, noise)
