@@ -1,0 +1,73 @@
+"""The package as a wheel, installed in a place of its own and used in an empty folder."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ("neurosym_jax", "checkpoints", "pyproject.toml", "setup.py", "README.md", "LICENSE")
+PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+EVALUATE = ("--checkpoint", "sgan_simulations_8_8", "--scene", "cross-path", "--samples", "2")
+WALK = [f"{0.4 * t:.1f},{who},{0.3 * t + who},{2 * who}" for t in range(20) for who in (0, 1)]
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The folder of an installed wheel; the dependencies are those of this environment."""
+    folder = tmp_path_factory.mktemp("wheel")
+    (folder / "source").mkdir()  # for a build writes beside its sources
+    for name in SOURCES:
+        if (ROOT / name).is_file():
+            shutil.copy(ROOT / name, folder / "source")
+        else:
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(ROOT / name, folder / "source" / name, ignore=ignored)
+    build = ("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, folder / "source")
+    subprocess.run([*PIP, *build], check=True)
+    (wheel,) = folder.glob("*.whl")
+    place = folder / "installed"
+    subprocess.run([*PIP, "install", "--no-deps", "--target", place, wheel], check=True)
+    return place
+
+
+@pytest.mark.slow
+def test_everything_works_outside_a_clone(installed, tmp_path):
+    (tmp_path / "walk.csv").write_text("\n".join(["t,id,x,y", *WALK]))
+    environment = {name: v for name, v in os.environ.items() if not name.startswith("NEUROSYM_")}
+    environment |= {"PYTHONPATH": str(installed), "NEUROSYM_DATA": str(tmp_path / "data")}
+    neurosym = installed / "bin" / "neurosym"
+    python = "import neurosym_jax as nj; print(nj.__file__, nj.load_model('sgan_eth_8_8').name)"
+    commands = {
+        "evaluate": [neurosym, "evaluate", *EVALUATE, "--no-figures"],
+        "train": [neurosym, "train", "--steps", "20", "--out", "run", "--set", "batch_scenes=8"],
+        "replay": [neurosym, "replay", "walk.csv", "--model", "neurosym_zara1_8_8"],
+        "help": [neurosym, "--help"],
+        "models": [neurosym, "models"],
+        "python": [sys.executable, "-c", python],
+    }
+    running = {
+        name: subprocess.Popen(
+            command,
+            cwd=tmp_path,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for name, command in commands.items()
+    }
+    said = {name: process.communicate(timeout=300)[0] for name, process in running.items()}
+    for name, process in running.items():
+        assert process.returncode == 0, said[name]
+    assert f"{installed}/neurosym_jax/__init__.py SGAN" in said["python"]
+    assert "evaluate" in said["help"]
+    assert "neurosym_thor-magni_8_8" in said["models"]
+    assert f"{installed}/neurosym_jax/checkpoints" in said["models"]
+    assert "SGAN" in said["evaluate"]
+    assert (tmp_path / "run" / "model" / "params.safetensors").is_file()
+    assert (installed / "neurosym_jax" / "py.typed").is_file()
+    assert "NeuroSyM" in said["replay"]
