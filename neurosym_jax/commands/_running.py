@@ -52,7 +52,9 @@ def run_command(
             warnings.showwarning = _show(warnings.showwarning)
             arguments = sys.argv[1:] if arguments is None else arguments
             _load_plugins(arguments)
-            status = action(tyro.cli(with_plugins(options), args=arguments, prog=prog))
+            found = tyro.cli(with_plugins(options), args=arguments, prog=prog)
+            names = [field.name for field in dataclasses.fields(options)]  # pyright: ignore
+            status = action(options(**{name: getattr(found, name) for name in names}))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         leave(130)

@@ -1,6 +1,7 @@
 """Bad input through the command line: one clear line, a status of 2, never a traceback."""
 
 import dataclasses
+import builtins
 import os
 import subprocess
 import sys
@@ -113,6 +114,18 @@ def test_exit_status(monkeypatch, capsys):
 
     with pytest.raises(ValueError, match="ours"):
         run_command(EvaluateOptions, broken, [])
+
+
+def test_a_plugin_comes_first_and_options_are_those_of_the_command(monkeypatch, tmp_path):
+    monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
+    plugin = tmp_path / "mine.py"
+    plugin.write_text("import builtins\nbuiltins.plugin_of_a_test = True\n")
+    found = []
+    with pytest.raises(SystemExit):
+        run_command(EvaluateOptions, found.append, ["--plugin", str(plugin), "--samples", "3"])
+    assert found == [EvaluateOptions(samples=3)]
+    assert type(found[0]) is EvaluateOptions
+    assert builtins.__dict__.pop("plugin_of_a_test")
 
 
 def process(*arguments, cwd):
