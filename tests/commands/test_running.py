@@ -1,7 +1,7 @@
 """Bad input through the command line: one clear line, a status of 2, never a traceback."""
 
-import dataclasses
 import builtins
+import dataclasses
 import os
 import subprocess
 import sys
