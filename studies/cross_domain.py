@@ -16,6 +16,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from neurosym_jax.evaluation.markdown import markdown_table
+
 TESTS = {
     "zara1": "zara1",
     "CLiFF-LHMP_thor1_exp-1-run-2": "THÖR 1",
@@ -66,8 +68,7 @@ def document(rows: list[dict[str, Any]]) -> str:
         for test in tests
         for part in (0, 1)
     }
-    lines = ["| | trained on | " + " | ".join(TESTS[test] for test in tests) + " |"]
-    lines.append("|---|---" + "|---" * len(tests) + "|")
+    lines = []
     for key in keys:
         cells = []
         for test in tests:
@@ -81,12 +82,13 @@ def document(rows: list[dict[str, Any]]) -> str:
             ]
             cell = " / ".join(texts)
             cells.append(f"_{cell}_" if test in home[key] else cell)
-        lines.append(f"| {key[0]} | {key[1]} | " + " | ".join(cells) + " |")
+        lines.append([*key, *cells])
     sizes = {row["scene"]: (row["scenes"], row["agents"]) for row in rows}
     counted = "; ".join(f"{TESTS[test]} {sizes[test][0]}/{sizes[test][1]}" for test in tests)
     samples = max(row["samples"] for row in rows)
     head = HEAD.format(samples=samples, seed=rows[0]["seed"])
-    return f"{head}\n" + "\n".join(lines) + f"\n\nScenes/agents: {counted}."
+    columns = ["", "trained on", *(TESTS[test] for test in tests)]
+    return f"{head}\n{markdown_table(columns, lines)}\n\nScenes/agents: {counted}."
 
 
 def _trained(checkpoint: str | None) -> tuple[str, tuple[str, ...]]:

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.data.readers.eth_ucy import SCENES, text_files
+from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.runtime.environment import cpu_cores
 
 STEPS = 2000
@@ -112,23 +113,23 @@ def document(errors: dict[str, Errors], recipes: list[str]) -> str:
             "",
             "Judged for each scene by the other four:",
             "",
-            *table(means(lambda recipe, scene, other: errors[other][recipe][scene])),
+            table(means(lambda recipe, scene, other: errors[other][recipe][scene])),
             "",
             "The same runs by the scene that they were tested on, the mean over the other four:",
             "",
-            *table(means(lambda recipe, scene, other: errors[scene][recipe][other])),
+            table(means(lambda recipe, scene, other: errors[scene][recipe][other])),
         ]
     )
 
 
-def table(cells: dict[str, dict[str, np.ndarray]]) -> list[str]:
-    """Rows of a table, a recipe each."""
+def table(cells: dict[str, dict[str, np.ndarray]]) -> str:
+    """A table, a recipe each row."""
     least = {
         (scene, part): min(f"{row[scene][part]:.3f}" for row in cells.values())
         for scene in SCENES
         for part in (0, 1)
     }
-    lines = ["| changes to the recipe | " + " | ".join(SCENES) + " |", "|---" * 6 + "|"]
+    rows = []
     for recipe, row in cells.items():
         texts = []
         for scene in SCENES:
@@ -138,8 +139,8 @@ def table(cells: dict[str, dict[str, np.ndarray]]) -> list[str]:
                 for part, text in enumerate(parts)
             ]
             texts.append(" / ".join(bold))
-        lines.append(f"| `{recipe.replace(',', ' ')}` | " + " | ".join(texts) + " |")
-    return lines
+        rows.append([f"`{recipe.replace(',', ' ')}`", *texts])
+    return markdown_table(["changes to the recipe", *SCENES], rows)
 
 
 if __name__ == "__main__":

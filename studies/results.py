@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from neurosym_jax.evaluation.markdown import markdown_table
 from studies.published import NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
 
 PUBLISHED = {
@@ -77,7 +78,7 @@ Rows of one seed that differ by a few hundredths of a metre are not told apart t
 def document(rows: list[dict[str, Any]]) -> str:
     """The whole page."""
     head = ("what was chosen", "on what", "for which cells")
-    chosen = "\n".join("| " + " | ".join(row) + " |" for row in (head, ("---",) * 3, *CHOSEN))
+    chosen = markdown_table(head, CHOSEN)
     parts = [HEAD.format(seed=rows[0]["seed"], chosen=chosen)]
     for pred_len in (8, 12):
         mine = [row for row in rows if row["pred_len"] == pred_len]
@@ -111,7 +112,7 @@ def _table(models: dict[str, dict[str, Any]]) -> str:
         for part in (0, 1)
         if any(cells.get(scene) for cells in models.values())
     }
-    lines = ["| | " + " | ".join(SCENES) + " |", "|---" * (len(SCENES) + 1) + "|"]
+    lines = []
     for name, cells in models.items():
         shown = []
         for scene in SCENES:
@@ -121,18 +122,18 @@ def _table(models: dict[str, dict[str, Any]]) -> str:
                 text = f"{numbers[part]:.2f}"
                 texts.append(f"**{text}**" if float(text) <= best[scene, part] else text)
             shown.append(" / ".join(texts) or "-")
-        lines.append(f"| {name} | " + " | ".join(shown) + " |")
-    return "\n".join(lines)
+        lines.append([name, *shown])
+    return markdown_table(["", *SCENES], lines)
 
 
 def _collisions(rows: list[dict[str, Any]]) -> str:
-    lines = ["| | " + " | ".join(SCENES) + " |", "|---" * (len(SCENES) + 1) + "|"]
+    lines = []
     names = dict.fromkeys(row["model"] for row in rows)
     for name in names:
         rates = {row["scene"]: row["collision_rate"] for row in rows if row["model"] == name}
         cells = [f"{100 * rates[scene]:.1f} %" if scene in rates else "-" for scene in SCENES]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append([name, *cells])
+    return markdown_table(["", *SCENES], lines)
 
 
 if __name__ == "__main__":

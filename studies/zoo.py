@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from neurosym_jax.evaluation.markdown import markdown_table
 from studies.published import SCENES, SGAN_20V, SGAN_20VP
 
 MODELS = {
@@ -21,20 +22,16 @@ MODELS = {
 
 def zoo_table(rows: list[dict[str, Any]]) -> str:
     """Joint best-of-k ADE / FDE in metres, ours above the published ones, as Markdown."""
-    lines = [
-        "| model, steps | | " + " | ".join(SCENES) + " |",
-        "|---|---" + "|---" * len(SCENES) + "|",
-    ]
+    lines = []
     for pred_len, model in itertools.product((8, 12), MODELS):
         name, published = MODELS[model]
         ours = [_errors(rows, model, pred_len, scene) for scene in SCENES]
         theirs = ["{} / {}".format(*map("{:.2f}".format, published[pred_len][s])) for s in SCENES]
-        lines.append(f"| {name}, 8 + {pred_len} | ours | " + " | ".join(ours) + " |")
-        lines.append("| | published | " + " | ".join(theirs) + " |")
+        lines += [[f"{name}, 8 + {pred_len}", "ours", *ours], ["", "published", *theirs]]
     for pred_len in (8, 12):
         ours = [_errors(rows, "constant velocity", pred_len, scene) for scene in SCENES]
-        lines.append(f"| constant velocity, 8 + {pred_len} | ours | " + " | ".join(ours) + " |")
-    return "\n".join(lines)
+        lines.append([f"constant velocity, 8 + {pred_len}", "ours", *ours])
+    return markdown_table(["model, steps", "", *SCENES], lines)
 
 
 def _errors(rows: list[dict[str, Any]], model: str, pred_len: int, scene: str) -> str:

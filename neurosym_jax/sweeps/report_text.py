@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.config import from_json, to_json
+from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.sweeps.learned_tables import agreement
 from neurosym_jax.sweeps.table import format_sweep
@@ -166,46 +167,41 @@ def _exceptions(compared: Sequence[Compared], metrics: Sequence[str]) -> str:
 def _differences(compared: Sequence[Compared], metrics: Sequence[str], reference: str) -> str:
     mine = _of(compared, reference=reference)
     head = ["model", "test set", *(known_metric(m).label for m in metrics)]
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
-    for model in dict.fromkeys(one["model"] for one in mine):
-        for one in _of(mine, model=model):
-            cells = [_cell(one[metric]) for metric in metrics]
-            lines.append(f"| {' | '.join([model, one['scene'], *cells])} |")
-    return "\n".join(lines)
+    rows = [
+        [model, one["scene"], *(_cell(one[metric]) for metric in metrics)]
+        for model in dict.fromkeys(one["model"] for one in mine)
+        for one in _of(mine, model=model)
+    ]
+    return markdown_table(head, rows)
 
 
 def _sources(compared: Sequence[Compared]) -> str:
-    lines = [
-        "Joint ADE; seeds better: on how many seeds the model was the better one.",
-        "",
-        "| model | less | test scenes | seeds (bootstrap) | both | seeds better |",
-        "|" + "---|" * 6,
-    ]
+    rows = []
     for one in _of(compared, scene=_whole(compared)):
         ade = one["joint_ade"]
         better = f"{sum(value < 0 for value in ade['of_seeds'])} of {len(ade['of_seeds'])}"
         spans = [_span(ade[name]) for name in ("scenes", "seeds", "both")]
-        lines.append(f"| {' | '.join([one['model'], one['reference'], *spans, better])} |")
-    return "\n".join(lines)
+        rows.append([one["model"], one["reference"], *spans, better])
+    head = ["model", "less", "test scenes", "seeds (bootstrap)", "both", "seeds better"]
+    table = markdown_table(head, rows)
+    return f"Joint ADE; seeds better: on how many seeds the model was the better one.\n\n{table}"
 
 
 def _learned(learned: dict[str, dict[str, list[list[float]]]]) -> str:
-    lines = [
-        "Weights of the 16 states without a zero, less where they started: mean and spread over "
-        "the states, and how the changes of two seeds correlate (1: every seed learns the same, "
-        "0: each its own).",
-        "",
-        "| model | test set | mean change | spread | correlation of seeds |",
-        "|" + "---|" * 5,
-    ]
+    rows = []
     for model, of_model in learned.items():
         for scene, of_seeds in of_model.items():
             mean = _signed(float(np.mean(of_seeds)))
             spread = float(np.mean(np.std(of_seeds, axis=1)))
             found = agreement(of_seeds)
             told = "-" if found is None else _signed(found, 2)
-            lines.append(f"| {model} | {scene} | {mean} | {spread:.3f} | {told} |")
-    return "\n".join(lines)
+            rows.append([model, scene, mean, f"{spread:.3f}", told])
+    head = ["model", "test set", "mean change", "spread", "correlation of seeds"]
+    return (
+        "Weights of the 16 states without a zero, less where they started: mean and spread over "
+        "the states, and how the changes of two seeds correlate (1: every seed learns the same, "
+        f"0: each its own).\n\n{markdown_table(head, rows)}"
+    )
 
 
 def _cell(of_metric: dict[str, Any]) -> str:

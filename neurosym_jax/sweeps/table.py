@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 
 __all__ = ["format_sweep", "mean_and_interval"]
@@ -36,12 +37,12 @@ def format_sweep(rows: Sequence[Row]) -> str:
         for protocol in ("joint", "marginal"):
             title = f"### {lengths[0]} steps observed, {lengths[1]} forecast: {protocol} best of k"
             pairs = [(row[protocol]["ade"], row[protocol]["fde"]) for row in members]
-            blocks.append("\n".join([title, "", *_table(members, pairs)]))
+            blocks += [title, _table(members, pairs)]
         for metric in _further(members):
             label = known_metric(metric).label
             title = f"### {lengths[0]} steps observed, {lengths[1]} forecast: {label}"
             values = [(row["metrics"][metric],) for row in members]
-            blocks.append("\n".join([title, "", *_table(members, values)]))
+            blocks += [title, _table(members, values)]
     blocks.append(
         "ADE / FDE in metres, mean over training seeds ± half of the 95 % interval (Student's t). "
         "Joint: the best of k forecasts of the whole scene; marginal: each agent's own best."
@@ -57,11 +58,11 @@ def _further(rows: Sequence[Row]) -> list[str]:
     return [name for name in names if all(row["metrics"].get(name) is not None for row in rows)]
 
 
-def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> list[str]:
-    """Markdown lines; `values` are what each of `rows` has in its cell."""
+def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> str:
+    """Models by test sets; `values` are what each of `rows` has in its cell."""
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
     head = ["model", "k", "seeds", *scenes, *(["average"] if len(scenes) > 1 else [])]
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    lines = []
     for model in dict.fromkeys(row["model"] for row in rows):
         # scene to seed to values; a baseline has no seed of training.
         found: dict[str, dict[Any, tuple[float, ...]]] = {scene: {} for scene in scenes}
@@ -78,8 +79,8 @@ def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> list[str
             means = [np.mean([found[scene][seed] for scene in scenes], axis=0) for seed in whole]
             cells.append(_cell([tuple(mean) for mean in means]))
         count = "-" if seeds == {None} else str(len(seeds))
-        lines.append(f"| {' | '.join([model, str(samples), count, *cells])} |")
-    return lines
+        lines.append([model, str(samples), count, *cells])
+    return markdown_table(head, lines)
 
 
 def _cell(errors: Sequence[tuple[float, ...]]) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.config import GeneratorConfig, from_json
+from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import CARD
 from neurosym_jax.runtime.files import write_text
@@ -42,28 +43,28 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     yield from ("", "## Errors", "")
     yield "Best of k forecasts, metres. Joint: the best forecast of the whole scene (SGAN's"
     yield "protocol); marginal: each agent's own best. The two are not comparable."
-    yield from ("", "| | k | joint ADE / FDE | marginal ADE / FDE |", "|---|---|---|---|")
-    yield (
-        f"| validation, which chose step {validation['step']} | {training['best_k']} "
-        f"| {validation['val_ade']:.3f} / {validation['val_fde']:.3f} | |"
-    )
+    chosen = f"{validation['val_ade']:.3f} / {validation['val_fde']:.3f}"
+    label = f"validation, which chose step {validation['step']}"
+    rows = [[label, str(training["best_k"]), chosen, ""]]
     for row in test_rows:
-        cells = [
+        errors = [
             f"{row[best]['ade']:.3f} / {row[best]['fde']:.3f}" for best in ("joint", "marginal")
         ]
         label = "this model" if row["checkpoint"] else row["model"]
-        yield f"| test on {row['scene']}: {label} | {row['samples']} | {' | '.join(cells)} |"
+        rows.append([f"test on {row['scene']}: {label}", str(row["samples"]), *errors])
+    yield from ("", markdown_table(["", "k", "joint ADE / FDE", "marginal ADE / FDE"], rows))
     if not test_rows:
         yield from ("", "Not tested yet.")
-    yield from ("", "## Training", "", "| | |", "|---|---|")
-    for name, count in facts["counts"].items():
-        digest = facts["data"][name]
-        counted = f"{count['scenes']} scenes, {count['agents']} agents"
-        yield f"| {name} windows | {counted}, SHA-256 `{digest[:16]}` |"
-    yield f"| parameters | {facts['parameters']} |"
-    yield f"| code | {facts['code'] or 'no checkout'} |"
-    for section in ("training", "generator", "environment"):
-        of = {"training": "", "generator": "network: ", "environment": "environment: "}[section]
+    settings = {
+        f"{name} windows": f"{count['scenes']} scenes, {count['agents']} agents, "
+        f"SHA-256 `{facts['data'][name][:16]}`"
+        for name, count in facts["counts"].items()
+    }
+    settings |= {"parameters": facts["parameters"], "code": facts["code"] or "no checkout"}
+    sections = {"training": "", "generator": "network: ", "environment": "environment: "}
+    for section, prefix in sections.items():
         for name, value in facts[section].items():
             if name != "format" and value not in (None, ""):
-                yield f"| {of}{name} | {value} |"
+                settings[prefix + name] = value
+    rows = [[name, str(value)] for name, value in settings.items()]
+    yield from ("", "## Training", "", markdown_table(["", ""], rows))

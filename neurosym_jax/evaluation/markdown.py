@@ -1,0 +1,20 @@
+"""Tables in Markdown: the one writer of them."""
+
+from collections.abc import Iterable, Sequence
+
+__all__ = ["markdown_table"]
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, right: int = 0) -> str:
+    """Lines of a table; `right` of its last columns are aligned to the right.
+
+    A `|` or a line's end in a cell stays within the cell.
+    """
+    rule = ["---"] * (len(head) - right) + ["---:"] * right
+    lines = [_line(head), f"|{'|'.join(rule)}|", *map(_line, rows)]
+    return "\n".join(lines)
+
+
+def _line(cells: Sequence[str]) -> str:
+    texts = (" ".join(cell.split()).replace("|", r"\|") for cell in cells)
+    return f"|{'|'.join(f' {text} ' if text else ' ' for text in texts)}|"
