@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from neurosym_jax.errors import InputError
 from neurosym_jax.plotting.palette import INK, TRUTH, line_styles, model_colours
 from neurosym_jax.plotting.style import (
+    COLUMN,
     SMALL,
     WIDTH,
     add_legend,
@@ -131,8 +132,10 @@ def _map(title: str | None, past: np.ndarray, future: np.ndarray | None, *others
     # At least 3 m are shown, so that the tremor of a standing agent does not look like a walk, and
     # neither a corridor nor a row of agents makes a sliver of a figure.
     extent = np.maximum(1.06 * (high - low) + 0.3, 3.0)
-    extent = np.maximum(extent, [0.9 * extent[1], 0.36 * extent[0]])
-    figure, ((axes,),) = new_figure(WIDTH, (WIDTH - 0.5) * extent[1] / extent[0] + 1.0)
+    extent = np.maximum(extent, [0.75 * extent[1], 0.36 * extent[0]])
+    # What is high goes into one column.
+    width = WIDTH if extent[1] < 0.7 * extent[0] else COLUMN
+    figure, ((axes,),) = new_figure(width, (width - 0.5) * extent[1] / extent[0] + 0.85)
     (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     ticks = MaxNLocator(10, steps=[1, 2, 5, 10]).tick_values(0, extent.max())

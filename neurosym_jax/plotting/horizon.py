@@ -33,8 +33,7 @@ def plot_horizon_errors(
     if not errors or not period > 0:
         raise InputError("errors need at least one model and a period of more than 0 seconds")
     curves = {name: checked(f"errors {name!r}", curve, (None,)) for name, curve in errors.items()}
-    rows = 0.14 * -(-len(curves) // 2)
-    figure, ((axes,),) = new_figure(COLUMN, 2.4 + rows)
+    figure, ((axes,),) = new_figure(COLUMN, 2.2)
     colours, styles = model_colours(curves), line_styles(curves)
     # In this order the legend runs from top to bottom as the ends of the lines do.
     for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]):

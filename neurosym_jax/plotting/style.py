@@ -75,21 +75,28 @@ def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str | None = 
 
 
 def add_legend(figure: Figure, *panels: Axes) -> None:
-    """A legend of the distinct labels of `panels`, below them, in as many columns as fit."""
+    """A legend of the distinct labels of `panels`, below them, in as many columns as fit.
+
+    The figure grows by what the legend needs.
+    """
     found = [pair for axes in panels for pair in zip(*axes.get_legend_handles_labels())]
     handles = {label: handle for handle, label in reversed(found)}
     labels = list(dict.fromkeys(label for _, label in found))
     if not labels:
         return
-    texts = [plain(label, 40) for label in labels]
+    widest = int(figure.get_figwidth() * 72 / LABEL / 0.5 - 10)
+    texts = [plain(label, min(40, widest)) for label in labels]
     longest = max(len(line) for text in texts for line in text.split("\n"))
     # In widths of a letter's height: half of one for a letter, and the line before it.
     columns = int(figure.get_figwidth() * 72 / LABEL / (0.5 * longest + 4.2))
+    columns = max(1, min(columns, len(labels)))
+    lines = max(text.count("\n") + 1 for text in texts) * -(-len(texts) // columns)
+    figure.set_figheight(figure.get_figheight() + (1.4 * lines + 0.6) * LABEL / 72)
     figure.legend(
         [handles[label] for label in labels],
         texts,
         loc="outside lower left",
-        ncols=max(1, min(columns, len(labels))),
+        ncols=columns,
         frameon=False,
         fontsize=LABEL,
         labelcolor=INK,

@@ -108,7 +108,7 @@ def plot_states(
     share = 100 * counts / max(counts.sum(), 1)
     rest = share.sum() - share[order].sum()
     columns = 1 if table is None else 2
-    size = (WIDTH, 1.1 + 0.145 * len(order))
+    size = (WIDTH, 0.9 + 0.145 * len(order))
     figure, (panels,) = new_figure(*size, 1, columns, sharey=True)
     zeros = np.array([text.count("0") for text in texts])
     place = np.arange(len(order))

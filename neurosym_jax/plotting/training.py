@@ -32,7 +32,7 @@ def plot_training(
     panels = {label: curves for label, curves in panels.items() if curves}
     if not panels:
         raise InputError("there is neither a loss nor a validation curve to plot")
-    figure, rows = new_figure(COLUMN, 0.4 + 1.7 * len(panels), len(panels), sharex=True)
+    figure, rows = new_figure(COLUMN, 0.2 + 1.7 * len(panels), len(panels), sharex=True)
     colours = cycle(PALETTE)
     for (axes,), (label, curves) in zip(rows, panels.items()):
         for (name, curve), colour in zip(curves.items(), colours):

@@ -14,7 +14,7 @@ from studies.experiment.results import Recording, complete, published
 
 __all__ = ["add_figures"]
 
-DOTS, COLOURS = 80, 96
+DOTS, COLOURS = 150, 96
 """Per inch, and in a figure: so that each has a few tens of kilobytes."""
 
 
