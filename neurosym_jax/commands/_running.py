@@ -51,6 +51,7 @@ def run_command(
         with warnings.catch_warnings():
             warnings.showwarning = _show(warnings.showwarning)
             arguments = sys.argv[1:] if arguments is None else arguments
+            _refuse_empty(arguments)
             _load_plugins(arguments)
             found = tyro.cli(with_plugins(options), args=arguments, prog=prog)
             names = [field.name for field in dataclasses.fields(options)]  # pyright: ignore
@@ -91,6 +92,13 @@ def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
             otherwise(message, category, *where)
 
     return show
+
+
+def _refuse_empty(arguments: Sequence[str]) -> None:
+    """InputError for an empty value, which as a path would be the current folder."""
+    for name, value in zip(["the first argument", *arguments], arguments):
+        if not value or (value.startswith("--") and value.endswith("=")):
+            raise InputError(f"{value.removesuffix('=') or name}: is empty")
 
 
 def _load_plugins(arguments: Sequence[str]) -> None:

@@ -1,6 +1,7 @@
 """Say what a recording, or a folder of them, holds."""
 
 import dataclasses
+import os
 import warnings
 from pathlib import Path
 from typing import Annotated
@@ -34,7 +35,7 @@ def run(options: Options) -> int:
     Raises:
         InputError: where a single file cannot be read, or a folder has none.
     """
-    folder = options.path.is_dir()
+    folder = os.path.isdir(options.path)  # Also for a name that is too long.
     paths = files_below(options.path) if folder else [options.path]
     recordings: list[Tracks] = []
     for path in paths:

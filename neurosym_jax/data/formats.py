@@ -15,7 +15,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.suspicions import suspicions
 from neurosym_jax.data.text import Head, read_head
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.registry import Registry
 
 __all__ = ["FORMATS", "SUFFIXES", "Format", "data_files", "read_any", "register_format", "sniff"]
@@ -120,7 +120,7 @@ def read_any(
             raise InputError(f"{path}: --{shown} is of no use for {form.text}, which fixes it")
     found = []
     for tracks in form.read(path, options, frame_period):
-        how = tracks.reading or Reading(tracks.recording, str(path), rows=len(tracks.id))
+        how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))
         lines = (*how.warnings, *suspicions(tracks, how.frame_step is not None))
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)

@@ -4,6 +4,7 @@
 files come here is `download`'s business.
 """
 
+import contextlib
 import csv
 import os
 from importlib.resources import files
@@ -63,6 +64,7 @@ def find(path: Path) -> Path:
     """
     base = data_folder()
     for candidate in (path, base / path, *(base / name / path for name in COLLECTIONS)):
-        if candidate.exists():
-            return candidate
+        with contextlib.suppress(OSError):  # A name that is too long is nowhere.
+            if candidate.exists():
+                return candidate
     return path

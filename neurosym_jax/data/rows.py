@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.data.text import JsonNumber, number, read_pieces, separator_of, split_row
 from neurosym_jax.data.tracks import LATE, MAX_METRES, Reading, Tracks, common, make_tracks
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 
 __all__ = ["People", "assemble", "consecutive", "frame_step", "number_table", "refuse_unwhole"]
 
@@ -266,6 +266,8 @@ def assemble(
             f"row {numbers[first]}: time runs backward for agent {ids[first]} "
             f"({len(back)} times in all); the rows are put in order",
         )
-    tracks = make_tracks(recording or path.stem, times, ids, points)
-    how = Reading(tracks.recording, str(path), rows=len(times), warnings=warnings, **reading)
+    tracks = make_tracks(recording or printable(path.stem), times, ids, points)
+    how = Reading(
+        tracks.recording, printable(str(path)), rows=len(times), warnings=warnings, **reading
+    )
     return dataclasses.replace(tracks, reading=how)

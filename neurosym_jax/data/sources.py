@@ -14,7 +14,7 @@ from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 from neurosym_jax.simulation import scenarios as synthetic
 
 __all__ = ["EthUcy", "Files", "Source", "Split", "Synthetic", "open_source", "windows_from"]
@@ -51,7 +51,7 @@ class Source:
         Raises:
             InputError: for a name that is neither.
         """
-        known = {path.stem: path for path in self._paths()}
+        known = {printable(path.stem): path for path in self._paths()}
         paths = [Path(name) if Path(name).is_file() else known.get(name) for name in names]
         for name, path in zip(names, paths):
             if path is None:
@@ -112,7 +112,7 @@ class Files(Source):
     paths: tuple[Path, ...] = ()
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        own = [path for path in self.paths if path.stem == scene]
+        own = [path for path in self.paths if printable(path.stem) == scene]
         if split == "test":
             return self._read_file(own[0])
         others = [path for path in self.paths if path not in own]
@@ -172,10 +172,14 @@ def open_source(
     if data is None:
         return Synthetic(**how)
     data = find(data)
-    if eth_ucy.is_eth_ucy(data):
+    try:
+        folder = data.is_dir() or not data.exists()
+    except OSError as error:
+        raise InputError(f"{data}: cannot be read ({error.strerror})") from None
+    if folder and eth_ucy.is_eth_ucy(data):
         return EthUcy(folder=data, **how)
-    paths = (data,) if data.is_file() else tuple(formats.data_files(data, read))
-    names = [path.stem for path in paths]
+    paths = tuple(formats.data_files(data, read)) if folder else (data,)
+    names = [printable(path.stem) for path in paths]
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
     return Files(scenes=tuple(names), paths=paths, **how)

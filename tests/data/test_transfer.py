@@ -1,7 +1,9 @@
 """A real server on this machine that does all that servers do."""
 
+import contextlib
 import hashlib
 import threading
+import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -48,12 +50,22 @@ class Handler(BaseHTTPRequestHandler):
             body = bytes(len(body))
         if "long" in step:
             body += b"more"
+        if "headers" in step:
+            with contextlib.suppress(OSError):
+                while not self.server.over.wait(0.05):
+                    self.wfile.write(b"H")
+            return
         self.send_response(206 if resumes else 200)
         if resumes:
             self.send_header("Content-Range", f"bytes {first}-{len(BODY) - 1}/{len(BODY)}")
         if "chunked" not in step:
             self.send_header("Content-Length", str(len(body)))
         self.end_headers()
+        if "drip" in step:
+            with contextlib.suppress(OSError):
+                while not self.server.over.wait(0.05):
+                    self.wfile.write(b"x")
+            return
         if "cut" in step or "stall" in step:
             body = body[:100_000]
         self.wfile.write(body)
@@ -153,3 +165,16 @@ def test_nobody_answers(tmp_path, monkeypatch):
         transfer(url, tmp_path / "file", 1, SHA)
     with pytest.raises(InputError, match="unknown url type"):
         transfer("nowhere", tmp_path / "file", 1, SHA)
+
+
+@pytest.mark.parametrize(
+    ("step", "reason"),
+    [("drip", "less than 2000 bytes a second came"), ("headers", "not there after 1 s")],
+)
+def test_a_server_that_drips_is_given_up_at_once(server, tmp_path, step, reason):
+    server.script = (step,)
+    start = time.monotonic()
+    with pytest.raises(InputError, match=reason):
+        bring(server, tmp_path / "file")
+    assert time.monotonic() - start < 5
+    assert len(server.ranges) == 1

@@ -23,7 +23,7 @@ from neurosym_jax.data.rows import (
 )
 from neurosym_jax.data.text import Head, number, read_lines
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 
 __all__ = ["TRACKLET_COLUMNS", "read_cliff", "read_tracklets"]
 
@@ -93,7 +93,7 @@ def read_tracklets(path: Path) -> list[Tracks]:
             values[at, 0],
             ids[at],
             values[at, 1:3],
-            f"{path.stem}_{number_ + 1}",
+            f"{printable(path.stem)}_{number_ + 1}",
             row=rows[at],
         )
         for number_ in range(run + 1)
