@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.data.tracks import Tracks
@@ -77,6 +78,8 @@ def run(options: Options) -> None:
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
         f"{run.validation.scenes} scenes to validate on, {run.recipe.steps} steps"
     )
+    if text := describe_readings([*run.training.reading, *run.validation.reading]):
+        print(text)
     train_run(run, folder, resume=options.resume)
     print(f"model: {folder / 'model'}")
 

@@ -1,17 +1,18 @@
 """What is in a recording: people, duration, rate, gaps, speeds and scenes, as numbers and words."""
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from neurosym_jax.data.formats import SUFFIXES
 from neurosym_jax.data.suspicions import GAP, steps_of
-from neurosym_jax.data.tracks import Tracks, on_grid
+from neurosym_jax.data.tracks import Reading, Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["Summary", "describe", "files_below", "summarise"]
+__all__ = ["Summary", "describe", "describe_readings", "files_below", "summarise"]
 
 WINDOWS = ((8, 8), (8, 12))
 """Observed and forecast steps of the windows that are counted."""
@@ -65,6 +66,19 @@ def summarise(tracks: Tracks) -> Summary:
         extent=(float(width), float(height)),
         scenes=scenes,
     )
+
+
+def describe_readings(readings: Iterable[Reading]) -> str:
+    """What was read from files, a line each: rows, and gaps in time that windows do not cross."""
+    lines = []
+    for how in {(how.file, how.recording): how for how in readings}.values():
+        if how.file is None:
+            continue
+        parts = [f"{how.format}, {how.rows} rows"]
+        parts += [f"{how.skipped} skipped"] * (how.skipped > 0)
+        parts += [f"{how.gaps} gaps in time between {how.runs} runs"] * (how.gaps > 0)
+        lines.append(f"read {printable(how.recording)}: {', '.join(parts)}")
+    return "\n".join(lines)
 
 
 def files_below(folder: Path) -> list[Path]:

@@ -6,6 +6,7 @@ scene (see `scene`), it knows no observation length, and nothing in it is a mode
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,7 +45,7 @@ DENSE = 100
 
 @dataclasses.dataclass(frozen=True)
 class Reading:
-    """How a recording came to be: for people and, by `dataclasses.asdict`, for JSON."""
+    """How a recording came to be."""
 
     recording: str
     file: str | None = None
@@ -63,6 +64,10 @@ class Reading:
     """Gaps in time between the runs."""
     warnings: tuple[str, ...] = ()
     """What looks wrong, a line each."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields by name."""
+        return {**dataclasses.asdict(self), "warnings": list(self.warnings)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

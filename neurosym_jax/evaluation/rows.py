@@ -154,6 +154,7 @@ def _evaluate_test(
             "seed": settings.seed,
             "scenes": windows.scenes,
             "agents": result.agents,
+            "recordings": [how.to_json() for how in windows.reading],
             "joint": {"ade": metrics.get("joint_ade"), "fde": metrics.get("joint_fde")},
             "marginal": {"ade": metrics.get("marginal_ade"), "fde": metrics.get("marginal_fde")},
             "collision_rate": metrics.get("collision_rate"),

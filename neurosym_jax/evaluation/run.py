@@ -9,8 +9,10 @@ from typing import Annotated, Any
 import tyro
 
 from neurosym_jax.checks import refuse_below, refuse_seed
+from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.tracks import Reading
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.cases import make_cases
 from neurosym_jax.evaluation.metrics import metric_names
@@ -109,6 +111,9 @@ def run_evaluation(options: EvaluateOptions) -> list[Row]:
         return rows
     write_json(options.json, {"format": FORMAT, "rows": rows})
     print(format_table(rows))
+    readings = (Reading(**how) for row in rows for how in row["recordings"])
+    if text := describe_readings(readings):
+        print(f"\n{text}")
     if not any(case.models for case in cases):
         print("\nNo checkpoint was given and none that ships fits: these are the baselines.")
     spent = {name: sum(row["seconds"][name] for row in rows) for name in rows[0]["seconds"]}

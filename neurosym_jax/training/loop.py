@@ -153,7 +153,16 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
     write_curves(folder, log.rows())
     windows = {"training": run.training, "validation": run.validation}
     counts = {name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()}
-    facts = {**record, "data_name": run.data_name, "counts": counts}
+    recordings = {
+        name: [how.to_json() for how in part.reading]
+        for name, part in (("training", run.training), ("validation", run.validation))
+    }
+    facts = {
+        **record,
+        "data_name": run.data_name,
+        "counts": counts,
+        "recordings": recordings,
+    }
     write_model(folder, model, facts, validations)
     return model
 
