@@ -11,10 +11,11 @@ from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.suspicions import suspicions
 from neurosym_jax.data.text import Head, read_head
-from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
+from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.registry import Registry
 

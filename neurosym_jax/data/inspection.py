@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.data.formats import SUFFIXES
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.suspicions import GAP, steps_of
-from neurosym_jax.data.tracks import Reading, Tracks, on_grid
+from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, printable
 

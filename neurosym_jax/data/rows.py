@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.text import JsonNumber, number, read_pieces, separator_of, split_row
-from neurosym_jax.data.tracks import LATE, MAX_METRES, Reading, Tracks, common, make_tracks
+from neurosym_jax.data.tracks import LATE, MAX_METRES, Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, printable
 
 __all__ = ["People", "assemble", "consecutive", "frame_step", "number_table", "refuse_unwhole"]

@@ -6,11 +6,11 @@ scene (see `scene`), it knows no observation length, and nothing in it is a mode
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.errors import InputError
 
 __all__ = [
@@ -18,7 +18,6 @@ __all__ = [
     "MAX_METRES",
     "PERIOD",
     "SNAP",
-    "Reading",
     "Tracks",
     "common",
     "make_tracks",
@@ -41,33 +40,6 @@ accumulated, or counted from 1970 meet the grid in spite of rounding. At a run t
 
 DENSE = 100
 """Points on a grid for each point of a recording; more is no resampling, but a mistyped period."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Reading:
-    """How a recording came to be."""
-
-    recording: str
-    file: str | None = None
-    """Where it was read from; None for what no file holds."""
-    format: str | None = None
-    """Name of the file's format, see `data.formats`."""
-    rows: int = 0
-    """Rows, or points, that were read."""
-    skipped: int = 0
-    """Rows that were left out, because they are no observation of a person."""
-    frame_step: float | None = None
-    """Frame numbers that were taken for one step, because nobody said how many a second has."""
-    runs: int = 1
-    """Parts between gaps in time, which windows do not cross; once they are cut."""
-    gaps: int = 0
-    """Gaps in time between the runs."""
-    warnings: tuple[str, ...] = ()
-    """What looks wrong, a line each."""
-
-    def to_json(self) -> dict[str, Any]:
-        """The fields by name."""
-        return {**dataclasses.asdict(self), "warnings": list(self.warnings)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

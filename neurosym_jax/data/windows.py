@@ -12,7 +12,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common
+from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.tracks import PERIOD, SNAP, Tracks, common
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.scene import scene_identity

@@ -10,9 +10,9 @@ import tyro
 
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.data.inspection import describe_readings
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
-from neurosym_jax.data.tracks import Reading
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.cases import make_cases
 from neurosym_jax.evaluation.metrics import metric_names

@@ -29,6 +29,7 @@ SCHEMA = {
     "seed": int,
     "scenes": int,
     "agents": int,
+    "recordings": list,
     "joint": {"ade": float, "fde": float},
     "marginal": {"ade": float, "fde": float},
     "collision_rate": float | None,
