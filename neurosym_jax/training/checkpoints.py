@@ -4,7 +4,6 @@ import contextlib
 import hashlib
 import json
 import math
-import os
 import shutil
 import sys
 from pathlib import Path
@@ -15,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from neurosym_jax.config import FORMAT
-from neurosym_jax.errors import TrainingError
+from neurosym_jax.errors import InputError, TrainingError
+from neurosym_jax.runtime.files import new_folder
 from neurosym_jax.training.arrays import digest, read_arrays, write_arrays
 
 __all__ = ["TrainingCheckpoints"]
@@ -27,16 +27,15 @@ class TrainingCheckpoints:
     """The steps of one training run under `folder`: the two newest and the best are kept.
 
     Each step is a folder `step_00000120` of `state/` (Orbax) and `step.json` (the caller's record,
-    the metric, and digests). It is made in a scratch folder, flushed to the disk and renamed into
-    place, so that a step is there whole or not at all, whatever kills the process. Orbax's own
-    `training.Checkpointer` is not used: it saves behind one's back, forgets the best after a NaN
-    metric, restores some flipped bits silently and calls a truncated file a wrong handler.
+    the metric, and digests), which is there whole or not at all, whatever kills the process.
+    Orbax's own `training.Checkpointer` is not used: it saves behind one's back, forgets the best
+    after a NaN metric, restores some flipped bits silently and calls a truncated file a wrong
+    handler.
     `save` is durable when it returns. One process at a time writes to a folder.
     """
 
     def __init__(self, folder: Path):
         self._folder = Path(folder)
-        self._scratch = self._folder / ".scratch"
 
     def save(self, step: int, state: Any, record: dict[str, Any], metric: float) -> None:
         """Save one step, then remove what is neither among the two newest nor the best.
@@ -56,26 +55,22 @@ class TrainingCheckpoints:
         try:
             self._write(step, leaves, content)
         except Exception as error:  # Orbax and its storage raise many kinds for a full disk
-            raise TrainingError(
-                f"{self._path(step)}: cannot be written ({_reason(error)}); what was saved before "
-                "is kept"
-            ) from error
+            reason = f"{self._path(step)}: cannot be written ({_reason(error)})"
+            if isinstance(error, InputError):
+                reason = str(error)
+            raise TrainingError(f"{reason}; what was saved before is kept") from error
 
     def _write(self, step: int, leaves: dict[str, np.ndarray], content: dict[str, Any]) -> None:
-        new = self._scratch / "new"
-        self._clear_scratch()
-        new.mkdir(parents=True)
+        self._clear()
         # By number: a leaf's path may hold what Orbax or the file system reads otherwise.
         arrays = {f"{i:06d}": leaf for i, leaf in enumerate(leaves.values()) if leaf.size}
-        write_arrays(new / "state", arrays)
-        files = sorted(path for path in new.rglob("*") if path.is_file())
-        content["files"] = {path.relative_to(new).as_posix(): _file_digest(path) for path in files}
-        text = json.dumps({"sha256": _json_digest(content), "content": content})
-        (new / STEP).write_text(text + "\n")
-        for path in (*new.rglob("*"), new):
-            _flush(path)
-        new.rename(self._path(step))
-        _flush(self._folder)
+        with new_folder(self._path(step)) as new:
+            write_arrays(new / "state", arrays)
+            files = sorted(path for path in new.rglob("*") if path.is_file())
+            digests = {path.relative_to(new).as_posix(): _file_digest(path) for path in files}
+            content["files"] = digests
+            text = json.dumps({"sha256": _json_digest(content), "content": content})
+            (new / STEP).write_text(text + "\n")
         self._prune()
 
     def restore(self, template: Any) -> tuple[int, Any, dict[str, Any]] | None:
@@ -193,12 +188,14 @@ class TrainingCheckpoints:
         best = min(metrics, key=lambda step: (metrics[step], -step))
         for step in metrics.keys() - {*sorted(metrics)[-2:], best}:
             # Moved first, so that a kill leaves no half of a step under its name.
-            self._path(step).rename(self._scratch / str(step))
-        self._clear_scratch()
+            path = self._path(step)
+            path.rename(path.with_name(f".{path.name}"))
+        self._clear()
 
-    def _clear_scratch(self) -> None:
-        if self._scratch.exists():
-            shutil.rmtree(self._scratch)
+    def _clear(self) -> None:
+        """Remove what a kill left of steps that were being written or removed."""
+        for path in self._folder.glob(".step_*"):
+            shutil.rmtree(path)
 
     def _set_aside(self, step: int, error: Exception) -> None:
         path = self._path(step)
@@ -244,12 +241,3 @@ def _json_digest(content: Any) -> str:
 
 def _file_digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _flush(path: Path) -> None:
-    """Bring a file or a folder's entries to the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
