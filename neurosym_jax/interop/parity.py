@@ -10,28 +10,19 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.report import write_json
 from neurosym_jax.interop.parity_networks import Arrays, Compared, sgan
 from neurosym_jax.interop.parity_symbols import neurosym, qtc
 from neurosym_jax.interop.parity_training import train_step
 
-__all__ = [
-    "CASES",
-    "ParityOptions",
-    "ParityRow",
-    "format_parity",
-    "parity",
-    "parity_json",
-    "run_parity",
-]
+__all__ = ["CASES", "TOLERANCE", "ParityRow", "format_parity", "parity_json", "run_parity"]
 
 TOLERANCE = 1e-5
+"""Largest absolute difference that passes, in the output's own unit."""
 
 CASES: dict[str, Callable[[Mapping[str, Any], Arrays], Compared]] = {
     "sgan": sgan,
@@ -59,34 +50,6 @@ class ParityRow:
     ok: bool | None = None
     skipped: str | None = None
     """Why nothing was compared."""
-
-
-@dataclasses.dataclass(frozen=True)
-class ParityOptions:
-    """Compare our networks with a directory of torch cases, output by output."""
-
-    directory: Annotated[Path, tyro.conf.Positional]
-    """Holds manifest.json and one .npz for each of its rows."""
-    json: Path | None = None
-    """Also write the rows here, as JSON."""
-    tolerance: float = TOLERANCE
-    """Largest absolute difference that passes."""
-
-
-def parity(options: ParityOptions) -> int:
-    """Print the table and return the exit status: 0 where every output compared is within.
-
-    It is 1 for a miss, and where nothing was compared: that proves nothing.
-
-    Raises:
-        InputError: as `run_parity`, or when the JSON file cannot be written or is not ours.
-    """
-    rows = run_parity(options.directory, options.tolerance)
-    print(format_parity(rows))
-    if options.json is not None:
-        write_json(options.json, parity_json(rows))
-    compared = [row.ok for row in rows if row.skipped is None]
-    return 0 if compared and all(compared) else 1
 
 
 def run_parity(directory: Path, tolerance: float = TOLERANCE) -> list[ParityRow]:

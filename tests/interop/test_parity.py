@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 import tyro
 
+from neurosym_jax.commands.parity import Options, run
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import discriminator_params_to_torch, generator_params_to_torch
 from neurosym_jax.interop.parity import (
-    ParityOptions,
     ParityRow,
     format_parity,
-    parity,
     parity_json,
     run_parity,
 )
@@ -144,7 +143,7 @@ def test_golden_cases_of_torch(shared, tmp_path):
 def test_equal_networks_pass(tmp_path, case, capsys):
     write(tmp_path, case)
     assert (case["d_scores_fake"] > 0).all()
-    assert parity(ParityOptions(tmp_path)) == 0
+    assert run(Options(tmp_path)) == 0
     assert "3 of 3 outputs within 1e-05; 0 cases skipped" in capsys.readouterr().out
 
 
@@ -185,7 +184,7 @@ def test_a_difference_is_a_miss(tmp_path, case, name, missed, capsys):
     # Torch's displacements are also what the discriminator is given.
     known = missed | {"d_scores_fake"} if name == "pred_rel" else missed
     assert missed <= {row.output for row in rows if not row.ok} <= known
-    assert parity(ParityOptions(tmp_path)) == 1
+    assert run(Options(tmp_path)) == 1
     assert "MISS" in capsys.readouterr().out
 
 
@@ -217,30 +216,31 @@ def test_unknown_kinds_are_skipped_and_prove_nothing(tmp_path, case, capsys):
         "this version compares no 'qtcx' cases",
         "this version compares no 'other' cases",
     ]
-    assert parity(ParityOptions(tmp_path)) == 0
+    assert run(Options(tmp_path)) == 0
     assert "2 cases skipped" in capsys.readouterr().out
     (tmp_path / "manifest.json").write_text(json.dumps(others))
-    assert parity(ParityOptions(tmp_path)) == 1
+    assert run(Options(tmp_path)) == 1
     assert "nothing was compared" in capsys.readouterr().out
 
 
 def test_json_report(tmp_path, case):
     options = tyro.cli(
-        ParityOptions,
+        Options,
         args=[str(write(tmp_path, case)), "--json", str(tmp_path / "out.json")],
     )
     for _ in range(2):  # The second run replaces the report of the first.
-        assert parity(options) == 0
+        assert run(options) == 0
     report = json.loads((tmp_path / "out.json").read_text())
     assert (report["format"], report["tolerance"], len(report["rows"])) == (1, 1e-5, 3)
     assert report["rows"][0]["output"] == "pred_rel"
     assert report["rows"][0]["shape"] == [7, PRED, 2]
     (tmp_path / "out.json").write_text("my notes")
     with pytest.raises(InputError, match=r"out\.json"):
-        parity(options)
+        run(options)
     assert (tmp_path / "out.json").read_text() == "my notes"
 
 
+@pytest.mark.filterwarnings("ignore:overflow")
 def test_what_is_not_finite_is_a_miss_and_null(tmp_path, case):
     broken = {**case, "g_state/decoder.hidden2pos.bias": np.full(2, 3e38, np.float32)}
     with jax.debug_nans(False):
