@@ -5,7 +5,8 @@ Two states are neighbours under the `dominance` rule of the theory (Van de Weghe
 0 and another value only (continuity), and those that change all arrive at 0 or all leave it: a
 value other than 0 holds over an interval, 0 may hold at an instant, so a symbol cannot leave 0 at
 the very instant at which another one arrives there. The `continuity` rule, which NeuroSyM's
-released table uses, drops the second condition: 1160 edges of QTC_C1 instead of 544.
+released table uses, drops the second condition: 1160 edges of QTC_C1 instead of 544. A state of
+QTC_BC of a pair apart and one of a pair near are compared by the symbols that both have.
 
 Tables are numpy arrays, made once, read-only, whose rows are those of `states(calculus)`; for `b1`,
 `b2` and `c1` the row is the state's code (`states.encode_state`). These are diagrams of the theory,
@@ -13,8 +14,6 @@ not frequencies of transitions seen in data.
 """
 
 import functools
-import itertools
-from collections.abc import Callable
 from typing import Any, Literal, get_args
 
 import jax.numpy as jnp
@@ -23,54 +22,46 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.calculi import CALCULI, Calculus, all_states, state_index
+from neurosym_jax.symbolic.states import ABSENT, between, insert, within
 
-__all__ = [
-    "Calculus",
-    "Rule",
-    "adjacency",
-    "alpha_table",
-    "is_transition",
-    "states",
-]
+__all__ = ["Rule", "adjacency", "alpha_table", "is_transition", "states", "validate_in"]
 
-Calculus = Literal["b1", "b2", "b12_1d", "c1", "c2", "c2_angle"]
 Rule = Literal["dominance", "continuity"]
 
 
-@functools.cache
-def states(calculus: Calculus = "c1") -> np.ndarray:
+def states(calculus: str = "c1") -> np.ndarray:
     """All states of a calculus that moving points can be in, in order of their codes.
 
-    - `b1` [9, 2]: q1, q2. `c1` [81, 4]: q1 to q4.
-    - `b2` [27, 3]: q1, q2 and the relative speed (- when k is the slower). `b12_1d` [17, 3]: the
-      same on a line, where an agent that neither approaches nor leaves stands still.
-    - `c2` [209, 5]: q1 to q4 and the relative speed; an agent without a movement of any kind stands
-      still, which fixes the speed symbol. `c2_angle` [305, 6]: also the relative angle between
-      velocity and the undirected reference line (- when k's is the smaller), 0 if someone stands.
+    There are 9 of `b1`, 27 of `b2` (17 on a line, `b12_1d`), 81 of `c1`, 209 of `c2` (305 with
+    angles, `c2_angle`), 90 of `bc1` and 236 of `bc2`.
 
     Returns:
-        [S, m] int8 in {-1, 0, 1}, read-only.
+        [S, m] int8 in {-1, 0, 1} or `ABSENT`, read-only.
 
     Raises:
         InputError: for an unknown calculus.
     """
-    if calculus not in _CALCULI:
-        raise InputError(f"unknown calculus {calculus!r}: there are {', '.join(_CALCULI)}")
-    symbols, possible = _CALCULI[calculus]
-    every = np.array(list(itertools.product((-1, 0, 1), repeat=symbols)), np.int8)
-    return _frozen(every[possible(every)])
+    return all_states(CALCULI[calculus])
+
+
+def adjacency(calculus: str = "c1", rule: Rule = "dominance") -> np.ndarray:
+    """[S, S] bool, symmetric, read-only: which states are neighbours; none is its own.
+
+    Raises:
+        InputError: for an unknown calculus or rule.
+    """
+    return _adjacency(CALCULI[calculus], rule)
 
 
 @functools.cache
-def adjacency(calculus: Calculus = "c1", rule: Rule = "dominance") -> np.ndarray:
-    """[S, S] bool, symmetric, read-only: which states are neighbours; none is its own."""
-    rows = states(calculus)
+def _adjacency(calculus: Calculus, rule: Rule) -> np.ndarray:
+    rows = all_states(calculus)
     return _frozen(_neighbours(rows[:, None], rows[None], rule))
 
 
-@functools.cache
 def alpha_table(
-    calculus: Calculus = "c1", rule: Rule = "dominance", include_self: bool = False
+    calculus: str = "c1", rule: Rule = "dominance", include_self: bool = False
 ) -> np.ndarray:
     """[S] float64, read-only: 1 / N_Tr of every state, N_Tr its number of neighbours.
 
@@ -78,8 +69,16 @@ def alpha_table(
     more transitions a state has, the less it says. QTC_C1 states with 0, 1, 2, 3 or 4 zeros weigh
     1/15, 1/9, 1/11, 1/27, 1/80. The authors' table is `rule="continuity"` with `include_self=True`,
     staying in the state counted as a transition: 1 / (2^nonzero 3^zero).
+
+    Raises:
+        InputError: for an unknown calculus or rule.
     """
-    return _frozen(1 / (adjacency(calculus, rule).sum(axis=1) + include_self))
+    return _alpha_table(CALCULI[calculus], rule, include_self)
+
+
+@functools.cache
+def _alpha_table(calculus: Calculus, rule: Rule, include_self: bool) -> np.ndarray:
+    return _frozen(1 / (_adjacency(calculus, rule).sum(axis=1) + include_self))
 
 
 def is_transition(a: ArrayLike, b: ArrayLike, rule: Rule = "dominance") -> Array:
@@ -91,12 +90,75 @@ def is_transition(a: ArrayLike, b: ArrayLike, rule: Rule = "dominance") -> Array
     return _neighbours(jnp.asarray(a), jnp.asarray(b), rule)
 
 
+def validate_in(
+    calculus: str, chain: ArrayLike, length: ArrayLike | None = None
+) -> tuple[Array, Array]:
+    """A chain made continuous: wherever it jumps, the states of a way along the diagram are put in.
+
+    The way is one on which symbols change least, and of those one of fewest states; where
+    `states.validate` gives such a way, it is that. QTC_B and QTC_C1 are always so: at most one
+    state is put in. In QTC_C2 not every combination of symbols is a state, and it can take more.
+
+    Args:
+        calculus: its name.
+        chain: [T, m] int8, T >= 1, of states of the calculus.
+        length: [] rows of `chain` that count; None for all T.
+
+    Returns:
+        The chain [T + (T-1) D, m] with room for the D states that can be missing between two, and
+        its length [] int32.
+
+    Raises:
+        InputError: for an unknown calculus.
+    """
+    chain = jnp.asarray(chain)
+    rows = state_index(calculus, chain)
+    ways = jnp.asarray(_ways(CALCULI[calculus]))[rows[:-1], rows[1:]]
+    every = jnp.asarray(states(calculus))
+    return insert(chain, within(chain, length), every[ways], ways >= 0)
+
+
+@functools.cache
+def _ways(calculus: Calculus) -> np.ndarray:
+    """[S, S, D] int16 rows of the states that `validate_in` puts between two, then -1."""
+    from scipy.sparse.csgraph import shortest_path
+
+    rows, edges = all_states(calculus).astype(int), _adjacency(calculus, "dominance")
+    count = np.arange(len(rows))
+    a, b = rows[:, None], rows[None]
+    # Nobody parts and meets again on the way: that is dearer than any change of symbols.
+    across = (a == ABSENT) != (b == ABSENT)
+    change = np.where(across, 2 * a.shape[-1], abs(a - b)).sum(axis=-1)
+    # Exact in binary: as much as each state costs, no number of them outweighs a change.
+    cost = np.where(edges, change + 1 / 64, 0)
+    total, before = shortest_path(cost, directed=False, return_predecessors=True)
+    usual = _row_of(calculus, between(a, b, np))
+    fits = edges[count[:, None], usual] & edges[usual, count] & (usual >= 0)
+    fits &= cost[count[:, None], usual] + cost[usual, count] == total
+    # The next state on the way from the one of the row to that of the column.
+    following = np.where(fits, usual, before.T)
+    np.fill_diagonal(following, count)
+    ways, at = [], following
+    while (at != count).any():
+        ways.append(np.where(at == count, -1, at))
+        at = following[at, count]
+    return _frozen(np.stack(ways or [np.full(at.shape, -1)], axis=-1).astype(np.int16))
+
+
+def _row_of(calculus: Calculus, found: np.ndarray) -> np.ndarray:
+    known = {tuple(state): row for row, state in enumerate(all_states(calculus))}
+    rows = [known.get(tuple(state), -1) for state in found.reshape(-1, found.shape[-1])]
+    return np.array(rows).reshape(found.shape[:-1])
+
+
 def _neighbours(a: Any, b: Any, rule: str) -> Any:
     """`is_transition` for arrays of numpy and of jax alike."""
     if rule not in get_args(Rule):
         raise InputError(f"unknown rule {rule!r}: there are {', '.join(get_args(Rule))}")
-    same = a == b
-    allowed = ~same.all(axis=-1) & (a * b != -1).all(axis=-1)
+    differ = ~(a == b).all(axis=-1)
+    # A symbol that only one of them has is not compared.
+    same = (a == b) | (a == ABSENT) | (b == ABSENT)
+    allowed = differ & (same | (a * b == 0)).all(axis=-1)
     if rule == "continuity":
         return allowed
     arriving, leaving = (same | (b == 0)).all(axis=-1), (same | (a == 0)).all(axis=-1)
@@ -106,45 +168,3 @@ def _neighbours(a: Any, b: Any, rule: str) -> Any:
 def _frozen(table: np.ndarray) -> np.ndarray:
     table.flags.writeable = False
     return table
-
-
-def _all(every: np.ndarray) -> np.ndarray:
-    return np.ones(len(every), bool)
-
-
-def _on_a_line(every: np.ndarray) -> np.ndarray:
-    k, l, speed = every.T  # noqa: E741
-    return _speed_fits(k == 0, l == 0, speed)
-
-
-def _speed_possible(every: np.ndarray) -> np.ndarray:
-    return _speed_fits(*_standing(every), every[:, 4])
-
-
-def _angle_possible(every: np.ndarray) -> np.ndarray:
-    """An angle to the line is 0 without sideways movement, a right one without approach."""
-    rank_k, rank_l = ((every[:, i] == 0) * 1 - (every[:, i + 2] == 0) for i in (0, 1))
-    forced = np.where(np.logical_or(*_standing(every)), 0, np.sign(rank_k - rank_l))
-    free = ~np.logical_or(*_standing(every)) & (rank_k == 0) & (rank_l == 0)
-    return _speed_possible(every) & (free | (every[:, 5] == forced))
-
-
-def _standing(every: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    k, l = ((every[:, [i, i + 2]] == 0).all(axis=1) for i in (0, 1))  # noqa: E741
-    return k, l
-
-
-def _speed_fits(k_stands: np.ndarray, l_stands: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Who stands is the slower of the two unless both do; if nobody does, any speed will do."""
-    forced = l_stands * 1 - k_stands * 1
-    return (~k_stands & ~l_stands) | (speed == forced)
-
-
-_CALCULI: dict[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
-    "b1": (2, _all),
-    "b2": (3, _all),
-    "b12_1d": (3, _on_a_line),
-    "c1": (4, _all),
-    "c2": (5, _speed_possible),
-    "c2_angle": (6, _angle_possible),
-}

@@ -21,8 +21,8 @@ qualitative calculus to analyse moving point objects" (2011). Three conventions 
 
 Both agents are taken at t-1, so T frames give T-1 states. The functions are pure, take any leading
 axes, and work under `jit` and `vmap`; symbols are piecewise constant, so nothing can be learnt
-through them (see `soft`). This is not the algebra of the states (see `states`) nor their
-neighbourhoods (`cnd`).
+through them (see `soft`). This is neither the rest of the family (see `calculi`), nor the algebra
+of the states (`states`), nor their neighbourhoods (`cnd`).
 """
 
 from typing import Literal, get_args
@@ -32,15 +32,16 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.states import ABSENT
 
 __all__ = [
     "Convention",
     "both_ways",
+    "compare",
+    "frames",
+    "length",
     "pair_mask",
     "pairwise_qtc_c1",
     "qtc_b1",
-    "qtc_bc1",
     "qtc_c1",
     "side_factor",
 ]
@@ -108,44 +109,6 @@ def qtc_c1(
     )
 
 
-def qtc_bc1(
-    k: ArrayLike,
-    l: ArrayLike,  # noqa: E741
-    *,
-    distance_threshold: ArrayLike,
-    quantisation_factor: ArrayLike = 0.0,
-    convention: Convention = "distance",
-    side_quantisation_factor: ArrayLike | None = None,
-) -> Array:
-    """QTC_BC1 states: QTC_C1 for a pair close together, QTC_B1 for one further apart.
-
-    Bellotto, Hanheide, Van de Weghe, "Qualitative design and implementation of human-robot
-    spatial interactions" (2013).
-
-    Args:
-        k: as for `qtc_c1`.
-        l: as for `qtc_c1`.
-        distance_threshold: metres between k and l at the later frame of a state beyond which q3
-            and q4 are `ABSENT`.
-        quantisation_factor: as for `qtc_c1`.
-        convention: as for `qtc_c1`.
-        side_quantisation_factor: as for `qtc_c1`.
-
-    Returns:
-        [..., T-1, 4] int8 in {-1, 0, 1}, or `ABSENT` in q3 and q4.
-    """
-    states = qtc_c1(
-        k,
-        l,
-        quantisation_factor=quantisation_factor,
-        convention=convention,
-        side_quantisation_factor=side_quantisation_factor,
-    )
-    apart = jnp.asarray(k)[..., 1:, :] - jnp.asarray(l)[..., 1:, :]
-    far = (_length(apart[..., 0], apart[..., 1]) > distance_threshold)[..., None]
-    return jnp.concatenate([states[..., :2], jnp.where(far, ABSENT, states[..., 2:])], axis=-1)
-
-
 def pairwise_qtc_c1(
     positions: ArrayLike,
     valid: ArrayLike | None = None,
@@ -207,12 +170,12 @@ def side_factor(
 
 def both_ways(k: ArrayLike, l: ArrayLike):  # noqa: E741
     """(mover before, mover after, other before) for k moving, then for l; x and y apart."""
-    k0, k1 = _frames(k)
-    l0, l1 = _frames(l)
+    k0, k1 = frames(k)
+    l0, l1 = frames(l)
     return (k0, k1, l0), (l0, l1, k0)
 
 
-def _frames(positions: ArrayLike):
+def frames(positions: ArrayLike):
     """The earlier and the later frame of every step, each as (x, y) of [..., T-1]."""
     positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
     x, y = positions[..., 0], positions[..., 1]
@@ -224,25 +187,25 @@ def _approach(before, after, other, factor: ArrayLike, convention: str) -> Array
     (x0, y0), (x1, y1), (x, y) = before, after, other
     if convention == "line":
         line_x, line_y = x - x0, y - y0
-        threshold = factor * _length(line_x, line_y)
-        return _compare(-(x1 - x0) * line_x, (y1 - y0) * line_y, threshold)
+        threshold = factor * length(line_x, line_y)
+        return compare(-(x1 - x0) * line_x, (y1 - y0) * line_y, threshold)
     if convention not in get_args(Convention):
         raise InputError(
             f"unknown QTC convention {convention!r}: there are {', '.join(get_args(Convention))}"
         )
-    return _compare(_length(x1 - x, y1 - y), _length(x0 - x, y0 - y), factor)
+    return compare(length(x1 - x, y1 - y), length(x0 - x, y0 - y), factor)
 
 
 def _side(before, after, other, factor: ArrayLike, convention: str) -> Array:
     """q3 if `before` and `after` are k's positions and `other` is l's, as int8."""
     (x0, y0), (x1, y1), (x, y) = before, after, other
     line_x, line_y = x - x0, y - y0
-    threshold = factor * _length(line_x, line_y)
-    side = _compare((x1 - x0) * line_y, (y1 - y0) * line_x, threshold)
+    threshold = factor * length(line_x, line_y)
+    side = compare((x1 - x0) * line_y, (y1 - y0) * line_x, threshold)
     return abs(side) if convention == "as_published" else side
 
 
-def _compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
+def compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
     """Sign of a - b where it exceeds the threshold, else 0, as int8.
 
     Sums are compared instead of a difference because compilers fuse `p*q - r*s` into a multiply-add
@@ -252,5 +215,6 @@ def _compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
     return (a > b + threshold).astype(jnp.int8) - (b > a + threshold).astype(jnp.int8)
 
 
-def _length(x: Array, y: Array) -> Array:
+def length(x: Array, y: Array) -> Array:
+    """[...] length of (x, y)."""
     return jnp.sqrt(x * x + y * y)

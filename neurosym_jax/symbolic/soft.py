@@ -1,4 +1,4 @@
-"""Differentiable QTC_C1: how probable each symbol is, and what alpha is to be expected then.
+"""Differentiable QTC: how probable each symbol and state is, and what alpha is to be expected then.
 
 A hard symbol (`qtc`) compares a margin d, metres that a step leads away from the other agent or to
 the right of the line to it, with a threshold q. A soft one blurs the comparison by a logistic error
@@ -13,20 +13,24 @@ so that nothing jumps where two agents meet. Norms have gradient 0 where they ar
 gradients are finite everywhere, and outside of that distance each symbol is the hard one wherever
 its margin lies ten temperatures from the threshold (probability > 0.9999).
 
-The four symbols are taken as independent. This is not the hard calculus, nor which weighting a
-model has (see `weighting`).
+The relative speed q5 has the difference of the steps' lengths as its margin; q6 and QTC_BC, which
+compare angles and distances, have no soft form. Symbols are taken as independent. This is neither
+the hard calculus, nor which weighting a model has (see `weighting`).
 """
 
 from typing import Literal
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.calculi import CALCULI, all_states
 from neurosym_jax.symbolic.qtc import Convention, both_ways, qtc_c1, side_factor
 
-__all__ = ["soft_alpha", "soft_qtc_c1"]
+__all__ = ["soft_alpha", "soft_qtc_c1", "soft_symbols", "state_probabilities"]
 
 
 def soft_qtc_c1(
@@ -78,6 +82,71 @@ def soft_qtc_c1(
         side_quantisation_factor=side_quantisation_factor,
     )
     return jax.nn.one_hot(states + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
+
+
+def soft_symbols(
+    calculus: str,
+    k: ArrayLike,
+    l: ArrayLike,  # noqa: E741
+    *,
+    temperature: ArrayLike,
+    quantisation_factor: ArrayLike = 0.0,
+    convention: Convention = "distance",
+    side_quantisation_factor: ArrayLike | None = None,
+) -> Array:
+    """Probabilities of the symbols of a calculus; arguments as of `soft_qtc_c1`.
+
+    Returns:
+        [..., T-1, m, 3] probabilities of (-, 0, +) for each symbol.
+
+    Raises:
+        InputError: for an unknown calculus, or one that has other symbols than q1 to q5.
+    """
+    value, known = CALCULI[calculus], ("q1", "q2", "q3", "q4", "q5")
+    if value.optional or not set(value.symbols) <= set(known):
+        raise InputError(f"the calculus {calculus!r} has no soft form: {', '.join(value.symbols)}")
+    positions = soft_qtc_c1(
+        k,
+        l,
+        temperature=temperature,
+        quantisation_factor=quantisation_factor,
+        convention=convention,
+        side_quantisation_factor=side_quantisation_factor,
+    )
+    speeds = [_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in both_ways(k, l)]
+    speed = _probabilities(speeds[0] - speeds[1], quantisation_factor, temperature)
+    every = jnp.concatenate([positions, speed[..., None, :]], axis=-2)
+    return every[..., jnp.array([known.index(name) for name in value.symbols]), :]
+
+
+def state_probabilities(calculus: str, probabilities: ArrayLike) -> Array:
+    """How probable each state is if the symbols are independent, but for those that others force.
+
+    Of a state in which k stands, say, q5 is given by q1 to q4, as in the hard calculus.
+
+    Args:
+        calculus: its name.
+        probabilities: [..., m, 3] of (-, 0, +) for each symbol, see `soft_symbols`.
+
+    Returns:
+        [..., S] in the order of `cnd.states(calculus)`, adding up to 1.
+
+    Raises:
+        InputError: for an unknown calculus, or one whose symbols can be absent.
+    """
+    value, probabilities = CALCULI[calculus], jnp.asarray(probabilities)
+    if value.optional:
+        raise InputError(f"the calculus {calculus!r} has no soft form: symbols can be absent")
+    states = all_states(value).astype(int)
+    joint = jnp.ones((), probabilities.dtype)
+    alike = np.ones((len(states), len(states)), bool)
+    for symbol, of_states in enumerate(states.T):
+        equal = of_states[:, None] == of_states
+        # Where no state with the same symbols before has another one here, it is forced.
+        forced = ~(alike & ~equal).any(axis=1)
+        joint = joint * jnp.where(forced, 1, probabilities[..., symbol, of_states + 1])
+        alike &= equal
+    return joint
 
 
 def soft_alpha(

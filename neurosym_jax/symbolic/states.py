@@ -8,6 +8,8 @@ Chains are of fixed size with a length beside them, because compiled programs ha
 rows beyond the length are 0 and mean nothing.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -17,13 +19,16 @@ from neurosym_jax.errors import InputError
 
 __all__ = [
     "ABSENT",
+    "between",
     "collapse",
     "converse",
     "decode_state",
     "encode_state",
     "format_state",
+    "insert",
     "parse_state",
     "validate",
+    "within",
 ]
 
 ABSENT = np.int8(2)
@@ -93,7 +98,7 @@ def collapse(states: ArrayLike, length: ArrayLike | None = None) -> tuple[Array,
         The chain [T, m] and its length [] int32.
     """
     states = jnp.asarray(states)
-    counts = _within(states, length)
+    counts = within(states, length)
     changed = jnp.any(states[1:] != states[:-1], axis=1)
     keep = counts & jnp.concatenate([jnp.ones_like(counts[:1]), changed])
     at = jnp.cumsum(keep) - 1
@@ -116,24 +121,50 @@ def validate(states: ArrayLike, length: ArrayLike | None = None) -> tuple[Array,
         The chain [2T - 1, m] and its length [] int32.
     """
     states = jnp.asarray(states)
-    counts = _within(states, length)
-    before, after = states[:-1], states[1:]
+    middle = between(states[:-1], states[1:])
+    missing = jnp.any(middle != states[1:], axis=1)
+    return insert(states, within(states, length), middle[:, None], missing[:, None])
+
+
+def between(before: Any, after: Any, library: Any = jnp) -> Any:
+    """[..., m] what `validate` puts between states [..., m]; `after` where nothing is missing.
+
+    `library` is `numpy` for arrays of numpy.
+    """
+    where = library.where
     both = (before != ABSENT) & (after != ABSENT)
-    p, c = jnp.where(both, before, 0), jnp.where(both, after, 0)
-    between = jnp.where(p * c == -1, 0, c)
-    leaving = jnp.any((p != 0) & (between == 0), axis=1, keepdims=True)
-    between = jnp.where(leaving & (p == 0), 0, between)
-    insert = counts[1:] & jnp.any(between != c, axis=1)
-    at = jnp.cumsum(jnp.concatenate([jnp.zeros(1, int), 1 + insert]))
+    p, c = where(both, before, 0), where(both, after, 0)
+    middle = where(p * c == -1, 0, c)
+    leaving = ((p != 0) & (middle == 0)).any(axis=-1, keepdims=True)
+    middle = where(leaving & (p == 0), 0, middle)
+    return where(both, middle, after)
+
+
+def insert(states: Array, counts: Array, middle: Array, missing: Array) -> tuple[Array, Array]:
+    """A chain with states put in.
+
+    Args:
+        states: [T, m].
+        counts: [T] bool: the rows that count, the first of them.
+        middle: [T-1, D, m] states between every two rows.
+        missing: [T-1, D] which of them to put in.
+
+    Returns:
+        The chain [T + (T-1) D, m] and its length [] int32.
+    """
+    missing = missing & counts[1:, None]
+    at = jnp.cumsum(jnp.concatenate([jnp.zeros(1, int), 1 + missing.sum(axis=1)]))
+    places = at[:-1, None] + jnp.cumsum(missing, axis=1)
+    symbols = states.shape[1]
     chain = _place(
-        2 * len(states) - 1,
+        len(states) + missing.size,
         states,
-        [(at, counts, states), (at[1:] - 1, insert, jnp.where(both, between, after))],
+        [(at, counts, states), (places.ravel(), missing.ravel(), middle.reshape(-1, symbols))],
     )
-    return chain, counts.sum(dtype=jnp.int32) + insert.sum(dtype=jnp.int32)
+    return chain, counts.sum(dtype=jnp.int32) + missing.sum(dtype=jnp.int32)
 
 
-def _within(states: Array, length: ArrayLike | None) -> Array:
+def within(states: Array, length: ArrayLike | None) -> Array:
     """[T] bool: the rows that count."""
     return jnp.arange(len(states)) < (len(states) if length is None else length)
 

@@ -11,12 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.qtc import pairwise_qtc_c1, qtc_b1, qtc_bc1, qtc_c1
-from neurosym_jax.symbolic.states import ABSENT, collapse, converse, format_state, validate
+from neurosym_jax.symbolic.qtc import pairwise_qtc_c1, qtc_b1, qtc_c1
+from neurosym_jax.symbolic.states import converse, format_state
 
 CONVENTIONS = ("distance", "line", "as_published")
 GRID = arrays(np.float32, (2, 6, 2), elements=st.integers(-20, 20).map(float))
-fixed_collapse, fixed_validate = jax.jit(collapse), jax.jit(validate)
 QUICK = settings(max_examples=60, deadline=None)
 
 
@@ -129,37 +128,6 @@ def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
                 np.asarray(signed(positions, valid))[pairs], expected["signed_qtc"]
             )
             np.testing.assert_array_equal(np.asarray(unsigned(positions, valid))[pairs], released)
-
-
-@pytest.mark.usefixtures("double")
-@pytest.mark.parametrize(("calculus", "count"), [("qtcbs", 14), ("qtccs", 14), ("qtcbcs", 14)])
-def test_qsrlibs_own_cases(golden, calculus, count):
-    cases = json.loads((golden / "qtc" / "qsrlib_cases.json").read_text())["cases"]
-    cases = [case for case in cases if case["calculus"] == calculus]
-    assert len(cases) == count
-    observe = {"qtcbs": qtc_b1, "qtccs": qtc_c1, "qtcbcs": qtc_bc1}[calculus]
-    observe = jax.jit(functools.partial(observe, convention="line"))
-    for case in cases:
-        params = case["params"]
-        k, l = np.array(case["k_xy"]), np.array(case["l_xy"])  # noqa: E741
-        options = {"quantisation_factor": params["quantisation_factor"]}
-        if calculus == "qtcbcs":
-            options["distance_threshold"] = params["distance_threshold"]
-        chain = observe(k, l, **options)
-        length = jnp.int32(len(chain))
-        if not params["no_collapse"]:
-            chain, length = fixed_collapse(chain, length)
-        if params["validate"]:
-            chain, length = fixed_validate(chain, length)
-        found = [format_state(state, ",") for state in np.asarray(chain)[: int(length)]]
-        assert found == case["expected"], case["id"]
-
-
-def test_a_pair_far_apart_has_no_sides():
-    k, l = np.array([[0.0, 0], [1, 1], [3, 1]]), np.full((3, 2), [4.0, 0])  # noqa: E741
-    states = jax.jit(qtc_bc1)(k, l, distance_threshold=2.0)
-    np.testing.assert_array_equal(states, [[-1, 0, ABSENT, ABSENT], [-1, 0, -1, 0]])
-    assert states.dtype == jnp.int8
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
