@@ -27,7 +27,7 @@ def _programs() -> dict[str, float]:
     import jax
     import numpy as np
 
-    from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+    from neurosym_jax.commands.evaluate import Options, run
     from neurosym_jax.forecasting.model import predict
     from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.online.predictor import Predictor
@@ -54,7 +54,7 @@ def _programs() -> dict[str, float]:
     done("an online predictor for 64 people")
     with tempfile.TemporaryDirectory() as folder:
         options = {"json": Path(folder) / "rows.json", "figures": False, "collisions": False}
-        run_evaluation(EvaluateOptions(checkpoint=names, scene="cross-path", **options))
+        run(Options(checkpoint=names, dataset="cross-path", **options))
     done("the evaluation of two models on a scene")
     return found
 

@@ -1,3 +1,5 @@
+from .load import load_tests as load_tests
+from .load import make_test as make_test
 from .metrics import Metric as Metric
 from .metrics import collisions as collisions
 from .metrics import metric_names as metric_names
@@ -6,7 +8,12 @@ from .paired import Difference as Difference
 from .paired import ErrorsByScene as ErrorsByScene
 from .paired import mean_difference as mean_difference
 from .paired import paired_difference as paired_difference
+from .plan import TestSet as TestSet
+from .plan import make_plan as make_plan
 from .report import format_table as format_table
+from .run import Settings as Settings
+from .run import evaluate as evaluate
+from .run import evaluate_tests as evaluate_tests
 from .scoring import Evaluation as Evaluation
 from .scoring import Score as Score
 from .scoring import score as score

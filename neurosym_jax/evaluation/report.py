@@ -8,6 +8,7 @@ from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.runtime import files
 
 __all__ = ["FORMAT", "check_replaceable", "format_table", "metric_texts", "write_json"]
 
@@ -77,8 +78,9 @@ def check_replaceable(path: Path) -> bool:
     """Whether a report is at `path` already.
 
     Raises:
-        InputError: when `path` holds anything but a report.
+        InputError: when `path` holds anything but a report, or cannot be written.
     """
+    files.refuse_unwritable(path)
     if not path.exists():
         return False
     try:
@@ -98,8 +100,4 @@ def write_json(path: Path, data: dict[str, Any]) -> None:
     """
     if check_replaceable(path):
         print(f"replacing the report in {path}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(data, indent=1) + "\n")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    files.write_json(path, data)

@@ -1,130 +1,238 @@
-"""The evaluation that `python evaluate.py` runs: its options, and what it writes."""
+"""From test sets to results: every model beside the baselines, forecast, scored and timed."""
 
 import dataclasses
-import functools
 import time
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-import tyro
+import numpy as np
+from tqdm import tqdm
 
-from neurosym_jax.checks import refuse_below, refuse_seed
-from neurosym_jax.data.inspection import describe_readings
-from neurosym_jax.data.provenance import Reading
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.checks import refuse_below
+from neurosym_jax.data.batching import single_scene
+from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.cases import make_cases
-from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.report import FORMAT, check_replaceable, format_table, write_json
-from neurosym_jax.evaluation.rows import Row, Settings, evaluate_cases
-from neurosym_jax.plotting.evaluation import draw_figures
-from neurosym_jax.runtime.processes import ALONE, Processes, is_first, join
+from neurosym_jax.evaluation.load import Test, make_test
+from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.evaluation.plan import BASELINES, Entries, TestSet, baseline
+from neurosym_jax.evaluation.programs import Programs
+from neurosym_jax.evaluation.scoring import Evaluation, Scores, score_forecaster
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
+from neurosym_jax.scene import Scene, pad_scene
 
-__all__ = ["EvaluateOptions", "run_evaluation"]
+__all__ = ["Result", "Row", "Settings", "evaluate", "evaluate_tests", "latency"]
 
+EXAMPLE = 8
+"""People that a figure can show with ease."""
 
-def _named(metavar: str) -> Any:
-    """How `--help` shows an option whose text says what happens without it."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
+Row = dict[str, Any]
+"""One row of the JSON."""
 
 
 @dataclasses.dataclass(frozen=True)
-class EvaluateOptions:
-    """Evaluate checkpoints beside the constant-velocity baselines: tables, figures, JSON.
+class Settings:
+    """How every test set is evaluated."""
 
-    With no arguments: what ships in checkpoints/, on the embedded simulations.
-    """
-
-    checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
-    """Models by folder, .pt file or name (see `neurosym models`), in one table; a folder of several
-    stands for all of them. Default: those that ship."""
-    data: Annotated[Path | None, _named("PATH")] = None
-    """A recording of any format in docs/data.md, a folder of them, or ETH/UCY as SGAN arranges it;
-    default: what was downloaded and has the scene, else the embedded simulations."""
-    scene: Annotated[str | None, _named("NAME")] = None
-    """One scene (eth, hotel, ..., or a file's name); default: a checkpoint's own, else all."""
-    test_on: Annotated[tuple[str, ...], _named("NAME ...")] = ()
-    """Recordings by file name, taken as one test set, whatever a checkpoint was trained for."""
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
-    """How files are read."""
-    obs_len: Annotated[int | None, _named("INT")] = None
-    """Observed steps; default: the checkpoint's, else 8."""
-    pred_len: Annotated[int | None, _named("INT")] = None
-    """Steps to forecast; default: the checkpoint's, else 8."""
-    period: float = 0.4
-    """Seconds between steps; recordings that have others are resampled."""
     samples: int = 20
     """Forecasts of each scene, k."""
     seed: int = 0
     """Determines, with the scene and the sample, the noise."""
-    min_agents: int = 2
-    """Scenes with fewer people are left out; SGAN's protocol keeps scenes of at least two."""
-    json: Path = Path("results/evaluation.json")
-    """File for the rows."""
-    plots: Path = Path("results/figures")
-    """Folder for the figures."""
-    figures: bool = True
-    """Draw figures."""
-    collisions: bool = True
-    """Compute the collision rate, and what else is quadratic in people."""
-    processes: Processes = ALONE
-    """Several processes that share the work, on one machine or many; see docs/scaling.md."""
-
-    def validate(self) -> None:
-        """Refuse, before the work and not after it, what cannot be evaluated or written."""
-        counts = ("samples", "min_agents", "obs_len", "pred_len")
-        refuse_below(1, {f"--{name.replace('_', '-')}": getattr(self, name) for name in counts})
-        refuse_seed(self.seed, "--seed")
-        check_replaceable(self.json)
-        if self.figures and self.plots.exists() and not self.plots.is_dir():
-            raise InputError(f"{self.plots}: is not a folder, so no figures can be written into it")
+    metrics: tuple[str, ...] | None = None
+    """Names; None for all."""
 
 
-def run_evaluation(options: EvaluateOptions) -> list[Row]:
-    """Evaluate, print and write what `options` ask for; returns the rows of the JSON.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Result:
+    """What came out for one model on one test set."""
+
+    test_set: TestSet
+    row: Row
+    """For JSON and tables."""
+    errors: ErrorsByScene
+    example: Scene
+    """A typical scene of the test set, padded, with its truth; the same for all models."""
+    forecast: np.ndarray
+    """[k, N, pred_len, 2] world metres, of the example."""
+    horizons: dict[str, np.ndarray]
+    """[pred_len] means over the test set, of the metrics that have a value for each step."""
+    period: float
+    """Seconds between steps."""
+
+    @property
+    def name(self) -> str:
+        """Of the model."""
+        return self.row["model"]
+
+    @property
+    def score(self) -> float:
+        """The mean of the first metric that there is: joint ADE."""
+        return float(self.errors.mean[0])
+
+
+def evaluate(
+    models: Model | Sequence[Model],
+    recordings: Tracks | Sequence[Tracks],
+    *,
+    samples: int = 20,
+    seed: int = 0,
+    min_agents: int = 2,
+    metrics: Sequence[str] | None = None,
+    baselines: Sequence[str] = BASELINES,
+) -> list[Row]:
+    """Test models on recordings: the rows that `neurosym evaluate` writes; see `format_table`.
+
+    Recordings are brought to the steps that a model was trained on.
+
+    Args:
+        models: one or several, see `load_model`.
+        recordings: see `make_tracks` and `read_any`.
+        samples: forecasts of each scene, k.
+        seed: determines, with the scene and the sample, the noise.
+        min_agents: scenes with fewer people are left out.
+        metrics: names; default: all that are registered.
+        baselines: forecasters without parameters, by name.
 
     Raises:
-        InputError: for data, checkpoints or options that cannot be used.
+        InputError: for recordings without a single window, or numbers out of range.
     """
-    options.validate()
-    join(options.processes)
-    start = time.perf_counter()
-    cases = make_cases(
-        functools.partial(open_source, options.data, read=options.read, period=options.period),
-        options.checkpoint,
-        scene=options.scene,
-        test_on=options.test_on,
-        obs_len=options.obs_len,
-        pred_len=options.pred_len,
-    )
-    loading = time.perf_counter() - start
-    settings = Settings(
-        options.samples,
-        options.seed,
-        options.min_agents,
-        metric_names(costly=options.collisions),
-    )
-    rows, shown, _ = evaluate_cases(cases, settings)
-    rows[0]["seconds"]["loading"] += loading
-    if not is_first():
-        return rows
-    write_json(options.json, {"format": FORMAT, "rows": rows})
-    print(format_table(rows))
-    readings = (Reading(**how) for row in rows for how in row["recordings"])
-    if text := describe_readings(readings):
-        print(f"\n{text}")
-    if not any(case.models for case in cases):
-        print("\nNo checkpoint was given and none that ships fits: these are the baselines.")
-    spent = {name: sum(row["seconds"][name] for row in rows) for name in rows[0]["seconds"]}
-    print(
-        f"\nseconds: {spent['loading']:.1f} loading, {spent['compiling']:.1f} compiling, "
-        f"{spent['evaluating']:.1f} evaluating\nrows: {options.json}"
-    )
-    if options.figures:
-        before = set(options.plots.glob("*.png"))
-        paths = draw_figures(options.plots, shown)
-        replaced = len(before.intersection(paths))
-        note = f", {replaced} of them replaced" if replaced else ""
-        print(f"figures: {len(paths)} in {options.plots}{note}")
-    return rows
+    refuse_below(1, {"samples": samples, "min_agents": min_agents})
+    models = [models] if isinstance(models, Model) else models
+    recordings = [recordings] if isinstance(recordings, Tracks) else recordings
+    name = "+".join(dict.fromkeys(tracks.recording for tracks in recordings))
+    tested: dict[tuple[int, int, float], Entries] = {}
+    for model in models:
+        config = model.config
+        key = (config.obs_len, config.pred_len, config.period)
+        tested.setdefault(key, []).append((None, model))
+    tests = [
+        make_test(
+            TestSet(name, obs_len, pred_len),
+            [*((None, baseline(each, obs_len, pred_len)) for each in baselines), *entries],
+            [on_grid(tracks, period) for tracks in recordings],
+            min_agents,
+        )
+        for (obs_len, pred_len, period), entries in tested.items()
+    ]
+    settings = Settings(samples, seed, None if metrics is None else tuple(metrics))
+    return [result.row for result in evaluate_tests(tests, settings)]
+
+
+def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
+    """Results of all tests in their order, the entries of each in theirs.
+
+    Raises:
+        InputError: for numbers out of range, or a metric that fails.
+    """
+    results: list[Result] = []
+    with (
+        Programs(settings.samples, settings.metrics) as programs,
+        tqdm(
+            total=sum(len(test.entries) for test in tests),
+            desc="evaluating",
+            unit="model",
+            disable=None,
+            leave=False,
+        ) as bar,
+    ):
+        for test in tests:
+            for _, model in test.entries:
+                programs.of_batches(model, test.batches)
+                programs.of_one_scene(model, EXAMPLE)
+        for test in tests:
+            for result in _evaluate_test(programs, test, settings):
+                results.append(result)
+                bar.update()
+    return results
+
+
+def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterator[Result]:
+    test_set, windows, loading = test.test_set, test.windows, test.seconds
+    common = {"samples": settings.samples, "seed": settings.seed}
+    example = None
+    for path, model in test.entries:
+        forecaster, params = model.forecaster, model.params
+        compiling = programs.wait_for(programs.of_batches(model, test.batches))
+        found = score_forecaster(
+            forecaster, params, test.batches, **common, metrics=settings.metrics
+        )
+        if example is None:
+            example = single_scene(windows, _typical(test, found))
+            # One size for most test sets, because each costs a program for every model.
+            example = pad_scene(example, max(EXAMPLE, len(example.valid)))
+        slots = len(example.valid)
+        compiling += programs.wait_for([programs.of_one_scene(model, slots)])
+        seconds, forecast = latency(forecaster, params, example, **common)
+        metrics = _means(found.scores, f"{model.name} on {test_set.dataset}")
+        row = {
+            "checkpoint": path,
+            "model": model.name,
+            "scene": test_set.dataset,
+            "obs_len": test_set.obs_len,
+            "pred_len": test_set.pred_len,
+            "samples": found.samples,
+            "seed": settings.seed,
+            "scenes": windows.scenes,
+            "agents": found.agents,
+            "recordings": [how.to_json() for how in windows.reading],
+            "joint": {"ade": metrics.get("joint_ade"), "fde": metrics.get("joint_fde")},
+            "marginal": {"ade": metrics.get("marginal_ade"), "fde": metrics.get("marginal_fde")},
+            "collision_rate": metrics.get("collision_rate"),
+            "metrics": metrics,
+            "seconds": {
+                "loading": loading,
+                "compiling": compiling,
+                "evaluating": found.seconds,
+                "latency": seconds,
+            },
+            "forecasts_per_second": found.agents * found.samples / found.seconds,
+        }
+        steps = test_set.obs_len + test_set.pred_len
+        yield Result(
+            test_set,
+            row,
+            ErrorsByScene.of_scores(found.scores, windows.identity, steps),
+            example,
+            forecast,
+            {name: each.mean for name, each in found.scores.items() if each.total.ndim == 2},
+            windows.period,
+        )
+        loading = 0.0
+
+
+def _typical(test: Test, found: Evaluation) -> int:
+    """The scene to show: of those with at most `EXAMPLE` people, the one that the first entry
+    forecasts with the median error, so that neither luck nor taste chooses it."""
+    sizes = test.windows.sizes
+    error = next(iter(found.scores.values())).total / sizes
+    small = np.flatnonzero(sizes <= max(EXAMPLE, sizes.min()))
+    return int(small[np.argsort(error[small], kind="stable")[len(small) // 2]])
+
+
+def _means(scores: Scores, of: str) -> dict[str, float | None]:
+    """Means of the metrics that have one value, None where nothing was counted; for JSON.
+
+    Raises:
+        InputError: naming `of`, for a metric that is not finite.
+    """
+    means: dict[str, float | None] = {}
+    for name, each in scores.items():
+        if each.total.ndim == 1:
+            means[name] = float(each.mean) if each.count.sum() else None
+            if not np.isfinite(each.total).all():
+                raise InputError(f"metric {name}: is not finite for {of}")
+    return means
+
+
+def latency(
+    forecaster: Forecaster, params: Any, scene: Scene, *, samples: int, seed: int
+) -> tuple[float, np.ndarray]:
+    """Median seconds from one scene to its forecast `[k, N, pred_len, 2]`, world metres."""
+    forecast = SceneForecaster(forecaster, params, samples=samples, seed=seed)
+    futures, seconds = np.empty(0), []
+    for _ in range(11):
+        start = time.perf_counter()
+        futures = forecast(scene)
+        seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds[1:])), futures

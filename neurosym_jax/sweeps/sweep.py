@@ -4,7 +4,6 @@ A finished run is never trained again and an interrupted one goes on, so a sweep
 more does what is left to do.
 """
 
-import functools
 import os
 import subprocess
 import sys
@@ -18,9 +17,11 @@ from tqdm import tqdm
 from neurosym_jax.checks import refuse_below
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.cases import make_cases
+from neurosym_jax.evaluation.load import load_tests
+from neurosym_jax.evaluation.plan import make_plan
 from neurosym_jax.evaluation.report import FORMAT, write_json
-from neurosym_jax.evaluation.rows import Settings, evaluate_cases
+from neurosym_jax.evaluation.run import Settings, evaluate_tests
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.sweeps.errors import write_errors
@@ -105,13 +106,15 @@ def _last_line(log: Path) -> str:
 def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[str, Any]]:
     """Evaluate the models on their own test splits; rows as evaluate's, with `run`."""
     of_path = {str(run.model): run for run in runs}
-    cases = make_cases(functools.partial(open_source, data), list(of_path))
-    rows, _, errors = evaluate_cases(cases, Settings())
+    models = [(path, load_model(path)) for path in of_path]
+    source = open_source(data, model_scene=models[0][1].dataset)
+    results = evaluate_tests(load_tests(source, make_plan(source, models)), Settings())
+    rows = [result.row for result in results]
     for row in rows:
         run = of_path.get(row["checkpoint"])
         row["run"] = run and run.to_json()
     write_json(out / "sweep.json", {"format": FORMAT, "rows": rows})
-    write_errors(out, rows, errors)
+    write_errors(out, rows, [result.errors for result in results])
     for name, run in of_path.items():
         lengths = (run.dataset, run.generator.obs_len, run.generator.pred_len)
         own = [

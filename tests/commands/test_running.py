@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from neurosym_jax.commands._running import run_command
+from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
 
 ROOT = Path(__file__).parents[2]
 GOOD = "\n".join(f"{frame} {ped} {frame} {ped}" for frame in range(20) for ped in (1, 2))
@@ -22,16 +22,16 @@ def evaluate(tmp_path, monkeypatch, capsys):
     """Runs evaluate.py's command in this process; gives status and stderr's lines."""
     monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
 
-    def run(*arguments):
+    def command(*arguments):
         written = ["--json", str(tmp_path / "rows.json"), "--no-figures"]
         with pytest.raises(SystemExit) as caught:
-            run_command(EvaluateOptions, run_evaluation, [*written, *map(str, arguments)])
+            run_command(Options, run, [*written, *map(str, arguments)])
         assert not (tmp_path / "rows.json").exists()
         out, err = capsys.readouterr()
         assert out == ""
         return caught.value.code, err.splitlines()
 
-    return run
+    return command
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_bad_places(evaluate, tmp_path):
         ("--data", tmp_path / "empty"): "no .txt, .csv, .tsv, .json or .ndjson file in it",
         ("--data", tmp_path / "short.txt"): "too few frames: 1 where a window needs 16",
         ("--data", tmp_path / "binary.txt"): "cannot be read as text",
-        ("--data", tmp_path / "walks", "--scene", "zara9"): "unknown scene 'zara9'",
+        ("--data", tmp_path / "walks", "--scene", "zara9"): "unknown dataset 'zara9'",
         ("--data", tmp_path / "walks", "--test-on", "run"): "run: no such file, nor a recording",
         ("--checkpoint", "absent.pt"): "absent.pt: no such checkpoint",
         ("--checkpoint", tmp_path / "corrupt.pt"): "corrupt.pt: ",
@@ -93,7 +93,7 @@ def test_contradicting_a_published_checkpoint(evaluate, shared):
 
 def status_of(action):
     with pytest.raises(SystemExit) as caught:
-        run_command(EvaluateOptions, action, [])
+        run_command(Options, action, [])
     return caught.value.code
 
 
@@ -113,7 +113,7 @@ def test_exit_status(monkeypatch, capsys):
         raise ValueError("ours")
 
     with pytest.raises(ValueError, match="ours"):
-        run_command(EvaluateOptions, broken, [])
+        run_command(Options, broken, [])
 
 
 def test_a_plugin_comes_first_and_options_are_those_of_the_command(monkeypatch, tmp_path):
@@ -122,9 +122,9 @@ def test_a_plugin_comes_first_and_options_are_those_of_the_command(monkeypatch, 
     plugin.write_text("import builtins\nbuiltins.plugin_of_a_test = True\n")
     found = []
     with pytest.raises(SystemExit):
-        run_command(EvaluateOptions, found.append, ["--plugin", str(plugin), "--samples", "3"])
-    assert found == [EvaluateOptions(samples=3)]
-    assert type(found[0]) is EvaluateOptions
+        run_command(Options, found.append, ["--plugin", str(plugin), "--samples", "3"])
+    assert found == [Options(samples=3)]
+    assert type(found[0]) is Options
     assert builtins.__dict__.pop("plugin_of_a_test")
 
 

@@ -86,7 +86,7 @@ def test_nothing_else_is_overwritten(tmp_path, content):
 
 
 def test_where_nothing_can_be_written(tmp_path):
-    with pytest.raises(InputError, match="is not a report of ours"):
+    with pytest.raises(InputError, match="cannot be written"):
         write_json(tmp_path, {"format": 1, "rows": []})
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_jax.commands import evaluate
+from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.batched import forecast_batch
-from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.networks import encode_scene
@@ -129,7 +129,7 @@ def test_the_earlier_release_forecasts_nothing_but_parity_cases(tmp_path):
     save_model(tmp_path / "m", model)
     assert load_model(tmp_path / "m").config == config
     with pytest.raises(InputError, match="m: neurosym_ijcnn does not weight pairs"):
-        run_evaluation(EvaluateOptions(checkpoint=(str(tmp_path / "m"),), json=tmp_path / "r"))
+        run(Options(checkpoint=(str(tmp_path / "m"),), json=tmp_path / "r"))
 
 
 @EACH
@@ -166,16 +166,16 @@ def test_another_variant_is_another_network(tmp_path):
 
 
 def test_evaluated_beside_sgan(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(cases, "shipped_models", list)
+    monkeypatch.setattr(evaluate, "shipped_models", list)
     sgan = GeneratorConfig(pred_len=4)
     export_torch_checkpoint(tmp_path / "sgan.pt", sgan, random_params(sgan)["params"])
     for name in CONFIGS:
         save_model(tmp_path / name, random_model(name))
     given = tuple(str(tmp_path / name) for name in ("sgan.pt", *CONFIGS))
-    rows = run_evaluation(
-        EvaluateOptions(
+    rows = run(
+        Options(
             checkpoint=given,
-            scene="cross-path",
+            dataset="cross-path",
             samples=2,
             collisions=False,
             json=tmp_path / "rows.json",

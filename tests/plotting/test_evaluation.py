@@ -1,32 +1,28 @@
 import numpy as np
 
-from neurosym_jax.evaluation import cases
-from neurosym_jax.plotting.evaluation import MOST, Shown, _drawn
+from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.evaluation.plan import TestSet as Case
+from neurosym_jax.evaluation.run import Result
+from neurosym_jax.plotting.evaluation import MAX_MODELS, _drawn
 from neurosym_jax.scene import make_scene
 
 
-def shown(model, error):
+def result(model, error):
     scene = make_scene(np.zeros((2, 8, 2)), np.zeros((2, 8, 2)))
-    return Shown(
-        cases.TestSet("a", 8, 8),
-        model,
-        scene,
-        np.zeros((1, 2, 8, 2)),
-        {},
-        0.4,
-        error,
-    )
+    one = np.ones((1, 1))
+    errors = ErrorsByScene(("joint_ade",), error * one, one, np.zeros((1, 2)), 16)
+    return Result(Case("a", 8, 8), {"model": model}, errors, scene, np.zeros((1, 2, 8, 2)), {}, 0.4)
 
 
 def test_each_of_a_few_models_has_a_name():
-    few = [shown("cv", 1), shown("SGAN", 3), shown("SGAN", 2)]
+    few = [result("cv", 1), result("SGAN", 3), result("SGAN", 2)]
     drawn = _drawn(few)
     assert list(drawn) == ["cv", "SGAN (1)", "SGAN (2)"]
     assert list(drawn.values()) == few
 
 
 def test_of_many_models_the_best_of_each_name_is_drawn():
-    many = [shown("cv", 9), *(shown("SGAN", abs(5 - number)) for number in range(MOST))]
+    many = [result("cv", 9), *(result("SGAN", abs(5 - number)) for number in range(MAX_MODELS))]
     drawn = _drawn(many)
-    assert list(drawn) == ["cv", f"SGAN, best of {MOST} models"]
+    assert list(drawn) == ["cv", f"SGAN, best of {MAX_MODELS} models"]
     assert list(drawn.values()) == [many[0], many[6]]

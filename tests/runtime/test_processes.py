@@ -19,9 +19,9 @@ ROOT = Path(__file__).parents[2]
 EVALUATE = """
 from neurosym_jax.commands._running import run_command
 from neurosym_jax.evaluation import scoring
-from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+from neurosym_jax.commands.evaluate import Options, run
 scoring.GROUP = 2**9
-run_command(EvaluateOptions, run_evaluation)
+run_command(Options, run)
 """
 
 

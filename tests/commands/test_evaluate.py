@@ -6,18 +6,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from neurosym_jax import evaluation
+from neurosym_jax.commands import evaluate
+from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.evaluation import cases
 from neurosym_jax.evaluation.metrics import METRICS, Metric, register_metric
-from neurosym_jax.evaluation.run import EvaluateOptions, run_evaluation
+from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.scene import make_scene
+from neurosym_jax.simulation.scenarios import synthetic_tracks
 
 SCHEMA = {
     "checkpoint": str | None,
@@ -72,17 +75,17 @@ def random_params(config):
 @pytest.fixture
 def options(tmp_path, monkeypatch):
     """Options that write below `tmp_path`; no model ships."""
-    monkeypatch.setattr(cases, "shipped_models", list)
+    monkeypatch.setattr(evaluate, "shipped_models", list)
 
     def make(**fields):
         written = {"json": tmp_path / "rows.json", "plots": tmp_path / "figures"}
-        return EvaluateOptions(**(written | {"figures": False} | fields))
+        return Options(**(written | {"figures": False} | fields))
 
     return make
 
 
 def test_default_run(options, tmp_path, capsys):
-    rows = run_evaluation(options(samples=3, figures=True, scene="cross-path"))
+    rows = run(options(samples=3, figures=True, dataset="cross-path"))
     report = json.loads((tmp_path / "rows.json").read_text())
     assert report == {"format": 1, "rows": rows}
     assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
@@ -99,7 +102,7 @@ def test_default_run(options, tmp_path, capsys):
     assert "these are the baselines" in out
     assert "evaluating" not in err  # No progress bar where no terminal is.
 
-    run_evaluation(options(samples=3, figures=True, scene="cross-path"))
+    run(options(samples=3, figures=True, dataset="cross-path"))
     out = capsys.readouterr().out
     assert f"replacing the report in {tmp_path / 'rows.json'}" in out
     assert "3 of them replaced" in out
@@ -113,9 +116,7 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path):
     loaded = load_model(tmp_path / "ours.pt")
     assert loaded.config == config
     given = (str(tmp_path / "ours.pt"), f"{tmp_path}/./folder/")
-    rows = run_evaluation(
-        options(checkpoint=given, samples=2, scene="cross-path", collisions=False, seed=5)
-    )
+    rows = run(options(checkpoint=given, samples=2, dataset="cross-path", collisions=False, seed=5))
     assert [row["checkpoint"] for row in rows] == [None, None, *given]
     for row in rows:
         assert_fits(row, SCHEMA)
@@ -129,7 +130,7 @@ def test_one_step_and_one_agent(options, tmp_path):
     walk = "\n".join(f"{frame},1,{0.1 * frame:.1f},0" for frame in range(9))
     (tmp_path / "walk.csv").write_text(walk)
     data = tmp_path / "walk.csv"
-    rows = run_evaluation(options(data=data, pred_len=1, min_agents=1, samples=2))
+    rows = run(options(data=data, pred_len=1, min_agents=1, samples=2))
     assert [(row["scenes"], row["agents"], row["scene"]) for row in rows] == [(1, 1, "walk")] * 2
     assert rows[0]["joint"]["ade"] == pytest.approx(0, abs=1e-6)
     assert rows[0]["collision_rate"] == 0
@@ -141,7 +142,7 @@ def test_any_table_in_a_folder(options, tmp_path):
     rows = "".join(f"{0.4 * n},{who},{1000 * n},{who}\n" for n in range(17) for who in (1, 2))
     (folder / "walk.csv").write_text(f"t,who,x,y\n{rows}")
     read = ReadOptions(columns=("id=who",), unit="mm")
-    rows = run_evaluation(options(data=folder, read=read, samples=2))
+    rows = run(options(data=folder, read=read, samples=2))
     assert [(row["scene"], row["scenes"], row["agents"]) for row in rows] == [("walk", 2, 4)] * 2
     assert rows[0]["joint"]["fde"] == pytest.approx(0, abs=1e-5)
 
@@ -150,12 +151,12 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
     config = GeneratorConfig(pred_len=2, obs_len=2, period=0.2, pooling="none", mlp_dim=8)
     save_model(tmp_path / "m", Model(config, random_params(config)))
     assert load_model(tmp_path / "m").config.period == 0.2
-    given = {"checkpoint": (str(tmp_path / "m"),), "samples": 2, "scene": "cross-path"}
+    given = {"checkpoint": (str(tmp_path / "m"),), "samples": 2, "dataset": "cross-path"}
     with pytest.warns(InputWarning, match=r"m: was trained on steps of 0\.2 s and is tested on"):
-        run_evaluation(options(**given, collisions=False))
+        run(options(**given, collisions=False))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        rows = run_evaluation(options(**given, collisions=False, period=0.2))
+        rows = run(options(**given, collisions=False, period=0.2))
     assert rows[0]["joint"]["ade"] > 0
 
 
@@ -165,32 +166,35 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
         ({"samples": 0}, "--samples must be at least 1, not 0"),
         ({"pred_len": -1}, "--pred-len must be at least 1"),
         ({"seed": 2**32}, "--seed must lie in"),
-        ({"scene": "zara9"}, "unknown scene 'zara9'"),
+        ({"dataset": "zara9"}, "unknown dataset 'zara9'"),
+        ({"baselines": ("nobody",)}, "unknown forecaster 'nobody'"),
+        ({"baselines": ("generator",)}, "generator: cannot be a baseline, it has parameters"),
+        ({"baselines": ()}, "there is nothing to evaluate"),
         ({"pred_len": 999}, "too few frames"),
         ({"period": 0.0}, "the period must be positive, not 0"),
     ],
 )
 def test_refused(options, tmp_path, fields, message):
     with pytest.raises(InputError, match=message):
-        run_evaluation(options(**fields))
+        run(options(**fields))
     assert not (tmp_path / "rows.json").exists()
 
 
 def test_refused_before_the_work(options, tmp_path, monkeypatch):
     """What cannot be written is known at once, not after an hour."""
-    monkeypatch.setattr("neurosym_jax.evaluation.run.open_source", None)
+    monkeypatch.setattr("neurosym_jax.commands.evaluate.open_source", None)
     (tmp_path / "rows.json").write_text("my thesis")
     with pytest.raises(InputError, match="is not a report of ours"):
-        run_evaluation(options())
+        run(options())
     (tmp_path / "figures").write_text("")
     with pytest.raises(InputError, match="is not a folder"):
-        run_evaluation(options(json=tmp_path / "other.json", figures=True))
+        run(options(json=tmp_path / "other.json", figures=True))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(ZOO))
 def test_published_numbers(shared, options, name):
-    (*_, row) = run_evaluation(
+    (*_, row) = run(
         options(
             checkpoint=(str(shared / f"checkpoints/{name}_model.pt"),),
             data=shared / "data/eth_ucy",
@@ -205,7 +209,7 @@ def test_published_numbers(shared, options, name):
 
 def test_every_real_sample_of_thor(shared, options):
     with pytest.warns(InputWarning, match=r"goals_positions\.csv: left out"):
-        rows = run_evaluation(options(data=shared / "data/thor", samples=2, collisions=False))
+        rows = run(options(data=shared / "data/thor", samples=2, collisions=False))
     assert len(rows) == 6
     assert all(row["scenes"] > 200 and 0.2 < row["joint"]["ade"] < 0.7 for row in rows)
 
@@ -220,7 +224,7 @@ def test_a_metric_of_a_plugin_is_in_the_table_and_the_rows(options, tmp_path, ca
         "register_metric(Metric('spread', 'final spread', 'm', spread, about='spread: of k'))\n"
     )
     load_plugin(str(plugin))
-    plain, sampled = run_evaluation(options(samples=3, scene="cross-path", figures=True))
+    plain, sampled = run(options(samples=3, dataset="cross-path", figures=True))
     assert plain["metrics"]["spread"] == 0
     assert sampled["metrics"]["spread"] > 0.1
     out = capsys.readouterr().out
@@ -232,4 +236,37 @@ def test_a_metric_that_is_not_finite_is_named(options, monkeypatch):
     monkeypatch.setattr(METRICS, "_things", dict(METRICS))
     register_metric(Metric("odd", "odd", "", lambda forecast, future, valid: (jnp.inf, 1)))
     with pytest.raises(InputError, match="metric odd: is not finite for constant velocity on cr"):
-        run_evaluation(options(samples=3, scene="cross-path"))
+        run(options(samples=3, dataset="cross-path"))
+
+
+def test_a_forecaster_of_a_plugin_is_a_baseline(options, tmp_path, monkeypatch):
+    monkeypatch.setattr(FORECASTERS, "_things", dict(FORECASTERS))
+    plugin = tmp_path / "standing.py"
+    plugin.write_text(
+        "import dataclasses\n"
+        "import jax.numpy as jnp\n"
+        "from neurosym_jax.forecasting import Forecaster, register_forecaster\n"
+        "@dataclasses.dataclass(frozen=True)\n"
+        "class Standing(Forecaster):\n"
+        "    def forecast(self, params, scene, noise):\n"
+        "        last = jnp.asarray(scene.observed)[None, :, -1:]\n"
+        "        return jnp.repeat(last, self.pred_len, axis=2)\n"
+        "register_forecaster('standing', lambda config: Standing(config.pred_len))\n"
+    )
+    load_plugin(str(plugin))
+    given = {"dataset": "cross-path", "samples": 2, "collisions": False}
+    names = ("constant_velocity", "standing")
+    moving, standing = run(options(**given, baselines=names))
+    assert standing["model"] == "standing"
+    assert standing["samples"] == 1
+    assert standing["joint"]["ade"] > moving["joint"]["ade"]
+
+
+def test_own_tracks_in_python():
+    tracks = synthetic_tracks("cross-path", 0)
+    model = load_model("sgan_simulations_8_8")
+    rows = evaluation.evaluate(model, tracks, samples=3, baselines=["constant_velocity"])
+    assert [row["model"] for row in rows] == ["constant velocity", "SGAN"]
+    assert rows[0]["scene"] == tracks.recording
+    assert 0 < rows[1]["metrics"]["joint_ade"] < 1
+    assert "SGAN" in evaluation.format_table(rows)

@@ -1,0 +1,85 @@
+"""From a plan to what is to be forecast: recordings are read, cut into windows and batched."""
+
+import dataclasses
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+
+from neurosym_jax.data.batching import Batch, make_batches
+from neurosym_jax.data.sources import Source
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.errors import InputWarning
+from neurosym_jax.evaluation.plan import Entries, TestSet
+
+__all__ = ["Test", "load_tests", "make_test"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Test:
+    """A test set, ready to be forecast, and what is tested on it."""
+
+    test_set: TestSet
+    entries: Entries
+    windows: Windows
+    batches: list[Batch]
+    seconds: float
+    """Of reading, cutting and batching."""
+
+
+def load_tests(
+    source: Source,
+    plan: Mapping[TestSet, Entries],
+    *,
+    test_on: Sequence[str] = (),
+    min_agents: int = 2,
+    start: float | None = None,
+) -> list[Test]:
+    """The plan's test sets, in its order; each recording is read once.
+
+    Args:
+        source: of the recordings.
+        plan: see `make_plan`.
+        test_on: the recordings, where the plan is of those.
+        min_agents: scenes with fewer people are left out.
+        start: `time.perf_counter()` from which the first one's seconds count.
+
+    Raises:
+        InputError: for recordings that cannot be read, or are without a single window.
+    """
+    recordings: dict[str, list[Tracks]] = {}
+    tests: list[Test] = []
+    for test_set, entries in plan.items():
+        since = time.perf_counter() if start is None else start
+        name, start = test_set.dataset, None
+        if name not in recordings:
+            recordings[name] = source.files(test_on) if test_on else source.recordings(name)
+        tests.append(make_test(test_set, entries, recordings[name], min_agents, since))
+    return tests
+
+
+def make_test(
+    test_set: TestSet,
+    entries: Entries,
+    recordings: Sequence[Tracks],
+    min_agents: int = 2,
+    start: float | None = None,
+) -> Test:
+    """A test set of `recordings`; its seconds count from `start`.
+
+    Raises:
+        InputError: for recordings without a single window.
+    """
+    start = time.perf_counter() if start is None else start
+    windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
+    for path, model in entries:
+        trained = model.config.period
+        if path is not None and abs(trained - windows.period) > 0.01 * trained:
+            warnings.warn(
+                f"{path}: was trained on steps of {trained:g} s and is tested on steps of "
+                f"{windows.period:g} s (--period {trained:g} would bring the test to its own)",
+                InputWarning,
+                stacklevel=2,
+            )
+    batches = make_batches(windows)
+    return Test(test_set, entries, windows, batches, time.perf_counter() - start)

@@ -1,0 +1,126 @@
+"""What an evaluation consists of: which models are tested on which dataset at which horizon.
+
+Nothing is read here but the names of the datasets that there are.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.sources import Source
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.kinds import FORECASTERS
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.pooling import NOT_OF_PAIRS, POOLINGS
+
+__all__ = ["BASELINES", "Entries", "TestSet", "baseline", "make_plan"]
+
+BASELINES = ("constant_velocity", "constant_velocity_sampled")
+"""What every model is tested beside, by names of `register_forecaster`."""
+
+Entries = list[tuple[str | None, Model]]
+"""(path as given, model) of what is tested on one test set; baselines, first, have no path."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TestSet:
+    """A dataset at a horizon."""
+
+    dataset: str
+    """Its name, or those of recordings joined by `+`."""
+    obs_len: int
+    pred_len: int
+
+
+def make_plan(
+    source: Source,
+    models: Sequence[tuple[str, Model]],
+    *,
+    dataset: str | None = None,
+    test_on: Sequence[str] = (),
+    obs_len: int | None = None,
+    pred_len: int | None = None,
+    baselines: Sequence[str] = BASELINES,
+    as_far_as_they_fit: bool = False,
+) -> dict[TestSet, Entries]:
+    """What is tested on each test set: in the source's order of datasets, then by horizon.
+
+    A model is tested on the dataset it was trained to be tested on, where the source has it, else
+    on all of them.
+
+    Args:
+        source: of the recordings.
+        models: (path, model).
+        dataset: the one to test on.
+        test_on: recordings to test on, as one test set.
+        obs_len: observed steps.
+        pred_len: steps to forecast.
+        baselines: forecasters without parameters, by name.
+        as_far_as_they_fit: leave out the models that contradict what is asked for.
+
+    Raises:
+        InputError: when what is asked for contradicts what a model is, or is not there.
+    """
+    if dataset is not None and test_on:
+        raise InputError("--dataset and --test-on name two test sets: give one of them")
+    if dataset is not None and dataset not in source.scenes:
+        raise InputError(f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}")
+    everywhere = ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
+    tested: dict[TestSet, Entries] = {}
+    for path, model in models:
+        if reason := _contradiction(model, source, dataset, obs_len, pred_len):
+            if as_far_as_they_fit:
+                continue
+            raise InputError(f"{path}: {reason}")
+        own = model.dataset in source.scenes and not test_on
+        for name in (str(model.dataset),) if own else everywhere:
+            test_set = TestSet(name, model.config.obs_len, model.config.pred_len)
+            tested.setdefault(test_set, []).append((path, model))
+    if not tested:
+        default = GeneratorConfig()
+        lengths = (obs_len or default.obs_len, pred_len or default.pred_len)
+        tested = {TestSet(name, *lengths): [] for name in everywhere}
+    order = [*everywhere, *source.scenes]
+    return {
+        test_set: [
+            *((None, baseline(name, test_set.obs_len, test_set.pred_len)) for name in baselines),
+            *tested[test_set],
+        ]
+        for test_set in sorted(
+            tested, key=lambda test: (order.index(test.dataset), test.obs_len, test.pred_len)
+        )
+    }
+
+
+def baseline(name: str, obs_len: int, pred_len: int) -> Model:
+    """A registered forecaster that has no parameters, at a horizon.
+
+    Raises:
+        InputError: for a name that nobody registered, or a forecaster that has parameters.
+    """
+    kind = FORECASTERS[name]
+    try:
+        config = kind.config(obs_len=obs_len, pred_len=pred_len)
+    except TypeError as error:
+        raise InputError(f"forecaster {name}: cannot be a baseline ({error})") from None
+    if kind.shapes is not None and kind.shapes(config):
+        raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
+    return Model(config, {}, kind=name)
+
+
+def _contradiction(
+    model: Model, source: Source, dataset: str | None, obs_len: int | None, pred_len: int | None
+) -> str | None:
+    config = model.config
+    if isinstance(config, GeneratorConfig) and not POOLINGS[config.pooling].of_pairs:
+        return f"{config.pooling} {NOT_OF_PAIRS}"
+    for name, asked in (("obs_len", obs_len), ("pred_len", pred_len)):
+        has = getattr(config, name)
+        if asked is not None and asked != has:
+            return f"has {name} {has}, but --{name.replace('_', '-')} {asked} is asked for"
+    if dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
+        return (
+            f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it on "
+            "what it was trained on (--test-on with file names does so all the same)"
+        )
+    return None

@@ -1,0 +1,83 @@
+import pytest
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.sources import EthUcy, Synthetic
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.plan import TestSet as Case
+from neurosym_jax.evaluation.plan import make_plan
+from neurosym_jax.forecasting.model import Model
+
+MODELS = {
+    "zara1_12": Model(GeneratorConfig(pred_len=12), {}, "zara1"),
+    "eth_8": Model(GeneratorConfig(), {}, "eth"),
+    "anywhere": Model(GeneratorConfig(), {}, None),
+    "earlier": Model(GeneratorConfig(pooling="neurosym_ijcnn"), {}, "eth"),
+}
+
+
+def planned(*names, source=None, **asked):
+    """The paths of what is tested on each test set, without the baselines."""
+    models = [(f"m/{name}", MODELS[name]) for name in names]
+    plan = make_plan(source or EthUcy(), models, **asked)
+    assert all(
+        [model.kind for path, model in entries if path is None]
+        == ["constant_velocity", "constant_velocity_sampled"]
+        for entries in plan.values()
+    )
+    return {test: [path for path, _ in entries if path] for test, entries in plan.items()}
+
+
+def test_without_checkpoints_the_baselines_everywhere():
+    names = ["eth", "hotel", "univ", "zara1", "zara2"]
+    assert planned() == {Case(name, 8, 8): [] for name in names}
+    assert planned(dataset="hotel", pred_len=12, obs_len=4) == {Case("hotel", 4, 12): []}
+
+
+def test_a_checkpoint_is_tested_on_its_own_dataset():
+    found = planned("zara1_12", "eth_8", "eth_8")
+    assert found == {Case("eth", 8, 8): ["m/eth_8"] * 2, Case("zara1", 8, 12): ["m/zara1_12"]}
+    assert [test.dataset for test in found] == ["eth", "zara1"]
+
+
+def test_a_checkpoint_without_a_dataset_is_tested_on_all():
+    assert len(planned("anywhere")) == 5
+    assert list(planned("anywhere", dataset="univ")) == [Case("univ", 8, 8)]
+    assert len(planned("eth_8", source=Synthetic())) == 2
+
+
+def test_recordings_by_name():
+    assert planned("zara1_12", test_on=("a", "b")) == {Case("a+b", 8, 12): ["m/zara1_12"]}
+
+
+def test_baselines_have_the_lengths_of_their_test_set():
+    plan = make_plan(EthUcy(), [("m", MODELS["zara1_12"])], baselines=["constant_velocity"])
+    ((_, baseline), (_, model)) = plan[Case("zara1", 8, 12)]
+    assert baseline.forecaster.pred_len == model.forecaster.pred_len == 12
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"pred_len": 8}, "zara1_12: has pred_len 12, but --pred-len 8 is asked for"),
+        ({"obs_len": 4}, "zara1_12: has obs_len 8, but --obs-len 4 is asked for"),
+        ({"dataset": "eth"}, "zara1_12: leaves zara1 out of its training, so --dataset eth would"),
+        ({"dataset": "bogus"}, "unknown dataset 'bogus': there are eth, hotel"),
+        ({"dataset": "eth", "test_on": ("a",)}, "--dataset and --test-on"),
+        ({"baselines": ("nobody",)}, "unknown forecaster 'nobody'"),
+        ({"baselines": ("generator",)}, "generator: cannot be a baseline, it has parameters"),
+    ],
+)
+def test_contradictions(asked, message):
+    with pytest.raises(InputError, match=message):
+        make_plan(EthUcy(), [("m/zara1_12", MODELS["zara1_12"])], **asked)
+
+
+def test_as_far_as_they_fit():
+    def found(**asked):
+        return list(
+            planned("zara1_12", "eth_8", "earlier", **asked, as_far_as_they_fit=True).values()
+        )
+
+    assert found(pred_len=12) == [["m/zara1_12"]]
+    assert found(pred_len=20) == [[]] * 5
+    assert found() == [["m/eth_8"], ["m/zara1_12"]]
