@@ -32,7 +32,11 @@ def write_arrays(folder: Path, tree: Any) -> None:
     """Write a nested dictionary of arrays as a new folder."""
     from orbax.checkpoint import v1 as ocp
 
-    ocp.save(str(folder.absolute()), tree)
+    context = ocp.Context()
+    # In the background, a folder that cannot be made would be waited for, for twenty minutes.
+    context.asynchronous.create_directories_asynchronously = False
+    with context:
+        ocp.save(str(folder.absolute()), tree)
 
 
 def read_arrays(folder: Path) -> Any:

@@ -1,0 +1,165 @@
+"""Whatever fails on the disk: every file is the old or the new one, whole, and work goes on."""
+
+import dataclasses
+import errno
+import functools
+import itertools
+import json
+import shutil
+import warnings
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.commands.convert import Options, run
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.evaluation.report import FORMAT, write_json
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models import Generator
+from neurosym_jax.runtime.files import write_text
+from neurosym_jax.scene import make_scene
+from neurosym_jax.training import loop
+from neurosym_jax.training.arrays import digest, write_arrays
+from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.training.run import Run
+from neurosym_jax.training.step import TrainState
+from tests.faults import failing
+
+NETWORK = GeneratorConfig(obs_len=2, pred_len=1, pooling="none", embedding_dim=2, mlp_dim=2)
+RECIPE = TrainConfig(steps=1, batch_scenes=1)
+
+
+@pytest.fixture(scope="module")
+def params():
+    scene = make_scene(np.zeros((1, 2, 2)))
+    arguments = (scene, np.zeros(8), np.zeros((1, 1, 2)))
+    return jax.tree.map(np.asarray, jax.jit(Generator(NETWORK).init)(jax.random.key(0), *arguments))
+
+
+def every_fault(work, check):
+    """Let each operation of `work()` fail in turn, and call `check(done)` after each.
+
+    Where `work` is not `done`, it failed in one line.
+    """
+    for at in itertools.count(1):
+        failed = None
+        with failing(at) as faults:
+            try:
+                work()
+            except (InputError, OSError) as error:
+                failed = error
+        # Of an error of the disk commands make a line.
+        assert "\n" not in str(failed)
+        assert not isinstance(failed, OSError) or failed.errno == errno.ENOSPC
+        check(failed is None)
+        if faults.count < at:
+            assert failed is None
+            assert at > 5, "no faults were made"
+            return
+
+
+@pytest.fixture
+def run_of(params, monkeypatch):
+    """A run of two steps whose network learns nothing, so that only its files take time."""
+    windows = Windows(
+        position=np.cumsum(np.ones((4, 3, 2)), axis=1),
+        agent=np.arange(4),
+        bounds=np.array([0, 2, 4]),
+        identity=np.zeros((2, 2), np.uint32),
+        obs_len=2,
+    )
+
+    def advance(generator, recipe, key, state, groups):
+        count = len(groups[0].valid)
+        return state._replace(step=np.int32(state.step + count)), {"g_loss": np.ones(count)}
+
+    state = TrainState(np.int32(0), params, (), (), (), ())
+    monkeypatch.setattr(loop, "initial_state", lambda *_: state)
+    monkeypatch.setattr(loop, "_advance", advance)
+    values = {"val_ade": 1.0, "val_fde": 1.0, "val_score": 2.0}
+    monkeypatch.setattr(loop, "_validate", lambda *_: dict(values))
+    # As figures are written, but drawn in no time.
+    curves = lambda folder, rows: write_text(folder / "curves.png", "drawn" * 100)  # noqa: E731
+    monkeypatch.setattr(loop, "write_curves", curves)
+    monkeypatch.setattr("neurosym_jax.training.finish.code_version", lambda: "1")
+    monkeypatch.setattr(loop, "run_environment", functools.cache(loop.run_environment))
+    return Run(NETWORK, RECIPE, windows, windows, "zara1")
+
+
+def files_of(folder):
+    """What a finished run has, but for checkpoints."""
+    names = ("metrics.jsonl", "run.json", "curves.png")
+    whole = {name: (folder / name).read_bytes() for name in names}
+    return whole | {path.name: path.read_bytes() for path in (folder / "model").iterdir()}
+
+
+@pytest.mark.slow
+def test_a_training_run_is_whole_or_goes_on(run_of, tmp_path, capsys):
+    loop.train_run(run_of, tmp_path / "alone")
+    wanted = files_of(tmp_path / "alone")
+
+    folder = tmp_path / "run"
+
+    def check(done):
+        log = folder / "metrics.jsonl"  # The one file that grows: a part of it is a part of all.
+        assert not log.exists() or wanted[log.name].startswith(log.read_bytes())
+        for name in ("run.json", "curves.png"):
+            assert not (folder / name).exists() or (folder / name).read_bytes() == wanted[name]
+        if done or (folder / "model").exists():
+            assert files_of(folder) == wanted
+        loop.train_run(run_of, folder, resume=True)
+        assert files_of(folder) == wanted
+        assert "damaged" not in capsys.readouterr().err
+        assert {path.name for path in folder.rglob(".*")} <= {".lock", ".scratch"}
+        shutil.rmtree(folder)
+
+    every_fault(lambda: loop.train_run(run_of, folder), check)
+
+
+def test_a_report_is_the_old_or_the_new_one(tmp_path):
+    path = tmp_path / "rows.json"
+    old, new = ({"format": FORMAT, "rows": [number] * 100} for number in (1, 2))
+
+    def check(done):
+        found = json.loads(path.read_text())
+        assert found == new if done else found in (old, new)
+        assert [each.name for each in tmp_path.iterdir()] == ["rows.json"]
+        write_json(path, old)
+
+    write_json(path, old)
+    every_fault(lambda: write_json(path, new), check)
+
+
+@pytest.mark.parametrize("to", [(), ("new",)])
+def test_a_conversion_leaves_a_model(params, tmp_path, to):
+    model = Model(NETWORK, params, "zara1")
+    write_arrays(tmp_path / "old" / "params", model.params)
+    config = {
+        "format": 1,
+        "generator": dataclasses.asdict(NETWORK),
+        "scene": "zara1",
+        "sha256": digest(model.params),
+    }
+    (tmp_path / "old" / "config.json").write_text(json.dumps(config))
+    (tmp_path / "old" / "README.md").write_text("its card")
+
+    folders = [tmp_path / "model", *(tmp_path / name for name in to)]
+
+    def check(done):
+        assert not done or folders[-1].exists()
+        for folder in filter(Path.exists, folders):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", InputWarning)
+                loaded = load_model(folder)
+            jax.tree.map(np.testing.assert_array_equal, loaded.params, params)
+            shutil.rmtree(folder)
+        assert {path.name for path in tmp_path.iterdir()} == {"old"}
+        shutil.copytree(tmp_path / "old", tmp_path / "model")
+
+    shutil.copytree(tmp_path / "old", tmp_path / "model")
+    every_fault(lambda: run(Options(*folders)), check)
