@@ -134,7 +134,11 @@ def displacements(positions: np.ndarray) -> np.ndarray:
 
 
 def pad_scene(scene: Scene, agents: int) -> Scene:
-    """The same scene with `agents` slots; the slots added are not valid and hold zeros."""
+    """The same scene with `agents` slots; the slots added are not valid and hold zeros.
+
+    Raises:
+        InputError: for more agents than that.
+    """
     extra = agents - len(np.asarray(scene.valid))
     if extra < 0:
         raise InputError(f"a scene of {agents - extra} agents does not fit {agents} slots")

@@ -70,7 +70,11 @@ def run(options: Options) -> None:
 
 
 def read_ids(path: Path) -> dict[int, int]:
-    """The manual map of ids `{"old": new}`."""
+    """The manual map of ids `{"old": new}`.
+
+    Raises:
+        InputError: for a file that is something else.
+    """
     data = _json(path)
     try:
         if not isinstance(data, dict):

@@ -41,7 +41,7 @@ class Batch:
 
 
 def bucket_of(agents: np.ndarray | int) -> np.ndarray:
-    """The bucket (padded size) of scenes with `agents` agents, elementwise."""
+    """The bucket (padded size) of scenes with `agents` agents, a number or [...], elementwise."""
     agents = np.asarray(agents)
     small = np.array(BUCKETS)[np.searchsorted(BUCKETS, np.minimum(agents, BUCKETS[-1]))]
     large = 2 ** np.ceil(np.log2(np.maximum(agents, 1))).astype(int)
@@ -77,7 +77,7 @@ def single_scene(windows: Windows, index: int) -> Scene:
 def gather_scenes(
     windows: Windows, chosen: np.ndarray, slots: int, count: int | None = None
 ) -> Scene:
-    """The scenes `chosen` (indices, repeats allowed), each padded to `slots` agent slots.
+    """The scenes `chosen` ([S] indices, repeats allowed), each padded to `slots` agent slots.
 
     Returns:
         A Scene whose arrays have a leading axis of `count` scenes (default: as many as chosen);

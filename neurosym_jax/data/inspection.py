@@ -83,7 +83,11 @@ def describe_readings(readings: Iterable[Reading]) -> str:
 
 
 def files_below(folder: Path) -> list[Path]:
-    """Every file below `folder` that may be a recording, by its ending; there must be one."""
+    """Every file below `folder` that may be a recording, by its ending; there must be one.
+
+    Raises:
+        InputError: where there is none.
+    """
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
     if not paths:
         raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")

@@ -170,7 +170,11 @@ def _malformed(
 
 
 def refuse_unwhole(path: Path, values: np.ndarray, name: str) -> None:
-    """InputError for the first of [R] `values`, called `name`, that is no whole number."""
+    """Refuse [R] `values`, called `name`, of which one is no whole number.
+
+    Raises:
+        InputError: naming the row of the first.
+    """
     bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > 2.0**53))
     if len(bad):
         value = values[bad[0]]

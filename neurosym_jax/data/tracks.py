@@ -252,7 +252,7 @@ def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
 
 
 def common(values: np.ndarray) -> float:
-    """The most common of one number or more, the least if several are."""
+    """The most common of [R] numbers, R > 0, the least if several are."""
     kinds, counts = np.unique(values, return_counts=True)
     return float(kinds[np.argmax(counts)])
 

@@ -57,7 +57,7 @@ class ErrorsByScene:
 
     @classmethod
     def of_scores(cls, scores: Scores, identity: np.ndarray, steps: int) -> "ErrorsByScene":
-        """Those of `scores` that have one value."""
+        """Those of `scores` that have one value, of scenes of `identity` [S]."""
         single = {name: score for name, score in scores.items() if score.total.ndim == 1}
         totals, counts = (np.stack(parts, axis=1) for parts in zip(*single.values()))
         return cls(tuple(single), totals, counts, identity, steps)

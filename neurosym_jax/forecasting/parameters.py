@@ -52,7 +52,7 @@ def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse_not_finite(flat: Mapping[str, np.ndarray]) -> None:
-    """Refuse, by their names, arrays that hold a NaN or an infinity.
+    """Refuse, by their names, arrays [...] that hold a NaN or an infinity.
 
     Raises:
         InputError: naming them.

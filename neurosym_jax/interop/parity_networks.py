@@ -46,7 +46,11 @@ Compared = dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 def floats(arrays: Arrays, name: str, *shape: int | None) -> np.ndarray:
-    """Floating-point array `name`, once it is finite and has `shape`, where None is any size."""
+    """Floating-point array `name`, once it is finite and has `shape`, where None is any size.
+
+    Raises:
+        InputError: naming the array and what is wrong with it.
+    """
     if name not in arrays:
         raise InputError(f"the array {name!r} is missing")
     array = arrays[name]
@@ -159,7 +163,11 @@ def scene_noise(
 
 
 def scene_bounds(arrays: Arrays, agents: int) -> np.ndarray:
-    """`scene_start_end [S, 2]`, once it cuts the agents into scenes without gap or overlap."""
+    """`scene_start_end [S, 2]`, once it cuts the agents into scenes without gap or overlap.
+
+    Raises:
+        InputError: where it is missing or does not.
+    """
     name = "scene_start_end"
     if name not in arrays:
         raise InputError(f"the array {name!r} is missing")
@@ -174,7 +182,11 @@ def scene_bounds(arrays: Arrays, agents: int) -> np.ndarray:
 
 
 def generator_config(row: Mapping[str, Any]) -> GeneratorConfig:
-    """The configuration of a row, whose `variant`, where it has one, is NeuroSyM's pooling."""
+    """The configuration of a row, whose `variant`, where it has one, is NeuroSyM's pooling.
+
+    Raises:
+        InputError: for a field of the row that no configuration of ours has.
+    """
     pooling = manifest_field(row, "pooling_type")
     named: dict[Any, Any] = {theirs: ours for ours, theirs in TORCH_POOLING.items()}
     named[None] = "none"
@@ -207,7 +219,11 @@ def discriminator_config(row: Mapping[str, Any]) -> DiscriminatorConfig:
 
 
 def manifest_field(row: Mapping[str, Any], name: str) -> Any:
-    """What the row says of `name`; InputError where it says nothing."""
+    """What the row says of `name`.
+
+    Raises:
+        InputError: where it says nothing.
+    """
     if name not in row:
         raise InputError(f"manifest: the row has no {name!r}")
     return row[name]

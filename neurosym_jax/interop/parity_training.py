@@ -63,7 +63,11 @@ LOSSES = {
 
 
 def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
-    """(ours, theirs) of the losses, the gradients and the parameters after the two steps."""
+    """(ours, theirs) of the losses, the gradients and the parameters after the two steps.
+
+    Raises:
+        InputError: for a case that has not one noise a scene.
+    """
     generator, config = generator_config(row), _recipe(row)
     if generator.noise_mix_type != "global":
         raise InputError("manifest: a train_step case has one noise a scene, noise_mix_type global")

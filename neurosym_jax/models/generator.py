@@ -58,7 +58,7 @@ class Generator(nn.Module):
         return self.encoder(displacement)
 
     def interact(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
-        """What `encode` returns, from the hidden states that `observe` returns."""
+        """What `encode` returns, from the hidden states [N, H] that `observe` returns."""
         if self.config.pooling != "none":
             pooling = POOLINGS[self.config.pooling]
             positions = scene.observed[:, -1] if pooling.every_step else scene.observed

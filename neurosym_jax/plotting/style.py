@@ -123,7 +123,7 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
 
 
 def checked(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
-    """`values` in float64.
+    """`values` [...] in float64.
 
     Raises:
         InputError: unless they are finite, not empty and of `shape` (None fits any length).

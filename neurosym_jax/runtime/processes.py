@@ -93,7 +93,7 @@ def leave(status: int, words: str = "") -> None:
 
 
 def sum_over_processes(array: np.ndarray) -> np.ndarray:
-    """The sum of every process's float64 `array`, of the same shape in all; waits for all.
+    """The sum of every process's float64 `array` [...], of one shape in all; waits for all.
 
     Numbers travel as their bits, because JAX's arrays would be rounded to float32. Where all but
     one are zero the sum is that one's, exactly.

@@ -154,7 +154,7 @@ def pair_mask(valid: ArrayLike | None, count: int) -> Array:
 def side_factor(
     quantisation_factor: ArrayLike, convention: str, given: ArrayLike | None
 ) -> ArrayLike:
-    """The quantisation factor of q3 and q4, see `qtc_c1`; `given` is it, or None.
+    """The quantisation factor of q3 and q4 [...], see `qtc_c1`; `given` is it, or None.
 
     Raises:
         InputError: for an unknown convention.
@@ -169,7 +169,10 @@ def side_factor(
 
 
 def both_ways(k: ArrayLike, l: ArrayLike):  # noqa: E741
-    """(mover before, mover after, other before) for k moving, then for l; x and y apart."""
+    """(Mover before, mover after, other before) for k moving, then for l.
+
+    Of k, l [..., T, 2], and each as (x, y) of [..., T-1].
+    """
     k0, k1 = frames(k)
     l0, l1 = frames(l)
     return (k0, k1, l0), (l0, l1, k0)
@@ -206,7 +209,7 @@ def _side(before, after, other, factor: ArrayLike, convention: str) -> Array:
 
 
 def compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
-    """Sign of a - b where it exceeds the threshold, else 0, as int8.
+    """Sign of a - b [...] where it exceeds the threshold, else 0, as int8.
 
     Sums are compared instead of a difference because compilers fuse `p*q - r*s` into a multiply-add
     of higher precision in one product only, and two equal products then differ by a rounding error:

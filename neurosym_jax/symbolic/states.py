@@ -55,7 +55,11 @@ def decode_state(codes: ArrayLike, symbols: int = 4) -> Array:
 
 
 def format_state(state: ArrayLike, separator: str = " ") -> str:
-    """One state [m] as text, `"- 0 + -"`; absent symbols are left out. QSRlib separates by `,`."""
+    """One state [m] as text, `"- 0 + -"`; absent symbols are left out. QSRlib separates by `,`.
+
+    Raises:
+        InputError: for what is no symbol.
+    """
     symbols = [int(symbol) for symbol in np.asarray(state) if symbol != ABSENT]
     unknown = [symbol for symbol in symbols if symbol not in _CHARACTERS]
     if unknown:

@@ -46,7 +46,7 @@ class Track:
         return self.place + (stamp - self.stamp) * self.speed
 
     def add(self, id: int, stamp: float, place: np.ndarray) -> None:
-        """Seen again."""
+        """Seen again at `place` [2], metres."""
         moved = (place - self.place) / (stamp - self.stamp)
         keep = SMOOTH if len(self.points) > 1 else 0.0
         self.speed = keep * self.speed + (1 - keep) * moved
@@ -77,7 +77,7 @@ class Follower:
         self.tracks, self.stamp = [], -np.inf
 
     def push(self, stamp: float, ids: list[int], xy: np.ndarray) -> list[Track | None]:
-        """The track of each person of the next frame; None where it is not followed."""
+        """Tracks of the next frame's people, at `xy` [N, 2]; None where one is not followed."""
         self.tracks = [each for each in self.tracks if stamp - each.stamp <= self.forget]
         self.stamp = stamp
         found: list[Track | None] = [None] * len(ids)

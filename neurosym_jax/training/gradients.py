@@ -45,7 +45,7 @@ def discriminator_gradient(
     label_real: Array | float,
     label_fake: Array | float,
 ) -> tuple[Any, Metrics]:
-    """Gradient with respect to the parameters `discriminator`; `noises` are of one sample."""
+    """Gradient with respect to the parameters `discriminator`; `noises` [1, ...], one sample."""
     contexts = encode_groups(generator_config, generator, groups)
     fakes = decode_groups(generator_config, generator, contexts, groups, noises)
     valid = _slots([scene.valid for scene in groups])
@@ -81,7 +81,7 @@ def generator_gradient(
         generator: its parameters.
         discriminator: its parameters; () where the recipe has no adversarial term.
         groups: the batch.
-        noises: for each group, of k samples.
+        noises: for each group, [k, ...] of k samples, see `draw_group_noise`.
         label: what the discriminator is to take the forecasts for.
 
     Returns:

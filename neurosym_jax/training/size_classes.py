@@ -39,5 +39,5 @@ def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
 
 
 def quota(members: np.ndarray, scenes: int, batch_scenes: int) -> np.ndarray:
-    """Scenes of a class in each batch, elementwise: in proportion, and at least one."""
+    """Scenes [C] of each class in each batch, of `members` [C]: in proportion, and at least one."""
     return np.maximum(1, np.rint(members * batch_scenes / scenes)).astype(int)

@@ -63,7 +63,11 @@ class Columns:
 
 
 def parse_columns(pairs: Sequence[str]) -> Columns:
-    """Columns from `time=t id=person x=px y=py`; InputError for anything else."""
+    """Columns from `time=t id=person x=px y=py`.
+
+    Raises:
+        InputError: for anything else.
+    """
     known = [field.name for field in dataclasses.fields(Columns)]
     given = {}
     for pair in pairs:

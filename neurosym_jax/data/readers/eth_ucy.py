@@ -198,7 +198,11 @@ def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
 
 
 def text_files(folder: Path) -> list[Path]:
-    """Every `.txt` and `.csv` file of a folder, in order of name; there must be one."""
+    """Every `.txt` and `.csv` file of a folder, in order of name; there must be one.
+
+    Raises:
+        InputError: where there is none.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such file or folder")
     paths = sorted(path for path in folder.iterdir() if path.suffix in {".txt", ".csv"})
