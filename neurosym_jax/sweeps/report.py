@@ -6,7 +6,7 @@ from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.report import FORMAT, write_json
-from neurosym_jax.runtime.files import write_text
+from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.sweeps.comparison import compare, one_horizon
 from neurosym_jax.sweeps.errors import read_sweep
 from neurosym_jax.sweeps.learned_tables import learned_changes
@@ -36,12 +36,13 @@ def write_report(
     Raises:
         InputError: for a folder without a sweep, or one that has not what is to be compared.
     """
-    rows, errors = read_sweep(sweep)
-    chosen = one_horizon(rows, pred_len)
-    comparisons = compare(rows, errors, chosen, list(against))
     target = out or sweep / "report.md"
     if target.suffix != ".md":
         raise InputError(f"--out {target}: must end in .md")
+    refuse_unwritable(target)
+    rows, errors = read_sweep(sweep)
+    chosen = one_horizon(rows, pred_len)
+    comparisons = compare(rows, errors, chosen, list(against))
     data: dict[str, Any] = {
         "format": FORMAT,
         "training": rows[chosen[0]]["run"]["training"],

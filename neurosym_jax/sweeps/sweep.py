@@ -23,7 +23,7 @@ from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.evaluation.run import Settings, evaluate_tests
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.environment import cpu_cores
-from neurosym_jax.runtime.files import write_text
+from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.sweeps.errors import write_errors
 from neurosym_jax.sweeps.runs import SweepRun
 from neurosym_jax.sweeps.table import format_sweep
@@ -49,6 +49,7 @@ def run_sweep(
         InputError: for a finished run of another recipe, or where nothing was finished.
     """
     refuse_below(1, {"--jobs": jobs})
+    refuse_unwritable(out / "sweep.json")
     left = [run for run in runs if not run.finished()]
     print(f"{len(runs)} runs, {len(runs) - len(left)} of them finished before")
     failed = _train_all(left, jobs or cpu_cores())

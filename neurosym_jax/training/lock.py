@@ -5,17 +5,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.files import refuse_unwritable
 
 __all__ = ["sole_writer"]
 
 
 @contextlib.contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Hold `folder`; whatever ends the process lets go of it.
+    """Hold `folder`, which is made where it is missing; whatever ends the process lets go of it.
 
     Raises:
-        InputError: when another process holds it.
+        InputError: when another process holds it, or nothing can be written there.
     """
+    refuse_unwritable(folder / ".lock")
     try:
         import fcntl
     except ImportError:  # Not on Windows, where nothing guards the folder.

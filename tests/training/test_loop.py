@@ -142,6 +142,13 @@ def test_another_environment_is_told(run, done, capsys, monkeypatch):
     assert f"began with threads {now['threads']} and goes on with 77" in capsys.readouterr().err
 
 
+def test_a_place_that_cannot_be_written_is_refused(run, tmp_path):
+    (tmp_path / "file").touch()
+    for folder in ("file", "file/run", "n" * 300):
+        with pytest.raises(InputError, match="cannot be written"):
+            train_run(run, tmp_path / folder)
+
+
 def test_one_process_at_a_time(run, tmp_path):
     with sole_writer(tmp_path), pytest.raises(InputError, match="another process is training"):
         train_run(run, tmp_path)
