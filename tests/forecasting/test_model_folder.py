@@ -1,5 +1,4 @@
 import dataclasses
-import hashlib
 import json
 import shutil
 import subprocess
@@ -58,18 +57,6 @@ def refusal(folder):
     assert "\n" not in message
     assert str(folder) in message
     return message
-
-
-def sign(folder, change=lambda config: None, params=None):
-    """Write what somebody would who knows how the digest is made."""
-    config = json.loads((folder / "config.json").read_text())
-    del config["sha256"]
-    change(config)
-    if params is not None:
-        (folder / "params.safetensors").write_bytes(params)
-    rest = json.dumps(config).removeprefix("{").encode()
-    sha256 = hashlib.sha256(rest + (folder / "params.safetensors").read_bytes()).hexdigest()
-    (folder / "config.json").write_bytes(b'{\n  "sha256": "' + sha256.encode() + b'",\n' + rest)
 
 
 def test_round_trip(saved):
@@ -145,7 +132,7 @@ def test_config_that_is_none(copy, text):
         (lambda all: all["config"].update(pooling="none"), "describes another network"),
         (lambda all: all["config"].update(noise_dim=99), "noise_dim must lie in"),
         (lambda all: all["config"].update(pooling="mean"), "unknown pooling 'mean'"),
-        (lambda all: all["config"].update(obs_len=True), "does not fit"),
+        (lambda all: all["config"].update(obs_len=True), "obs_len must be a whole number"),
         (lambda all: all["config"].update(colour=1), "unknown field 'colour'"),
         (lambda all: all.update(config=[1]), "must have the fields"),
         (lambda all: all.update(format=True), "format True is not the format 2"),
@@ -157,7 +144,7 @@ def test_config_that_is_none(copy, text):
         (lambda all: all.pop("dataset"), "must have the fields"),
     ],
 )
-def test_wrong_values_under_a_right_digest(copy, change, message):
+def test_wrong_values_under_a_right_digest(copy, sign, change, message):
     sign(copy, change)
     assert message in refusal(copy)
 
@@ -177,12 +164,12 @@ def header(**entries):
         ((2**40).to_bytes(8, "little") + b"{}", "bytes of names are more than"),
     ],
 )
-def test_parameters_that_promise_what_is_not_there(copy, params, message):
+def test_parameters_that_promise_what_is_not_there(copy, sign, params, message):
     sign(copy, params=params)
     assert message in refusal(copy)
 
 
-def test_parameters_that_are_not_finite(copy, tmp_path):
+def test_parameters_that_are_not_finite(copy, sign, tmp_path):
     params = flat_parameters(MODEL.params)
     params["params/encoder/lstm/input_bias"][3] = np.nan
     try:

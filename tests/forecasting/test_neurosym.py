@@ -133,14 +133,12 @@ def test_the_earlier_release_forecasts_nothing_but_parity_cases(tmp_path):
 
 
 @EACH
-def test_a_folder_names_variant_and_weighting(tmp_path, name):
+def test_a_folder_names_variant_and_weighting(tmp_path, sign, name):
     folder, model = tmp_path / "m", random_model(name)
     save_model(folder, model)
-    text = (folder / "config.json").read_text()
-    fields = json.loads(text)
-    assert fields["format"] == 1
-    assert fields["generator"]["pooling"] == name
-    assert fields["generator"]["weighting"] == vars(model.config.weighting)
+    fields = json.loads((folder / "config.json").read_text())["config"]
+    assert fields["pooling"] == name
+    assert fields["weighting"] == vars(model.config.weighting)
     loaded = load_model(folder)
     assert loaded.config == model.config
     jax.tree.map(assert_array_equal, loaded.params, model.params)
@@ -151,16 +149,14 @@ def test_a_folder_names_variant_and_weighting(tmp_path, name):
         ({"pooling": "pool_net"}, "has no symbols for a weighting"),
         ({"pool_every_timestep": True}, f"pool_every_timestep with {name}"),
     ):
-        generator = {**fields["generator"], **broken}
-        (folder / "config.json").write_text(json.dumps({**fields, "generator": generator}))
+        sign(folder, lambda all, broken=broken: all.update(config={**fields, **broken}))
         with pytest.raises(InputError, match=message):
             load_model(folder)
 
 
-def test_another_variant_is_another_network(tmp_path):
+def test_another_variant_is_another_network(tmp_path, sign):
     save_model(tmp_path / "m", random_model("as_described"))
-    path = tmp_path / "m" / "config.json"
-    path.write_text(path.read_text().replace("as_described", "neurosym_ros"))
+    sign(tmp_path / "m", lambda all: all["config"].update(pooling="neurosym_ros"))
     with pytest.raises(InputError, match=r"describes another network: .*spatial_embedding"):
         load_model(tmp_path / "m")
 
