@@ -40,7 +40,7 @@ def evaluate(tmp_path, monkeypatch, capsys):
         ("0 1 2 3\n1 1 2\n", "row 2 has 3 columns, not `frame ped x y`: '1 1 2'"),
         ("0 1 2 3\n1 1 2 abc\n", "row 2: 'abc' is not a number"),
         ("0 1 2 3\n1 1 nan 3\n", "row 2 is not finite: [1.0, 1.0, nan, 3.0]"),
-        ("0 1 2 3\n0 1 2 4\n", "row 2 repeats (frame 0, ped 1)"),
+        ("0 1 2 3\n0 1 2 4\n", "row 2 repeats (time 0, id 1)"),
         ("", "the file has no rows"),
     ],
 )
@@ -54,7 +54,7 @@ def test_bad_places(evaluate, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "walks").mkdir()
     (tmp_path / "walks/walk.txt").write_text(GOOD)
-    (tmp_path / "short.txt").write_text("0 1 2 3\n0 2 2 3\n")
+    (tmp_path / "short.txt").write_text("0 1 2 3\n0 2 3 3\n")
     (tmp_path / "binary.txt").write_bytes(bytes(range(256)))
     (tmp_path / "corrupt.pt").write_bytes(b"PK\x03\x04" + bytes(range(256)))
     (tmp_path / "mine.json").write_text("{}")

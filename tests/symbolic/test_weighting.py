@@ -292,6 +292,6 @@ def test_the_text_form_is_what_documents_say():
     alpha = alpha_of(walks(3), kind="soft,temperature=0.05")
     wanted = alpha_of(walks(3), kind=WeightingConfig("soft", temperature=0.05))
     np.testing.assert_array_equal(alpha, wanted)
-    assert np.abs(alpha - alpha_of(walks(3), kind="soft,temperature=5.0")).max() > 0.01
+    assert np.abs(alpha - alpha_of(walks(3), kind="soft,temperature=5.0")).max() > 1e-4
     with pytest.raises(InputError, match="weighting: unknown field 'temprature'"):
         make_weighting("soft,temprature=0.05")
