@@ -14,7 +14,7 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.scoring import Scores, score
-from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.online.predictor import Forecast, Predictor
 
 __all__ = ["Analytics", "Score"]
 
@@ -73,6 +73,16 @@ class Analytics:
         self._latency: collections.deque[float] = collections.deque(maxlen=LATENCIES)
         self._pending: collections.deque[Forecast] = collections.deque()
         self._truth: dict[int, dict[int, np.ndarray]] = {}
+
+    @classmethod
+    def of(cls, predictor: Predictor) -> "Analytics":
+        """Analytics whose programs for the forecasts of `predictor` are compiled."""
+        for length in {model.config.pred_len for model in predictor.models.values()}:
+            for size in predictor.sizes():
+                future = np.zeros((size, length, 2))
+                for samples in predictor.samples:
+                    score(np.zeros((samples, *future.shape)), future)
+        return cls()
 
     def add(self, forecast: Forecast) -> list[Forecast]:
         """Take in the next forecast; those that it made ready, scored, with their `future`."""

@@ -7,7 +7,7 @@ came live or from a file. All programs are compiled at the start, for a few numb
 
 import dataclasses
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,11 +125,20 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
-        people = 1
-        while people <= int(bucket_of(max_people)):
-            size = int(bucket_of(people))
+        for size in self.sizes():
             self._forecast(np.zeros((size, self.window.steps, 2)), 0)
-            people = size + 1
+
+    @property
+    def samples(self) -> set[int]:
+        """The numbers of futures that the models draw."""
+        return {forecaster.samples for forecaster in self._forecasters.values()}
+
+    def sizes(self) -> Iterator[int]:
+        """Numbers of people that have a program each; what lies between takes the next."""
+        size = 0
+        while size < int(bucket_of(self.max_people)):
+            size = int(bucket_of(size + 1))
+            yield size
 
     @property
     def health(self) -> Health:

@@ -66,7 +66,8 @@ class ForecastNode:
         Raises:
             InputError: for a topic, name or URI that is none, or if rosbags is not installed.
         """
-        self.predictor, self.analytics, self.stitcher = predictor, Analytics(), stitcher
+        self.predictor, self.stitcher = predictor, stitcher
+        self.analytics = Analytics.of(predictor)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
         self.malformed = self.late = 0

@@ -61,7 +61,8 @@ class ForecastNode:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         self.types = message_types(message)
-        self.predictor, self.analytics, self.stitcher = predictor, Analytics(), stitcher
+        self.predictor, self.stitcher = predictor, stitcher
+        self.analytics = Analytics.of(predictor)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
         self._nearest = NearestIds()

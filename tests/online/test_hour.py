@@ -43,7 +43,7 @@ def test_an_hour_of_people_coming_and_going(model):
     place, step = rng.uniform(0, 20, (len(id), 2)), rng.normal(0, 0.1, (len(id), 2))
     step[:2] *= 0.05  # Who stays for the hour does not walk off the map.
     predictor = Predictor(model("as_described"), samples=2, max_people=PEOPLE)
-    analytics, compiled = Analytics(), compile_seconds()
+    analytics, compiled = Analytics.of(predictor), compile_seconds()
     memory, indices = [], []
     for frame in range(RATE * HOUR):
         here = (first <= frame) & (frame <= last)

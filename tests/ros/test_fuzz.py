@@ -43,7 +43,7 @@ def random_frames(seed: int, length: int):
 def test_random_streams_never_crash_the_chain(model, stitch):
     predictor = Predictor(model(), samples=2, max_people=8, max_tracks=10)
     stitcher = OnlineStitcher(max_tracks=10) if stitch else None
-    analytics, compiled, forecasts = Analytics(), compile_seconds(), 0
+    analytics, compiled, forecasts = Analytics.of(predictor), compile_seconds(), 0
     for stamp, ids, xy in random_frames(0, 3000):
         if stitch:  # In messages ids are whole.
             ids = np.nan_to_num(ids).astype(np.int64)
