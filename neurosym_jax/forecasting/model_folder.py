@@ -12,6 +12,7 @@ It is compared before either file is parsed.
 import dataclasses
 import hashlib
 import json
+import os
 import re
 import warnings
 from pathlib import Path
@@ -98,12 +99,12 @@ def load_model(path: Path | str) -> Model:
         InputError: for anything that is not such a thing, is damaged, or has another format.
     """
     path = find_model(path)
-    if path.is_file():
+    if os.path.isfile(path):
         from neurosym_jax.interop.torch import load_torch_checkpoint
 
         checkpoint = load_torch_checkpoint(path)
         return Model(checkpoint.config, {"params": checkpoint.params}, checkpoint.scene)
-    if not path.exists():
+    if not os.path.exists(path):
         raise InputError(f"{path}: no such checkpoint (`neurosym models` lists what is at hand)")
     if not (path / CONFIG).is_file():
         raise InputError(f"{path}: not a model's folder: it has no {CONFIG}")

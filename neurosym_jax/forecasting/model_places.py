@@ -1,5 +1,6 @@
 """Where models are: what a path or a name means, which models ship, and which are at hand."""
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,7 +23,9 @@ def find_model(path: Path | str) -> Path:
     A path that is there goes before a name. What is nowhere is returned as it is.
     """
     path = Path(path)
-    if not path.exists() and (shipped := _shipped_folder() / path).is_dir() and path.name:
+    shipped = _shipped_folder() / path
+    # Of `os`, for which a name that is too long is nowhere.
+    if path.name and not os.path.exists(path) and os.path.isdir(shipped):
         return shipped
     return find(path)
 
@@ -41,7 +44,7 @@ def find_checkpoints(names: Sequence[Path | str]) -> list[str]:
 
 def _several(name: str) -> list[str]:
     folder = find_model(name)
-    if name in DOWNLOADED and not folder.exists():
+    if name in DOWNLOADED and not os.path.exists(folder):
         folder = data_folder() / DOWNLOADED[name]
         if not folder.is_dir():
             raise InputError(
@@ -52,7 +55,7 @@ def _several(name: str) -> list[str]:
 
 def _in_folder(folder: Path) -> list[Path]:
     """The models in a folder that is none itself."""
-    if (folder / "config.json").exists() or not folder.is_dir():
+    if not os.path.isdir(folder) or (folder / "config.json").exists():
         return []
     return sorted([*folder.glob("*.pt"), *(path.parent for path in folder.glob("*/config.json"))])
 
