@@ -23,9 +23,11 @@ def learned_changes(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[
     often = (np.asarray(decode_state(np.arange(81))) != 0).all(axis=1)
     for row in sorted(rows, key=lambda row: row["run"]["seed"]):
         model = load_model(Path(row["checkpoint"]))
-        if model.weighting is None or "table" not in model.params.get("weighting", {}):
+        table = model.params.get("weighting", {}).get("table")
+        # A weighting of one's own may call by that name what is none of the 81 states.
+        if model.weighting is None or np.shape(table) != (81,):
             continue
-        change = model.params["weighting"]["table"] - table_of(model.weighting)
+        change = table - table_of(model.weighting)
         of_model = changes.setdefault(model.weighting.name, {})
         of_model.setdefault(row["scene"], []).append(change[often].round(4).tolist())
     return changes
