@@ -6,6 +6,7 @@ the list of commands says. It is imported when it is asked for.
 
 import ast
 import importlib
+import os
 import sys
 from importlib.resources import files
 
@@ -25,7 +26,18 @@ def command_names() -> list[str]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command that `arguments` name, by default those of the command line."""
-    name, *rest = sys.argv[1:] if arguments is None else arguments or ["--help"]
+    try:
+        _run(sys.argv[1:] if arguments is None else arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Who reads what is printed, such as `head`, has seen enough: neither is the rest written at
+        # the end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+def _run(arguments: list[str]) -> None:
+    name, *rest = arguments or ["--help"]
     names = command_names()
     if name in ("-h", "--help"):
         print(_usage(names))

@@ -69,6 +69,20 @@ def test_help_lists_every_command(capsys):
         assert len(line) <= 80
 
 
+def test_no_argument_is_a_question_for_help(capsys):
+    main([])
+    assert capsys.readouterr().out.startswith("usage: neurosym COMMAND")
+
+
+def test_who_reads_may_stop_reading():
+    reads, writes = os.pipe()
+    os.close(reads)
+    command = [sys.executable, "-m", "neurosym_jax", "--help"]
+    with open(writes, "w") as pipe:
+        done = subprocess.run(command, stdout=pipe, stderr=subprocess.PIPE, check=False)
+    assert (done.returncode, done.stderr) == (1, b"")
+
+
 def test_a_wrong_name_gets_a_hint():
     with pytest.raises(SystemExit, match="no command 'evalute': did you mean evaluate"):
         main(["evalute"])

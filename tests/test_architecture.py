@@ -1,0 +1,116 @@
+"""Who may import what (docs/architecture.md): read from the source, so that no path is missed."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "neurosym_jax"
+LIBRARIES = {
+    # library: who may import it, by the beginning of the path in the package
+    "flax": ("models/", "scene.py"),
+    "matplotlib": ("plotting/",),
+    "orbax": ("training/",),
+    "rclpy": ("ros/", "commands/ros2.py"),
+    "rosbags": ("ros/",),
+    "rospy": (),
+    "torch": (),
+    "tyro": ("commands/",),
+}
+ON_DEMAND = {"matplotlib", "orbax", "rclpy", "rosbags", "safetensors"}
+"""Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
+WAY_OF_THE_DATA = ("data", "symbolic", "models", "forecasting", "evaluation")
+"""None imports one to its right."""
+AROUND = {"commands", "dashboard", "online", "ros", "sweeps", "tracking", "training"}
+"""Built on the way of the data, which knows none of them."""
+
+OLD_MODELS = ("forecasting/model_folder.py", "neurosym_jax.training.old_models")
+"""Model folders of format 1 are Orbax's: their reader is imported for one of them alone."""
+
+
+def imports(path: Path) -> list[tuple[str, bool]]:
+    """Modules that a file imports, and whether at once or when a function is called."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    later = {
+        id(node)
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        or (isinstance(function, ast.If) and "TYPE_CHECKING" in ast.unparse(function.test))
+        for node in ast.walk(function)
+    }
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [(alias.name, id(node) not in later) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found.append((node.module or "", id(node) not in later))
+    return found
+
+
+FILES = {path.relative_to(PACKAGE).as_posix(): imports(path) for path in PACKAGE.rglob("*.py")}
+
+
+def ours(name: str) -> str:
+    """The subpackage of an imported module of the package, or an empty text."""
+    parts = name.split(".")
+    return parts[1] if parts[0] == "neurosym_jax" and len(parts) > 1 else ""
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_library_has_its_rooms(library):
+    users = {
+        file for file, names in FILES.items() for name, _ in names if name.split(".")[0] == library
+    }
+    assert {file for file in users if not file.startswith(LIBRARIES[library])} == set()
+    assert users or not LIBRARIES[library], "a rule about nothing"
+
+
+def test_what_is_heavy_or_optional_is_imported_on_demand():
+    at_once = {
+        (file, name)
+        for file, names in FILES.items()
+        for name, now in names
+        if now and (name.split(".")[0] in ON_DEMAND or ours(name) == "plotting")
+    }
+    rooms = ("plotting/", "commands/")
+    assert {(file, name) for file, name in at_once if not file.startswith(rooms)} == set()
+
+
+def test_the_way_of_the_data_has_one_direction():
+    wrong = set()
+    for file, names in FILES.items():
+        room = file.split("/")[0]
+        if room in WAY_OF_THE_DATA:
+            later = {*WAY_OF_THE_DATA[WAY_OF_THE_DATA.index(room) + 1 :], *AROUND}
+            wrong |= {(file, name) for name, _ in names if ours(name) in later}
+    assert wrong == {OLD_MODELS}
+
+
+def test_commands_are_imported_by_nobody():
+    users = {file for file, names in FILES.items() for name, _ in names if ours(name) == "commands"}
+    assert {file for file in users if not file.startswith("commands/")} <= {"__main__.py"}
+
+
+def test_who_forecasts_frame_by_frame_knows_no_ros():
+    users = {file for file, names in FILES.items() for name, _ in names if ours(name) == "ros"}
+    assert {file.split("/")[0] for file in users} <= {"ros", "commands"}
+
+
+def test_studies_and_tests_are_imported_by_commands_alone():
+    outside = {
+        file
+        for file, names in FILES.items()
+        for name, _ in names
+        if name.split(".")[0] in ("studies", "tests", "benchmarks", "examples")
+    }
+    assert {file for file in outside if not file.startswith("commands/")} == set()
+
+
+def test_files_are_short_and_say_what_they_are():
+    for path in [*PACKAGE.rglob("*.py"), *(ROOT / "studies").rglob("*.py")]:
+        text = path.read_text(encoding="utf-8")
+        if text.strip():
+            assert ast.get_docstring(ast.parse(text)), f"{path}: no docstring"
+        assert text.count("\n") <= 300, f"{path}: more than 300 lines"
+        assert path.stem not in ("utils", "misc", "helpers", "common")
