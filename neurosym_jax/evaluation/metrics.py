@@ -111,27 +111,28 @@ def collisions(forecast: Array, valid: Array) -> Array:
     def one_sample(forecast: Array) -> Array:
         # Step by step and each coordinate by itself: everything is elementwise in [N, N], which
         # becomes one loop, many times as fast as arrays of [N, N, T, 2].
-        def offset(step: int) -> tuple[Array, Array]:
-            x, y = forecast[:, step, 0], forecast[:, step, 1]
-            return x[:, None] - x[None, :], y[:, None] - y[None, :]
-
-        x, y = offset(0)
-        least = jnp.full_like(x, jnp.inf)
-        for step in range(1, forecast.shape[1]):
-            to_x, to_y = offset(step)
+        xs, ys = (
+            [of_step[:, None] - of_step[None, :] for of_step in jnp.unstack(coordinate, axis=1)]
+            for coordinate in jnp.unstack(forecast, axis=-1)
+        )
+        least = xs[-1] ** 2 + ys[-1] ** 2
+        for x, y, to_x, to_y in zip(xs, ys, xs[1:], ys[1:]):
             # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
             dx, dy = to_x - x, to_y - y
-            length = dx**2 + dy**2
-            t = jnp.clip(-(x * dx + y * dy) / jnp.where(length > 0, length, 1), 0, 1)
-            least = jnp.minimum(least, (x + t * dx) ** 2 + (y + t * dy) ** 2)
-            x, y = to_x, to_y
-        least = jnp.minimum(least, x**2 + y**2)
+            # The least number there is, for an offset that stays.
+            length = jax.lax.max(dx**2 + dy**2, tiny)
+            t = jax.lax.clamp(zero, -(x * dx + y * dy) / length, one)
+            least = jax.lax.min(least, (x + t * dx) ** 2 + (y + t * dy) ** 2)
         return ((least < COLLISION_DISTANCE**2) & pairs).any(axis=-1)
 
+    zero, one, tiny = (
+        jnp.asarray(number, forecast.dtype) for number in (0, 1, jnp.finfo(forecast.dtype).tiny)
+    )
     # Sample by sample, so that memory follows N^2 and not k N^2.
     return jax.lax.map(one_sample, forecast)
 
 
+@jax.jit  # So that several metrics trace it once.
 def _distance(forecast: Array, future: Array, valid: Array) -> Array:
     """[k, N, T] metres, zero for agents that are not valid."""
     offset = jnp.square(forecast - future)
