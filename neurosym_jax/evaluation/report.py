@@ -10,7 +10,14 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.runtime import files
 
-__all__ = ["FORMAT", "check_replaceable", "format_table", "metric_texts", "write_json"]
+__all__ = [
+    "FORMAT",
+    "check_replaceable",
+    "format_table",
+    "further_metrics",
+    "metric_texts",
+    "write_json",
+]
 
 FORMAT = 1
 
@@ -54,6 +61,14 @@ def metric_texts(row: Mapping[str, Any]) -> dict[str, str]:
         metric = known_metric(name)
         texts[metric.title] = metric.text(value)
     return texts
+
+
+def further_metrics(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The metrics that all `rows` have beside those of their keys `joint` and `marginal`."""
+    both = {f"{protocol}_{error}" for protocol in ("joint", "marginal") for error in ("ade", "fde")}
+    # Rows of an earlier version, and no rows, have none.
+    names = [name for row in rows[:1] for name in row.get("metrics", {}) if name not in both]
+    return [name for name in names if all(row["metrics"].get(name) is not None for row in rows)]
 
 
 def _cells(row: Mapping[str, Any]) -> dict[str, str]:

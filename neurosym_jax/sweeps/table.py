@@ -8,6 +8,7 @@ import numpy as np
 
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.evaluation.report import further_metrics
 
 __all__ = ["format_sweep", "mean_and_interval"]
 
@@ -38,7 +39,7 @@ def format_sweep(rows: Sequence[Row]) -> str:
             title = f"### {lengths[0]} steps observed, {lengths[1]} forecast: {protocol} best of k"
             pairs = [(row[protocol]["ade"], row[protocol]["fde"]) for row in members]
             blocks += [title, _table(members, pairs)]
-        for metric in _further(members):
+        for metric in further_metrics(members):
             label = known_metric(metric).label
             title = f"### {lengths[0]} steps observed, {lengths[1]} forecast: {label}"
             values = [(row["metrics"][metric],) for row in members]
@@ -48,14 +49,6 @@ def format_sweep(rows: Sequence[Row]) -> str:
         "Joint: the best of k forecasts of the whole scene; marginal: each agent's own best."
     )
     return "\n\n".join(blocks) + "\n"
-
-
-def _further(rows: Sequence[Row]) -> list[str]:
-    """The metrics that the tables of joint and marginal errors do not have."""
-    both = {f"{protocol}_{error}" for protocol in ("joint", "marginal") for error in ("ade", "fde")}
-    # Rows of an earlier version have no other.
-    names = [name for name in rows[0].get("metrics", {}) if name not in both]
-    return [name for name in names if all(row["metrics"].get(name) is not None for row in rows)]
 
 
 def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> str:

@@ -6,6 +6,8 @@ from typing import Any
 
 from neurosym_jax.config import GeneratorConfig, from_json
 from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.evaluation.report import further_metrics
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import CARD
 from neurosym_jax.runtime.files import write_text
@@ -45,14 +47,17 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     yield "protocol); marginal: each agent's own best. The two are not comparable."
     chosen = f"{validation['val_ade']:.3f} / {validation['val_fde']:.3f}"
     label = f"validation, which chose step {validation['step']}"
-    rows = [[label, str(training["best_k"]), chosen, ""]]
+    further = [known_metric(name) for name in further_metrics(test_rows)]
+    rows = [[label, str(training["best_k"]), chosen, "", *[""] * len(further)]]
     for row in test_rows:
         errors = [
             f"{row[best]['ade']:.3f} / {row[best]['fde']:.3f}" for best in ("joint", "marginal")
         ]
+        errors += [metric.text(row["metrics"][metric.name]) for metric in further]
         label = "this model" if row["checkpoint"] else row["model"]
         rows.append([f"test on {row['scene']}: {label}", str(row["samples"]), *errors])
-    yield from ("", markdown_table(["", "k", "joint ADE / FDE", "marginal ADE / FDE"], rows))
+    head = ["", "k", "joint ADE / FDE", "marginal ADE / FDE", *(each.title for each in further)]
+    yield from ("", markdown_table(head, rows))
     if not test_rows:
         yield from ("", "Not tested yet.")
     settings = {
