@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any
 
+from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.online.window import Health
 
 __all__ = ["format_summary"]
@@ -14,15 +15,21 @@ def format_summary(summary: dict[str, Any], health: Health) -> str:
     lines = [f"{counts.pop('frames')} frames, {summary['forecasts']} forecasts; metres"]
     models = {name: means for name, means in summary["models"].items() if means["people"]}
     if models:
+        names = [name for name in METRICS if _is_number(models, name)]
+        titles = [METRICS[name].title.rpartition(" ")[::2] for name in names]
+        columns = [*titles, ("people", "scored")]
         width = max(map(len, models))
-        lines += [
-            f"  {'':{width}}     joint best      marginal best   people",
-            f"  {'':{width}}     ADE     FDE     ADE     FDE     scored",
+        cells = {
+            model: [METRICS[name].text(means[name]) for name in names] + [str(means["people"])]
+            for model, means in models.items()
+        }
+        widths = [
+            max(map(len, (*column, *(row[at] for row in cells.values()))))
+            for at, column in enumerate(columns)
         ]
-        keys = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
-        for name, means in models.items():
-            errors = "".join(f"  {means[key]:6.3f}" for key in keys)
-            lines.append(f"  {name:{width}} {errors} {means['people']:9}")
+        for label, row in [*(("", part) for part in zip(*columns)), *cells.items()]:
+            texts = "  ".join(f"{text:>{wide}}" for text, wide in zip(row, widths))
+            lines.append(f"  {label:{width}}  {texts}")
     elif summary["forecasts"]:
         lines.append("  nobody whose forecast could be compared with what happened")
     else:
@@ -39,3 +46,8 @@ def format_summary(summary: dict[str, Any], health: Health) -> str:
         if shown:
             lines.append(f"{text}: {', '.join(shown)}")
     return "\n".join(lines)
+
+
+def _is_number(models: dict[str, dict[str, Any]], metric: str) -> bool:
+    """Whether the metric has one value for all steps."""
+    return not any(isinstance(means[metric], list) for means in models.values())

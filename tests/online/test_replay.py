@@ -78,7 +78,7 @@ def test_the_whole_way_and_back(recording, tmp_path, capsys):
     assert done.returncode == 0, done.stderr
     for said in (inside, done.stdout):
         assert "141 frames" in said
-        assert all(word in said for word in ("SGAN", "NeuroSyM", "p99", "joint best"))
+        assert all(word in said for word in ("SGAN", "NeuroSyM", "p99", "joint"))
     rows = [json.loads(line) for line in lines.read_text().splitlines()]
     told = [json.loads(line) for line in page.read_text().splitlines() if line[:2] == '{"']
     assert told[0]["models"] == ["SGAN", "NeuroSyM"]
