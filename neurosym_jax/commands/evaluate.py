@@ -82,8 +82,8 @@ def run(options: Options) -> list[Row]:
     Raises:
         InputError: for data, checkpoints or options that cannot be used.
     """
+    join(options.processes)  # First, so that the others learn of what is refused.
     _validate(options)
-    join(options.processes)
     start = time.perf_counter()
     paths = find_checkpoints(options.checkpoint) or list(map(str, shipped_models()))
     models = [(path, load_model(path)) for path in paths]
