@@ -51,7 +51,7 @@ class Generator(nn.Module):
 
     def encode(self, scene: Scene, alpha: Array | None = None) -> Array:
         """What is known before the noise: `[N, decoder_h_dim - noise_dim]`."""
-        return self.interact(self.observe(scene.displacement), scene, alpha)
+        return self.interact(self.observe(jnp.asarray(scene.displacement)), scene, alpha)
 
     def observe(self, displacement: Array) -> Array:
         """Hidden states `[N, encoder_h_dim]` after `displacement [N, obs_len, 2]`, in metres."""
@@ -71,4 +71,7 @@ class Generator(nn.Module):
         """Forecast displacements `[N, pred_len, 2]` from `context` and one noise."""
         noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
         hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
-        return self.decoder(hidden, scene.observed[:, -1], scene.displacement[:, -1], scene.valid)
+        last, step, valid = map(
+            jnp.asarray, (scene.observed[:, -1], scene.displacement[:, -1], scene.valid)
+        )
+        return self.decoder(hidden, last, step, valid)
