@@ -99,7 +99,7 @@ def number_table(path: Path, names: Sequence[str]) -> tuple[np.ndarray, np.ndarr
         InputError: naming file, row and reason.
     """
     people, above, mark = People(path), 0, None
-    parts: list[tuple[np.ndarray, list[int]]] = []
+    parts: list[tuple[np.ndarray, np.ndarray]] = []
     for piece in read_pieces(path):
         lines = [line for line in piece if line.split("#", 1)[0].strip()]
         if not lines:
@@ -108,7 +108,7 @@ def number_table(path: Path, names: Sequence[str]) -> tuple[np.ndarray, np.ndarr
         rows, ids = _numbers(path, lines, names, mark, above)
         first = {text: above + row for row, text in zip(range(len(ids), 0, -1), reversed(ids))}
         known = {text: people.code(text.decode(), row) for text, row in first.items()}
-        parts.append((rows, [known[text] for text in ids]))
+        parts.append((rows, np.array([known[text] for text in ids])))
         above += len(lines)
     if not parts:
         raise InputError(f"{path}: the file has no rows")

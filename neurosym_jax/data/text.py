@@ -38,7 +38,7 @@ _HEAD = 1 << 16  # characters to tell a format by; a THÖR header is about 10 kB
 
 _NAME = re.compile(r"""(?:^|[\s,;])["'(]*[^\W\d]""")
 
-_GROWTH = 10.0  # bytes of memory for each of a file, at most
+_GROWTH = 12.0  # bytes of memory for each of a file, at most
 
 
 class NotText(InputError):
@@ -69,7 +69,8 @@ def read_pieces(path: Path, size: int = 1 << 20) -> Iterator[list[str]]:
         refuse_beyond_memory(f"{path}: reading it", _GROWTH * status.st_size, "split it")
         with path.open(encoding="utf-8-sig") as file:
             while piece := file.read(size):
-                piece += (rest := file.readline(LINE))
+                rest = "" if "\0" in piece else file.readline(LINE)
+                piece += rest
                 if "\0" in piece:
                     raise NotText(f"{path}: cannot be read as text (there are zero bytes in it)")
                 if len(rest) >= LINE:
@@ -100,6 +101,8 @@ class Head:
 
     lines: tuple[str, ...]
     """The lines that say something, each as far as it matters."""
+    text: str = ""
+    """The beginning itself, comments and all."""
 
     @property
     def first(self) -> str:
@@ -145,7 +148,7 @@ def read_head(path: Path) -> Head:
     with contextlib.suppress(NotText):
         lines = next(read_pieces(path, _HEAD), [])
     told = (line[:_HEAD].strip() for line in lines if line.split("#")[0].strip())
-    return Head(tuple(told))
+    return Head(tuple(told), "\n".join(lines)[:_HEAD])
 
 
 def separator_of(line: str) -> str | None:

@@ -69,7 +69,9 @@ def read_text(
     path = Path(path)
     rows, ids = number_table(path, NAMES)
     refuse_unwhole(path, rows[:, 1], "ped")
-    return _whole_frames(path, rows[:, 0], ids, rows[:, 2:] * metres, period, stride)
+    frame, position = rows[:, 0].copy(), rows[:, 2:] * metres
+    del rows  # The memory of a large file.
+    return _whole_frames(path, frame, ids, position, period, stride)
 
 
 def read_obsmat(path: Path, period: float = PERIOD, stride: float | None = None) -> Tracks:
@@ -111,6 +113,8 @@ def _is_obsmat(head: Head) -> bool:
     if head.columns != len(OBSMAT) or head.rows[:, [3, 6]].any():
         return False
     before, after = consecutive(head.rows[:, 0], head.rows[:, 1])
+    apart = head.rows[after, 0] > head.rows[before, 0]
+    before, after = before[apart], after[apart]
     frames = (head.rows[after] - head.rows[before])[:, :1]
     moved = (head.rows[after] - head.rows[before])[:, [2, 4]] / frames
     velocity = (head.rows[after] + head.rows[before])[:, [5, 7]] / 2

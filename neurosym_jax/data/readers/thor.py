@@ -8,7 +8,7 @@ Sources: T. Schreiter et al., "THÖR-MAGNI", IJRR 2024; Y. Zhu et al., "CLiFF-LH
 Nothing is smoothed or filled in here.
 """
 
-import csv
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,8 @@ from neurosym_jax.data.rows import (
     number_table,
     refuse_unwhole,
 )
-from neurosym_jax.data.text import Head, number, read_lines
+from neurosym_jax.data.tables import read_table
+from neurosym_jax.data.text import Head, number
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
 
@@ -43,33 +44,26 @@ def read_tracklets(path: Path) -> list[Tracks]:
         InputError: naming file, row and reason.
     """
     path = Path(path)
-    try:
-        table = list(csv.reader(read_lines(path), strict=True))
-    except csv.Error as error:
-        raise InputError(f"{path}: not CSV ({error})") from None
-    header = [name.strip() for name in table[0]] if table else []
-    missing = [name for name in TRACKLET_COLUMNS if name not in header]
+    names, rows = read_table(path)
+    missing = [name for name in TRACKLET_COLUMNS if name not in names]
     if missing:
         raise InputError(f"{path}: the header lacks {', '.join(missing)}")
-    twice = [name for name in TRACKLET_COLUMNS if header.count(name) > 1]
+    twice = [name for name in TRACKLET_COLUMNS if names.count(name) > 1]
     if twice:
         raise InputError(f"{path}: the header names {', '.join(twice)} twice")
-    *places, helmet = (header.index(name) for name in TRACKLET_COLUMNS)
-    people, codes, numbers, row = People(path), [], [], []
-    prefix = all(
-        fields[helmet].startswith("Helmet_") for fields in table[1:] if len(fields) > helmet
-    )
-    for at, fields in enumerate(table[1:], 2):
-        if not fields:
-            continue
-        if len(fields) != len(header):
-            raise InputError(f"{path}: row {at} has {len(fields)} of {len(header)} columns")
-        numbers.append([_number(path, at, fields[place]) for place in places])
-        codes.append(people.code(fields[helmet].removeprefix("Helmet_" * prefix), at))
-        row.append(at)
-    if not numbers:
+    *places, helmet = (names.index(name) for name in TRACKLET_COLUMNS)
+    numbers, codes, helmets = array("d"), array("q"), {}
+    for at, fields in enumerate(rows, 1):
+        numbers.extend(_number(path, at, fields[place]) for place in places)
+        codes.append(helmets.setdefault(fields[helmet], (len(helmets), at))[0])
+    if not codes:
         raise InputError(f"{path}: the file has no rows")
-    values, ids, rows = np.array(numbers), people.numbers(codes), np.array(row)
+    prefix = "Helmet_" * all(name.startswith("Helmet_") for name in helmets)
+    people = People(path)
+    first = [people.code(name.removeprefix(prefix), at) for name, (_, at) in helmets.items()]
+    values = np.array(numbers).reshape(-1, len(places))
+    ids = people.numbers(np.array(first)[np.array(codes)])
+    rows = np.arange(1, len(ids) + 1)
     order = np.lexsort((values[:, 0], values[:, 3]))
     values, ids, rows = values[order], ids[order], rows[order]
     of = np.flatnonzero((np.diff(values[:, 3]) == 0) & (np.diff(ids) != 0))
@@ -81,12 +75,15 @@ def read_tracklets(path: Path) -> list[Tracks]:
         at = max(rows[again[0]], rows[again[0] + 1])
         raise InputError(f"{path}: row {at} repeats a moment of tracklet {values[again[0], 3]:g}")
 
+    begins = np.flatnonzero(np.diff(values[:, 3], prepend=np.nan) != 0)
+    ends = np.append(begins[1:], len(ids)) - 1
     run, latest, runs = 0, {}, np.empty(len(ids), int)
-    for at, (agent, time) in enumerate(zip(ids.tolist(), values[:, 0].tolist())):
-        if time <= latest.get(agent, -np.inf):
+    for begin, end in zip(begins.tolist(), ends.tolist()):
+        agent = int(ids[begin])
+        if values[begin, 0] <= latest.get(agent, -np.inf):
             run, latest = run + 1, {}
-        latest[agent] = time
-        runs[at] = run
+        latest[agent] = values[end, 0]
+        runs[begin : end + 1] = run
     return [
         assemble(
             path,
@@ -103,7 +100,7 @@ def read_tracklets(path: Path) -> list[Tracks]:
 
 def _number(path: Path, row: int, field: str) -> float:
     try:
-        return number(field or "nan")
+        return number(field)
     except ValueError:
         raise InputError(f"{path}: row {row}: {field[:60]!r} is not a number") from None
 

@@ -124,7 +124,7 @@ def test_tracklets_that_lack_something(tmp_path):
     with pytest.raises(InputError, match="the header lacks tracklet_id"):
         read_tracklets(tmp_path / "a.csv")
     (tmp_path / "a.csv").write_text("Time,x,y,ag_id,tracklet_id\n1,2,3\n")
-    with pytest.raises(InputError, match="row 2 has 3 of 5 columns"):
+    with pytest.raises(InputError, match="row 1 has 3 of 5 columns"):
         read_tracklets(tmp_path / "a.csv")
 
 

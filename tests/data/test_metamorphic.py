@@ -1,0 +1,300 @@
+"""What may be done to a file without changing what it says, and what must not pass unnoticed.
+
+Every reader gives the same windows of a file whose rows are shuffled, whose clock is set, whose
+people are renamed, whose unit is declared, or which has more columns than it needs; of one with
+gaps it gives the windows beside them. Or it refuses the file. It never gives others.
+"""
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.data import ReadOptions, make_tracks, read_any, windows_from
+from neurosym_jax.data.formats import FORMATS, sniff
+from neurosym_jax.errors import InputError
+
+KINDS = tuple(FORMATS)
+ALL = (*KINDS, "frames", "json", "lines")
+"""Formats, and forms of tables: with frame numbers, as a list of objects, an object a line."""
+TABLES = ("columns", "frames", "json", "lines")
+BARE = ("text", "obsmat", "cliff")
+HEADS = {
+    "tracklets": "Time,x,y,ag_id,tracklet_id",
+    "columns": "time;person;x;y",
+    "frames": "frame,id,x,y",
+}
+
+pytestmark = pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+FEW = settings(max_examples=8, deadline=None)
+
+
+class Walk:
+    """People who walk, step by step; `rows [R, 6]` are step, person, x, y, vx, vy."""
+
+    def __init__(self, seed: int, people: int = 3, steps: int = 18):
+        rng = np.random.default_rng(seed)
+        angle, pace = rng.uniform(-3, 3, people), rng.uniform(0.8, 1.6, people)
+        velocity = pace[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        start = rng.uniform(-8, 8, (people, 2))
+        rows = []
+        for step in range(steps):
+            for person in range(people):
+                if person and rng.random() < 0.1:
+                    continue
+                place = start[person] + 0.4 * step * velocity[person] + rng.normal(0, 0.01, 2)
+                rows.append([step, 3 + 2 * person, *place.round(3), *velocity[person].round(3)])
+        self.rows = np.array(rows)
+
+
+def written(kind, rows, *, first=0, times=10, start=0.0, scale=1.0, name=str):
+    """The lines of a file that says `rows`, its head apart.
+
+    `first` is the first frame number and `times` their step, `start` the first second, `scale` how
+    many of its unit a metre has; `name` writes a person.
+    """
+    if kind == "qtm":
+        return written_qtm(rows, first, start)
+    lines = []
+    for step, person, x, y, vx, vy in rows.tolist():
+        frame, time = first + times * int(step), repr(round(start + 0.4 * step, 6))
+        who, x, y = name(int(person)), float(x * scale), float(y * scale)
+        speed, heading = float(np.hypot(vx, vy)), float(np.arctan2(vy, vx))
+        if kind in ("json", "lines"):
+            lines.append(json.dumps({"t": float(time), "id": who, "x": x, "y": y}))
+            continue
+        form = {
+            "text": f"{frame}\t{who}\t{x!r}\t{y!r}",
+            "obsmat": f"{frame} {who} {x!r} 0 {y!r} {vx!r} 0 {vy!r}",
+            "cliff": f"{time},{who},{x!r},{y!r},{speed!r},{heading!r}",
+            "tracklets": f"{time},{x!r},{y!r},Helmet_{who},{int(person)}.0",
+            "trajnet": f'{{"track": {{"f": {frame}, "p": {who}, "x": {x!r}, "y": {y!r}}}}}',
+            "columns": f"{time};{who};{x!r};{y!r}",
+            "frames": f"{frame},{who},{x!r},{y!r}",
+        }
+        lines.append(form[kind])
+    return ([HEADS[kind]] if kind in HEADS else []), lines
+
+
+def written_qtm(rows, first, start):
+    people = sorted({int(row[1]) for row in rows})
+    at = {(int(row[0]), int(row[1])): (1000 * row[2], 1000 * row[3], 1700.0) for row in rows}
+    header = [f"Helmet_{person} {axis}" for person in people for axis in "XYZ"]
+    lines = []
+    for step in sorted({int(row[0]) for row in rows}):
+        fields = [at.get((step, person), (0.0, 0.0, 0.0)) for person in people]
+        time = repr(round(start + 0.4 * step, 6))
+        values = [repr(float(value)) for field in fields for value in field]
+        lines.append("\t".join([str(first + step), time, *values]))
+    return ["FREQUENCY\t100", "\t".join(["Frame", "Time", *header])], lines
+
+
+def text_of(kind, head, lines):
+    return "[" + ",\n".join(lines) + "]" if kind == "json" else "\n".join([*head, *lines]) + "\n"
+
+
+@pytest.fixture(scope="session")
+def scenes(tmp_path_factory):
+    """Of a file's text its windows of 3 + 3 steps: how often each of these ways was gone."""
+    path = tmp_path_factory.mktemp("metamorphic") / "walk.txt"
+
+    def cut(text, **options):
+        path.write_text(text)
+        windows = windows_from(path, 3, 3, min_agents=1, read=ReadOptions(**options))
+        scene = np.repeat(np.arange(windows.scenes), windows.sizes)
+        ways = Counter(way.round(6).tobytes() for way in windows.position + 0.0)
+        together = Counter(
+            frozenset(way.round(6).tobytes() for way in windows.position[scene == n] + 0.0)
+            for n in range(windows.scenes)
+        )
+        return ways, together
+
+    return cut
+
+
+def same(scenes, before, text, **options):
+    assert scenes(text, **options) == before
+
+
+@pytest.mark.parametrize("kind", ALL)
+@FEW
+@given(seed=st.integers(0, 999), order=st.randoms(use_true_random=False))
+def test_rows_shuffled(scenes, kind, seed, order):
+    head, lines = written(kind, Walk(seed).rows)
+    before = scenes(text_of(kind, head, lines))
+    order.shuffle(lines)
+    same(scenes, before, text_of(kind, head, lines))
+
+
+@pytest.mark.parametrize("kind", ALL)
+@FEW
+@example(seed=1, one=0, two=1)
+@example(seed=1, one=0, two=-1)
+@given(seed=st.integers(0, 999), one=st.integers(0, 30), two=st.integers(-5, 30))
+def test_two_rows_swapped_or_one_repeated(scenes, kind, seed, one, two):
+    head, lines = written(kind, Walk(seed).rows)
+    before = scenes(text_of(kind, head, lines))
+    one, two = one % len(lines), two % len(lines)
+    twice = [*lines, lines[one]] if two % 2 else [*lines[:one], lines[one], *lines[one:]]
+    with pytest.raises(InputError, match="repeats"):
+        scenes(text_of(kind, head, twice))
+    lines[one], lines[two] = lines[two], lines[one]
+    same(scenes, before, text_of(kind, head, lines))
+
+
+@pytest.mark.parametrize("kind", ALL)
+@FEW
+@example(seed=0, first=780, times=6, start=1.7e9)
+@given(
+    seed=st.integers(0, 999),
+    first=st.integers(-999, 10**6),
+    times=st.integers(1, 25),
+    start=st.floats(-100, 1e6).map(lambda number: round(number, 2)),
+)
+def test_another_clock(scenes, kind, seed, first, times, start):
+    rows = Walk(seed).rows
+    before = scenes(text_of(kind, *written(kind, rows)))
+    after = text_of(kind, *written(kind, rows, first=first, times=times, start=start))
+    same(scenes, before, after)
+
+
+@pytest.mark.parametrize("kind", [*TABLES, "text", "tracklets", "cliff"])
+@FEW
+@given(seed=st.integers(0, 999), unit=st.sampled_from(["cm", "mm"]))
+def test_another_unit_declared(scenes, kind, seed, unit):
+    rows = Walk(seed).rows
+    before = scenes(text_of(kind, *written(kind, rows)))
+    other = text_of(kind, *written(kind, rows, scale={"cm": 100, "mm": 1000}[unit]))
+    if kind in ("tracklets", "cliff"):
+        with pytest.raises(InputError):
+            scenes(other, unit=unit)
+    else:
+        same(scenes, before, other, unit=unit)
+
+
+@pytest.mark.parametrize("kind", [*TABLES, *BARE])
+@FEW
+@given(seed=st.integers(0, 999), plus=st.integers(-20, 20), times=st.sampled_from([-3, 1, 7]))
+def test_people_renamed(scenes, kind, seed, plus, times):
+    rows = Walk(seed).rows
+    before = scenes(text_of(kind, *written(kind, rows)))
+    name = (lambda who: f"p{times * who}") if kind in ("columns", "json") and plus > 10 else str
+    after = text_of(kind, *written(kind, rows, name=lambda who: name(times * who + plus)))
+    same(scenes, before, after)
+
+
+@pytest.mark.parametrize("kind", ALL)
+@FEW
+@given(seed=st.integers(0, 999), first=st.integers(2, 14), length=st.integers(1, 6))
+def test_gaps_cut_in(scenes, kind, seed, first, length):
+    """What is left are the windows beside the gap, those that cross it are gone."""
+    rows = Walk(seed).rows
+    early, late = rows[rows[:, 0] < first], rows[rows[:, 0] >= first + length]
+
+    def of(part):
+        try:
+            return scenes(text_of(kind, *written(kind, part)))
+        except InputError:
+            return Counter(), Counter()
+
+    sides = [of(part) for part in (early, late) if len(part)]
+    wanted = tuple(sum((side[n] for side in sides), Counter()) for n in (0, 1))
+    assert of(np.concatenate([early, late])) == wanted
+
+
+@pytest.mark.parametrize("kind", [*TABLES, "tracklets", "trajnet", "qtm"])
+@FEW
+@given(seed=st.integers(0, 999))
+def test_columns_added_where_there_are_names(scenes, kind, seed):
+    head, lines = written(kind, Walk(seed).rows)
+    before = scenes(text_of(kind, head, lines))
+    if kind in ("json", "lines"):
+        lines = [json.dumps({"note": "#1, x", **json.loads(line)}) for line in lines]
+    elif kind == "trajnet":
+        lines = [line.replace('"f"', '"note": 1, "f"') for line in lines]
+    else:
+        mark = {"columns": ";", "qtm": "\t"}.get(kind, ",")
+        more = mark.join(f"Citi_1 {axis}" for axis in "XYZ") if kind == "qtm" else "note"
+        head[-1] = head[-1] + mark + more
+        lines = [line + mark * (3 if kind == "qtm" else 1) + "7" for line in lines]
+    same(scenes, before, text_of(kind, head, lines))
+
+
+@pytest.mark.parametrize("kind", BARE)
+@FEW
+@given(
+    seed=st.integers(0, 999), at=st.integers(0, 8), value=st.sampled_from(["0", "1.7", "x", "-3"])
+)
+def test_columns_added_where_there_are_none(scenes, kind, seed, at, value):
+    """A column more, anywhere and in all rows, is another format: it is never read as this one."""
+    mark = {"text": "\t", "obsmat": " ", "cliff": ","}[kind]
+    _, lines = written(kind, Walk(seed).rows)
+    fields = [line.split(mark) for line in lines]
+    at = min(at, len(fields[0]))
+    text = "\n".join(mark.join([*row[:at], value, *row[at:]]) for row in fields)
+    with pytest.raises(InputError):
+        scenes(text)
+
+
+@pytest.mark.parametrize("kind", [*BARE, "tracklets", "columns", "frames", "qtm"])
+@FEW
+@given(seed=st.integers(0, 999), row=st.integers(0, 40), at=st.integers(0, 6), more=st.booleans())
+def test_a_row_of_another_width(scenes, kind, seed, row, at, more):
+    head, lines = written(kind, Walk(seed).rows)
+    mark = {"text": "\t", "obsmat": " ", "columns": ";", "qtm": "\t"}.get(kind, ",")
+    row %= len(lines)
+    fields = lines[row].split(mark)
+    at %= len(fields)
+    fields[at : at + (not more)] = ["7"] * more
+    lines[row] = mark.join(fields)
+    with pytest.raises(InputError):
+        scenes(text_of(kind, head, lines))
+
+
+@pytest.mark.parametrize("kind", [*BARE, "columns", "frames", "lines", "trajnet"])
+@pytest.mark.parametrize("other", ["03", "3.0", "3e0", "+3", "", "null", "nan"])
+def test_one_id_written_in_two_ways_is_refused(scenes, kind, other):
+    rows = Walk(0).rows
+    rows[0, 1] = -1
+    head, lines = written(kind, rows, name=lambda who: other if who < 0 else str(who))
+    with pytest.raises(InputError):
+        scenes(text_of(kind, head, lines))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_velocities_are_no_speed_and_heading(scenes, seed):
+    """`frame id x y vx vy` and `... z vx vy vz` have as many numbers as other formats."""
+    rows = Walk(seed).rows.tolist()
+    six = "\n".join(f"{s:g} {p:g} {x} {y} {vx} {vy}" for s, p, x, y, vx, vy in rows)
+    timed = "\n".join(f"{0.4 * s:.1f},{p:g},{x},{y},{vx},{vy}" for s, p, x, y, vx, vy in rows)
+    along = "\n".join(f"{0.4 * s:.1f},{p:g},{0.52 * s},{p},1.3,0" for s, p, *_ in rows)
+    eight = "\n".join(f"{s:g} {p:g} {x} {y} 0 {vx} {vy} 0" for s, p, x, y, vx, vy in rows)
+    swapped = "\n".join(f"{p:g} {s:g} {x} {y}" for s, p, x, y, *_ in rows)
+    for text in (six, timed, along, eight, swapped):
+        with pytest.raises(InputError, match="--columns"):
+            scenes(text)
+    truth = scenes("\n".join(f"{s:g} {p:g} {x} {y}" for s, p, x, y, *_ in rows))
+    assert scenes(six, columns=("frame=1", "id=2", "x=3", "y=4")) == truth
+    assert scenes(swapped, columns=("frame=2", "id=1", "x=3", "y=4")) == truth
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@FEW
+@given(seed=st.integers(0, 999))
+def test_what_is_written_is_read(kind, seed, tmp_path_factory):
+    rows = Walk(seed).rows
+    path = tmp_path_factory.mktemp("w") / "walk.txt"
+    path.write_text(text_of(kind, *written(kind, rows)))
+    assert sniff(path) == kind
+    (tracks,) = read_any(path)
+    truth = make_tracks("walk", 0.4 * rows[:, 0], rows[:, 1], rows[:, 2:4])
+    assert tracks.recording == ("walk_1" if kind == "tracklets" else "walk")
+    assert tracks.reading is not None
+    assert (tracks.reading.format, tracks.reading.rows) == (kind, len(rows))
+    assert_array_equal(tracks.id, truth.id)
+    assert_allclose(tracks.stamp, truth.stamp, atol=1e-9)
+    assert_allclose(tracks.position, truth.position, rtol=0, atol=1e-9)
