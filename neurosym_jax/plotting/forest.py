@@ -7,7 +7,15 @@ from typing import Any
 from matplotlib.ticker import MaxNLocator
 
 from neurosym_jax.plotting.palette import INK, model_colours
-from neurosym_jax.plotting.style import GREY, LABEL, WIDTH, dress, new_figure, save_figure
+from neurosym_jax.plotting.style import (
+    GREY,
+    LABEL,
+    WIDTH,
+    add_legend,
+    dress,
+    new_figure,
+    save_figure,
+)
 
 __all__ = ["plot_forest"]
 
@@ -17,7 +25,7 @@ MARKERS = "os^vPXpd"
 
 
 def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
-    """Draw `comparisons` (see `comparison.Comparison.to_json`): a row of panels a reference.
+    """Draw `comparisons` (see `comparison.Comparison.to_json`): panels share their axes.
 
     Left of 0 the model is better. Lines are the interval over test scenes and seeds.
 
@@ -25,45 +33,40 @@ def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
         InputError: for a path that `save_figure` refuses.
     """
     references = list(dict.fromkeys(item["reference"] for item in comparisons))
+    names = list(dict.fromkeys(item["model"] for item in comparisons))
     sets = list(dict.fromkeys(item["scene"] for item in comparisons))
-    colours = model_colours([*references, *(item["model"] for item in comparisons)])
-    models = {
-        reference: list(
-            dict.fromkeys(item["model"] for item in comparisons if item["reference"] == reference)
-        )
-        for reference in references
-    }
-    pitch = len(sets) + 1.2
-    heights = [0.35 + 0.1 * pitch * len(models[reference]) for reference in references]
-    figure, panels = new_figure(
-        WIDTH, sum(heights) + 0.7, len(references), len(METRICS), sharex=True, height_ratios=heights
-    )
-    for reference, row in zip(references, panels):
-        names = models[reference]
-        for (metric, title), axes in zip(METRICS.items(), row):
-            for item in (item for item in comparisons if item["reference"] == reference):
-                at, mean = sets.index(item["scene"]), item["scene"] == "mean"
-                place = names.index(item["model"]) * pitch + at
-                value, interval = item[metric]["difference"], item[metric]["both"]
-                colour, marker = colours[item["model"]], "D" if mean else MARKERS[at % len(MARKERS)]
-                axes.plot(interval, [place] * 2, color=colour, lw=1.8 if mean else 0.8)
-                axes.plot(value, place, marker, color=colour, ms=4 if mean else 2.8)
-            axes.axvline(0, color="#888888", lw=0.8, zorder=1)
-            last = reference == references[-1]
-            words = "metres, with 95 % interval; less than 0 is better" if last else ""
-            dress(axes, words, "", f"{title} minus that of {reference}")
-            middles = [place * pitch + (len(sets) - 1) / 2 for place in range(len(names))]
-            axes.set_yticks(middles, names if axes is row[0] else [], fontsize=LABEL, color=INK)
-            axes.set_ylim(len(names) * pitch - 0.8, -1.2)
-            axes.grid(visible=False, axis="y")
-            axes.spines["left"].set_visible(False)
-            axes.xaxis.set_major_locator(MaxNLocator(5))
-    axes = panels[0, 0]
-    for at, name in enumerate(sets):
-        marker = "D" if name == "mean" else MARKERS[at % len(MARKERS)]
+    colours = model_colours(names)
+    markers = {name: "D" if name == "mean" else MARKERS[at % 8] for at, name in enumerate(sets)}
+    pitch, side_by_side = len(sets) + 1.2, min(2, len(references))
+    rows = -(-len(references) // side_by_side)
+    height = 0.6 + (0.5 + 0.095 * pitch * len(names)) * rows
+    shared = {"sharex": True, "sharey": True}
+    figure, grid = new_figure(WIDTH, height, rows, side_by_side * len(METRICS), **shared)
+    wanted = [(reference, metric) for reference in references for metric in METRICS]
+    for axes, (reference, metric) in zip(grid.ravel(), wanted):
+        for item in (item for item in comparisons if item["reference"] == reference):
+            mean = item["scene"] == "mean"
+            place = names.index(item["model"]) * pitch + sets.index(item["scene"])
+            colour, value = colours[item["model"]], item[metric]["difference"]
+            axes.plot(item[metric]["both"], [place] * 2, color=colour, lw=1.8 if mean else 0.8)
+            marker = {"marker": markers[item["scene"]], "ms": 4 if mean else 2.8}
+            axes.plot(value, place, color=colour, ls="none", **marker)
+        axes.axvline(0, color="#888888", lw=0.8, zorder=1)
+        below = axes in grid[-1]
+        title = f"{METRICS[metric]}\nminus that of {reference}"
+        dress(axes, "m; below 0: better" if below else "")
+        axes.set_title(title, fontsize=LABEL, color=INK, loc="left")
+        axes.grid(visible=False, axis="y")
+        axes.spines["left"].set_visible(False)
+        axes.xaxis.set_major_locator(MaxNLocator(3))
+    for axes in grid.ravel()[len(wanted) :]:
+        axes.set_visible(False)
+    first = grid[0, 0]
+    middles = [place * pitch + (len(sets) - 1) / 2 for place in range(len(names))]
+    first.set_yticks(middles, names, fontsize=LABEL, color=INK)
+    first.set_ylim(len(names) * pitch - 0.8, -1.2)
+    for name, marker in markers.items():
         label = "mean of the data sets" if name == "mean" else name
-        axes.plot([], [], marker, color=GREY, ms=4, label=label)
-    handles, labels = axes.get_legend_handles_labels()
-    place = {"loc": "outside lower center", "ncols": len(labels)}
-    figure.legend(handles, labels, **place, frameon=False, fontsize=LABEL)
+        first.plot([], [], color=GREY, marker=marker, ms=4, ls="none", label=label)
+    add_legend(figure, first)
     save_figure(figure, path)

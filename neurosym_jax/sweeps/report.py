@@ -10,7 +10,8 @@ from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.sweeps.comparison import compare, one_horizon
 from neurosym_jax.sweeps.errors import read_sweep
 from neurosym_jax.sweeps.learned_tables import learned_changes
-from neurosym_jax.sweeps.report_text import format_report
+from neurosym_jax.sweeps.report_text import format_differences, format_report
+from neurosym_jax.sweeps.table import format_sweep
 
 __all__ = ["write_report"]
 
@@ -22,7 +23,7 @@ def write_report(
     pred_len: int | None = None,
     out: Path | None = None,
 ) -> str:
-    """Compare a sweep's models with references: Markdown, with JSON and a forest plot beside it.
+    """Compare a sweep's models with references: Markdown; CSV, JSON and a forest plot beside it.
 
     Args:
         sweep: folder of the sweep.
@@ -31,7 +32,7 @@ def write_report(
         out: the Markdown's file; default: report.md in the sweep's folder.
 
     Returns:
-        The Markdown, and a line of the files that were written.
+        The Markdown, the errors, and a line of the files that were written.
 
     Raises:
         InputError: for a folder without a sweep, or one that has not what is to be compared.
@@ -57,9 +58,13 @@ def write_report(
     plot_forest(data["comparisons"], target.with_suffix(".png"))
     written = "" if out is None else f" --out {out}"
     command = f"python -m neurosym_jax report SWEEP --against {' '.join(against)}{written}"
-    text = format_report(data, target.with_suffix(".png").name, command)
+    text = format_report(data, target.stem, command)
     write_text(target, text)
-    return f"{text}\n{target}, {target.with_suffix('.json')}, {target.with_suffix('.png')}"
+    write_text(target.with_suffix(".csv"), format_differences(data))
+    files = ", ".join(
+        str(target.with_suffix(ending)) for ending in (".md", ".csv", ".json", ".png")
+    )
+    return f"{text}\n{format_sweep(data['rows'])}\n\n{files}"
 
 
 def _kept(row: dict[str, Any]) -> dict[str, Any]:

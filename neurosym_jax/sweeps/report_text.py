@@ -1,5 +1,7 @@
-"""A report's JSON as Markdown that says in words what its intervals allow to be said."""
+"""A report's JSON as a page that says what its intervals allow to be said, and as CSV."""
 
+import csv
+import io
 import json
 from collections.abc import Sequence
 from typing import Any
@@ -10,38 +12,63 @@ from neurosym_jax.config import from_json, to_json
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.sweeps.learned_tables import agreement
-from neurosym_jax.sweeps.table import format_sweep
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
 
-__all__ = ["format_report"]
+__all__ = ["format_differences", "format_report"]
 
 INTERVALS = """\
-Differences are model less reference in the unit of the metric, on the same scenes with the same
-noise and seed; below 0 the model is better, unless more of it is. In brackets 95 %: test scenes
-resampled in blocks of as many start frames as a window has steps (neighbouring windows share most
-of their steps), and the mean over seeds drawn from Student's t. The bootstrap over so few seeds,
-given below, is too narrow to conclude from. `mean` weighs the test sets equally."""
+Differences are those of a model and the reference, in the unit of the metric, on the same scenes
+with the same noise and seed; below 0 the model is better, unless more of it is. In brackets is the
+interval of 95 %: test scenes resampled in blocks of as many start frames as a window has steps
+(neighbouring windows share most of their steps), and the mean over seeds drawn from Student's t.
+The mean weighs the test sets equally."""
 
 Compared = dict[str, Any]
 
 
-def format_report(data: dict[str, Any], figure: str, command: str) -> str:
-    """The Markdown of `sweeps.report`'s JSON; `command` is the one that writes it."""
+def format_report(data: dict[str, Any], name: str, command: str) -> str:
+    """The Markdown of `sweeps.report`'s JSON.
+
+    Args:
+        data: the JSON.
+        name: of the files beside it, without an ending.
+        command: the one that writes it.
+    """
     compared: list[Compared] = data["comparisons"]
     references = list(dict.fromkeys(one["reference"] for one in compared))
-    parts = ["# Weightings compared", _setting(data, command), "## The answer"]
     metrics: list[str] = data["metrics"]
-    parts += [_answer(compared, metrics, reference) for reference in references]
-    parts.append(_exceptions(compared, metrics))
-    parts += [f"![Differences and their intervals]({figure})", "## The differences", INTERVALS]
-    for reference in references:
-        parts += [f"### Less {reference}", _differences(compared, metrics, reference)]
-    parts += ["### What the uncertainty comes from", _sources(compared)]
-    if data["learned"]:
-        parts += ["## What was learned", _learned(data["learned"])]
-    parts.append("## The errors")
-    parts.append(format_sweep(data["rows"]))
+    parts = [
+        "# Weightings compared",
+        f"See which weighting of pairs helps, beside {' and '.join(references)}.",
+        *(_answer(compared, metrics, reference) for reference in references),
+        _exceptions(compared, metrics),
+        f"![Differences and their intervals]({name}.png)",
+        INTERVALS,
+        *([_learned(data["learned"])] if data["learned"] else []),
+        f"Differences on each test set are in `{name}.csv`; errors of all runs, what the "
+        f"uncertainty comes from and what was learned in `{name}.json`.",
+        "## How it was made",
+        _setting(data, command),
+    ]
     return "\n\n".join(part.rstrip() for part in parts) + "\n"
+
+
+def format_differences(data: dict[str, Any]) -> str:
+    """All differences of `sweeps.report`'s JSON as CSV: a row for a model, test set and metric."""
+    head = ["reference", "model", "test_set", "metric", "error_of_reference", "difference"]
+    head += ["low_95", "high_95", "seeds_better", "seeds"]
+    rows = [
+        [
+            *(one["reference"], one["model"], one["scene"], metric),
+            *(one[metric]["reference"], one[metric]["difference"], *one[metric]["both"]),
+            *(_seeds_better(one, metric), len(one[metric]["of_seeds"])),
+        ]
+        for one in data["comparisons"]
+        for metric in data["metrics"]
+    ]
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
+    return text.getvalue()
 
 
 def _setting(data: dict[str, Any], command: str) -> str:
@@ -108,26 +135,24 @@ def verdict(one: Compared, metric: str) -> str:
 
 def _answer(compared: Sequence[Compared], metrics: Sequence[str], reference: str) -> str:
     whole = _whole(compared)
+    mine = _of(compared, reference=reference, scene=whole)
     where = "in the mean over test sets" if whole == "mean" else f"on {whole}"
-    lines = [f"Against `{reference}`, {where}:", ""]
-    for one in _of(compared, reference=reference, scene=whole):
-        said = {metric: verdict(one, metric) for metric in metrics}
-        kinds = list(dict.fromkeys(said.values()))
-        words = (
-            kinds[0]
-            if len(kinds) == 1
-            else "; ".join(
-                f"{kind} in {', '.join(known_metric(m).title for m in metrics if said[m] == kind)}"
-                for kind in kinds
-            )
-        )
-        ade = one["joint_ade"]
-        percent = 100 * ade["difference"] / ade["reference"]
-        lines.append(
-            f"- `{one['model']}`: joint ADE {_cell(ade)} m, {_signed(percent, 1)} %: {words}."
-        )
-    return "\n".join(
-        [*lines, "", _bounds(_of(compared, reference=reference, scene=whole), metrics)]
+    head = [
+        f"minus {reference}",
+        *(known_metric(m).label for m in metrics),
+        "seeds better (joint ADE)",
+    ]
+    rows = [
+        [
+            one["model"],
+            *(_cell(one, metric) for metric in metrics),
+            f"{_seeds_better(one, 'joint_ade')} of {len(one['joint_ade']['of_seeds'])}",
+        ]
+        for one in mine
+    ]
+    return (
+        f"Difference to `{reference}` {where}; bold where the interval leaves out 0:\n\n"
+        f"{markdown_table(head, rows)}\n\n{_bounds(mine, metrics)}"
     )
 
 
@@ -151,7 +176,7 @@ def _exceptions(compared: Sequence[Compared], metrics: Sequence[str]) -> str:
     single = [one for one in compared if one["scene"] != "mean"]
     told = [
         f"- `{one['model']}` is {verdict(one, metric)} than `{one['reference']}` on {one['scene']} "
-        f"in {known_metric(metric).title}: {_cell(one[metric])} m."
+        f"in {known_metric(metric).title}."
         for one in single
         for metric in metrics
         if verdict(one, metric) != "not told apart"
@@ -164,27 +189,10 @@ def _exceptions(compared: Sequence[Compared], metrics: Sequence[str]) -> str:
     return "\n".join([head, "", *told]) if told else head
 
 
-def _differences(compared: Sequence[Compared], metrics: Sequence[str], reference: str) -> str:
-    mine = _of(compared, reference=reference)
-    head = ["model", "test set", *(known_metric(m).label for m in metrics)]
-    rows = [
-        [model, one["scene"], *(_cell(one[metric]) for metric in metrics)]
-        for model in dict.fromkeys(one["model"] for one in mine)
-        for one in _of(mine, model=model)
-    ]
-    return markdown_table(head, rows)
-
-
-def _sources(compared: Sequence[Compared]) -> str:
-    rows = []
-    for one in _of(compared, scene=_whole(compared)):
-        ade = one["joint_ade"]
-        better = f"{sum(value < 0 for value in ade['of_seeds'])} of {len(ade['of_seeds'])}"
-        spans = [_span(ade[name]) for name in ("scenes", "seeds", "both")]
-        rows.append([one["model"], one["reference"], *spans, better])
-    head = ["model", "less", "test scenes", "seeds (bootstrap)", "both", "seeds better"]
-    table = markdown_table(head, rows)
-    return f"Joint ADE; seeds better: on how many seeds the model was the better one.\n\n{table}"
+def _seeds_better(one: Compared, metric: str) -> int:
+    """On how many seeds the model was the better one."""
+    sign = -1 if known_metric(metric).higher_is_better else 1
+    return sum(sign * value < 0 for value in one[metric]["of_seeds"])
 
 
 def _learned(learned: dict[str, dict[str, list[list[float]]]]) -> str:
@@ -198,18 +206,16 @@ def _learned(learned: dict[str, dict[str, list[list[float]]]]) -> str:
             rows.append([model, scene, mean, f"{spread:.3f}", told])
     head = ["model", "test set", "mean change", "spread", "correlation of seeds"]
     return (
-        "Weights of the 16 states without a zero, less where they started: mean and spread over "
-        "the states, and how the changes of two seeds correlate (1: every seed learns the same, "
-        f"0: each its own).\n\n{markdown_table(head, rows)}"
+        "How learned weights of the 16 states without a zero differ from where they started: mean "
+        "and spread over the states, and how the changes of two seeds correlate (1: every seed "
+        f"learns the same, 0: each its own).\n\n{markdown_table(head, rows)}"
     )
 
 
-def _cell(of_metric: dict[str, Any]) -> str:
-    return f"{_signed(of_metric['difference'])} ({_span(of_metric['both'])})"
-
-
-def _span(interval: Sequence[float] | None) -> str:
-    return "-" if interval is None else f"{_signed(interval[0])} to {_signed(interval[1])}"
+def _cell(one: Compared, metric: str) -> str:
+    low, high = one[metric]["both"]
+    text = f"{_signed(one[metric]['difference'])} ({_signed(low)} to {_signed(high)})"
+    return text if verdict(one, metric) == "not told apart" else f"**{text}**"
 
 
 def _signed(value: float, digits: int = 3) -> str:

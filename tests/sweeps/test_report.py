@@ -1,3 +1,4 @@
+import csv
 import dataclasses
 import json
 
@@ -67,16 +68,26 @@ def test_what_is_better_is_called_so(folder):
     text = (folder / "ablation.md").read_text()
     assert "18 runs of one budget: recipe `ours` with `steps=600`, 8 steps observed" in text
     assert "3 seeds. Tested on eth (70 windows), zara1 (160 windows), best of 20" in text
-    _, against_ones, against_sgan = text.split("Against `")
-    assert "- `cnd`: joint ADE −0.09" in against_ones
-    assert "better." in against_ones
-    assert "4 are told to be better" in against_ones
+    _, to_ones, to_sgan = text.split("Difference to `")
+    assert "\n| cnd | **−0.09" in to_ones
+    assert "\n| SGAN | **+0.0" in to_ones
+    assert "4 are told to be better" in to_ones
     assert "--weightings ones cnd" in text
     assert "--set steps=600" in text
-    assert "- `SGAN`: joint ADE +0.0" in against_ones
-    assert "`cnd` is better than `SGAN` on zara1 in marginal FDE" in against_sgan
+    assert "`cnd` is better than `SGAN` on zara1 in marginal FDE" in to_sgan
     assert "constant velocity" not in text
     assert "| learned | eth | +0.311 | 0.166 | +1.00 |" in text
+    with (folder / "ablation.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * 2 * 3 * 4
+    (row,) = (
+        row
+        for row in rows
+        if (row["reference"], row["model"], row["test_set"], row["metric"])
+        == ("ones", "cnd", "mean", "joint_ade")
+    )
+    assert float(row["low_95"]) < float(row["difference"]) < float(row["high_95"]) < 0
+    assert (row["seeds_better"], row["seeds"]) == ("3", "3")
     data = json.loads((folder / "ablation.json").read_text())
     whole = {(one["model"], one["reference"]): one for one in data["comparisons"]}
     found = whole["cnd", "ones"]
