@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any
 
+import jax
 import numpy as np
 from jax.typing import ArrayLike
 
@@ -44,6 +45,25 @@ class Model:
         """How it weights pairs of agents; None for a model without symbols."""
         weighting = getattr(self.config, "weighting", None)
         return weighting if isinstance(weighting, WeightingConfig) else None
+
+    def __repr__(self) -> str:
+        """Five lines, without the parameters' numbers and the config's defaults."""
+        fields = dataclasses.fields(self.config) if dataclasses.is_dataclass(self.config) else ()
+        values = {field.name: getattr(self.config, field.name) for field in fields}
+        changed = [
+            f"{field.name}={getattr(values[field.name], 'name', values[field.name])}"
+            for field in fields
+            if values[field.name] != field.default
+        ]
+        count = sum(np.size(leaf) for leaf in jax.tree.leaves(self.params))
+        lines = [
+            f"Model {self.name}",
+            f"  kind: {self.kind}",
+            f"  left out of its training: {self.dataset or 'not known'}",
+            f"  config: {type(self.config).__name__}({', '.join(changed)})",
+            f"  params: {count:,} numbers",
+        ]
+        return "\n".join(lines)
 
 
 def predict(
