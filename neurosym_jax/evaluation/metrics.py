@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.registry import Registry
 
 __all__ = [
@@ -87,11 +88,14 @@ def metric_names(*, costly: bool = True) -> tuple[str, ...]:
 
 def known_metric(name: str) -> Metric:
     """The metric of this name; one that nobody registered here, of a report, has its name alone."""
-    return METRICS[name] if name in METRICS else Metric(name, name, "", _not_here)
+    return METRICS[name] if name in METRICS else Metric(name, name, "", _not_here(name))
 
 
-def _not_here(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    raise NotImplementedError("a metric of which only the name is known")
+def _not_here(name: str) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
+    def compute(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
+        raise InputError(f"metric {name}: only its name is known here (--plugin brings it)")
+
+    return compute
 
 
 def collisions(forecast: Array, valid: Array) -> Array:
