@@ -6,6 +6,7 @@ from .metrics import metric_names as metric_names
 from .metrics import register_metric as register_metric
 from .paired import Difference as Difference
 from .paired import ErrorsByScene as ErrorsByScene
+from .paired import holm as holm
 from .paired import mean_difference as mean_difference
 from .paired import paired_difference as paired_difference
 from .plan import TestSet as TestSet

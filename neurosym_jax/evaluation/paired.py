@@ -6,10 +6,14 @@ scene. Two things make the difference uncertain:
 - the test scenes: others would have given other errors. Bootstrap; because neighbouring windows
   share most of their steps, it is not windows that are drawn but blocks of as many start frames as
   a window has steps.
-- the seeds: other initialisations would have given other models. Bootstrap over the pairs of runs
-  of equal seed; but three seeds drawn with replacement say too little of a fourth (Student's
-  interval is 2.7 times as wide), so conclusions rest on Student's t of the seeds' mean, with
-  Welch's degrees of freedom where test sets are averaged.
+- the seeds: other initialisations would have given other models. The unit is the training seed: the
+  runs of one seed on several test sets are good or bad together, so they are averaged over test sets
+  first, and Student's t is of the seeds' means. A bootstrap over seeds stands beside it; but three
+  seeds drawn with replacement say too little of a fourth (Student's interval is 2.7 times as wide),
+  so no conclusion rests on it.
+
+That two models differ, a t test says (`p_value`); that they differ by less than a margin, two
+one-sided ones do (`p_equivalent`); of several comparisons, `holm` keeps the level.
 
 This knows nothing of training, files or text.
 """
@@ -20,12 +24,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import Scores
 
 __all__ = [
     "Difference",
     "ErrorsByScene",
     "Interval",
+    "holm",
     "mean_difference",
     "paired_difference",
 ]
@@ -74,16 +80,12 @@ class Difference:
 
     metrics: tuple[str, ...]
     """Their names."""
+    numbers: tuple[int, ...]
+    """The n training seeds."""
     seeds: np.ndarray
-    """[n, M] the difference of each pair of runs; of the mean over test sets, seed by seed."""
+    """[n, M] the difference of the two runs of each seed, averaged over test sets if several."""
     over_scenes: np.ndarray
     """[RESAMPLES, M] what other test scenes would have given."""
-    over_seeds: np.ndarray
-    """[RESAMPLES, M] what other seeds would have given, by bootstrap."""
-    variance: np.ndarray
-    """[M] of the mean over seeds, by Student."""
-    freedom: np.ndarray
-    """[M] its degrees of freedom; 0 for a single seed."""
 
     @property
     def mean(self) -> np.ndarray:
@@ -93,22 +95,49 @@ class Difference:
     def intervals(self, metric: str, seed: int = 0) -> dict[str, Interval | None]:
         """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
         at = self.metrics.index(metric)
-        scenes, several = self.over_scenes[:, at], self.freedom[at] > 0
-        both = scenes
-        if several:
-            draw = np.random.default_rng(seed).standard_t(self.freedom[at], len(scenes))
-            both = scenes + np.sqrt(self.variance[at]) * draw
+        scenes, of_seeds, n = self.over_scenes[:, at], self.seeds[:, at], len(self.seeds)
+        if n == 1:
+            return {"scenes": _interval(scenes), "seeds": None, "both": _interval(scenes)}
+        draw = np.random.default_rng(seed)
+        drawn = of_seeds[draw.integers(0, n, (RESAMPLES, n))].mean(axis=1)
+        student = of_seeds.std(ddof=1) / np.sqrt(n) * draw.standard_t(n - 1, RESAMPLES)
         return {
             "scenes": _interval(scenes),
-            "seeds": _interval(self.over_seeds[:, at]) if several else None,
-            "both": _interval(both),
+            "seeds": _interval(drawn),
+            "both": _interval(scenes + student),
         }
+
+    def p_value(self, metric: str) -> float:
+        """Of no difference between the models, on these test scenes: two-sided t test over seeds.
+
+        NaN for a single seed.
+        """
+        of_seeds = self.seeds[:, self.metrics.index(metric)]
+        return _p_value(of_seeds, 0.0, "two-sided")
+
+    def p_equivalent(self, metric: str, margin: float) -> float:
+        """Of a difference of `margin` or more: two one-sided t tests over seeds.
+
+        Schuirmann (J. Pharmacokinet. Biopharm. 1987). NaN for a single seed.
+        """
+        of_seeds = self.seeds[:, self.metrics.index(metric)]
+        return max(_p_value(of_seeds, -margin, "greater"), _p_value(of_seeds, margin, "less"))
 
 
 def paired_difference(
-    ours: Sequence[ErrorsByScene], theirs: Sequence[ErrorsByScene], seed: int = 0
+    ours: Sequence[ErrorsByScene],
+    theirs: Sequence[ErrorsByScene],
+    seed: int = 0,
+    numbers: Sequence[int] | None = None,
 ) -> Difference:
-    """`ours` less `theirs` on one test set; the n runs of each are paired in order."""
+    """`ours` less `theirs` on one test set.
+
+    Args:
+        ours: n runs, a training seed each.
+        theirs: runs of the same seeds in the same order.
+        seed: of the bootstrap.
+        numbers: the training seeds; default: 0 to n - 1.
+    """
     draw = np.random.default_rng(seed)
     first = ours[0]
     start = first.identity.astype(np.int64) // np.array([1, first.steps])
@@ -126,31 +155,49 @@ def paired_difference(
     pairs = list(zip(ours, theirs))
     over_scenes = np.mean([resampled(a) - resampled(b) for a, b in pairs], axis=0)
     seeds = np.stack([a.mean - b.mean for a, b in pairs])
-    n = len(seeds)
-    over_seeds = seeds[draw.integers(0, n, (RESAMPLES, n))].mean(axis=1)
-    variance = seeds.var(axis=0, ddof=1) / n if n > 1 else np.zeros(len(first.metrics))
-    freedom = np.full(len(first.metrics), n - 1.0)
-    return Difference(first.metrics, seeds, over_scenes, over_seeds, variance, freedom)
+    numbers = tuple(range(len(pairs)) if numbers is None else numbers)
+    return Difference(first.metrics, numbers, seeds, over_scenes)
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
-    """The mean over test sets, each weighing the same; runs on different sets are independent."""
-    share = np.stack([part.variance for part in parts]) / len(parts) ** 2
-    variance = share.sum(axis=0)
-    # Welch and Satterthwaite; no variance at all needs no degrees of freedom.
-    freedoms = np.stack([part.freedom for part in parts])
-    weight = (share**2 / np.maximum(freedoms, 1)).sum(axis=0)
-    known = (freedoms > 0).all(axis=0)
-    freedom = np.where(weight > 0, variance**2 / np.where(weight > 0, weight, 1), 1.0) * known
-    count = min(len(part.seeds) for part in parts)
+    """The mean over test sets, each weighing the same, of the seeds that all of them have.
+
+    Raises:
+        InputError: where there is no such seed.
+    """
+    common = sorted(set.intersection(*(set(part.numbers) for part in parts)))
+    if not common:
+        raise InputError("no training seed was tested on every test set, so there is no mean")
+    seeds = [part.seeds[[part.numbers.index(number) for number in common]] for part in parts]
+    # About the mean of the seeds that are left.
+    moved = [part.over_scenes - part.mean + left.mean(axis=0) for part, left in zip(parts, seeds)]
     return Difference(
-        parts[0].metrics,
-        np.mean([part.seeds[:count] for part in parts], axis=0),
-        np.mean([part.over_scenes for part in parts], axis=0),
-        np.mean([part.over_seeds for part in parts], axis=0),
-        variance,
-        freedom,
+        parts[0].metrics, tuple(common), np.mean(seeds, axis=0), np.mean(moved, axis=0)
     )
+
+
+def holm(p_values: Sequence[float]) -> np.ndarray:
+    """The p values of m comparisons, each adjusted for all: below .05 is a finding.
+
+    Holm (Scand. J. Statist. 1979): the family-wise error is kept however they depend on each other.
+    """
+    p = np.asarray(p_values, float)
+    order = np.argsort(p)
+    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    return np.minimum(stepped, 1)[np.argsort(order)]
+
+
+def _p_value(values: np.ndarray, mean: float, alternative: str) -> float:
+    from scipy.stats import t  # It takes half a second to import.
+
+    n = len(values)
+    if n == 1:
+        return np.nan
+    above, error = values.mean() - mean, values.std(ddof=1) / np.sqrt(n)
+    # Without spread, any difference is certain, and none is no evidence.
+    statistic = above / error if error else np.inf * above if above else 0.0
+    tails = {"greater": t.sf(statistic, n - 1), "less": t.cdf(statistic, n - 1)}
+    return float(tails.get(alternative, 2 * min(tails.values())))
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:

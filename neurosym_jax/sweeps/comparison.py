@@ -86,10 +86,11 @@ def compare(
 ) -> list[Comparison]:
     """Every other model against each of `references`, on each test set and in the mean.
 
-    Seeds that either of the two has not finished on a test set are left out of it.
+    Seeds that either of the two has not finished on a test set are left out of it, and of the mean.
 
     Raises:
-        InputError: for a reference that the sweep has not, or pairs without a seed in common.
+        InputError: for a reference that the sweep has not, or pairs without a seed in common, on
+            a test set or on all of them.
     """
     found: dict[str, dict[str, dict[int, ErrorsByScene]]] = {}
     for index in chosen:
@@ -118,7 +119,7 @@ def _of_pair(
             raise InputError(f"{model} and {reference} have no seed in common on {scene}")
         first, second = ([of[scene][seed] for seed in seeds] for of in (ours, theirs))
         mean = np.mean([one.mean for one in second], axis=0).tolist()
-        difference = paired_difference(first, second)
+        difference = paired_difference(first, second, numbers=seeds)
         parts.append(Comparison(model, reference, scene, difference, mean))
     if len(parts) > 1:
         whole = mean_difference([part.difference for part in parts])

@@ -2,9 +2,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import (
+    Difference,
     ErrorsByScene,
+    holm,
     mean_difference,
     paired_difference,
 )
@@ -88,3 +92,68 @@ def test_intervals_hold_what_they_promise(better_by):
 def test_a_mean_over_test_sets_weighs_them_equally():
     parts = [paired_difference(*runs(better, scenes=n)) for better, n in ((0.1, 32), (0.3, 320))]
     assert mean_difference(parts).mean == pytest.approx(-0.2, abs=0.02)
+
+
+def runs_of_seeds(draw, seeds=3, sets=5):
+    """[sets, seeds] differences of a model that is as good as the other: those of a seed correlate
+    by .9 over test sets, as they do in sweeps."""
+    shared = draw.normal(0, np.sqrt(0.9), seeds)
+    return 0.02 * (shared + draw.normal(0, np.sqrt(0.1), (sets, seeds)))
+
+
+def of_values(values, numbers=None):
+    """A `Difference` of one metric with these seeds, and scenes that would all say the same."""
+    seeds = np.asarray(values, float)[:, None]
+    scenes = np.full((4000, 1), seeds.mean())
+    return Difference(("joint_ade",), tuple(numbers or range(len(seeds))), seeds, scenes)
+
+
+def as_if_independent(parts):
+    """Half of Welch's interval, which takes the runs on each test set as other seeds."""
+    share = np.array([part.seeds.var(ddof=1) / len(part.seeds) for part in parts]) / len(parts) ** 2
+    freedom = share.sum() ** 2 / (share**2 / (len(parts[0].seeds) - 1)).sum()
+    return stats.t.ppf(0.975, freedom) * np.sqrt(share.sum())
+
+
+def test_the_mean_over_test_sets_covers_although_equal_seeds_are_alike():
+    draw = np.random.default_rng(4)
+    covered, by_welch, findings, repetitions = 0, 0, 0, 400
+    for repetition in range(repetitions):
+        parts = [of_values(values) for values in runs_of_seeds(draw)]
+        mean = mean_difference(parts)
+        low, high = mean.intervals("joint_ade", repetition)["both"]
+        covered += low <= 0 <= high
+        by_welch += abs(mean.mean[0]) <= as_if_independent(parts)
+        findings += mean.p_value("joint_ade") < 0.05
+    assert 0.92 < covered / repetitions < 0.98
+    assert by_welch / repetitions < 0.8
+    assert 0.02 < findings / repetitions < 0.08
+
+
+def test_the_mean_is_of_the_seeds_that_every_test_set_has():
+    parts = [of_values([1, 2, 9], (0, 1, 2)), of_values([5, 3, 4], (3, 1, 0))]
+    mean = mean_difference(parts)
+    assert mean.numbers == (0, 1)
+    assert mean.seeds[:, 0].tolist() == [2.5, 2.5]
+    assert mean.intervals("joint_ade")["both"] == pytest.approx((2.5, 2.5))
+    with pytest.raises(InputError, match="no training seed"):
+        mean_difference([of_values([1], (0,)), of_values([1], (1,))])
+
+
+def test_p_values_are_those_of_scipy():
+    values = np.array([0.01, 0.03, 0.02, 0.05])
+    found = of_values(values)
+    assert found.p_value("joint_ade") == pytest.approx(stats.ttest_1samp(values, 0).pvalue)
+    sides = [
+        stats.ttest_1samp(values, bound, alternative=side).pvalue
+        for bound, side in ((-0.04, "greater"), (0.04, "less"))
+    ]
+    assert found.p_equivalent("joint_ade", 0.04) == pytest.approx(max(sides))
+    assert np.isnan(of_values([0.1]).p_value("joint_ade"))
+    same = of_values([0, 0, 0])
+    assert (same.p_value("joint_ade"), same.p_equivalent("joint_ade", 0.01)) == (1, 0)
+
+
+def test_holm_by_hand():
+    np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.5]), [0.04, 0.09, 0.09, 0.5])
+    assert holm([0.6, 0.9]).tolist() == [1, 1]
