@@ -29,6 +29,9 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         _run(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
+    except KeyboardInterrupt:  # while a command's modules are imported
+        print("interrupted", file=sys.stderr)
+        sys.exit(130)
     except BrokenPipeError:
         # Who reads what is printed, such as `head`, has seen enough: neither is the rest written at
         # the end.

@@ -15,9 +15,15 @@ import pytest
 
 from neurosym_jax.commands.convert import Options, run
 from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.evaluation.load import make_test
+from neurosym_jax.evaluation.plan import TestSet as Case
+from neurosym_jax.evaluation.plan import baseline
 from neurosym_jax.evaluation.report import FORMAT, write_json
+from neurosym_jax.evaluation.rows import evaluate_into
+from neurosym_jax.evaluation.run import Settings
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models import Generator
@@ -133,6 +139,36 @@ def test_a_report_is_the_old_or_the_new_one(tmp_path):
 
     write_json(path, old)
     every_fault(lambda: write_json(path, new), check)
+
+
+def test_an_evaluation_keeps_its_rows_and_goes_on(tmp_path):
+    stamp, person = np.divmod(np.arange(12), 2)
+    tracks = make_tracks("walk", stamp, person, np.stack([stamp, 1.0 * person], 1))
+    entries = [(None, baseline("constant_velocity", 2, 1))] * 2
+    test = make_test(Case("walk", 2, 1), entries, [tracks])
+    path = tmp_path / "rows.json"
+
+    def found():
+        report = json.loads(path.read_text())
+        return report["complete"], [row["joint"] for row in report["rows"]]
+
+    def work(resume=False):
+        evaluate_into(path, [test], Settings(samples=1, metrics=("joint_ade",)), resume=resume)
+
+    work()
+    wanted = found()
+    assert wanted[0]
+    path.unlink()
+
+    def check(done):
+        if done or path.exists():
+            assert found() in [wanted, (False, wanted[1][:1])][: 1 if done else 2]
+        work(resume=True)
+        assert found() == wanted
+        assert [each.name for each in tmp_path.iterdir()] == ["rows.json"]
+        path.unlink()
+
+    every_fault(work, check)
 
 
 @pytest.mark.parametrize("to", [(), ("new",)])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import signal
 import sys
 import traceback
 import warnings
@@ -57,6 +58,8 @@ def run_command(
             names = [field.name for field in dataclasses.fields(options)]  # pyright: ignore
             status = action(options(**{name: getattr(found, name) for name in names}))
     except KeyboardInterrupt:
+        # Threads that compile are waited for; who presses it again does not wait, nor see a trace.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
         print("interrupted", file=sys.stderr)
         leave(130)
         sys.exit(130)

@@ -16,8 +16,9 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.load import load_tests
 from neurosym_jax.evaluation.metrics import metric_names
 from neurosym_jax.evaluation.plan import BASELINES, make_plan
-from neurosym_jax.evaluation.report import FORMAT, check_replaceable, format_table, write_json
-from neurosym_jax.evaluation.run import Row, Settings, evaluate_tests
+from neurosym_jax.evaluation.report import check_replaceable, format_table
+from neurosym_jax.evaluation.rows import evaluate_into
+from neurosym_jax.evaluation.run import Row, Settings
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, shipped_models
 from neurosym_jax.plotting.evaluation import draw_figures
@@ -65,7 +66,9 @@ class Options:
     baselines: tuple[str, ...] = BASELINES
     """Forecasters without parameters to test beside the checkpoints, also those of a plugin."""
     json: Path = Path("results/evaluation.json")
-    """File for the rows."""
+    """File for the rows, written as they come."""
+    resume: bool = False
+    """Keep the rows that an interrupted run left in --json, and evaluate what is missing."""
     plots: Path = Path("results/figures")
     """Folder for the figures."""
     figures: bool = True
@@ -103,11 +106,10 @@ def run(options: Options) -> list[Row]:
         source, plan, test_on=options.test_on, min_agents=options.min_agents, start=start
     )
     metrics = metric_names(costly=options.collisions)
-    results = evaluate_tests(tests, Settings(options.samples, options.seed, metrics))
-    rows = [result.row for result in results]
+    settings = Settings(options.samples, options.seed, metrics)
+    rows, results = evaluate_into(options.json, tests, settings, resume=options.resume)
     if not is_first():
         return rows
-    write_json(options.json, {"format": FORMAT, "rows": rows})
     print(format_table(rows))
     readings = (Reading(**how) for row in rows for how in row["recordings"])
     if text := describe_readings(readings):
@@ -119,7 +121,9 @@ def run(options: Options) -> list[Row]:
         f"\nseconds: {spent['loading']:.1f} loading, {spent['compiling']:.1f} compiling, "
         f"{spent['evaluating']:.1f} evaluating\nrows: {options.json}"
     )
-    if options.figures:
+    if options.figures and len(results) < len(rows):
+        print("figures: none of the test sets whose rows an earlier run left, or some of them")
+    if options.figures and results:
         before = set(options.plots.glob("*.png"))
         drawn = draw_figures(options.plots, results)
         replaced = len(before.intersection(drawn))

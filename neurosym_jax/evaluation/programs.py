@@ -37,9 +37,9 @@ class Programs:
         """As it is."""
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Begin nothing more, and wait for what was begun."""
-        self._pool.shutdown(cancel_futures=True)
+    def __exit__(self, error: object, *_: object) -> None:
+        """Begin nothing more, and wait for what was begun, unless there is an error to tell."""
+        self._pool.shutdown(wait=error is None, cancel_futures=True)
 
     def of_batches(self, model: Model, batches: Sequence[Batch]) -> list[Future]:
         """Begin, where nobody has, what scores the model on `batches`."""

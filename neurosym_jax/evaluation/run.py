@@ -22,7 +22,15 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import Scene, pad_scene
 
-__all__ = ["Result", "Row", "Settings", "evaluate", "evaluate_tests", "latency"]
+__all__ = [
+    "Result",
+    "Row",
+    "Settings",
+    "each_result",
+    "evaluate",
+    "evaluate_tests",
+    "latency",
+]
 
 EXAMPLE = 8
 """People that a figure can show with ease."""
@@ -125,7 +133,11 @@ def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
     Raises:
         InputError: for numbers out of range, or a metric that fails.
     """
-    results: list[Result] = []
+    return list(each_result(tests, settings))
+
+
+def each_result(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
+    """As `evaluate_tests`, each as it comes."""
     with (
         Programs(settings.samples, settings.metrics) as programs,
         tqdm(
@@ -142,9 +154,8 @@ def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
                 programs.of_one_scene(model, EXAMPLE)
         for test in tests:
             for result in _evaluate_test(programs, test, settings):
-                results.append(result)
+                yield result
                 bar.update()
-    return results
 
 
 def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterator[Result]:

@@ -87,7 +87,9 @@ def options(tmp_path, monkeypatch):
 def test_default_run(options, tmp_path, capsys):
     rows = run(options(samples=3, figures=True, dataset="cross-path"))
     report = json.loads((tmp_path / "rows.json").read_text())
-    assert report == {"format": 1, "rows": rows}
+    inputs = report.pop("inputs")
+    assert len(inputs) == 64
+    assert report == {"format": 1, "complete": True, "rows": rows}
     assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
     assert [row["samples"] for row in rows] == [1, 3]
     for row in rows:

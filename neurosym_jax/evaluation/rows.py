@@ -1,0 +1,104 @@
+"""An evaluation into a JSON file: rows are written as they come, and an interrupted run goes on.
+
+What is in a row is `evaluation.run`'s; how rows look to people is `evaluation.report`'s.
+"""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.load import Test
+from neurosym_jax.evaluation.report import FORMAT, check_replaceable
+from neurosym_jax.evaluation.run import Result, Row, Settings, each_result
+from neurosym_jax.forecasting.parameters import flat_parameters
+from neurosym_jax.runtime import files
+from neurosym_jax.runtime.processes import is_first, sum_over_processes
+
+__all__ = ["evaluate_into"]
+
+
+def evaluate_into(
+    path: Path, tests: Sequence[Test], settings: Settings, *, resume: bool = False
+) -> tuple[list[Row], list[Result]]:
+    """Evaluate all `tests`; the first process writes the rows to `path`, each as it comes.
+
+    The file says whether it is complete. With `resume`, rows that are there are kept, once it is
+    known that they are of the same models, windows and settings.
+
+    Returns:
+        All rows in the order of the tests (in the first process), and the results of the test sets
+        of which no row was kept.
+
+    Raises:
+        InputError: for a file that is no report of ours, is another evaluation's or cannot be
+            written; and as `evaluate_tests`.
+    """
+    inputs = _digest(tests, settings)
+    rows: list[Row] = []
+    if is_first() and check_replaceable(path):
+        if resume:
+            rows = _kept(path, inputs)
+        else:
+            print(f"replacing the report in {path}")
+    # Where there are other processes, they may not see the file.
+    kept = int(sum_over_processes(np.array([len(rows)]))[0])
+    total = sum(len(test.entries) for test in tests)
+    todo, whole = _after(tests, kept)
+    results = []
+    for result in each_result(todo, settings):
+        rows.append(result.row)
+        if result.test_set in whole:
+            results.append(result)
+        if is_first():
+            report = {"format": FORMAT, "complete": len(rows) == total, "inputs": inputs}
+            files.write_json(path, report | {"rows": rows})
+    return rows, results
+
+
+def _kept(path: Path, inputs: str) -> list[Row]:
+    """The rows of the file.
+
+    Raises:
+        InputError: for a file that another evaluation left.
+    """
+    data = json.loads(path.read_text())
+    if data.get("inputs") != inputs:
+        raise InputError(
+            f"{path}: was begun with other models, data or options, or by an earlier version "
+            "(without --resume it is replaced)"
+        )
+    return data["rows"]
+
+
+def _after(tests: Sequence[Test], kept: int) -> tuple[list[Test], set]:
+    """What is left of `tests` after the first `kept` entries; the test sets that are left whole."""
+    todo, whole = [], set()
+    for test in tests:
+        left = test.entries[kept:]
+        kept = max(0, kept - len(test.entries))
+        if left:
+            todo.append(dataclasses.replace(test, entries=left))
+        if len(left) == len(test.entries):
+            whole.add(test.test_set)
+    return todo, whole
+
+
+def _digest(tests: Sequence[Test], settings: Settings) -> str:
+    """SHA-256 of all that the rows depend on: models, windows and settings."""
+    sha = hashlib.sha256(repr(settings).encode())
+    for test in tests:
+        windows = test.windows
+        sha.update(repr((test.test_set, windows.obs_len, windows.reading)).encode())
+        for array in (windows.position, windows.bounds, windows.identity):
+            sha.update(np.ascontiguousarray(array))
+        for path, model in test.entries:
+            sha.update(repr((path, model.kind, model.config, model.dataset)).encode())
+            for name, array in flat_parameters(model.params).items():
+                sha.update(f"{name} {array.dtype} {array.shape}".encode())
+                sha.update(array)
+    return sha.hexdigest()
