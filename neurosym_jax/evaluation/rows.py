@@ -95,10 +95,10 @@ def _digest(tests: Sequence[Test], settings: Settings) -> str:
         windows = test.windows
         sha.update(repr((test.test_set, windows.obs_len, windows.reading)).encode())
         for array in (windows.position, windows.bounds, windows.identity):
-            sha.update(np.ascontiguousarray(array))
+            sha.update(array.tobytes())
         for path, model in test.entries:
             sha.update(repr((path, model.kind, model.config, model.dataset)).encode())
             for name, array in flat_parameters(model.params).items():
                 sha.update(f"{name} {array.dtype} {array.shape}".encode())
-                sha.update(array)
+                sha.update(array.tobytes())
     return sha.hexdigest()
