@@ -28,7 +28,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.symbolic.calculi import Calculus, Observe, Thresholds, register_calculus
-from neurosym_jax.symbolic.qtc import Convention, compare, frames, length, qtc_b1, qtc_c1
+from neurosym_jax.symbolic.qtc import Convention, compare, frames, length, qtc_b1, qtc_c1, states_of
 from neurosym_jax.symbolic.states import ABSENT
 
 __all__ = []
@@ -55,13 +55,13 @@ def _b2(k: ArrayLike, l: ArrayLike, convention: Convention, given: Thresholds) -
 def _c2(k: ArrayLike, l: ArrayLike, convention: Convention, given: Thresholds) -> Array:  # noqa: E741
     states = _c1(k, l, convention, given)
     forced, value = _forced_speed(states)
-    return _joined(states, jnp.where(forced, value, _speed(k, l, given)))
+    return _joined(states, _unless(forced, value, _speed(k, l, given)))
 
 
 def _c2_angle(k: ArrayLike, l: ArrayLike, convention: Convention, given: Thresholds) -> Array:  # noqa: E741
     states = _c2(k, l, convention, given)
     forced, value = _forced_angle(states)
-    return _joined(states, jnp.where(forced, value, _angle(k, l, given)))
+    return _joined(states, _unless(forced, value, _angle(k, l, given)))
 
 
 def _unless_apart(near: Observe) -> Observe:
@@ -69,15 +69,15 @@ def _unless_apart(near: Observe) -> Observe:
 
     def bc(k: ArrayLike, l: ArrayLike, convention: Convention, given: Thresholds) -> Array:  # noqa: E741
         states = near(k, l, convention, given)
-        (x, y), (other_x, other_y) = frames(k)[1], frames(l)[1]
+        (_, (x, y)), (_, (other_x, other_y)) = frames(k, l)
         distance = length(x - other_x, y - other_y)
         joins = distance <= given.near
         parts = distance > (given.near if given.apart is None else given.apart)
         # The newest step at which the distance decided; none has not yet been near.
-        step = jnp.arange(distance.shape[-1])
-        decided = jax.lax.cummax(jnp.where(joins | parts, step, -1), axis=distance.ndim - 1)
-        newest = jnp.take_along_axis(joins, jnp.maximum(decided, 0), axis=-1)
-        apart = ~(newest & (decided >= 0))
+        step = jnp.arange(len(distance)).reshape(-1, *[1] * (distance.ndim - 1))
+        decided = jax.lax.cummax(jnp.where(joins | parts, step, -1))
+        newest = jnp.take_along_axis(joins, jnp.maximum(decided, 0), axis=0)
+        apart = jnp.moveaxis(~(newest & (decided >= 0)), 0, -1)
         sides = jnp.where(apart[..., None], ABSENT, states[..., 2:4])
         return jnp.concatenate([states[..., :2], sides, states[..., 4:]], axis=-1)
 
@@ -85,31 +85,36 @@ def _unless_apart(near: Observe) -> Observe:
 
 
 def _speed(k: ArrayLike, l: ArrayLike, given: Thresholds) -> Array:  # noqa: E741
-    """q5 [..., T-1] as observed."""
-    of_k, of_l = (length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1) in (frames(k), frames(l)))
-    return compare(of_k, of_l, given.quantisation_factor)
+    """q5 [..., T-1, 1] as observed."""
+    of_k, of_l = (length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1) in frames(k, l))
+    return states_of([compare(of_k, of_l, given.quantisation_factor)])
 
 
 def _angle(k: ArrayLike, l: ArrayLike, given: Thresholds) -> Array:  # noqa: E741
-    """q6 [..., T-1] as observed, where both move.
+    """q6 [..., T-1, 1] as observed, where both move.
 
     sin(a - b) = sin a cos b - cos a sin b: the products are compared, times the lengths.
     """
-    ((kx, ky), _), ((lx, ly), _) = frames(k), frames(l)
+    moves = frames(k, l)
+    ((kx, ky), _), ((lx, ly), _) = moves
     line = lx - kx, ly - ky
     across, along, steps = [], [], []
-    for (x0, y0), (x1, y1) in (frames(k), frames(l)):
+    for (x0, y0), (x1, y1) in moves:
         x, y = x1 - x0, y1 - y0
         across.append(abs(x * line[1] - y * line[0]))
         along.append(abs(x * line[0] + y * line[1]))
         steps.append(length(x, y))
     square = line[0] * line[0] + line[1] * line[1]
     threshold = jnp.sin(given.angle) * steps[0] * steps[1] * square
-    return compare(across[0] * along[1], across[1] * along[0], threshold)
+    return states_of([compare(across[0] * along[1], across[1] * along[0], threshold)])
+
+
+def _unless(forced: Array, value: Array, symbol: Array) -> Array:
+    return jnp.where(forced[..., None], value[..., None].astype(jnp.int8), symbol)
 
 
 def _joined(states: Array, symbol: Array) -> Array:
-    return jnp.concatenate([states, symbol[..., None].astype(jnp.int8)], axis=-1)
+    return jnp.concatenate([states, symbol], axis=-1)
 
 
 # What q1 to q4 say of the others, for arrays of numpy and of jax alike.

@@ -58,9 +58,9 @@ def soft_qtc_c1(
         [..., T-1, 4, 3] probabilities of (-, 0, +) for q1 to q4.
     """
     sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    forth, back = both_ways(k, l)
-    approach = [_approach(*frames, temperature, convention) for frames in (forth, back)]
-    beside = [_side(*frames, temperature) for frames in (forth, back)]
+    ways = both_ways(k, l)
+    approach = [_approach(*way, temperature, convention) for way in ways]
+    beside = [_side(*way, temperature) for way in ways]
     soft = jnp.stack(
         [_probabilities(margin, quantisation_factor, temperature) for margin in approach]
         + [_probabilities(margin, sides, temperature) for margin in beside],
@@ -194,7 +194,8 @@ def _expected_by_zeros(zero: Array) -> Array:
 
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:
-    """[..., 3] of (-, 0, +)."""
+    """[..., T-1, 3] of (-, 0, +) from a margin [T-1, ...], steps first as in `qtc.frames`."""
+    margin = jnp.moveaxis(margin, 0, -1)
     not_plus = jax.nn.sigmoid((factor - margin) / temperature)
     not_minus = jax.nn.sigmoid((factor + margin) / temperature)
     # 1 - p(+) - p(-) without the cancellation: exactly 0 where the factor is.
