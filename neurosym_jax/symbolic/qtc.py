@@ -168,7 +168,7 @@ def side_factor(
 
 
 def both_ways(k: ArrayLike, l: ArrayLike):  # noqa: E741
-    """(Mover before, mover after, other before) for k moving, then for l; as `frames` [T-1, ...]."""
+    """(Mover before, mover after, other before), each [T-1, ...], for k moving, then for l."""
     (k0, k1), (l0, l1) = frames(k, l)
     return (k0, k1, l0), (l0, l1, k0)
 
