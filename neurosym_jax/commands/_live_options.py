@@ -1,6 +1,7 @@
 """The options that every command on a stream of people has, and what they describe."""
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +12,12 @@ from neurosym_jax.dashboard.floor_map import read_floor_map
 from neurosym_jax.dashboard.moments import Moments
 from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
+from neurosym_jax.ros.source import Source
 from neurosym_jax.tracking.linking import LinkOptions
 from neurosym_jax.tracking.live import OnlineStitcher
 from neurosym_jax.tracking.motion import FAR, MAX_SPEED
 
-__all__ = ["LiveOptions", "ViewOptions"]
+__all__ = ["LiveOptions", "SourceOptions", "ViewOptions"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +61,21 @@ class ViewOptions:
         return dashboard
 
 
+@dataclasses.dataclass(frozen=True)
+class SourceOptions:
+    """Which messages of people belong to the stream."""
+
+    fixed_frame: str = ""
+    """Frame that coordinates are taken to by /tf; without one they stay in that of the first
+    message, and those in another are left out."""
+    several_publishers: bool = False
+    """Take in all publishers of the topic; else those beside the first are left out."""
+
+    def source(self, report: Callable[[str], None]) -> Source:
+        """What takes in the messages, and tells `report` of those it leaves out."""
+        return Source(self.fixed_frame, self.several_publishers, report)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LiveOptions:
     """Which models forecast a stream, and how."""
@@ -83,6 +100,7 @@ class LiveOptions:
     """Join the tracks that occlusions broke."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
     """With --stitch: when two tracks may be one person's."""
+    stream: Annotated[SourceOptions, tyro.conf.OmitArgPrefixes] = SourceOptions()
     view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
         default_factory=ViewOptions
     )

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import math
 import threading
+import warnings
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,7 +13,7 @@ import tyro
 from neurosym_jax.commands._live_options import LiveOptions
 from neurosym_jax.dashboard.replay_file import ReplayFile
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.forecast_lines import ForecastLines
 from neurosym_jax.online.replay import replay
@@ -54,7 +55,12 @@ def run(options: Options) -> None:
         InputError: naming the file, and what is wrong with it or with a model.
     """
     rate = options.rate if options.rate is not None else 1.0 if options.view.dashboard else "max"
-    frames = read_frames(options.recording, options.topic, options.read)
+
+    def warn(text: str) -> None:
+        warnings.warn(f"{options.recording}: {text}", InputWarning, stacklevel=2)
+
+    source = options.stream.source(warn)
+    frames = read_frames(options.recording, options.topic, options.read, source)
     analytics, title = Analytics(), options.recording.stem
     with contextlib.ExitStack() as stack:
         predictor = options.predictor()
@@ -106,7 +112,7 @@ def _open(path: Path, period: float, options: Options) -> ForecastBag | Forecast
         return ForecastLines(path, period)
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: forecasts go to {', '.join(SUFFIXES)} or .jsonl")
-    frame_id = options.frame_id
+    frame_id = options.frame_id or options.stream.fixed_frame
     if not frame_id and is_bag(options.recording):
         frame_id = frame_id_of(options.recording, options.topic)
     return ForecastBag(path, period, frame_id or "map")

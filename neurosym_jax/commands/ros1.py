@@ -21,8 +21,8 @@ class Options(LiveOptions):
     """
 
     topic: str | None = None
-    """Of the people, people_msgs/People; by default the first of /people_tracker/people_filtered
-    and, with --stitch, /people_tracker/people."""
+    """Of the people, in any type of message that `ros2 --message` names; by default
+    /people_tracker/people_filtered and, with --stitch, /people_tracker/people."""
     master: str | None = None
     """URI; by default $ROS_MASTER_URI, else http://localhost:11311."""
     name: str = "neurosym_jax"
@@ -41,6 +41,7 @@ def run(options: Options) -> None:
     node = ForecastNode(
         options.predictor(),
         topic=options.topic,
+        source=options.stream.source(report),
         stitcher=options.stitcher(),
         master=options.master,
         name=options.name,

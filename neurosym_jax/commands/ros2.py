@@ -4,14 +4,15 @@
 # ROS 2 has its own installer; where the linters run there is none.
 
 import dataclasses
+import functools
 import sys
-from typing import Literal
 
 from neurosym_jax.commands._live_options import LiveOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.summary import format_summary
 from neurosym_jax.ros.messages import PEOPLE_TOPICS
-from neurosym_jax.ros.ros2 import ForecastNode, message_types
+from neurosym_jax.ros.people import kind_named
+from neurosym_jax.ros.ros2 import ForecastNode, message_type
 
 __all__ = ["Options", "run"]
 
@@ -22,8 +23,8 @@ class Options(LiveOptions):
 
     topic: str = PEOPLE_TOPICS[0]
     """Of the people."""
-    message: Literal["People", "PoseArray"] = "People"
-    """people_msgs/People, or geometry_msgs/PoseArray of people without ids."""
+    message: str = "People"
+    """Their type: People, Humans, TrackedPersons, Agents, Detection3DArray or PoseArray."""
     name: str = "neurosym_jax"
     """Of this node."""
 
@@ -41,21 +42,23 @@ def run(options: Options) -> None:
         raise InputError(
             "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
         ) from None
-    message_types(options.message)
+    message_type(kind_named(options.message))
+    report = functools.partial(print, f"{options.name}:", file=sys.stderr, flush=True)
     predictor = options.predictor()
     rclpy.init(args=[])
     node = ForecastNode(
         predictor,
         topic=options.topic,
-        message=options.message,
+        kind=kind_named(options.message),
+        source=options.stream.source(report),
         stitcher=options.stitcher(),
         name=options.name,
     )
-    print(f"{options.name}: listening to {options.topic}", file=sys.stderr, flush=True)
+    report(f"listening to {options.topic}")
     try:
         node.dashboard = options.view.open(predictor, options.name)
         if node.dashboard is not None:
-            print(f"{options.name}: the page is at {node.dashboard.url}", file=sys.stderr)
+            report(f"the page is at {node.dashboard.url}")
         rclpy.spin(node.node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -4,31 +4,35 @@ Needs rosbags, which is imported when a bag is opened. What people's messages sa
 `ros.messages`; other recordings of people are read in `online.recordings`.
 """
 
+import warnings
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.errors import InputError
-from neurosym_jax.ros.messages import (
-    HUMANS,
-    PEOPLE,
-    PEOPLE_TOPICS,
-    Frame,
-    frame_of_humans,
-    frame_of_people,
-    typestore,
-)
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.online.frame import Frame
+from neurosym_jax.ros.definitions import typestore
+from neurosym_jax.ros.messages import PEOPLE_TOPICS
+from neurosym_jax.ros.people import KINDS, POSES
+from neurosym_jax.ros.source import Source
 
-__all__ = ["SUFFIXES", "BagWriter", "frame_id_of", "is_bag", "read_messages", "read_people"]
+__all__ = [
+    "SUFFIXES",
+    "TF_TOPICS",
+    "BagWriter",
+    "frame_id_of",
+    "is_bag",
+    "read_messages",
+    "read_people",
+]
 
+TF_TOPICS = ("/tf", "/tf_static")
+"""Where frames of coordinates lie, in messages of `ros.definitions.TRANSFORMS`."""
 SUFFIXES = (".bag", ".mcap", ".db3")
 """Of ROS 1's file and of the files in ROS 2's folders."""
 
 TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 """What mends a file, by its ending."""
-
-READERS = {PEOPLE: frame_of_people, HUMANS: frame_of_humans}
-"""How a message of people becomes a frame, by its type."""
 
 
 def is_bag(path: Path) -> bool:
@@ -36,20 +40,33 @@ def is_bag(path: Path) -> bool:
     return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
-def read_people(path: Path, topic: str | None = None) -> Iterator[Frame]:
+def read_people(
+    path: Path, topic: str | None = None, source: Source | None = None
+) -> Iterator[Frame]:
     """The people of a bag, frame by frame in the order of recording.
 
     Args:
         path: file of ROS 1, or folder or file of ROS 2.
         topic: of the people; if None, one of `PEOPLE_TOPICS`, else the only one with people.
+        source: which messages belong to the stream, and where they are taken to; by default those
+            of one publisher in one frame of coordinates, and warnings of the others.
 
     Raises:
         InputError: at the first frame, or where the bag is damaged, naming the file and the reason.
     """
-    for _, message in read_messages(path, lambda topics: [_choose(path, topics, topic)]):
+    source = source or Source(report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3))
+
+    def choose(topics: dict[str, str]) -> list[str]:
+        return [_choose(path, topics, topic), *(TF_TOPICS if source.fixed_frame else ())]
+
+    for name, message, publisher, received in _read(path, choose):
+        if name in TF_TOPICS:
+            source.transforms.hear(message, static=name == TF_TOPICS[1])
         # Two publishers may have disagreed about the type of one topic.
-        if message.__msgtype__ in READERS:
-            yield READERS[message.__msgtype__](message)
+        elif message.__msgtype__ in KINDS:
+            frame = source.take(message.__msgtype__, message, publisher, received)
+            if frame is not None:
+                yield frame
 
 
 def frame_id_of(path: Path, topic: str | None = None) -> str:
@@ -59,7 +76,7 @@ def frame_id_of(path: Path, topic: str | None = None) -> str:
         InputError: as `read_people`.
     """
     for _, message in read_messages(path, lambda topics: [_choose(path, topics, topic)]):
-        return message.header.frame_id
+        return message.header.frame_id.removeprefix("/")
     return ""
 
 
@@ -71,6 +88,13 @@ def read_messages(
     Raises:
         InputError: naming the file and the reason.
     """
+    return ((topic, message) for topic, message, *_ in _read(path, choose))
+
+
+def _read(
+    path: Path, choose: Callable[[dict[str, str]], Collection[str]] | None
+) -> Iterator[tuple[str, Any, str, float]]:
+    """Topic, message, its publisher's name (known in ROS 1 only), and when it was recorded [s]."""
     store = typestore(2)
     from rosbags.highlevel import AnyReader
 
@@ -83,8 +107,10 @@ def read_messages(
             topics = {each.topic: each.msgtype for each in reader.connections}
             chosen = list(topics) if choose is None else choose(topics)
             connections = [each for each in reader.connections if each.topic in chosen]
-            for connection, _, data in reader.messages(connections=connections):
-                yield connection.topic, reader.deserialize(data, connection.msgtype)
+            for connection, at, data in reader.messages(connections=connections):
+                message = reader.deserialize(data, connection.msgtype)
+                publisher = getattr(connection.ext, "callerid", None) or ""
+                yield connection.topic, message, publisher, 1e-9 * at
     except InputError:
         raise
     except Exception as error:
@@ -104,19 +130,21 @@ def _advice(path: Path) -> str:
 
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
     """The topic of the people."""
-    usable = [name for name, kind in topics.items() if kind in READERS]
+    usable = [name for name, kind in topics.items() if kind in KINDS]
     there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
     if asked is not None:
         if asked not in topics:
             raise InputError(f"{path}: no topic {asked}; there are: {there}")
         if asked not in usable:
-            raise InputError(f"{path}: {asked} carries {topics[asked]}, not {' or '.join(READERS)}")
+            raise InputError(f"{path}: {asked} carries {topics[asked]}, not {' or '.join(KINDS)}")
         return asked
     for name in PEOPLE_TOPICS:
         if name in usable:
             return name
+    # Poses may be of anything, such as a robot's guesses where it is.
+    usable = [name for name in usable if topics[name] != POSES] or usable
     if len(usable) != 1:
-        wanted = "choose one with --topic" if usable else f"none carries {' or '.join(READERS)}"
+        wanted = "choose one with --topic" if usable else f"none carries {' or '.join(KINDS)}"
         raise InputError(f"{path}: which topic has the people? There are: {there}; {wanted}")
     return usable[0]
 

@@ -9,12 +9,16 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.ros.bags import is_bag, read_people
+from neurosym_jax.ros.source import Source
 
 __all__ = ["read_frames"]
 
 
 def read_frames(
-    path: Path, topic: str | None = None, options: ReadOptions = AS_IT_SAYS
+    path: Path,
+    topic: str | None = None,
+    options: ReadOptions = AS_IT_SAYS,
+    source: Source | None = None,
 ) -> Iterator[Frame]:
     """The frames of a bag or of a file of tracks, in its order.
 
@@ -22,13 +26,14 @@ def read_frames(
         path: a bag (see `ros.bags`), or any file that `data.formats.read_any` reads.
         topic: of the people in a bag.
         options: of a file of tracks, what it does not say itself.
+        source: of a bag, which messages belong to the stream.
 
     Raises:
         InputError: naming the file and the reason, possibly after some frames of a damaged bag.
     """
     path = Path(path)
     if is_bag(path):
-        return read_people(path, topic)
+        return read_people(path, topic, source)
     if topic is not None:
         raise InputError(f"{path}: only a bag has topics")
     if not path.is_file():

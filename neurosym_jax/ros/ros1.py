@@ -7,27 +7,31 @@ ROS; what is here is the way from topics to frames and from forecasts to topics.
 
 import contextlib
 import dataclasses
+import functools
+import itertools
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
+from neurosym_jax.ros.bags import TF_TOPICS
+from neurosym_jax.ros.decoding import Decoder
+from neurosym_jax.ros.definitions import HUMANS_TRAJS, PEOPLE, TRANSFORMS, ros1_name
 from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
 from neurosym_jax.ros.messages import (
-    HUMANS_TRAJS,
-    PEOPLE,
     PEOPLE_TOPICS,
     TRUTH_TOPIC,
     WAITING,
     forecast_topic,
-    frame_of_people,
-    typestore,
+    make_people,
 )
+from neurosym_jax.ros.source import Source
 from neurosym_jax.ros.tcpros import Node, Publisher, Topic, global_name
 from neurosym_jax.tracking.live import NOBODY, OnlineStitcher
 
@@ -35,6 +39,9 @@ __all__ = ["ForecastNode"]
 
 LAST = 2.0**31 - 1000
 """Seconds; rosbags counts ROS 1's in 32 bits with a sign, and forecasts lie ahead."""
+
+Heard = tuple[bytes, Mapping[str, str] | None, float]
+"""A message, its publisher's header, and when it came."""
 
 
 class ForecastNode:
@@ -45,6 +52,7 @@ class ForecastNode:
         predictor: Predictor,
         *,
         topic: str | None = None,
+        source: Source | None = None,
         stitcher: OnlineStitcher | None = None,
         master: str | None = None,
         name: str = "neurosym_jax",
@@ -57,6 +65,7 @@ class ForecastNode:
             predictor: of one or several models, each with a topic of its own.
             topic: of the people; None is the first of `PEOPLE_TOPICS`, and the second where ids
                 are mended.
+            source: which messages belong to the stream, and where they are taken to.
             stitcher: mends ids, if given; the people are then published on the first topic.
             master: URI; see `names.master_uri`.
             name: of the node.
@@ -72,11 +81,13 @@ class ForecastNode:
         """Shown every frame, where there is one."""
         self.malformed = self.late = 0
         """Messages that could not be read; that came faster than they could be worked on."""
-        self._store = typestore(1)
-        self._waiting: queue.Queue[bytes] = queue.Queue(WAITING)
+        self.source = source or Source(report=report)
+        self._decoder = Decoder()
+        self._store = self._decoder.store
+        self._waiting: queue.Queue[Heard] = queue.Queue(WAITING)
         self._status, self._report = status, report
         filtered, raw = PEOPLE_TOPICS
-        people = self._topic(topic or (raw if stitcher else filtered), PEOPLE)
+        people = Topic(global_name(topic or (raw if stitcher else filtered)))
         if stitcher and people.name == filtered:
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
         self.node = Node(name, master, report)
@@ -87,7 +98,15 @@ class ForecastNode:
         }
         self._truth = advertise(self._topic(TRUTH_TOPIC, HUMANS_TRAJS))
         self._mended = advertise(self._topic(filtered, PEOPLE)) if stitcher else None
-        self.node.subscribe(people, self.hear)
+        subscriber = self.node.subscribe(people, self.hear, self._decoder.refuse)
+        self.source.is_there = subscriber.hears
+        if self.source.fixed_frame:
+            kind = self._topic(TF_TOPICS[0], TRANSFORMS)
+            for name in TF_TOPICS:
+                self.node.subscribe(
+                    dataclasses.replace(kind, name=name),
+                    functools.partial(self._hear_transforms, name == TF_TOPICS[1]),
+                )
         report(f"{self.node.name}: listening to {people.name}, master {self.node.master}")
 
     def run(self) -> None:
@@ -95,46 +114,52 @@ class ForecastNode:
         looked = time.monotonic()
         while not self.node.stopped.is_set():
             with contextlib.suppress(queue.Empty):
-                self.work(self._waiting.get(timeout=0.2))
+                self.work(*self._waiting.get(timeout=0.2))
             if self._status and time.monotonic() - looked >= self._status:
                 looked = time.monotonic()
                 self._report(self.status())
 
-    def hear(self, data: bytes, publisher: str = "") -> None:
-        """Queue a serialised People; where there are too many the oldest is left out."""
+    def hear(self, data: bytes, header: Mapping[str, str] | None = None) -> None:
+        """Queue serialised people; where there are too many the oldest are left out."""
         while True:
             try:
-                return self._waiting.put_nowait(data)
+                return self._waiting.put_nowait((data, header, time.monotonic()))
             except queue.Full:
                 with contextlib.suppress(queue.Empty):
                     self._waiting.get_nowait()
                     self.late += 1
 
-    def work(self, data: bytes) -> None:
-        """Take in a serialised People, and publish what it leads to."""
+    def work(
+        self, data: bytes, header: Mapping[str, str] | None = None, received: float = 0.0
+    ) -> None:
+        """Take in serialised people, and publish what they lead to.
+
+        Args:
+            data: the message.
+            header: what its publisher said of itself; without one it is a People.
+            received: seconds of this computer's clock.
+        """
         from rosbags.serde import SerdeError
 
         try:
-            message = self._store.deserialize_ros1(data, PEOPLE)
+            kind, message = self._decoder.decode(data, header)
         except SerdeError:
             self.malformed += 1
             return
-        frame = frame_of_people(message)
+        publisher = (header or {}).get("callerid", "")
+        frame = self.source.take(kind, message, publisher, received)
+        if frame is None:
+            return
         if not 0 <= frame.stamp < LAST:
             self.malformed += 1
             return
         if self.stitcher is not None and self._mended is not None:
-            ids = self.stitcher.push(*frame).tolist()
-            for person, id in zip(message.people, ids):
-                person.name = str(id)
-            message.people = [each for each, id in zip(message.people, ids) if id != NOBODY]
-            self._send(self._mended, message)
-            frame = frame_of_people(message)
+            frame = self._mend(self.stitcher, self._mended, frame, kind, message)
         event = advance(frame, self.predictor, self.analytics)
         common: dict[str, Any] = {
             "types": self._store.types,
             "period": self.predictor.window.period,
-            "frame_id": message.header.frame_id,
+            "frame_id": self.source.frame_id,
         }
         for name, publisher in self._forecasts.items():
             if event.forecast is not None and publisher.subscribers:
@@ -161,9 +186,32 @@ class ForecastNode:
         ]
         if self.stitcher is not None:
             parts.append(f"{self.stitcher.joined} tracks joined")
-        counts = {**health, "malformed": self.malformed, "late": self.late}
+        counts = {**health, **self.source.refused, "malformed": self.malformed, "late": self.late}
         wrong = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
         return "; ".join(parts + ([", ".join(wrong)] if wrong else []))
+
+    def _mend(
+        self, stitcher: OnlineStitcher, to: Publisher, frame: Frame, kind: str, message: Any
+    ) -> Frame:
+        """Under mended names, which are published, too."""
+        ids = stitcher.push(*frame)
+        somebody = ids != NOBODY
+        mended = Frame(frame.stamp, ids[somebody], frame.xy[somebody])
+        if kind != PEOPLE or message.header.frame_id.removeprefix("/") != self.source.frame_id:
+            self._send(to, make_people(self._store.types, mended, self.source.frame_id or ""))
+        else:  # As they came but for their names.
+            message.people = list(itertools.compress(message.people, somebody))
+            for person, id in zip(message.people, mended.ids.tolist()):
+                person.name = str(id)
+            self._send(to, message)
+        return mended
+
+    def _hear_transforms(self, static: bool, data: bytes, header: Mapping[str, str]) -> None:
+        from rosbags.serde import SerdeError
+
+        with contextlib.suppress(SerdeError):
+            message = self._store.deserialize_ros1(data, TRANSFORMS)
+            self.source.transforms.hear(message, static)
 
     def close(self) -> None:
         """Leave the graph."""
@@ -173,7 +221,7 @@ class ForecastNode:
 
     def _topic(self, name: str, kind: str) -> Topic:
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)
-        return Topic(global_name(name), kind.replace("/msg/", "/"), md5, definition)
+        return Topic(global_name(name), ros1_name(kind), md5, definition)
 
     def _send(self, publisher: Publisher, message: Any) -> None:
         publisher.publish(bytes(self._store.serialize_ros1(message, message.__msgtype__)))

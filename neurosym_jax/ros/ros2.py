@@ -7,28 +7,31 @@ only one that needs it, and the predictor knows nothing of it.
 # pyright: reportMissingImports=false
 # ROS 2 has its own installer; where the linters run there is none.
 
-from typing import Any, Literal
+import functools
+import importlib
+import time
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast, Predictor
 from neurosym_jax.online.replay import advance
-from neurosym_jax.ros.messages import (
-    PEOPLE_TOPICS,
-    WAITING,
-    forecast_topic,
-    frame_of_people,
-    seconds_of,
-)
+from neurosym_jax.ros.bags import TF_TOPICS
+from neurosym_jax.ros.definitions import PEOPLE, TRANSFORMS
+from neurosym_jax.ros.messages import PEOPLE_TOPICS, WAITING, forecast_topic
+from neurosym_jax.ros.source import Source
 from neurosym_jax.tracking.live import OnlineStitcher
-from neurosym_jax.tracking.nearest import NearestIds
 
-__all__ = ["ForecastNode", "message_types"]
+__all__ = ["ForecastNode", "message_type", "message_types"]
 
+OURS = (
+    *("geometry_msgs/msg/Point", "geometry_msgs/msg/Pose", "geometry_msgs/msg/PoseArray"),
+    *("std_msgs/msg/Header", "visualization_msgs/msg/Marker", "visualization_msgs/msg/MarkerArray"),
+)
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
 """Of the people's lines, after Okabe and Ito."""
 
@@ -41,7 +44,8 @@ class ForecastNode:
         predictor: Predictor,
         *,
         topic: str = PEOPLE_TOPICS[0],
-        message: Literal["People", "PoseArray"] = "People",
+        kind: str = PEOPLE,
+        source: Source | None = None,
         stitcher: OnlineStitcher | None = None,
         name: str = "neurosym_jax",
     ):
@@ -50,7 +54,8 @@ class ForecastNode:
         Args:
             predictor: of one or several models, each with topics of its own.
             topic: of the people.
-            message: their type.
+            kind: their type, a key of `people.KINDS`.
+            source: which messages belong to the stream, and where they are taken to.
             stitcher: mends ids, if given.
             name: of the node.
 
@@ -58,14 +63,14 @@ class ForecastNode:
             InputError: where ROS 2 has no such message.
         """
         import rclpy
-        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-        self.types = message_types(message)
+        self.types, people = message_types(), message_type(kind)
+        self.kind, self.source = kind, source or Source()
         self.predictor, self.stitcher = predictor, stitcher
         self.analytics = Analytics.of(predictor)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
-        self._nearest = NearestIds()
         self.node = rclpy.create_node(name)
         self._poses, self._markers = (
             {
@@ -76,27 +81,27 @@ class ForecastNode:
         )
         # Best effort hears publishers of either kind.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
-        kind = self.types[message]
-        self.node.create_subscription(kind, topic, self.hear, quality)
+        self.node.create_subscription(people, topic, self.hear, quality)
+        if self.source.fixed_frame:
+            latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            for name, quality in zip(TF_TOPICS, (QoSProfile(depth=100), latched)):
+                hear = functools.partial(self.source.transforms.hear, static=name == TF_TOPICS[1])
+                self.node.create_subscription(message_type(TRANSFORMS), name, hear, quality)
 
-    def hear(self, message: Any) -> None:
+    def hear(self, message: Any, info: Mapping[str, Any]) -> None:
         """Take in a message of people, and publish what it leads to."""
-        event = advance(self._frame(message), self.predictor, self.analytics, self.stitcher)
+        publisher = (info.get("publisher_gid") or {}).get("data", b"")
+        frame = self.source.take(self.kind, message, bytes(publisher).hex(), time.monotonic())
+        if frame is None:
+            return
+        event = advance(frame, self.predictor, self.analytics, self.stitcher)
         if event.forecast is not None:
             for name in event.forecast.models:
-                header = self._header(event.forecast.stamp, message.header.frame_id)
+                header = self._header(event.forecast.stamp, self.source.frame_id or "")
                 self._poses[name].publish(self._pose_array(event.forecast, name, header))
                 self._markers[name].publish(self._marker_array(event.forecast, name, header))
         if self.dashboard is not None:
             self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
-
-    def _frame(self, message: Any) -> Frame:
-        if hasattr(message, "people"):
-            return frame_of_people(message)
-        stamp = seconds_of(message.header.stamp)
-        xy = [(pose.position.x, pose.position.y) for pose in message.poses]
-        points = np.array(xy, np.float64).reshape(-1, 2)
-        return Frame(stamp, self._nearest.push(stamp, points), points)
 
     def _header(self, stamp: float, frame_id: str) -> Any:
         header = self.types["Header"](frame_id=frame_id)
@@ -139,23 +144,23 @@ def _path(forecast: Forecast, name: str) -> np.ndarray:
     return np.concatenate([forecast.observed[:, -1:], result.samples[result.central]], axis=1)
 
 
-def message_types(message: str) -> dict[str, Any]:
-    """The classes of messages by name.
+def message_type(kind: str) -> Any:
+    """The class of a message, by its type.
+
+    Raises:
+        InputError: where its package is missing.
+    """
+    package, _, name = kind.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise InputError(f"this ROS 2 has no {package}") from None
+
+
+def message_types() -> dict[str, Any]:
+    """The classes that forecasts are made of, by name.
 
     Raises:
         InputError: where one of their packages is missing.
     """
-    try:
-        from geometry_msgs.msg import Point, Pose, PoseArray
-        from std_msgs.msg import Header
-        from visualization_msgs.msg import Marker, MarkerArray
-
-        types = {each.__name__: each for each in (Header, Marker, MarkerArray, Point, Pose)}
-        types["PoseArray"] = PoseArray
-        if message == "People":
-            from people_msgs.msg import People
-
-            types["People"] = People
-    except ImportError as error:
-        raise InputError(f"this ROS 2 has no {error.name}") from None
-    return types
+    return {kind.split("/")[2]: message_type(kind) for kind in OURS}

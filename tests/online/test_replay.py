@@ -23,6 +23,8 @@ from neurosym_jax.online.summary import format_summary
 from neurosym_jax.online.window import Health
 from neurosym_jax.ros import messages
 from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
+from neurosym_jax.ros.definitions import HUMANS
+from neurosym_jax.ros.people import seconds_of, see
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_jax.tracking.live import OnlineStitcher
@@ -97,8 +99,8 @@ def test_the_whole_way_and_back(recording, tmp_path, capsys):
         forecasts = got[f"/hri/human_poses_prediction_{topic}"]
         assert len(forecasts) == len(rows)
         for row, message in zip(rows, forecasts):
-            steps = [messages.frame_of_humans(step) for step in message.trajs]
-            stamp = messages.seconds_of(message.header.stamp)
+            steps = [see(HUMANS, step) for step in message.trajs]
+            stamp = seconds_of(message.header.stamp)
             assert stamp == pytest.approx(row["stamp"], abs=1e-6)
             assert_array_equal(steps[8].ids, row["ids"])
             assert message.header.frame_id == "odom"

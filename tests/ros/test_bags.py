@@ -14,6 +14,8 @@ from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import frames_of_tracks, tracks_of_frames
 from neurosym_jax.ros import messages
 from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
+from neurosym_jax.ros.definitions import HUMANS
+from neurosym_jax.ros.people import seconds_of, see
 from neurosym_jax.ros.recordings import read_frames
 from neurosym_jax.simulation.scenarios import simulate
 
@@ -55,8 +57,8 @@ def test_people_and_forecasts_there_and_back(tmp_path, kind):
     both = list(read_messages(bag.path))
     assert [topic for topic, _ in both] == [TOPIC, "/forecast"] * len(wanted)
     (step,) = both[-1][1].trajs
-    assert messages.seconds_of(step.header.stamp) == pytest.approx(wanted[-1].stamp, abs=1e-6)
-    assert_array_equal(messages.frame_of_humans(step).xy, wanted[-1].xy)
+    assert seconds_of(step.header.stamp) == pytest.approx(wanted[-1].stamp, abs=1e-6)
+    assert_array_equal(see(HUMANS, step).xy, wanted[-1].xy)
     with pytest.raises(InputError, match="already there"):
         BagWriter(tmp_path / f"run.{kind}")
 

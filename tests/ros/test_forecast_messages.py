@@ -8,8 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.predictor import Forecast, ModelForecast
-from neurosym_jax.ros import messages
+from neurosym_jax.ros.definitions import HUMANS, typestore
 from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
+from neurosym_jax.ros.people import seconds_of, see
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -18,7 +19,7 @@ STEPS = 100 + 0.4 * np.arange(-2, 5)
 
 @pytest.fixture(scope="module")
 def types():
-    return messages.typestore(1).types
+    return typestore(1).types
 
 
 def forecast() -> Forecast:
@@ -34,8 +35,8 @@ def forecast() -> Forecast:
 def test_a_forecast_is_the_observed_and_the_most_central_future(types):
     there = forecast()
     message = forecast_message(types, there, "SGAN", 0.4, "odom")
-    frames = [messages.frame_of_humans(step) for step in message.trajs]
-    assert messages.seconds_of(message.header.stamp) == 100.0
+    frames = [see(HUMANS, step) for step in message.trajs]
+    assert seconds_of(message.header.stamp) == 100.0
     assert message.header.frame_id == "odom"
     assert_allclose([frame.stamp for frame in frames], STEPS)
     whole = np.concatenate([there.observed, there.models["SGAN"].samples[3]], axis=1)
@@ -54,8 +55,8 @@ def test_the_truth_is_of_those_seen_to_the_end(types):
     future[0, 3] = np.nan
     there = dataclasses.replace(forecast(), future=future)
     message = truth_message(types, there, 0.4)
-    frames = [messages.frame_of_humans(step) for step in message.trajs]
-    assert messages.seconds_of(message.header.stamp) == 100.0
+    frames = [see(HUMANS, step) for step in message.trajs]
+    assert seconds_of(message.header.stamp) == 100.0
     assert [frame.ids.tolist() for frame in frames] == [[8]] * 7
     assert_array_equal(np.stack([frame.xy[0] for frame in frames[3:]]), future[1])
     nobody = dataclasses.replace(there, future=np.full_like(future, np.nan))

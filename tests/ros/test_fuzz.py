@@ -14,6 +14,7 @@ from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
 from neurosym_jax.ros import messages
+from neurosym_jax.ros.definitions import PEOPLE
 from neurosym_jax.ros.ros1 import ForecastNode
 from neurosym_jax.runtime.process import compile_seconds
 from neurosym_jax.tracking.live import OnlineStitcher
@@ -91,7 +92,7 @@ def node(forecast_node):
 
 def people(node: ForecastNode, frame: Frame) -> bytes:
     store = node._store
-    return bytes(store.serialize_ros1(messages.make_people(store.types, frame), messages.PEOPLE))
+    return bytes(store.serialize_ros1(messages.make_people(store.types, frame), PEOPLE))
 
 
 def broken(data: bytes, rng: random.Random) -> bytes:
@@ -139,7 +140,7 @@ def test_more_messages_than_can_be_worked_on(node):
     for n in range(1000):
         node.hear(b"%d" % n)
     assert node.late == 1000 - node._waiting.maxsize
-    assert node._waiting.get() == b"%d" % node.late
+    assert node._waiting.get()[0] == b"%d" % node.late
 
 
 def test_a_crowd_in_one_message(node):

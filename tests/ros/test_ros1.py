@@ -22,6 +22,8 @@ from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import frames_of_tracks
 from neurosym_jax.ros import messages
 from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
+from neurosym_jax.ros.definitions import HUMANS_TRAJS, PEOPLE, typestore
+from neurosym_jax.ros.people import seconds_of
 from neurosym_jax.ros.tcpros.xmlrpc import CallError, call
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_jax.tracking.live import OnlineStitcher
@@ -108,10 +110,10 @@ class Graph:
         }
         self._folder, self._processes = folder, contextlib.ExitStack()
         self.definitions = folder / "definitions.json"
-        store = messages.typestore(1)
+        store = typestore(1)
         texts = {
             name.replace("/msg/", "/"): store.generate_msgdef(name, ros_version=1)[0]
-            for name in (messages.PEOPLE, messages.HUMANS_TRAJS)
+            for name in (PEOPLE, HUMANS_TRAJS)
         }
         self.definitions.write_text(json.dumps(texts))
         self.start_core()
@@ -181,7 +183,7 @@ def node(graph, models):
 def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_node, monkeypatch):
     node, sent = forecast_node(stitcher=OnlineStitcher(), topic="raw"), []
     monkeypatch.setattr(node._mended, "publish", sent.append)
-    store = messages.typestore(1)
+    store = typestore(1)
     for n in range(40):
         # The tracker loses person 1 for half a second and takes them for somebody new.
         ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
@@ -189,8 +191,8 @@ def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_n
         message = messages.make_people(store.types, Frame(1e9 + n / 10, ids, xy), "odom")
         for person in message.people:
             person.tags = ["kept"]
-        node.work(bytes(store.serialize_ros1(message, messages.PEOPLE)))
-    back = [store.deserialize_ros1(data, messages.PEOPLE) for data in sent]
+        node.work(bytes(store.serialize_ros1(message, PEOPLE)))
+    back = [store.deserialize_ros1(data, PEOPLE) for data in sent]
     assert {person.name for message in back for person in message.people} == {"1", "2"}
     assert all(person.tags == ["kept"] for message in back for person in message.people)
     assert back[-1].header.frame_id == "odom"
@@ -237,12 +239,25 @@ def test_the_tracker_is_killed_and_started_again(graph, node):
         talker.end(signal.SIGKILL)
 
 
+def test_a_second_tracker_is_left_out_until_the_first_is_gone(graph, node):
+    listener = graph.listener()
+    first = graph.peer("talk", "first", rate=10)
+    listener.wait_heard(both)
+    second = graph.peer("talk", "second", rate=50)
+    node.wait_for(lambda line: "a second publisher, /second, are left out beside" in line)
+    first.end()
+    node.wait_for(lambda line: "people come from /second now, not from /first" in line)
+    node.wait_for(lambda line: "other publisher" in line)
+    second.end()
+
+
 def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
     path, recorded = tmp_path / "people.bag", tmp_path / "recorded.bag"
     with BagWriter(path) as bag:
         for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=3)):
             frame = frame._replace(stamp=frame.stamp + 1e9)
-            bag.write("/people", frame.stamp, messages.make_people(bag.types, frame))
+            people = messages.make_people(bag.types, frame, "odom")
+            bag.write("/people", frame.stamp, people)
     listener = graph.listener()
     recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS)
     uri = call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
@@ -261,7 +276,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
     assert all(1e9 < stamp < 1e9 + 9 for _, stamp in heard)
     recorder.end(signal.SIGINT)
     there = {
-        (topic, round(messages.seconds_of(message.header.stamp), 6))
+        (topic, round(seconds_of(message.header.stamp), 6))
         for topic, message in read_messages(recorded)
         if topic in FORECASTS
     }

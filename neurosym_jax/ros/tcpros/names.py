@@ -17,10 +17,10 @@ class Topic:
 
     name: str
     """Global: it begins with a slash."""
-    type: str
-    """"package/Name"."""
-    md5: str
-    """Of the type's definition, as ROS computes it."""
+    type: str = "*"
+    """"package/Name"; a subscriber takes "*" for any."""
+    md5: str = "*"
+    """Of the type's definition, as ROS computes it; a subscriber takes "*" for any."""
     definition: str = ""
     """Text of the definition and of those that it uses; recorders ask for it."""
 

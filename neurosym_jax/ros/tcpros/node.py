@@ -3,7 +3,7 @@
 import os
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from neurosym_jax.ros.tcpros.names import Topic, global_name, local_host, master_uri
@@ -55,9 +55,14 @@ class Node:
         self._watcher = threading.Thread(target=self._watch, daemon=True, name="master")
         self._watcher.start()
 
-    def subscribe(self, topic: Topic, hear: Callable[[bytes, str], None]) -> Subscriber:
-        """Hear every message of `topic`, serialised, in the thread of its publisher."""
-        subscriber = Subscriber(topic, self.name, hear, self._report)
+    def subscribe(
+        self,
+        topic: Topic,
+        hear: Callable[[bytes, Mapping[str, str]], None],
+        refuse: Callable[[Mapping[str, str]], str | None] = lambda header: None,
+    ) -> Subscriber:
+        """Hear every message of `topic`; `hear` and `refuse` are as for `Subscriber`."""
+        subscriber = Subscriber(topic, self.name, hear, self._report, refuse)
         with self._lock:
             self._subscribers[topic.name] = subscriber
         self._register_soon()

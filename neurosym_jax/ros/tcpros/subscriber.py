@@ -3,7 +3,7 @@
 import contextlib
 import socket
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 
 from neurosym_jax.ros.tcpros.names import Topic
 from neurosym_jax.ros.tcpros.wire import (
@@ -38,19 +38,23 @@ class Subscriber:
         self,
         topic: Topic,
         caller: str,
-        hear: Callable[[bytes, str], None],
+        hear: Callable[[bytes, Mapping[str, str]], None],
         report: Callable[[str], None],
+        refuse: Callable[[Mapping[str, str]], str | None] = lambda header: None,
     ):
         """Without publishers.
 
         Args:
             topic: what is listened to.
             caller: name of the node.
-            hear: is called with every message, serialised, and its publisher's URI, in a thread
-                of that publisher's.
+            hear: is called with every message, serialised, and the header that its publisher sent
+                ("callerid", "type", "md5sum", "message_definition"), in a thread of that
+                publisher's.
             report: is told, in one line, who is connected, lost or refused.
+            refuse: says of a publisher's header why it is not wanted, or None.
         """
         self.topic, self.caller, self.hear, self.report = topic, caller, hear, report
+        self.refuse = refuse
         self._links: dict[str, _Link] = {}
         self._lock = threading.Lock()
         self._closed = False
@@ -60,6 +64,12 @@ class Subscriber:
         """URIs of those connected at this moment."""
         with self._lock:
             return [uri for uri, link in self._links.items() if link.connected]
+
+    def hears(self, caller: str) -> bool:
+        """Whether the publisher of that name is connected at this moment."""
+        with self._lock:
+            links = list(self._links.values())
+        return any(link.connected and link.header.get("callerid") == caller for link in links)
 
     def update(self, uris: Iterable[str], all_of_them: bool = True) -> None:
         """Connect to the publishers that the master names.
@@ -110,6 +120,7 @@ class _Link(threading.Thread):
         self.connected = False
         self._ending = threading.Event()
         self._connection: socket.socket | None = None
+        self.header: dict[str, str] = {}
         self._said = ""
 
     def run(self) -> None:
@@ -170,9 +181,12 @@ class _Link(threading.Thread):
         header = decode_header(read_block(connection, MAX_HEADER))
         if "error" in header:
             raise ProtocolError(f"it answers: {header['error']!r:.200}")
-        if header.get("md5sum") != topic.md5:
-            theirs = f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"
+        theirs = f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"
+        if topic.md5 not in ("*", header.get("md5sum")):
             raise Mismatch(f"it publishes {theirs}, not {topic.type} with md5 {topic.md5}")
+        if reason := self._subscriber.refuse(header):
+            raise Mismatch(f"it publishes {theirs}, {reason}")
+        self.header = header
 
     def _listen(self, connection: socket.socket) -> None:
         connection.settimeout(None)
@@ -180,7 +194,7 @@ class _Link(threading.Thread):
         self._say("connected")
         while not self._ending.is_set():
             message = read_block(connection, MAX_MESSAGE)
-            self._subscriber.hear(message, self._uri)
+            self._subscriber.hear(message, self.header)
 
     def _say(self, text: str) -> None:
         if text != self._said and not self._ending.is_set():

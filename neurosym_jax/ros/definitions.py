@@ -1,0 +1,98 @@
+"""Definitions of the messages that ROS's own types lack, and the types with them.
+
+What they say is in `ros.people` and `ros.messages`.
+"""
+
+from typing import Any, Literal
+
+from neurosym_jax.errors import InputError
+
+__all__ = [
+    "DEFINITIONS",
+    "HUMANS",
+    "HUMANS_TRAJS",
+    "PEOPLE",
+    "TRANSFORMS",
+    "ros1_name",
+    "typestore",
+]
+
+PEOPLE = "people_msgs/msg/People"
+HUMANS = "darko_perception_msgs/msg/Humans"
+HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+DEFINITIONS = {
+    "people_msgs/msg/Person": """\
+string name
+geometry_msgs/Point position
+geometry_msgs/Point velocity
+float64 reliability
+string[] tagnames
+string[] tags
+""",
+    PEOPLE: """\
+std_msgs/Header header
+people_msgs/Person[] people
+""",
+    "darko_perception_msgs/msg/HumanBodyJoint": """\
+string name
+float32 detection_score
+geometry_msgs/Pose pose
+float32[] covariance
+""",
+    "darko_perception_msgs/msg/Human": """\
+uint64 id
+float64 confidence
+geometry_msgs/PoseWithCovariance centroid
+geometry_msgs/TwistWithCovariance velocity
+string classified_pose
+HumanBodyJoint[] body_joints
+geometry_msgs/Vector3 upper_body_orientation
+geometry_msgs/Vector3 head_orientation
+geometry_msgs/Vector3 gaze_direction
+""",
+    "darko_perception_msgs/msg/HumanSkeletonConfig": """\
+string skeleton_convention
+string[] joint_names
+uint8 root_joint_idx
+uint8[] bone_joint1_idx
+uint8[] bone_joint2_idx
+""",
+    HUMANS: """\
+std_msgs/Header header
+Human[] humans
+HumanSkeletonConfig skeleton_config
+""",
+    HUMANS_TRAJS: """\
+std_msgs/Header header
+Humans[] trajs
+""",
+    TRANSFORMS: """\
+geometry_msgs/TransformStamped[] transforms
+""",
+}
+"""The messages that no ROS distribution brings, by name, those used by others first."""
+
+
+def typestore(ros: Literal[1, 2]) -> Any:
+    """The types of ROS 1 (Noetic) or ROS 2 (Jazzy) with ours among them.
+
+    Raises:
+        InputError: if rosbags is not installed.
+    """
+    try:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError:
+        raise InputError("this needs rosbags: pip install 'neurosym-jax[bags]'") from None
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
+    types = {}
+    for name, text in DEFINITIONS.items():
+        types.update(get_types_from_msg(text, name))
+    store.register(types)
+    return store
+
+
+def ros1_name(kind: str) -> str:
+    """A type as ROS 1 writes it: "package/Name"."""
+    return kind.replace("/msg/", "/")
