@@ -51,7 +51,9 @@ class GeneratorConfig:
     neighborhood_size: Positive = 2.0
     grid_size: Count = 8
     noise_dim: Whole = 8
-    noise_type: Literal["gaussian", "uniform"] = "gaussian"
+    noise_type: Literal["gaussian", "uniform", "fixed"] = "gaussian"
+    """Drawn anew for each scene, or `fixed`: k vectors that are the same in every scene, which a
+    network learns to spread its forecasts by (see `forecasting.noise`)."""
     noise_mix_type: Literal["global", "ped"] = "global"
     weighting: WeightingConfig | None = None
     """Of NeuroSyM only, where it defaults to the papers' `cnd`; a kind by name will do."""
@@ -66,6 +68,8 @@ class GeneratorConfig:
                 f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
                 f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
             )
+        if self.noise_type == "fixed" and self.noise_mix_type == "ped":
+            raise InputError("noise_type fixed needs noise_mix_type global: agents have no order")
         pooling = POOLINGS[self.pooling]
         if self.pool_every_timestep and pooling.module is None:
             raise InputError(f"pool_every_timestep needs a pooling other than {self.pooling!r}")

@@ -9,11 +9,12 @@ means what is done without it.
 import dataclasses
 import json
 import typing
+from collections.abc import Sequence
 from typing import Any, TypeVar, cast
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["FORMAT", "from_json", "to_json"]
+__all__ = ["FORMAT", "changed", "from_json", "to_json"]
 
 FORMAT = 1
 
@@ -59,6 +60,26 @@ def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "conf
         return cls(**fields)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def changed(config: Config, changes: Sequence[str], option: str, source: str) -> Config:
+    """`config` with each NAME=VALUE of `changes`, a value as JSON or as text.
+
+    Raises:
+        InputError: naming `option` for what is not NAME=VALUE of a field, `source` for a value that
+            does not fit.
+    """
+    fields = to_json(config)
+    for change in changes:
+        field, equals, value = change.partition("=")
+        if not equals or field not in fields or field == "format":
+            known = ", ".join(field for field in fields if field != "format")
+            raise InputError(f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}")
+        try:
+            fields[field] = json.loads(value)
+        except json.JSONDecodeError:
+            fields[field] = value
+    return from_json(type(config), fields, source)
 
 
 def _is_config(hint: Any) -> bool:

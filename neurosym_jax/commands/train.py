@@ -49,6 +49,8 @@ class Options:
     """Generator steps; default: the recipe's."""
     set: tuple[str, ...] = ()
     """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=0."""
+    network: tuple[str, ...] = ()
+    """Changes to the network, NAME=VALUE, such as noise_type=fixed or encoder_h_dim=48."""
     data: Path | None = None
     """ETH/UCY as SGAN arranges it, or a folder of recordings; default: what was downloaded and has
     the dataset, else the embedded simulations."""
@@ -97,6 +99,7 @@ def make_run(options: Options) -> Run:
         weighting=options.weighting,
         obs_len=options.obs_len,
         pred_len=options.pred_len,
+        changes=options.network,
     )
     recipe = make_recipe(
         options.recipe, seed=options.seed, steps=options.steps, changes=options.set

@@ -6,11 +6,11 @@ scene. Two things make the difference uncertain:
 - the test scenes: others would have given other errors. Bootstrap; because neighbouring windows
   share most of their steps, it is not windows that are drawn but blocks of as many start frames as
   a window has steps.
-- the seeds: other initialisations would have given other models. The unit is the training seed: the
-  runs of one seed on several test sets are good or bad together, so they are averaged over test sets
-  first, and Student's t is of the seeds' means. A bootstrap over seeds stands beside it; but three
-  seeds drawn with replacement say too little of a fourth (Student's interval is 2.7 times as wide),
-  so no conclusion rests on it.
+- the seeds: other initialisations would have given other models. The unit is the training seed:
+  the runs of one seed on several test sets are good or bad together, so they are averaged over test
+  sets first, and Student's t is of the seeds' means. A bootstrap over seeds stands beside it; but
+  three seeds drawn with replacement say too little of a fourth (Student's interval is 2.7 times as
+  wide), so no conclusion rests on it.
 
 That two models differ, a t test says (`p_value`); that they differ by less than a margin, two
 one-sided ones do (`p_equivalent`); of several comparisons, `holm` keeps the level.

@@ -3,6 +3,11 @@
 Each scene, or each agent slot where noise is per agent, has its own stream of random numbers, and a
 sample's numbers do not depend on how many samples are asked for. The last is a property of jax's
 partitionable threefry (element i of an array depends on i alone); the tests hold it down.
+
+`fixed` noise is one stream for all scenes and seeds: sample i is the same vector everywhere. A
+network trained with it by the best of k learns k forecasts that cover what may happen, where one
+trained with noise drawn anew has to do with k forecasts that happen to be drawn (multiple choice
+learning, Guzman-Rivera et al., NeurIPS 2012).
 """
 
 import dataclasses
@@ -16,7 +21,7 @@ from jax import Array
 
 from neurosym_jax.checks import refuse_seed
 
-__all__ = ["NoiseSpec", "draw_noise", "scene_noise"]
+__all__ = ["NoiseSpec", "draw_noise", "fixed_noise", "scene_noise"]
 
 CHUNK = 1024
 """Streams drawn in one call, so that one compiled program serves any number of scenes."""
@@ -28,8 +33,8 @@ class NoiseSpec:
 
     dim: int = 0
     per_agent: bool = False
-    distribution: Literal["gaussian", "uniform"] = "gaussian"
-    """Standard normal, or uniform on [-1, 1)."""
+    distribution: Literal["gaussian", "uniform", "fixed"] = "gaussian"
+    """Standard normal, uniform on [-1, 1), or standard normal and the same in every scene."""
 
 
 def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
@@ -78,8 +83,15 @@ def draw_noise(
     return noise.reshape(shape)
 
 
+def fixed_noise(samples: int, dim: int) -> Array:
+    """[k, dim] standard normal numbers, always the same; more samples begin with those of fewer."""
+    return jax.random.normal(jax.random.key(0), (samples, dim), jnp.float32)
+
+
 def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:
     """[k, dim] numbers of one stream."""
+    if spec.distribution == "fixed":
+        return fixed_noise(samples, spec.dim)
     for part in (identity[0], identity[1], slot):
         key = jax.random.fold_in(key, part)
     # Always float32: under x64 the default type would be float64, which has other numbers.

@@ -1,8 +1,10 @@
 """The generator that a model asked for by name stands for, with the published sizes."""
 
 import dataclasses
+from collections.abc import Sequence
 
 from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.config_json import changed
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.pooling import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
@@ -19,6 +21,7 @@ def named_generator(
     weighting: str = "cnd",
     obs_len: int = 8,
     pred_len: int = 8,
+    changes: Sequence[str] = (),
 ) -> GeneratorConfig:
     """The generator of `sgan` or `neurosym`.
 
@@ -29,9 +32,10 @@ def named_generator(
         weighting: of NeuroSyM, see `named_weighting`.
         obs_len: observed steps.
         pred_len: steps to forecast.
+        changes: of the published sizes, each NAME=VALUE of a field of `GeneratorConfig`.
 
     Raises:
-        InputError: for an unknown pooling or weighting.
+        InputError: for an unknown pooling or weighting, or a change that does not fit.
     """
     symbolic = model == "neurosym"
     name = variant if symbolic else pooling
@@ -43,7 +47,8 @@ def named_generator(
     if POOLINGS[name].returns_hidden:
         config = dataclasses.replace(config, bottleneck_dim=config.encoder_h_dim)
     weights = named_weighting(weighting) if symbolic else None
-    return dataclasses.replace(config, pooling=name, weighting=weights)
+    config = dataclasses.replace(config, pooling=name, weighting=weights)
+    return changed(config, changes, "--network", "network")
 
 
 def named_weighting(text: str) -> WeightingConfig:

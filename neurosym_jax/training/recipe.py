@@ -1,14 +1,12 @@
 """Recipes: how a generator is trained, apart from what it is and what it learns from."""
 
 import dataclasses
-import json
 from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 from neurosym_jax.checks import BelowOne, Count, NotNegative, Positive, Seed, Whole, refuse_misfits
 from neurosym_jax.config import DiscriminatorConfig
-from neurosym_jax.config_json import from_json, to_json
-from neurosym_jax.errors import InputError
+from neurosym_jax.config_json import changed
 from neurosym_jax.training.augmentation import AugmentationOptions
 from neurosym_jax.training.losses import LossOptions, refuse_no_loss
 
@@ -86,16 +84,6 @@ def make_recipe(
     Raises:
         InputError: for a change that is not NAME=VALUE of a field, or a value out of its range.
     """
-    fields = to_json(RECIPES[name]) | {"seed": seed}
     if steps is not None:
-        fields["steps"] = steps
-    for change in changes:
-        field, equals, value = change.partition("=")
-        if not equals or field not in fields or field == "format":
-            known = ", ".join(field for field in fields if field != "format")
-            raise InputError(f"--set {change}: must be NAME=VALUE, where NAME is one of {known}")
-        try:
-            fields[field] = json.loads(value)
-        except json.JSONDecodeError:
-            fields[field] = value
-    return from_json(TrainConfig, fields, f"recipe {name}")
+        changes = [f"steps={steps}", *changes]
+    return changed(RECIPES[name], [f"seed={seed}", *changes], "--set", f"recipe {name}")

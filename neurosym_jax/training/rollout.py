@@ -15,6 +15,7 @@ from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.networks import decode_scene, interact_scene
+from neurosym_jax.forecasting.noise import fixed_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import AnyArray
 from neurosym_jax.training.groups import Groups, cuts
@@ -31,7 +32,9 @@ def draw_group_noise(
     sizes = [math.prod(shape) for shape in shapes]
     shape = (samples, sum(sizes), config.noise_dim)
     # One draw for all groups: each draw adds a second of compiling to the step.
-    if config.noise_type == "gaussian":
+    if config.noise_type == "fixed":
+        noise = jnp.broadcast_to(fixed_noise(samples, config.noise_dim)[:, None], shape)
+    elif config.noise_type == "gaussian":
         noise = jax.random.normal(key, shape)
     else:
         noise = jax.random.uniform(key, shape, minval=-1.0, maxval=1.0)

@@ -13,6 +13,21 @@ def test_generators():
     assert (symbolic.pooling, symbolic.weighting) == ("as_described", WeightingConfig("ones"))
 
 
+def test_changes():
+    changed = named_generator("neurosym", changes=["noise_type=fixed", "encoder_h_dim=48"])
+    assert (changed.noise_type, changed.encoder_h_dim) == ("fixed", 48)
+    assert (changed.pooling, changed.weighting) == ("as_described", WeightingConfig())
+    for change, reason in (
+        ("noise_dim=99", "network: noise_dim must lie in"),
+        ("noise=fixed", "--network noise=fixed: must be NAME=VALUE"),
+        ("noise_type=fix", "network: noise_type"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            named_generator(changes=[change])
+    with pytest.raises(InputError, match="fixed needs noise_mix_type global"):
+        named_generator(changes=["noise_type=fixed", "noise_mix_type=ped"])
+
+
 def test_names():
     assert model_name(named_generator(pooling="none")) == "sgan_none"
     coarse = named_generator("neurosym", weighting="quantised,quantisation_factor=0.05")
