@@ -9,6 +9,11 @@ from .calculi import register_calculus as register_calculus
 from .cnd import adjacency as adjacency
 from .cnd import alpha_table as alpha_table
 from .cnd import validate_in as validate_in
+from .events import Encounter as Encounter
+from .events import Event as Event
+from .events import register_event as register_event
+from .forecast import symbolic_events as symbolic_events
+from .forecast import symbolic_forecast as symbolic_forecast
 from .qtc import pairwise_qtc_c1 as pairwise_qtc_c1
 from .qtc import qtc_b1 as qtc_b1
 from .qtc import qtc_c1 as qtc_c1

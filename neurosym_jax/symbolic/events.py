@@ -1,0 +1,175 @@
+"""What two people do, in words: each event is an expression over a pair's symbols and distances.
+
+The table at the end is all there is to know of the events that the package brings; `register_event`
+adds one from a file of one's own. An event says at which steps it happens; whether and when it does
+in each of several sampled futures, and how probable it is then, is `forecast`'s.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.registry import Registry
+
+__all__ = ["EVENTS", "Encounter", "Event", "events_named", "register_event"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Encounter:
+    """The future of pairs (k, l) over T steps, of any leading axes; step t ends at `period` t."""
+
+    states: Array
+    """[..., T, 4] int8 of QTC_C1, in {-1, 0, 1}."""
+    k: Array
+    """[..., T + 1, 2] metres, the last position observed first."""
+    l: Array  # noqa: E741 (the calculus calls the two points k and l)
+    """[..., T + 1, 2] metres, see `k`."""
+    period: float
+    """Seconds between steps."""
+
+    def towards(self, who: str) -> Array:
+        """[..., T] whether `who` (`"k"` or `"l"`) moves towards the other."""
+        return self.states[..., "kl".index(who)] < 0
+
+    def away(self, who: str) -> Array:
+        """[..., T] whether `who` moves away from the other."""
+        return self.states[..., "kl".index(who)] > 0
+
+    def side(self, who: str) -> Array:
+        """[..., T] on which side of `who`'s way the other is: -1 right, 1 left, 0 straight on.
+
+        `who` moves to the right (q3 is +) of the line to somebody on the left.
+        """
+        return self.states[..., 2 + "kl".index(who)]
+
+    @functools.cached_property
+    def distance(self) -> Array:
+        """[..., T + 1] metres between k and l, the last observed first."""
+        return _length(self.k - self.l)
+
+    def within(self, metres: float) -> Array:
+        """[..., T] whether they are that near at the end of the step."""
+        return self.distance[..., 1:] <= metres
+
+    def angle_between(self, low: float, high: float) -> Array:
+        """[..., T] whether k's and l's directions differ by so many degrees; False if one stands.
+
+        Args:
+            low: degrees, 0 to 180.
+            high: degrees, 0 to 180.
+        """
+        v, w = jnp.diff(self.k, axis=-2), jnp.diff(self.l, axis=-2)
+        lengths = _length(v) * _length(w)
+        cosine = (v * w).sum(axis=-1)
+        least, most = jnp.cos(jnp.radians(high)), jnp.cos(jnp.radians(low))
+        fits = (cosine >= least * lengths) & (cosine <= most * lengths)
+        return fits & (lengths > 0)
+
+    def lasting(self, what: Array, seconds: float) -> Array:
+        """[..., T] whether `what` [..., T] has been so for this long, and is."""
+        steps = max(1, round(seconds / self.period))
+        # Where it last was not so; before the first step it was not.
+        step = jnp.arange(what.shape[-1])
+        broken = jax.lax.cummax(jnp.where(what, -1, _like(step, what)), axis=what.ndim - 1)
+        return _like(step, what) - broken >= steps
+
+    @staticmethod
+    def turns(sign: Array) -> Array:
+        """[..., T] whether a sign [..., T] is now the opposite of what it was before it was 0."""
+        step = _like(jnp.arange(sign.shape[-1]), sign)
+        known = jax.lax.cummax(jnp.where(sign != 0, step, -1), axis=sign.ndim - 1)
+        before = jnp.concatenate([jnp.full_like(known[..., :1], -1), known[..., :-1]], axis=-1)
+        last = jnp.take_along_axis(sign, jnp.maximum(before, 0), axis=-1)
+        return (before >= 0) & (last * sign < 0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """Something that a pair (k, l) does."""
+
+    sentence: str
+    """What happens, in words, of k and l."""
+    happens: Callable[[Encounter], Array]
+    """[..., T] bool: at which steps; a function that `jax.jit` can take."""
+
+
+EVENTS: Registry[Event] = Registry("event")
+
+
+def register_event(name: str, event: Event, *, replace: bool = False) -> None:
+    """Add an event, which is then forecast, scored and shown like the others.
+
+    Raises:
+        InputError: for a name that is taken or cannot be one.
+    """
+    EVENTS.register(name, event, replace=replace)
+
+
+def events_named(names: tuple[str, ...] | None = None) -> dict[str, Event]:
+    """The events of these names, in this order; all without.
+
+    Raises:
+        InputError: for a name that nobody registered.
+    """
+    if names is not None and len(set(names)) < len(names):
+        raise InputError(f"an event is named twice: {', '.join(names)}")
+    return {name: EVENTS[name] for name in (EVENTS if names is None else names)}
+
+
+def _length(offset: Array) -> Array:
+    return jnp.sqrt(jnp.square(offset).sum(axis=-1))
+
+
+def _like(step: Array, array: Array) -> Array:
+    """`step` [T] with as many axes as `array` [..., T]."""
+    return jnp.broadcast_to(step.reshape((1,) * (array.ndim - 1) + step.shape), array.shape)
+
+
+for _name, _sentence, _happens in (
+    (
+        "approaches",
+        "k walks towards l for 1.2 s",
+        lambda e: e.lasting(e.towards("k"), 1.2),
+    ),
+    (
+        "passes_left",
+        "k, who walked towards l, walks away, with l at k's left hand within 3 m",
+        lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") > 0) & e.within(3),
+    ),
+    (
+        "passes_right",
+        "k, who walked towards l, walks away, with l at k's right hand within 3 m",
+        lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") < 0) & e.within(3),
+    ),
+    (
+        "crosses_before",
+        "k comes from one side of l's way to the other at 30 to 150 degrees, l walking towards k, "
+        "within 5 m",
+        lambda e: e.turns(e.side("l")) & e.towards("l") & e.angle_between(30, 150) & e.within(5),
+    ),
+    (
+        "crosses_behind",
+        "k comes from one side of l's way to the other at 30 to 150 degrees, l walking away from "
+        "k, within 5 m",
+        lambda e: e.turns(e.side("l")) & e.away("l") & e.angle_between(30, 150) & e.within(5),
+    ),
+    (
+        "follows",
+        "k walks towards l and l away from k, in directions less than 45 degrees apart and within "
+        "4 m, for 1.2 s",
+        lambda e: e.lasting(
+            e.towards("k") & e.away("l") & e.angle_between(0, 45) & e.within(4), 1.2
+        ),
+    ),
+    (
+        "meets",
+        "k and l, who were farther apart a step before, are within 1.2 m of each other",
+        lambda e: e.within(1.2) & (e.distance[..., :-1] > 1.2),
+    ),
+):
+    register_event(_name, Event(_sentence, _happens))

@@ -1,0 +1,167 @@
+"""Probabilities of states, symbols and events against counts by hand."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.calculi import all_states, observe_pairs
+from neurosym_jax.symbolic.cnd import CALCULI, states
+from neurosym_jax.symbolic.events import EVENTS, Event, register_event
+from neurosym_jax.symbolic.forecast import symbol_table, symbolic_events, symbolic_forecast
+
+STEP, OBSERVED = 0.4, 3
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """(samples [6, 4, 5, 2], observed [4, 3, 2]): wandering people."""
+    draw = np.random.default_rng(3)
+    observed = draw.uniform(0, 5, (4, 1, 2)) + draw.normal(0, 0.3, (4, OBSERVED, 2)).cumsum(axis=1)
+    samples = observed[:, -1:] + draw.normal(0, 0.3, (6, 4, 5, 2)).cumsum(axis=2)
+    return samples, observed
+
+
+@pytest.mark.parametrize("calculus", ["b1", "c1", "c2", "bc1"])
+def test_probabilities_are_smoothed_shares_of_the_samples(crowd, calculus):
+    samples, observed = crowd
+    found = symbolic_forecast(samples, observed, calculus=calculus, smoothing=2.0, near=2.0)
+    table, expected = states(calculus), np.zeros((4, 4, 5, len(states(calculus))))
+    for sample in samples:
+        path = np.concatenate([observed[:, -1:], sample], axis=1)
+        how = {"quantisation_factor": 0.05, "side_quantisation_factor": 0.05, "near": 2.0}
+        seen = np.asarray(observe_pairs(calculus, path, **how))
+        expected += (seen[..., None, :] == table).all(axis=-1)
+    expected = (expected + 2 / len(table)) / (len(samples) + 2)
+    expected[np.arange(4), np.arange(4)] = 0
+    np.testing.assert_allclose(found.states, expected, atol=1e-6)
+    of_states = np.einsum("...s,smv->...mv", found.states, symbol_table(calculus))
+    np.testing.assert_allclose(found.symbols, of_states, atol=1e-5)
+    others = ~np.eye(4, dtype=bool)
+    np.testing.assert_allclose(np.asarray(found.symbols)[others].sum(axis=-1), 1, atol=1e-5)
+
+
+def test_pairs_padding_origin_and_compilation_change_nothing(crowd):
+    samples, observed = crowd
+    every = symbolic_forecast(samples, observed)
+    events = symbolic_events(samples, observed)
+    pairs = np.array([[2, 0], [1, 3]])
+    k, l = pairs.T  # noqa: E741
+    some, of_some = (
+        f(samples, observed, pairs=pairs) for f in (symbolic_forecast, symbolic_events)
+    )
+    np.testing.assert_allclose(some.states, every.states[k, l], atol=1e-6)
+    np.testing.assert_allclose(of_some.probability, events.probability[:, k, l], atol=1e-6)
+    far = np.array([4.5e6, -3e6])
+    moved = symbolic_forecast(samples + far, observed + far)
+    np.testing.assert_allclose(moved.states, every.states, atol=1e-6)
+    padded = symbolic_forecast(samples, observed, valid=np.array([True, True, True, False]))
+    np.testing.assert_allclose(padded.states[:3, :3], every.states[:3, :3], atol=1e-6)
+    assert not np.asarray(padded.states[3]).any()
+    assert not np.asarray(padded.states[:, 3]).any()
+    inside = jax.jit(lambda s, o: symbolic_forecast(s, o).states)(*map(jnp.asarray, crowd))
+    np.testing.assert_allclose(inside, every.states, atol=1e-6)
+
+
+def test_a_threshold_in_metres_per_second_holds_at_every_period():
+    walk = np.zeros((1, 2, 40, 2))
+    walk[0, 0, :, 0] = 0.3 * 0.1 * np.arange(1, 41)  # 0.3 m/s at 10 Hz, towards somebody 9 m off.
+    walk[0, 1, :, 0] = 9
+    observed = np.array([[[0.0, 0]], [[9, 0]]])
+    for speed, towards in ((0.25, 1.0), (0.35, 0.0)):
+        for every in (1, 4):
+            slower = walk[:, :, every - 1 :: every]
+            how = {"period": 0.1 * every, "speed": speed, "smoothing": 0.0}
+            found = symbolic_forecast(slower, observed, **how).symbols[0, 1, :, 0, 0]
+            np.testing.assert_allclose(found, towards, atol=1e-6)
+
+
+def both(k, l, steps=8):  # noqa: E741
+    """Samples [1, 2, T, 2] and observed [2, 1, 2] of two who walk straight, m and m/s."""
+    t = STEP * np.arange(steps + 1)[:, None]
+    paths = np.stack([np.array(at) + t * np.array(speed) for at, speed in (k, l)])
+    return paths[None, :, 1:], paths[:, :1]
+
+
+CASES = {
+    # Of an event (k, l), and the seconds at which it happens: at the end of the first step on which
+    # the new symbol exceeds its threshold.
+    "approaches": ((((0, 0), (1, 0)), ((9, 0), (0, 0))), 1.2),
+    "passes_left": ((((0, 0), (1, 0)), ((1.5, 1), (0, 0))), 2.0),
+    "passes_right": ((((0, 0), (1, 0)), ((4.1, -1), (-1, 0))), 2.8),
+    "crosses_before": ((((-1.5, 0), (1, 0)), ((0, -4), (0, 1))), 2.4),
+    "crosses_behind": ((((-1.5, 0), (1, 0)), ((0, 0.5), (0, 1))), 2.4),
+    "follows": ((((0, 0), (1, 0)), ((2, 0.2), (1, 0))), 1.2),
+    "meets": ((((0, 0), (1, 0)), ((5, 0), (-1, 0))), 2.0),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_event_happens_when_it_should_and_not_in_the_mirror(name):
+    ways, seconds = CASES[name]
+    found = symbolic_events(*both(*ways), events=(name,), smoothing=0.0)
+    assert float(found.probability[0, 0, 1]) == 1
+    np.testing.assert_allclose(found.seconds[0, 0, 1], seconds, atol=1e-5)
+    mirrored = [tuple((x, -y) for x, y in way) for way in ways]
+    other = {"passes_left": "passes_right", "passes_right": "passes_left"}.get(name, name)
+    again = symbolic_events(*both(*mirrored), events=(other,), smoothing=0.0)
+    np.testing.assert_allclose(again.seconds[0, 0, 1], seconds, atol=1e-5)
+
+
+def test_what_does_not_happen_has_no_time():
+    names = tuple(CASES)
+    apart = both(((0, 0), (-1, 0)), ((5, 0), (1, 0)))
+    found = symbolic_events(*apart, events=names)
+    np.testing.assert_allclose(found.probability[:, 0, 1], 0.25)  # (0 + 1/2) / (1 + 1)
+    assert np.isinf(found.seconds[:, 0, 1]).all()
+    walking_together = both(((0, 0), (1, 0)), ((0, 1), (1, 0)))
+    together = symbolic_events(*walking_together, events=names, smoothing=0.0)
+    assert not np.asarray(together.probability[:, 0, 1]).any()
+
+
+def test_times_are_the_quartiles_over_the_samples_in_which_it_happens():
+    starts = [2.0, 2.4, 2.8, 3.2, 9.0]
+    parts = [both(((0, 0), (0, 0)), ((x + 0.1, 0), (-1, 0))) for x in starts]
+    samples, observed = np.concatenate([p[0] for p in parts]), np.array([[[0.0, 0]], [[9, 0]]])
+    found = symbolic_events(samples, observed, events=("meets",))
+    np.testing.assert_allclose(found.probability[0, 0, 1], (4 + 0.5) / 6)
+    np.testing.assert_allclose(found.seconds[0, 0, 1], [0.4 * 3, 0.4 * 4, 0.4 * 5], atol=1e-5)
+
+
+def test_an_event_of_ones_own_is_forecast_like_the_others():
+    name = "stands_near"
+    register_event(name, Event("both stand", lambda e: (e.states == 0).all(axis=-1) & e.within(1)))
+    try:
+        still = both(((0, 0), (0, 0)), ((0.5, 0), (0, 0)))
+        assert float(symbolic_events(*still, events=(name,)).probability[0, 0, 1]) == 0.75
+    finally:
+        EVENTS._things.pop(name)
+    register_event("wrong", Event("gives no steps", lambda e: e.distance < 1))
+    try:
+        with pytest.raises(InputError, match=r"event wrong: bool \[..., 8\] is wanted"):
+            symbolic_events(*still)
+    finally:
+        EVENTS._things.pop("wrong")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"calculus": "z9"}, "unknown calculus 'z9'"),
+        ({"speed": -1.0}, "speed must"),
+        ({"sped": 1.0}, "unknown setting 'sped'"),
+        ({"prior": np.ones(3)}, r"prior must be \[81\]"),
+        ({"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),
+    ],
+)
+def test_what_cannot_be_is_refused(crowd, change, message):
+    with pytest.raises(InputError, match=message):
+        symbolic_forecast(*crowd, **change)
+    with pytest.raises(InputError, match="samples are of 4 people"):
+        symbolic_forecast(crowd[0], crowd[1][:2])
+
+
+def test_states_are_in_the_order_of_the_diagram():
+    assert len(symbol_table("c1")) == len(all_states(CALCULI["c1"])) == 81
+    assert symbol_table("bc1").shape == (90, 4, 4)
