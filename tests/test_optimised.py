@@ -1,4 +1,7 @@
-"""The tests that hang on rounding once more, their programs compiled as those of users are."""
+"""The tests that hang on rounding, their programs compiled as those of users are.
+
+Where this file is among what is run, they run here and not in the other way beside it.
+"""
 
 import os
 import subprocess

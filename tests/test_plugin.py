@@ -97,7 +97,9 @@ def test_every_seam_from_one_file(call, tmp_path):
     data.write_text("".join("|" + "|".join(map(str, row)) + "\n" for row in rows))
 
     train = ("train", "--model", "neurosym", "--variant", "mean", "--weighting", "halves")
-    call(*train, "--steps", 1, "--set", "batch_scenes=2", "best_k=1", "--out", "run")
+    call(
+        *train, "--steps", 1, "--set", "batch_scenes=2", "best_k=1", "max_agents=4", "--out", "run"
+    )
     model = ("run/model",)
     printed = call(
         *("evaluate", "--data", data, "--checkpoint", *model, "--samples", 2, "--no-figures"),

@@ -12,6 +12,9 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("neurosym_jax", "checkpoints", "pyproject.toml", "setup.py", "README.md", "LICENSE")
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
 EVALUATE = ("--checkpoint", "sgan_simulations_8_8", "--scene", "cross-path", "--samples", "2")
+# The network and the recipe of tests/sweeps, whose programs are compiled there or here.
+TRAIN = ("--steps", "25", "--out", "run", "--dataset", "cross-path", "--model", "sgan", "--set")
+TRAIN += ("batch_scenes=4", "best_k=2", "max_agents=4")
 WALK = [f"{0.4 * t:.1f},{who},{0.3 * t + who},{2 * who}" for t in range(20) for who in (0, 1)]
 
 
@@ -43,7 +46,7 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
     python = "import neurosym_jax as nj; print(nj.__file__, nj.load_model('sgan_eth_8_8').name)"
     commands = {
         "evaluate": [neurosym, "evaluate", *EVALUATE, "--no-figures"],
-        "train": [neurosym, "train", "--steps", "20", "--out", "run", "--set", "batch_scenes=8"],
+        "train": [neurosym, "train", *TRAIN],
         "replay": [neurosym, "replay", "walk.csv", "--model", "neurosym_zara1_8_8"],
         "help": [neurosym, "--help"],
         "models": [neurosym, "models"],

@@ -17,7 +17,7 @@ from neurosym_jax.errors import InputError, InputWarning
 SCRIPT = Path(__file__).resolve().parents[2] / "train.py"
 EVERY_KILL = bool(os.environ.get("NEUROSYM_ALL_KILLS"))
 STEPS = 2000 if EVERY_KILL else 150
-KILLS = 20 if EVERY_KILL else 4
+KILLS = 20 if EVERY_KILL else 2
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def test_two_fresh_processes_give_the_same_bits(alone):
 
 @pytest.mark.slow
 def test_kills_at_random_moments_change_nothing(files, alone, tmp_path):
-    """Up to 4 kills of one run; 20 of a longer one where NEUROSYM_ALL_KILLS is set."""
+    """Up to 2 kills of one run; 20 of a longer one where NEUROSYM_ALL_KILLS is set."""
     wanted, seconds = alone
     run = tmp_path / "run"
     draw, kills = random.Random(time.time_ns()), 0
