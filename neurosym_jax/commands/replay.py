@@ -64,13 +64,14 @@ def run(options: Options) -> None:
     analytics, title = Analytics(), options.recording.stem
     with contextlib.ExitStack() as stack:
         predictor = options.predictor()
+        files = stack.enter_context(contextlib.ExitStack())
         out = page = None
         if options.out is not None:
             out = _open(options.out, predictor.window.period, options)
-            stack.callback(out.close)
+            files.callback(out.close)
         if options.html is not None:
             page = ReplayFile(options.html, options.view.moments(predictor, title))
-            stack.callback(page.close)
+            files.callback(page.close)
         dashboard = options.view.open(predictor, title)
         if dashboard is not None:
             stack.callback(dashboard.close)
@@ -97,6 +98,7 @@ def run(options: Options) -> None:
         for view in views:
             view.end(analytics.summary())
         print(format_summary(analytics.summary(), predictor.health), flush=True)
+        files.close()
         for written in (out, page):
             if written is not None:
                 print(f"forecasts are in {written.path}", flush=True)

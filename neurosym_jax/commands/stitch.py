@@ -12,6 +12,7 @@ from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime import files
 from neurosym_jax.tracking.linking import LinkOptions
 from neurosym_jax.tracking.stitching import LOOKING_BACK, Stitched
 from neurosym_jax.tracking.stitching import stitch as mend
@@ -52,6 +53,7 @@ def run(options: Options) -> None:
     """
     if options.out.exists():
         raise InputError(f"{options.out}: already there, and nothing is overwritten")
+    files.refuse_unwritable(options.out)
     polygon = None
     if options.polygon is not None:
         try:
@@ -92,10 +94,9 @@ def write_text(path: Path, tracks: Tracks, period: float) -> None:
     unit = 1 + int(np.argmax(fits)) if any(fits) else 1000
     frame = np.rint(place * unit).astype(np.int64)
     rows = np.lexsort((tracks.id, frame))
-    path.parent.mkdir(parents=True, exist_ok=True)
     points = tracks.position.tolist()
     lines = [f"{frame[n]}\t{tracks.id[n]}\t{points[n][0]:.6f}\t{points[n][1]:.6f}\n" for n in rows]
-    path.write_text("".join(lines))
+    files.write_text(path, "".join(lines))
 
 
 def format_stitched(mended: Stitched, joins: bool = False) -> str:

@@ -9,12 +9,13 @@ from neurosym_jax.dashboard.page import page_parts
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.runtime.files import GrowingFile
 
 __all__ = ["ReplayFile", "write_replay"]
 
 
 class ReplayFile:
-    """A replay, written while it comes; it can be opened once it is closed."""
+    """A replay, written while it comes; the file is there once it is closed."""
 
     def __init__(self, path: Path, moments: Moments):
         """Begin the file.
@@ -26,13 +27,7 @@ class ReplayFile:
             raise InputError(f"{path}: a replay is written as .html")
         self.path, self._moments = path, moments
         before, self._after = page_parts()
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("x", encoding="utf-8")
-        except FileExistsError:
-            raise InputError(f"{path}: already there, and nothing is overwritten") from None
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        self._file = GrowingFile(path)
         self._file.write(f"{before}\n{moments.introduction}\n")
 
     def show(self, frame: Frame, forecast: Forecast | None, summary: Mapping[str, Any]) -> None:
@@ -47,8 +42,7 @@ class ReplayFile:
 
     def close(self) -> None:
         """Finish the file."""
-        self._file.write(self._after)
-        self._file.close()
+        self._file.close(self._after)
 
 
 def write_replay(

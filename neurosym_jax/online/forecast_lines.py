@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.replay import Event
+from neurosym_jax.runtime.files import GrowingFile
 
 __all__ = ["ForecastLines"]
 
@@ -27,13 +27,7 @@ class ForecastLines:
             InputError: where it cannot be written, or is there already.
         """
         self.path, self._period = path, period
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("x")
-        except FileExistsError:
-            raise InputError(f"{path}: already there, and nothing is overwritten") from None
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+        self._file = GrowingFile(path)
 
     def add(self, event: Event) -> None:
         """Write what an event brought."""
