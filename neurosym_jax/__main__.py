@@ -1,6 +1,7 @@
 """`neurosym COMMAND` and `python -m neurosym_jax COMMAND`: each file in `commands/` is a command.
 
-A command's file has `Options`, a dataclass, and `run(options)`; the first line of its text is what
+A command's file has `Options`, a dataclass, and `run(options)`; `PREPARE` where others than users
+write its command lines (see `commands/_running.py`). The first line of its text is what
 the list of commands says. It is imported when it is asked for.
 """
 
@@ -52,7 +53,8 @@ def _run(arguments: list[str]) -> None:
         command = importlib.import_module(f"{COMMANDS}.{name}")
         from neurosym_jax.commands._running import run_command
 
-        run_command(command.Options, command.run, rest, f"neurosym {name}")
+        prepare = getattr(command, "PREPARE", list)
+        run_command(command.Options, command.run, rest, f"neurosym {name}", prepare)
     else:
         import difflib
 

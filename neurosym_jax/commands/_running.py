@@ -38,11 +38,13 @@ def run_command(
     action: Callable[[Options], object],
     arguments: Sequence[str] | None = None,
     prog: str | None = None,
+    prepare: Callable[[Sequence[str]], Sequence[str]] = list,
 ) -> None:
     """Parse `options` from the command line, call `action`, exit.
 
     `--plugin FILE.py|MODULE` is an option of every command: what it names is imported before the
-    others are read, so that they know what it registers. The exit status is what `action` returns
+    others are read, so that they know what it registers. `prepare` turns into options what others
+    than a user put on the command line, such as roslaunch. The exit status is what `action` returns
     where that is a number, else 0; 2 for bad input or a disk that is full or read-only, 130 after
     Ctrl-C.
     """
@@ -51,7 +53,7 @@ def run_command(
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show(warnings.showwarning)
-            arguments = sys.argv[1:] if arguments is None else arguments
+            arguments = prepare(sys.argv[1:] if arguments is None else arguments)
             _refuse_empty(arguments)
             _load_plugins(arguments)
             found = tyro.cli(with_plugins(options), args=arguments, prog=prog)

@@ -6,10 +6,13 @@ import signal
 import sys
 
 from neurosym_jax.commands._live_options import LiveOptions
+from neurosym_jax.commands._ros_arguments import ros1_arguments
 from neurosym_jax.online.summary import format_summary
 from neurosym_jax.ros.ros1 import ForecastNode
 
-__all__ = ["Options", "run"]
+__all__ = ["PREPARE", "Options", "run"]
+
+PREPARE = ros1_arguments
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,7 +29,9 @@ class Options(LiveOptions):
     master: str | None = None
     """URI; by default $ROS_MASTER_URI, else http://localhost:11311."""
     name: str = "neurosym_jax"
-    """Of this node."""
+    """Of this node; in $ROS_NAMESPACE, if that is set."""
+    remap: tuple[str, ...] = ()
+    """FROM:=TO, a name of the graph instead of one of ours; as roslaunch's <remap>."""
     status: float = 10.0
     """Seconds between lines that say how it goes; 0 for none."""
 
@@ -45,6 +50,7 @@ def run(options: Options) -> None:
         stitcher=options.stitcher(),
         master=options.master,
         name=options.name,
+        remaps=options.remap,
         status=options.status,
         report=report,
     )

@@ -4,17 +4,19 @@
 # ROS 2 has its own installer; where the linters run there is none.
 
 import dataclasses
-import functools
-import sys
+import shlex
 
 from neurosym_jax.commands._live_options import LiveOptions
+from neurosym_jax.commands._ros_arguments import ros2_arguments
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.summary import format_summary
 from neurosym_jax.ros.messages import PEOPLE_TOPICS
 from neurosym_jax.ros.people import kind_named
 from neurosym_jax.ros.ros2 import ForecastNode, message_type
 
-__all__ = ["Options", "run"]
+__all__ = ["PREPARE", "Options", "run"]
+
+PREPARE = ros2_arguments
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -27,6 +29,10 @@ class Options(LiveOptions):
     """Their type: People, Humans, TrackedPersons, Agents, Detection3DArray or PoseArray."""
     name: str = "neurosym_jax"
     """Of this node."""
+    status: float = 10.0
+    """Seconds between lines that say how it goes; 0 for none."""
+    ros_args: str = ""
+    """What stands between --ros-args and -- on the command line of a launch file."""
 
 
 def run(options: Options) -> None:
@@ -43,22 +49,24 @@ def run(options: Options) -> None:
             "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
         ) from None
     message_type(kind_named(options.message))
-    report = functools.partial(print, f"{options.name}:", file=sys.stderr, flush=True)
-    predictor = options.predictor()
-    rclpy.init(args=[])
+    kind, predictor = kind_named(options.message), options.predictor()
+    rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])
+    logger = rclpy.logging.get_logger(options.name)
     node = ForecastNode(
         predictor,
         topic=options.topic,
-        kind=kind_named(options.message),
-        source=options.stream.source(report),
+        kind=kind,
+        source=options.stream.source(logger.warning),
         stitcher=options.stitcher(),
         name=options.name,
+        status=options.status,
     )
-    report(f"listening to {options.topic}")
+    logger = node.node.get_logger()
+    logger.info(f"listening to {node.topic}")
     try:
         node.dashboard = options.view.open(predictor, options.name)
         if node.dashboard is not None:
-            report(f"the page is at {node.dashboard.url}")
+            logger.info(f"the page is at {node.dashboard.url}")
         rclpy.spin(node.node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -7,6 +7,7 @@ sums, and the forecasts of one horizon.
 
 import collections
 import dataclasses
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ __all__ = ["Analytics", "Score"]
 LATENCIES = 4096
 """The newest so many are kept for the percentiles."""
 PERCENTILES = (50, 90, 99)
+RECENT = 150
+"""Forecasts of the sliding window: a minute of them."""
 
 
 @dataclasses.dataclass
@@ -33,8 +36,21 @@ class Score:
     sums: dict[str, tuple[np.ndarray, float]] = dataclasses.field(default_factory=dict)
     """(total [] or [pred_len], count) of each metric, see `evaluation.metrics.Metric`."""
 
+    newest: collections.deque[tuple[Scores, int]] = dataclasses.field(
+        default_factory=lambda: collections.deque(maxlen=RECENT)
+    )
+    """What was added last."""
+
+    def recent(self) -> "Score":
+        """That of the newest forecasts alone."""
+        score = Score()
+        for scores, people in self.newest:
+            score.add(scores, people)
+        return score
+
     def add(self, scores: Scores, people: int) -> None:
         """Take in those of one forecast, of so many people."""
+        self.newest.append((scores, people))
         self.forecasts += 1
         self.people += people
         for name, each in scores.items():
@@ -110,16 +126,20 @@ class Analytics:
         return done
 
     def summary(self) -> dict[str, Any]:
-        """Everything so far, JSON-able: counts, means in metres, latencies in milliseconds."""
-        latency = [None] * len(PERCENTILES)
-        if self._latency:
-            latency = np.percentile(1e3 * np.array(self._latency), PERCENTILES).tolist()
+        """Everything so far, JSON-able: counts, means in metres, latencies in milliseconds.
+
+        "recent" has forecasts, latencies and models of the last minute alone.
+        """
+        recent = {name: score.recent() for name, score in self.scores.items()}
         return {
             "forecasts": self.forecasts,
             "pending": len(self._pending),
             "dropped": dict(self.dropped),
-            "latency_ms": {f"p{p}": value for p, value in zip(PERCENTILES, latency)},
-            "models": {name: score.means() for name, score in self.scores.items()},
+            **_so_far(self._latency, self.scores),
+            "recent": {
+                "forecasts": min(self.forecasts, RECENT),
+                **_so_far(list(self._latency)[-RECENT:], recent),
+            },
         }
 
     def _learn(self, forecast: Forecast) -> None:
@@ -153,3 +173,13 @@ class Analytics:
 
 def _horizon(forecast: Forecast) -> int:
     return max(result.mean.shape[1] for result in forecast.models.values())
+
+
+def _so_far(latencies: Collection[float], scores: Mapping[str, Score]) -> dict[str, Any]:
+    values = [None] * len(PERCENTILES)
+    if latencies:
+        values = np.percentile(1e3 * np.array(latencies), PERCENTILES).tolist()
+    return {
+        "latency_ms": {f"p{p}": value for p, value in zip(PERCENTILES, values)},
+        "models": {name: score.means() for name, score in scores.items()},
+    }

@@ -5,14 +5,18 @@ What they say is in `ros.people` and `ros.messages`.
 
 from typing import Any, Literal
 
+import numpy as np
+
 from neurosym_jax.errors import InputError
 
 __all__ = [
     "DEFINITIONS",
+    "FORECAST",
     "HUMANS",
     "HUMANS_TRAJS",
     "PEOPLE",
     "TRANSFORMS",
+    "blank",
     "ros1_name",
     "typestore",
 ]
@@ -20,6 +24,7 @@ __all__ = [
 PEOPLE = "people_msgs/msg/People"
 HUMANS = "darko_perception_msgs/msg/Humans"
 HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
+FORECAST = "neurosym_msgs/msg/Forecast"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 DEFINITIONS = {
@@ -68,6 +73,30 @@ HumanSkeletonConfig skeleton_config
 std_msgs/Header header
 Humans[] trajs
 """,
+    FORECAST: """\
+# What one model expects of everybody: all samples, compactly.
+# Of the last observed step, and the coordinates' frame.
+std_msgs/Header header
+string model
+# Seconds between steps: step t lies (t + 1) periods after the header's stamp.
+float64 period
+# K samples of T steps; sample `central` is nearest to all others.
+uint32 samples
+uint32 steps
+uint32 central
+# [K], they sum to one.
+float32[] weights
+# [N]
+int64[] ids
+# [N] steps up to the header's stamp that nobody saw: the last velocity went on.
+uint32[] extrapolated
+# [N, 2] metres at the header's stamp.
+float64[] position
+# [N, 2] metres per second then.
+float32[] velocity
+# [K, N, T, 2] metres from each person's position.
+float32[] futures
+""",
     TRANSFORMS: """\
 geometry_msgs/TransformStamped[] transforms
 """,
@@ -96,3 +125,20 @@ def typestore(ros: Literal[1, 2]) -> Any:
 def ros1_name(kind: str) -> str:
     """A type as ROS 1 writes it: "package/Name"."""
     return kind.replace("/msg/", "/")
+
+
+def blank(store: Any, kind: str) -> Any:
+    """A message of a typestore with zeros, empty texts and empty lists in it."""
+    values = []
+    for _, (node, form) in store.fielddefs[kind][1]:
+        if node.name == "NAME":
+            values.append(blank(store, form))
+        elif node.name == "BASE":
+            values.append(
+                {"string": "", "bool": False}.get(form[0], 0.0 if "float" in form[0] else 0)
+            )
+        else:  # An array of a length, or of any.
+            (node, form), length = form
+            numbers = node.name == "BASE" and form[0] not in ("string", "bool")
+            values.append(np.zeros(length, form[0].replace("octet", "uint8")) if numbers else [])
+    return store.types[kind](*values)

@@ -11,7 +11,7 @@ import functools
 import itertools
 import queue
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from neurosym_jax.dashboard import Dashboard
@@ -20,9 +20,17 @@ from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
+from neurosym_jax.online.status import Status
 from neurosym_jax.ros.bags import TF_TOPICS
 from neurosym_jax.ros.decoding import Decoder
-from neurosym_jax.ros.definitions import HUMANS_TRAJS, PEOPLE, TRANSFORMS, ros1_name
+from neurosym_jax.ros.definitions import (
+    FORECAST,
+    HUMANS_TRAJS,
+    PEOPLE,
+    TRANSFORMS,
+    blank,
+    ros1_name,
+)
 from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
 from neurosym_jax.ros.messages import (
     PEOPLE_TOPICS,
@@ -31,8 +39,15 @@ from neurosym_jax.ros.messages import (
     forecast_topic,
     make_people,
 )
+from neurosym_jax.ros.outgoing import (
+    DIAGNOSTICS,
+    MARKERS,
+    diagnostics_message,
+    markers_message,
+    samples_message,
+)
 from neurosym_jax.ros.source import Source
-from neurosym_jax.ros.tcpros import Node, Publisher, Topic, global_name
+from neurosym_jax.ros.tcpros import Node, Publisher, Topic
 from neurosym_jax.tracking.live import NOBODY, OnlineStitcher
 
 __all__ = ["ForecastNode"]
@@ -40,6 +55,10 @@ __all__ = ["ForecastNode"]
 LAST = 2.0**31 - 1000
 """Seconds; rosbags counts ROS 1's in 32 bits with a sign, and forecasts lie ahead."""
 
+FORECAST_TOPICS = {HUMANS_TRAJS: "", FORECAST: "/samples", MARKERS: "/markers"}
+"""How the topics end that a forecast goes to, by type."""
+DIAGNOSE = 1.0
+"""Seconds between messages on /diagnostics."""
 Heard = tuple[bytes, Mapping[str, str] | None, float]
 """A message, its publisher's header, and when it came."""
 
@@ -56,6 +75,7 @@ class ForecastNode:
         stitcher: OnlineStitcher | None = None,
         master: str | None = None,
         name: str = "neurosym_jax",
+        remaps: Iterable[str] = (),
         status: float = 10.0,
         report: Callable[[str], None] = print,
     ):
@@ -69,6 +89,7 @@ class ForecastNode:
             stitcher: mends ids, if given; the people are then published on the first topic.
             master: URI; see `names.master_uri`.
             name: of the node.
+            remaps: "FROM:=TO" each, of names in the graph.
             status: seconds between reports of how it goes; 0 for none.
             report: is told, in one line each, how it goes and what happens to connections.
 
@@ -85,17 +106,21 @@ class ForecastNode:
         self._decoder = Decoder()
         self._store = self._decoder.store
         self._waiting: queue.Queue[Heard] = queue.Queue(WAITING)
-        self._status, self._report = status, report
+        self.status = Status(predictor, self.analytics, report, status, self._counts)
+        self._diagnosed = 0.0
         filtered, raw = PEOPLE_TOPICS
-        people = Topic(global_name(topic or (raw if stitcher else filtered)))
-        if stitcher and people.name == filtered:
+        self.node = Node(name, master, report, remaps)
+        people = Topic(self.node.names(topic or (raw if stitcher else filtered)))
+        if stitcher and people.name == self.node.names(filtered):
+            self.node.close()
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
-        self.node = Node(name, master, report)
         advertise = self.node.advertise
         self._forecasts = {
-            name: advertise(self._topic(forecast_topic(name), HUMANS_TRAJS))
+            (name, kind): advertise(self._topic(forecast_topic(name) + end, kind))
             for name in predictor.models
+            for kind, end in FORECAST_TOPICS.items()
         }
+        self._diagnostics = advertise(self._topic("/diagnostics", DIAGNOSTICS))
         self._truth = advertise(self._topic(TRUTH_TOPIC, HUMANS_TRAJS))
         self._mended = advertise(self._topic(filtered, PEOPLE)) if stitcher else None
         subscriber = self.node.subscribe(people, self.hear, self._decoder.refuse)
@@ -111,13 +136,16 @@ class ForecastNode:
 
     def run(self) -> None:
         """Forecast until the node is stopped."""
-        looked = time.monotonic()
         while not self.node.stopped.is_set():
             with contextlib.suppress(queue.Empty):
                 self.work(*self._waiting.get(timeout=0.2))
-            if self._status and time.monotonic() - looked >= self._status:
-                looked = time.monotonic()
-                self._report(self.status())
+            self.status.look()
+            if time.monotonic() - self._diagnosed >= DIAGNOSE and self._diagnostics.subscribers:
+                self._diagnosed = time.monotonic()
+                self._send(
+                    self._diagnostics,
+                    diagnostics_message(self._new, self.status, self.node.name, time.time()),
+                )
 
     def hear(self, data: bytes, header: Mapping[str, str] | None = None) -> None:
         """Queue serialised people; where there are too many the oldest are left out."""
@@ -155,40 +183,36 @@ class ForecastNode:
             return
         if self.stitcher is not None and self._mended is not None:
             frame = self._mend(self.stitcher, self._mended, frame, kind, message)
+        self.status.heard()
         event = advance(frame, self.predictor, self.analytics)
         common: dict[str, Any] = {
-            "types": self._store.types,
             "period": self.predictor.window.period,
             "frame_id": self.source.frame_id,
         }
-        for name, publisher in self._forecasts.items():
+        for (name, kind), publisher in self._forecasts.items():
             if event.forecast is not None and publisher.subscribers:
-                self._send(
-                    publisher, forecast_message(forecast=event.forecast, model=name, **common)
-                )
+                told = {"forecast": event.forecast, "model": name, **common}
+                if kind == HUMANS_TRAJS:
+                    message = forecast_message(types=self._store.types, **told)
+                else:
+                    make = samples_message if kind == FORECAST else markers_message
+                    message = make(self._new, **told)
+                self._send(publisher, message)
         for done in event.scored:
-            if self._truth.subscribers and (truth := truth_message(forecast=done, **common)):
+            if self._truth.subscribers and (
+                truth := truth_message(self._store.types, done, **common)
+            ):
                 self._send(self._truth, truth)
         if self.dashboard is not None:
             self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
 
-    def status(self) -> str:
-        """How it went so far, in one line."""
-        summary, health = self.analytics.summary(), dataclasses.asdict(self.predictor.health)
-        parts = [f"{health.pop('frames')} frames, {summary['forecasts']} forecasts"]
-        if summary["forecasts"]:
-            latency = summary["latency_ms"]
-            parts.append(f"latency p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms")
-        parts += [
-            f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
-            for name, means in summary["models"].items()
-            if means["people"]
-        ]
-        if self.stitcher is not None:
-            parts.append(f"{self.stitcher.joined} tracks joined")
-        counts = {**health, **self.source.refused, "malformed": self.malformed, "late": self.late}
-        wrong = [f"{name.replace('_', ' ')} {count}" for name, count in counts.items() if count]
-        return "; ".join(parts + ([", ".join(wrong)] if wrong else []))
+    def _counts(self) -> dict[str, int]:
+        joined = self.stitcher.joined if self.stitcher else 0
+        own = {"tracks_joined": joined, "malformed": self.malformed, "late": self.late}
+        return {**self.source.refused, **own}
+
+    def _new(self, kind: str) -> Any:
+        return blank(self._store, kind)
 
     def _mend(
         self, stitcher: OnlineStitcher, to: Publisher, frame: Frame, kind: str, message: Any
@@ -221,7 +245,7 @@ class ForecastNode:
 
     def _topic(self, name: str, kind: str) -> Topic:
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)
-        return Topic(global_name(name), ros1_name(kind), md5, definition)
+        return Topic(self.node.names(name), ros1_name(kind), md5, definition)
 
     def _send(self, publisher: Publisher, message: Any) -> None:
         publisher.publish(bytes(self._store.serialize_ros1(message, message.__msgtype__)))

@@ -1,6 +1,6 @@
 """A predictor in a ROS 2 graph, with rclpy.
 
-People or poses in, poses and markers out. rclpy is imported when the node is made: this file is the
+People in, poses, markers and samples out. rclpy is imported when the node is made: this file is the
 only one that needs it, and the predictor knows nothing of it.
 """
 
@@ -18,22 +18,31 @@ import numpy as np
 from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.predictor import Forecast, Predictor
+from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
+from neurosym_jax.online.status import Status
 from neurosym_jax.ros.bags import TF_TOPICS
-from neurosym_jax.ros.definitions import PEOPLE, TRANSFORMS
-from neurosym_jax.ros.messages import PEOPLE_TOPICS, WAITING, forecast_topic
+from neurosym_jax.ros.definitions import FORECAST, PEOPLE, TRANSFORMS
+from neurosym_jax.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, WAITING, forecast_topic
+from neurosym_jax.ros.outgoing import (
+    DIAGNOSTICS,
+    MARKERS,
+    central_path,
+    diagnostics_message,
+    markers_message,
+    put_stamp,
+    samples_message,
+)
+from neurosym_jax.ros.people import POSES
 from neurosym_jax.ros.source import Source
 from neurosym_jax.tracking.live import OnlineStitcher
 
-__all__ = ["ForecastNode", "message_type", "message_types"]
+__all__ = ["ForecastNode", "has", "message_type"]
 
-OURS = (
-    *("geometry_msgs/msg/Point", "geometry_msgs/msg/Pose", "geometry_msgs/msg/PoseArray"),
-    *("std_msgs/msg/Header", "visualization_msgs/msg/Marker", "visualization_msgs/msg/MarkerArray"),
-)
-COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
-"""Of the people's lines, after Okabe and Ito."""
+FORECAST_TOPICS = {POSES: "", FORECAST: "/samples", MARKERS: "/markers"}
+"""How the topics end that a forecast goes to, by type; where ROS 2 has the type."""
+DIAGNOSE = 1.0
+"""Seconds between messages on /diagnostics."""
 
 
 class ForecastNode:
@@ -48,6 +57,7 @@ class ForecastNode:
         source: Source | None = None,
         stitcher: OnlineStitcher | None = None,
         name: str = "neurosym_jax",
+        status: float = 10.0,
     ):
         """Join the graph.
 
@@ -58,6 +68,7 @@ class ForecastNode:
             source: which messages belong to the stream, and where they are taken to.
             stitcher: mends ids, if given.
             name: of the node.
+            status: seconds between lines on how it goes; 0 for none.
 
         Raises:
             InputError: where ROS 2 has no such message.
@@ -65,23 +76,31 @@ class ForecastNode:
         import rclpy
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-        self.types, people = message_types(), message_type(kind)
+        people = message_type(kind)
         self.kind, self.source = kind, source or Source()
         self.predictor, self.stitcher = predictor, stitcher
         self.analytics = Analytics.of(predictor)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
         self.node = rclpy.create_node(name)
-        self._poses, self._markers = (
-            {
-                name: self.node.create_publisher(self.types[kind], forecast_topic(name) + end, 10)
-                for name in predictor.models
-            }
-            for kind, end in (("PoseArray", ""), ("MarkerArray", "/markers"))
+        kinds = {kind: end for kind, end in FORECAST_TOPICS.items() if has(kind)}
+        self._forecasts = {
+            (name, kind): self._publisher(kind, forecast_topic(name) + end)
+            for name in predictor.models
+            for kind, end in kinds.items()
+        }
+        self._truth = self._publisher(POSES, TRUTH_TOPIC)
+        logger = self.node.get_logger()
+        self.status = Status(predictor, self.analytics, logger.info, status, self._counts)
+        self.node.create_timer(DIAGNOSE, self._look)
+        self._diagnostics = (
+            self._publisher(DIAGNOSTICS, "/diagnostics") if has(DIAGNOSTICS) else None
         )
         # Best effort hears publishers of either kind.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.node.create_subscription(people, topic, self.hear, quality)
+        heard = self.node.create_subscription(people, topic, self.hear, quality)
+        self.topic = heard.topic_name
+        """Of the people, after remapping."""
         if self.source.fixed_frame:
             latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             for name, quality in zip(TF_TOPICS, (QoSProfile(depth=100), latched)):
@@ -94,54 +113,64 @@ class ForecastNode:
         frame = self.source.take(self.kind, message, bytes(publisher).hex(), time.monotonic())
         if frame is None:
             return
+        self.status.heard()
         event = advance(frame, self.predictor, self.analytics, self.stitcher)
-        if event.forecast is not None:
-            for name in event.forecast.models:
-                header = self._header(event.forecast.stamp, self.source.frame_id or "")
-                self._poses[name].publish(self._pose_array(event.forecast, name, header))
-                self._markers[name].publish(self._marker_array(event.forecast, name, header))
+        period, frame_id = self.predictor.window.period, self.source.frame_id or ""
+        for (name, kind), publisher in self._forecasts.items():
+            if event.forecast is not None and publisher.get_subscription_count():
+                if kind == POSES:
+                    path = central_path(event.forecast, name)
+                    message = _poses(path, event.forecast.stamp, frame_id)
+                else:
+                    make = samples_message if kind == FORECAST else markers_message
+                    message = make(_new, event.forecast, name, period, frame_id)
+                publisher.publish(message)
+        for done in event.scored:
+            assert done.future is not None
+            seen = np.isfinite(done.future).all(axis=(1, 2))
+            path = np.concatenate([done.observed[:, -1:], done.future], axis=1)[seen]
+            self._truth.publish(_poses(path, done.stamp, frame_id))
         if self.dashboard is not None:
             self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
 
-    def _header(self, stamp: float, frame_id: str) -> Any:
-        header = self.types["Header"](frame_id=frame_id)
-        header.stamp.sec, header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
-        return header
+    def _publisher(self, kind: str, topic: str) -> Any:
+        return self.node.create_publisher(message_type(kind), topic, 10)
 
-    def _pose_array(self, forecast: Forecast, name: str, header: Any) -> Any:
-        """Person by person, every step of the most central sample, facing the way of walking."""
-        array = self.types["PoseArray"](header=header)
-        path = _path(forecast, name)
-        heading = np.diff(path, axis=1)
-        half = 0.5 * np.arctan2(heading[..., 1], heading[..., 0])
-        for xy, angle in zip(path[:, 1:].reshape(-1, 2).tolist(), half.ravel().tolist()):
-            pose = self.types["Pose"]()
-            pose.position.x, pose.position.y = xy
-            pose.orientation.z, pose.orientation.w = float(np.sin(angle)), float(np.cos(angle))
-            array.poses.append(pose)
-        return array
+    def _look(self) -> None:
+        self.status.look()
+        if self._diagnostics is not None:
+            now, name = time.time(), self.node.get_fully_qualified_name()
+            self._diagnostics.publish(diagnostics_message(_new, self.status, name, now))
 
-    def _marker_array(self, forecast: Forecast, name: str, header: Any) -> Any:
-        """A line for each person, from the last position observed; `ns` is model and id."""
-        array = self.types["MarkerArray"]()
-        for n, (id, path) in enumerate(zip(forecast.ids.tolist(), _path(forecast, name).tolist())):
-            marker = self.types["Marker"](header=header, ns=f"{name}/{id}")
-            marker.type, marker.scale.x = marker.LINE_STRIP, 0.05
-            marker.pose.orientation.w, marker.color.a = 1.0, 1.0
-            red, green, blue = COLOURS[n % len(COLOURS)]
-            marker.color.r, marker.color.g, marker.color.b = red / 255, green / 255, blue / 255
-            # It disappears by itself when nobody is forecast any more.
-            lifetime = round(2e9 * self.predictor.window.period)
-            marker.lifetime.sec, marker.lifetime.nanosec = divmod(lifetime, 10**9)
-            marker.points = [self.types["Point"](x=x, y=y) for x, y in path]
-            array.markers.append(marker)
-        return array
+    def _counts(self) -> dict[str, int]:
+        joined = self.stitcher.joined if self.stitcher else 0
+        return {**self.source.refused, "tracks_joined": joined}
 
 
-def _path(forecast: Forecast, name: str) -> np.ndarray:
-    """[N, 1 + pred_len, 2] metres: the last position observed, and the most central sample."""
-    result = forecast.models[name]
-    return np.concatenate([forecast.observed[:, -1:], result.samples[result.central]], axis=1)
+def _poses(path: np.ndarray, stamp: float, frame_id: str) -> Any:
+    """Person by person, every step of [N, 1 + T, 2] after the first, facing the way of walking."""
+    array = _new(POSES)
+    put_stamp(array.header, stamp, frame_id)
+    heading = np.diff(path, axis=1)
+    half = 0.5 * np.arctan2(heading[..., 1], heading[..., 0])
+    for xy, angle in zip(path[:, 1:].reshape(-1, 2).tolist(), half.ravel().tolist()):
+        pose = _new("geometry_msgs/msg/Pose")
+        pose.position.x, pose.position.y = xy
+        pose.orientation.z, pose.orientation.w = float(np.sin(angle)), float(np.cos(angle))
+        array.poses.append(pose)
+    return array
+
+
+def _new(kind: str) -> Any:
+    return message_type(kind)()
+
+
+def has(kind: str) -> bool:
+    """Whether this ROS 2 has the package of a message."""
+    try:
+        return bool(message_type(kind))
+    except InputError:
+        return False
 
 
 def message_type(kind: str) -> Any:
@@ -155,12 +184,3 @@ def message_type(kind: str) -> Any:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
         raise InputError(f"this ROS 2 has no {package}") from None
-
-
-def message_types() -> dict[str, Any]:
-    """The classes that forecasts are made of, by name.
-
-    Raises:
-        InputError: where one of their packages is missing.
-    """
-    return {kind.split("/")[2]: message_type(kind) for kind in OURS}

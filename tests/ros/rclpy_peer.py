@@ -1,9 +1,9 @@
 """The other side of `test_ros2.py`, in the Python of ROS 2: a tracker, and who hears forecasts.
 
-    python rclpy_peer.py FRAMES SECONDS
+    python rclpy_peer.py FRAMES SECONDS TOPIC
 
-publishes the frames of a JSON file `[[stamp, [[x, y], ...]], ...]`, one every SECONDS, once our
-node is there, and prints what it hears as a JSON object.
+publishes the frames of a JSON file `[[stamp, [[x, y], ...]], ...]`, one every SECONDS on
+TOPIC, once our node is there, and prints what it hears as a JSON object.
 """
 
 import json
@@ -14,7 +14,7 @@ import rclpy
 from geometry_msgs.msg import Pose, PoseArray
 from visualization_msgs.msg import MarkerArray
 
-PEOPLE, FORECAST = "/people_tracker/people_filtered", "/hri/human_poses_prediction_neurosym"
+FORECAST, TRUTH = "/hri/human_poses_prediction_neurosym", "/hri/human_poses_gt"
 
 
 def main() -> None:
@@ -43,7 +43,9 @@ def main() -> None:
 
     node.create_subscription(PoseArray, FORECAST, hear, 100)
     node.create_subscription(MarkerArray, FORECAST + "/markers", mark, 100)
-    people = node.create_publisher(PoseArray, PEOPLE, 100)
+    truth: list[PoseArray] = []
+    node.create_subscription(PoseArray, TRUTH, truth.append, 100)
+    people = node.create_publisher(PoseArray, sys.argv[3], 100)
     wait(node, 60, lambda: people.get_subscription_count() and node.count_publishers(FORECAST))
     # We know of the other side before it knows of us, and best effort sends nothing again.
     wait(node, 1.0, lambda: False)
@@ -58,7 +60,7 @@ def main() -> None:
         people.publish(message)
         wait(node, float(sys.argv[2]), lambda: False)
     wait(node, 1.0, lambda: False)
-    print(json.dumps({"forecasts": heard, "markers": markers}))
+    print(json.dumps({"forecasts": heard, "markers": markers, "truth": len(truth)}))
     rclpy.shutdown()
 
 

@@ -122,7 +122,7 @@ def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
     for n in range(20):
         node.work(people(node, Frame(2e9 + n / 10, np.arange(3), np.ones((3, 2)) * n)))
     assert node.analytics.forecasts > forecasts
-    assert "malformed" in node.status()
+    assert "malformed" in node.status.line()
 
 
 def test_forecasts_that_ros_has_no_time_for(node):

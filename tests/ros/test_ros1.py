@@ -196,7 +196,7 @@ def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_n
     assert {person.name for message in back for person in message.people} == {"1", "2"}
     assert all(person.tags == ["kept"] for message in back for person in message.people)
     assert back[-1].header.frame_id == "odom"
-    assert "1 tracks joined" in node.status()
+    assert "tracks joined 1" in node.status.line()
     with pytest.raises(InputError, match="--topic must be another"):
         forecast_node(stitcher=OnlineStitcher(), topic=messages.PEOPLE_TOPICS[0])
 
@@ -314,3 +314,28 @@ def test_it_leaves_the_graph_when_told_to(graph, node):
     assert "Traceback" not in "\n".join(node.lines)
     # The title of a metric takes two lines: its quantity stands in the second.
     assert any(line.split()[:2] == ["ADE", "FDE"] for line in node.lines), node.lines[-8:]
+
+
+def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path):
+    parameters = tmp_path / "forecast.yaml"
+    parameters.write_text("{samples: 3, max_people: 4, stitch: true, links: {max_gap: 3.0}}")
+    ours = {name: os.environ[name] for name in os.environ if name.startswith(("XDG", "JAX", "XLA"))}
+    ours |= {"ROS_PACKAGE_PATH": str(ROOT / "ros"), "NEUROSYM_PYTHON": sys.executable}
+    launched = graph.start(
+        *("roslaunch", "--wait", "neurosym_ros", "forecast.launch", f"parameters:={parameters}"),
+        f"model:=[{', '.join(map(str, models))}]",
+        *("people:=/people", "mended:=/mended", "name:=launched"),
+        **ours,
+        PYTHONPATH=ROOT,
+    )
+    launched.wait_for(lambda line: "/launched: listening to /people" in line)
+    listener = graph.listener()
+    talker = graph.peer("talk", "tracker", rate=50)
+    rows = listener.wait_heard(both)
+    talker.end()
+    assert np.array(rows[-1]["steps"]).shape[2] == 3
+    published = {name for name, _ in call(graph.uri, "getPublishedTopics", "/tests", "")}
+    assert {"/mended", "/diagnostics", *(f"{topic}/markers" for topic in FORECASTS)} <= published
+    launched.wait_for(lambda line: "stale: no people for" in line)
+    assert launched.end(signal.SIGINT) == 0
+    assert "Traceback" not in "\n".join(launched.lines)

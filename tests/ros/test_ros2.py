@@ -59,7 +59,10 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     ]
     path = tmp_path / "frames.json"
     path.write_text(json.dumps([[frame.stamp, frame.xy.tolist()] for frame in frames]))
-    options = ["--message", "PoseArray", "--samples", "4", "--max-people", "4"]
+    parameters = tmp_path / "forecast.yaml"
+    parameters.write_text("/**: {ros__parameters: {message: PoseArray, samples: 9, max_people: 4}}")
+    options = ["--ros-args", "-r", "__node:=mine", "-r", "/people_tracker/people_filtered:=/seen"]
+    options += ["--params-file", parameters, "-p", "samples:=4", "-p", "use_sim_time:=true"]
     node = subprocess.Popen(
         [python, "-m", "neurosym_jax", "ros2", "--model", str(MODEL), *options],
         env=environment,
@@ -69,7 +72,7 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     )
     try:
         peer = subprocess.run(
-            [python, Path(__file__).with_name("rclpy_peer.py"), path, "0.03"],
+            [python, Path(__file__).with_name("rclpy_peer.py"), path, "0.03", "/seen"],
             env=environment,
             capture_output=True,
             text=True,
@@ -81,7 +84,7 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     assert peer.returncode == 0, peer.stderr
     assert node.returncode == 0, errors
     assert f"{len(frames)} frames" in said
-    assert "listening to /people_tracker/people_filtered" in errors
+    assert "[mine]: listening to /seen" in errors
     assert "Traceback" not in errors
 
     heard = json.loads(peer.stdout)
@@ -99,6 +102,7 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
         facing = np.stack([w**2 - z**2, 2 * z * w], axis=1)
         along = (facing * steps.reshape(-1, 2)).sum(axis=1)
         assert_allclose(along, np.linalg.norm(steps, axis=-1).ravel(), atol=1e-4)
+    assert heard["truth"] > 3
     assert len(heard["markers"]) == 2 * len(wanted)
     assert {marker["ns"] for marker in heard["markers"]} == {"NeuroSyM/0", "NeuroSyM/1"}
     assert {marker["type"] for marker in heard["markers"]} == {4}

@@ -5,8 +5,8 @@ the one JAX needs. It moves bytes of messages and knows nothing of people or mod
 parameters, actions and UDPROS are not here.
 """
 
-from neurosym_jax.ros.tcpros.names import Topic, global_name
+from neurosym_jax.ros.tcpros.names import Topic, global_name, node_name
 from neurosym_jax.ros.tcpros.node import Node
 from neurosym_jax.ros.tcpros.publisher import Publisher
 
-__all__ = ["Node", "Publisher", "Topic", "global_name"]
+__all__ = ["Node", "Publisher", "Topic", "global_name", "node_name"]

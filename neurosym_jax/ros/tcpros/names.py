@@ -4,11 +4,12 @@ import dataclasses
 import os
 import re
 import socket
+from collections.abc import Iterable
 from urllib.parse import urlsplit
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["Topic", "global_name", "local_host", "master_uri"]
+__all__ = ["Names", "Topic", "global_name", "local_host", "master_uri", "node_name"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,15 +26,62 @@ class Topic:
     """Text of the definition and of those that it uses; recorders ask for it."""
 
 
-def global_name(name: str) -> str:
-    """`name` with a slash in front.
+def global_name(name: str, namespace: str = "/") -> str:
+    """`name` with a slash in front: it lies in `namespace`, unless it has one already.
 
     Raises:
         InputError: if it is not a ROS name.
     """
     if not re.fullmatch(r"/?[A-Za-z]\w*(/[A-Za-z]\w*)*", name, re.ASCII):
         raise InputError(f"not a ROS name: {name!r}")
-    return "/" + name.removeprefix("/")
+    return re.sub("/+", "/", name if name.startswith("/") else f"/{namespace}/{name}")
+
+
+def node_name(name: str) -> str:
+    """The global name of a node, in `$ROS_NAMESPACE` where that is set.
+
+    Raises:
+        InputError: if it is not a ROS name.
+    """
+    return global_name(name, os.environ.get("ROS_NAMESPACE", "").strip("/") + "/")
+
+
+class Names:
+    """What the names that a program uses are in the graph: of its namespace, and remapped.
+
+    As https://wiki.ros.org/Names says.
+    """
+
+    def __init__(self, node: str, remaps: Iterable[str] = ()):
+        """The names of a node.
+
+        Args:
+            node: its global name.
+            remaps: "FROM:=TO" each.
+
+        Raises:
+            InputError: for what is no remapping.
+        """
+        self._node, self._remaps = node, {}
+        for text in remaps:
+            old, assigned, new = text.partition(":=")
+            if not assigned:
+                raise InputError(f"a remapping is FROM:=TO, not {text!r}")
+            self._remaps[self._global(old)] = self._global(new)
+
+    def __call__(self, name: str) -> str:
+        """The global name.
+
+        Raises:
+            InputError: if it is not a ROS name.
+        """
+        found = self._global(name)
+        return self._remaps.get(found, found)
+
+    def _global(self, name: str) -> str:
+        if name.startswith("~"):
+            return global_name(name[1:], self._node + "/")
+        return global_name(name, self._node.rpartition("/")[0] + "/")
 
 
 def master_uri(given: str | None = None) -> str:

@@ -3,10 +3,10 @@
 import os
 import socket
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from neurosym_jax.ros.tcpros.names import Topic, global_name, local_host, master_uri
+from neurosym_jax.ros.tcpros.names import Names, Topic, local_host, master_uri, node_name
 from neurosym_jax.ros.tcpros.publisher import Publisher
 from neurosym_jax.ros.tcpros.server import ConnectionServer
 from neurosym_jax.ros.tcpros.subscriber import HANDSHAKE, Subscriber
@@ -25,18 +25,27 @@ class Node:
     Threads serve in the background. A master that is not there yet is waited for.
     """
 
-    def __init__(self, name: str, master: str | None = None, report: Callable[[str], None] = print):
+    def __init__(
+        self,
+        name: str,
+        master: str | None = None,
+        report: Callable[[str], None] = print,
+        remaps: Iterable[str] = (),
+    ):
         """Open the ports; topics are registered as they are subscribed and advertised.
 
         Args:
             name: of the node, unique in the graph; the master ends an older node of that name.
             master: URI; by default as `names.master_uri` says.
             report: is told, in one line each, what happens to connections.
+            remaps: "FROM:=TO" each; see `names.Names`.
 
         Raises:
             InputError: for a name or URI that is none.
         """
-        self.name, self.master, self._report = global_name(name), master_uri(master), report
+        self.name, self.master, self._report = node_name(name), master_uri(master), report
+        self.names = Names(self.name, remaps)
+        """What topics are called in the graph."""
         self.stopped = threading.Event()
         """Set when the graph asks the node to end; whoever made it then closes it."""
         self._subscribers: dict[str, Subscriber] = {}

@@ -1,0 +1,106 @@
+"""What ROS 1 and ROS 2 are told alike: all samples, lines for RViz, and how the stream is.
+
+Messages come from `new(type)`, which gives empty ones: rclpy's own, or `definitions.blank`.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.online.status import Status
+from neurosym_jax.ros.definitions import FORECAST
+
+__all__ = [
+    "DIAGNOSTICS",
+    "MARKERS",
+    "central_path",
+    "diagnostics_message",
+    "markers_message",
+    "put_stamp",
+    "samples_message",
+]
+
+New = Callable[[str], Any]
+
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+MARKERS = "visualization_msgs/msg/MarkerArray"
+COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
+"""Of the people's lines, after Okabe and Ito."""
+FAINT = 0.35
+"""Opacity of somebody whom nobody sees at the moment."""
+
+
+def put_stamp(header: Any, stamp: float, frame_id: str) -> None:
+    """Write time [s] and frame into a header."""
+    header.stamp.sec, header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
+    header.frame_id = frame_id
+
+
+def central_path(forecast: Forecast, model: str) -> np.ndarray:
+    """[N, 1 + pred_len, 2] metres: the last position observed, and the most central sample."""
+    result = forecast.models[model]
+    return np.concatenate([forecast.observed[:, -1:], result.samples[result.central]], axis=1)
+
+
+def samples_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
+    """The neurosym_msgs/Forecast of one model."""
+    result, message = forecast.models[model], new(FORECAST)
+    put_stamp(message.header, forecast.stamp, frame_id)
+    last = forecast.observed[:, -1]
+    velocity = (last - forecast.observed[:, -2:-1].mean(axis=1)) / period
+    count, _, steps = result.samples.shape[:3]
+    message.model, message.period, message.central = model, period, result.central
+    message.samples, message.steps = count, steps
+    message.weights = np.full(count, 1 / count, np.float32)
+    message.ids, message.extrapolated = forecast.ids, forecast.extrapolated.astype(np.uint32)
+    message.position, message.velocity = last.ravel(), velocity.ravel().astype(np.float32)
+    message.futures = (result.samples - last[:, None]).ravel().astype(np.float32)
+    return message
+
+
+def markers_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
+    """A line for each person, from the last position observed; `ns` is model and id.
+
+    Lines of people whom nobody sees at the moment are faint.
+    """
+    array = new(MARKERS)
+    markers = []
+    paths = central_path(forecast, model).tolist()
+    for n, (id, path) in enumerate(zip(forecast.ids.tolist(), paths)):
+        marker = new("visualization_msgs/msg/Marker")
+        put_stamp(marker.header, forecast.stamp, frame_id)
+        marker.ns, marker.type, marker.scale.x = f"{model}/{id}", marker.LINE_STRIP, 0.05
+        marker.pose.orientation.w = 1.0
+        marker.color.a = FAINT if forecast.extrapolated[n] else 1.0
+        colour = [part / 255 for part in COLOURS[n % len(COLOURS)]]
+        marker.color.r, marker.color.g, marker.color.b = colour
+        # It disappears by itself when nobody is forecast any more.
+        marker.lifetime.sec, marker.lifetime.nanosec = divmod(round(2e9 * period), 10**9)
+        marker.points = [_point(new, x, y) for x, y in path]
+        markers.append(marker)
+    array.markers = markers
+    return array
+
+
+def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
+    """How the stream goes, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
+    message, row = new(DIAGNOSTICS), new("diagnostic_msgs/msg/DiagnosticStatus")
+    put_stamp(message.header, now, "")
+    row.name, row.hardware_id = f"{name.removeprefix('/')}: forecasts", "neurosym_jax"
+    row.level = row.STALE if status.stale else row.OK
+    row.message = status.line()
+    row.values = []
+    for key, value in {"age [s]": f"{status.age:.1f}", **status.wrong()}.items():
+        pair = new("diagnostic_msgs/msg/KeyValue")
+        pair.key, pair.value = key, str(value)
+        row.values.append(pair)
+    message.status = [row]
+    return message
+
+
+def _point(new: New, x: float, y: float) -> Any:
+    point = new("geometry_msgs/msg/Point")
+    point.x, point.y = x, y
+    return point
