@@ -1,4 +1,4 @@
-"""The packages in ros/ are what catkin, colcon, roslaunch and RViz can read, and say what we say."""
+"""The packages in ros/ are what catkin, colcon, roslaunch and RViz read, and say what we say."""
 
 import re
 import xml.etree.ElementTree as ElementTree
