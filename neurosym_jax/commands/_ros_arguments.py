@@ -5,9 +5,6 @@ list is several values, and `links: {max_gap: 3}` is `--links.max-gap 3`. An opt
 the command line goes first.
 """
 
-# pyright: reportMissingImports=false
-# ROS 2 has its own installer; where the linters run there is none.
-
 import os
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,8 +18,6 @@ VARIABLES = {"__ns": "ROS_NAMESPACE", "__ip": "ROS_IP", "__hostname": "ROS_HOSTN
 """Where ROS 1's special arguments can as well be said."""
 OPTIONS = {"__name": "--name", "__master": "--master"}
 """What else they are to us; others, such as `__log`, are nothing."""
-OF_ROS_2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
-"""Parameters that every node of ROS 2 has."""
 
 
 def ros1_arguments(arguments: Sequence[str]) -> list[str]:
@@ -66,8 +61,10 @@ def ros2_arguments(arguments: Sequence[str]) -> list[str]:
         del rest[begin : end + 1]
     if not told:
         return rest
+    from neurosym_jax.ros.ros2_parameters import node_parameters
+
     return [
-        *_options(_parameters_of_ros2(told, _named(rest))),
+        *_options(node_parameters(told, _named(rest))),
         *rest,
         f"--ros-args={shlex.join(told)}",
     ]
@@ -100,30 +97,6 @@ def _parameters_of_master(arguments: Sequence[str], must: bool) -> dict[str, Any
             raise InputError(f"the master at {master} tells no parameters: {error}") from None
         return {}
     return found if isinstance(found, dict) else {}
-
-
-def _parameters_of_ros2(told: Sequence[str], name: str) -> dict[str, Any]:
-    """The parameters that ROS 2 itself finds for a node: of files, wildcards and `-p`."""
-    try:
-        import rclpy
-        from rclpy.context import Context
-    except ImportError:
-        raise InputError(
-            "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
-        ) from None
-    context = Context()
-    try:
-        rclpy.init(args=["--ros-args", *told], context=context)
-        node = rclpy.create_node(
-            name, context=context, automatically_declare_parameters_from_overrides=True
-        )
-    except Exception as error:  # rclpy raises what its C library says, of several kinds.
-        rclpy.try_shutdown(context=context)
-        raise InputError(f"--ros-args: {' '.join(str(error).split())}") from None
-    found = {key: value.value for key, value in node.get_parameters_by_prefix("").items()}
-    node.destroy_node()
-    rclpy.shutdown(context=context)
-    return {key: value for key, value in found.items() if key.split(".")[0] not in OF_ROS_2}
 
 
 def _options(parameters: Mapping[str, Any], within: str = "") -> Iterator[str]:
