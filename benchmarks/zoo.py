@@ -146,7 +146,8 @@ def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
         pack_agents,
     )
     from neurosym_jax.evaluation.metrics import metric_names
-    from neurosym_jax.evaluation.scoring import chosen, score_futures
+    from neurosym_jax.evaluation.scene_scores import chosen
+    from neurosym_jax.evaluation.scoring import score_futures
 
     forecaster, params = model.forecaster, model.params
     clock = _Clock()

@@ -1,7 +1,7 @@
+from .collision import collisions as collisions
 from .load import load_tests as load_tests
 from .load import make_test as make_test
 from .metrics import Metric as Metric
-from .metrics import collisions as collisions
 from .metrics import metric_names as metric_names
 from .metrics import register_metric as register_metric
 from .paired import Difference as Difference
@@ -15,7 +15,7 @@ from .report import format_table as format_table
 from .run import Settings as Settings
 from .run import evaluate as evaluate
 from .run import evaluate_tests as evaluate_tests
+from .scene_scores import Score as Score
+from .scene_scores import score as score
 from .scoring import Evaluation as Evaluation
-from .scoring import Score as Score
-from .scoring import score as score
 from .scoring import score_forecaster as score_forecaster

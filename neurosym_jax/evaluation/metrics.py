@@ -1,34 +1,26 @@
-"""Metrics of k sampled forecasts of one scene against what happened, and the registry of them.
+"""What a metric of k sampled forecasts of one scene against the truth is, and the registry of them.
 
-Joint best-of-k takes one sample for the whole scene (SGAN's protocol); marginal best-of-k lets each
-agent have its own, which is what most later papers report. The two are not comparable, so both are
-always computed. The minima of ADE and of FDE are taken independently, as SGAN does.
-
-How metrics are computed over many scenes is not said here (see `scoring`).
+What the package brings is in `best_of_k`, `distribution`, `single` and `collision`; how metrics
+are computed is not said here (see `scene_scores` and `scoring`).
 """
 
 import dataclasses
-from collections.abc import Callable
-
-import jax
-import jax.numpy as jnp
-from jax import Array
+import importlib
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.registry import Registry
 
 __all__ = [
-    "COLLISION_DISTANCE",
     "METRICS",
     "Metric",
-    "collisions",
     "known_metric",
     "metric_names",
     "register_metric",
 ]
 
-COLLISION_DISTANCE = 0.2
-"""Metres between two people's centres under which they collide."""
+Compute = Callable[[Any, Any, Any], tuple[Any, Any]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +33,7 @@ class Metric:
     """For people; in a table its last word stands below the others."""
     unit: str
     """`m`, ...; `share` for a part of 1, shown in per cent; empty for a plain number."""
-    compute: Callable[[Array, Array, Array], tuple[Array, Array]]
+    compute: Compute
     """`(forecast [k, N, T, 2], future [N, T, 2], valid [N]) -> (total, count)` of one scene.
 
     A function that `jax.vmap` and `jax.jit` can take; positions are metres relative to the scene's
@@ -54,6 +46,13 @@ class Metric:
     higher_is_better: bool = False
     costly: bool = False
     """Whether its work is not linear in people; `--no-collisions` leaves such metrics out."""
+    by_default: bool = True
+    """Whether it is computed and shown without being asked for by name (`--metrics`)."""
+    noise_free: bool = False
+    """Whether `forecast` is the one without noise, [1, N, T, 2], instead of the k samples."""
+    on_host: bool = False
+    """Whether `compute` is given numpy arrays of B scenes, `[k, B, N, T, 2]`, `[B, N, T, 2]` and
+    `[B, N]`, and returns totals and counts `[B]`: for work that depends on the numbers."""
 
     @property
     def label(self) -> str:
@@ -69,7 +68,12 @@ class Metric:
         return f"{value:.3f}" + (f" {self.unit}" if self.unit not in ("", "m") else "")
 
 
-METRICS: Registry[Metric] = Registry("metric")
+def _built_in() -> None:
+    for name in ("best_of_k", "collision", "distribution", "single"):
+        importlib.import_module(f"neurosym_jax.evaluation.{name}")
+
+
+METRICS: Registry[Metric] = Registry("metric", _built_in)
 
 
 def register_metric(metric: Metric, *, replace: bool = False) -> None:
@@ -81,9 +85,22 @@ def register_metric(metric: Metric, *, replace: bool = False) -> None:
     METRICS.register(metric.name, metric, replace=replace)
 
 
-def metric_names(*, costly: bool = True) -> tuple[str, ...]:
-    """Of all metrics, in the order in which they were registered, or of all but the costly ones."""
-    return tuple(name for name, metric in METRICS.items() if costly or not metric.costly)
+def metric_names(further: Sequence[str] = (), *, costly: bool = True) -> tuple[str, ...]:
+    """Of the metrics that are computed by default, in the order in which they were registered.
+
+    Args:
+        further: names to add; `all` adds every one.
+        costly: whether those are among the former whose work is not linear in people.
+
+    Raises:
+        InputError: for a name that nobody registered.
+    """
+    wanted = set(METRICS) if "all" in further else {METRICS[name].name for name in further}
+    return tuple(
+        name
+        for name, metric in METRICS.items()
+        if name in wanted or (metric.by_default and (costly or not metric.costly))
+    )
 
 
 def known_metric(name: str) -> Metric:
@@ -91,96 +108,8 @@ def known_metric(name: str) -> Metric:
     return METRICS[name] if name in METRICS else Metric(name, name, "", _not_here(name))
 
 
-def _not_here(name: str) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
-    def compute(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
+def _not_here(name: str) -> Compute:
+    def compute(forecast: Any, future: Any, valid: Any) -> tuple[Any, Any]:
         raise InputError(f"metric {name}: only its name is known here (--plugin brings it)")
 
     return compute
-
-
-def collisions(forecast: Array, valid: Array) -> Array:
-    """Which agents come closer than `COLLISION_DISTANCE` to another in the same sample.
-
-    Between time steps everybody moves in a straight line, so that fast crossings count.
-
-    Args:
-        forecast: [k, N, T, 2] metres.
-        valid: [N] bool.
-
-    Returns:
-        [k, N] bool.
-    """
-    pairs = valid[:, None] & valid[None, :] & ~jnp.eye(len(valid), dtype=bool)
-
-    def one_sample(forecast: Array) -> Array:
-        # Step by step and each coordinate by itself: everything is elementwise in [N, N], which
-        # becomes one loop, many times as fast as arrays of [N, N, T, 2].
-        xs, ys = (
-            [of_step[:, None] - of_step[None, :] for of_step in jnp.unstack(coordinate, axis=1)]
-            for coordinate in jnp.unstack(forecast, axis=-1)
-        )
-        least = xs[-1] ** 2 + ys[-1] ** 2
-        for x, y, to_x, to_y in zip(xs, ys, xs[1:], ys[1:]):
-            # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
-            dx, dy = to_x - x, to_y - y
-            # The least number there is, for an offset that stays.
-            length = jax.lax.max(dx**2 + dy**2, tiny)
-            t = jax.lax.clamp(zero, -(x * dx + y * dy) / length, one)
-            least = jax.lax.min(least, (x + t * dx) ** 2 + (y + t * dy) ** 2)
-        return ((least < COLLISION_DISTANCE**2) & pairs).any(axis=-1)
-
-    zero, one, tiny = (
-        jnp.asarray(number, forecast.dtype) for number in (0, 1, jnp.finfo(forecast.dtype).tiny)
-    )
-    # Sample by sample, so that memory follows N^2 and not k N^2.
-    return jax.lax.map(one_sample, forecast)
-
-
-@jax.jit  # So that several metrics trace it once.
-def _distance(forecast: Array, future: Array, valid: Array) -> Array:
-    """[k, N, T] metres, zero for agents that are not valid."""
-    offset = jnp.square(forecast - future)
-    return jnp.where(valid[:, None], jnp.sqrt(offset[..., 0] + offset[..., 1]), 0)
-
-
-def _joint_ade(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    distance = _distance(forecast, future, valid)
-    return distance.mean(axis=-1).sum(axis=-1).min(), valid.sum()
-
-
-def _joint_fde(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    return _distance(forecast, future, valid)[..., -1].sum(axis=-1).min(), valid.sum()
-
-
-def _marginal_ade(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    distance = _distance(forecast, future, valid)
-    return distance.mean(axis=-1).min(axis=0).sum(), valid.sum()
-
-
-def _marginal_fde(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    return _distance(forecast, future, valid)[..., -1].min(axis=0).sum(), valid.sum()
-
-
-def _collision_rate(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    return collisions(forecast, valid).sum() / len(forecast), valid.sum()
-
-
-def _horizon(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    """The error at each step, in the sample of best joint ADE."""
-    distance = _distance(forecast, future, valid)
-    best = distance.mean(axis=-1).sum(axis=-1).argmin()
-    return distance[best].sum(axis=0), valid.sum()
-
-
-_JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
-_MARGINAL = "marginal: each agent's own best of k (most later papers)"
-
-for _metric in (
-    Metric("joint_ade", "joint ADE", "m", _joint_ade, _JOINT),
-    Metric("joint_fde", "joint FDE", "m", _joint_fde, _JOINT),
-    Metric("marginal_ade", "marginal ADE", "m", _marginal_ade, _MARGINAL),
-    Metric("marginal_fde", "marginal FDE", "m", _marginal_fde, _MARGINAL),
-    Metric("collision_rate", "people in collision", "share", _collision_rate, costly=True),
-    Metric("horizon", "mean displacement error", "m", _horizon),
-):
-    register_metric(_metric)

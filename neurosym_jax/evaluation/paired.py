@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scoring import Scores
+from neurosym_jax.evaluation.scene_scores import Scores
 
 __all__ = [
     "Difference",

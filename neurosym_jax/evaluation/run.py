@@ -16,7 +16,8 @@ from neurosym_jax.evaluation.load import Test, make_test
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.plan import BASELINES, Entries, TestSet, baseline
 from neurosym_jax.evaluation.programs import Programs
-from neurosym_jax.evaluation.scoring import Evaluation, Scores, score_forecaster
+from neurosym_jax.evaluation.scene_scores import Scores
+from neurosym_jax.evaluation.scoring import Evaluation, score_forecaster
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster

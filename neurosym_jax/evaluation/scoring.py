@@ -1,61 +1,28 @@
-"""Scores of forecasts by the metrics there are: of one scene, and of all scenes of a test set."""
+"""Scores of a forecaster on all scenes of a test set."""
 
 import dataclasses
-import functools
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
 
-from neurosym_jax.data.batching import Batch, bucket_of
-from neurosym_jax.errors import InputError
+from neurosym_jax.data.batching import Batch
 from neurosym_jax.evaluation.batched import Map, draw_noises, forecast_batches, unpacked
-from neurosym_jax.evaluation.metrics import METRICS, Metric
+from neurosym_jax.evaluation.metrics import Metric
+from neurosym_jax.evaluation.scene_scores import Score, Scores, chosen, score_scenes, shapes
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.runtime.processes import share, sum_over_processes
-from neurosym_jax.scene import Scene, model_dtype
+from neurosym_jax.scene import Scene
 
-__all__ = [
-    "Evaluation",
-    "Score",
-    "Scores",
-    "chosen",
-    "score",
-    "score_forecaster",
-    "score_futures",
-    "score_group",
-]
+__all__ = ["Evaluation", "score_forecaster", "score_futures", "score_group"]
 
 GROUP = 2**17
 """Samples of agent slots that are forecast before they are scored, some 25 MB; and what one of
 several processes takes at a time."""
-
-
-class Score(NamedTuple):
-    """What a metric gives for S scenes, float64."""
-
-    total: np.ndarray
-    """[S], or [S, T] for a metric that has a value for each step: summed over what is counted."""
-    count: np.ndarray
-    """[S] agents, or what else the metric counts."""
-
-    @property
-    def mean(self) -> np.ndarray:
-        """[], or [T], over all scenes; NaN where nothing was counted."""
-        count = self.count.sum()
-        return self.total.sum(axis=0) / count if count else np.full(self.total.shape[1:], np.nan)
-
-
-Scores = dict[str, Score]
-"""By the name of the metric."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,71 +42,6 @@ class Evaluation:
         return float(self.scores[metric].mean)
 
 
-def score(
-    forecast: ArrayLike,
-    future: ArrayLike,
-    valid: ArrayLike | None = None,
-    *,
-    metrics: Sequence[str] | None = None,
-) -> Scores:
-    """Scores of one scene, S = 1.
-
-    Args:
-        forecast: [k, N, T, 2] metres in any frame.
-        future: [N, T, 2] metres in the same frame, the truth.
-        valid: [N] bool, who counts; what the others' positions are does not matter.
-        metrics: names; default: all that are registered.
-    """
-    forecast, future = np.asarray(forecast, np.float64), np.asarray(future, np.float64)
-    present = np.ones(len(future), bool) if valid is None else np.asarray(valid)
-    # A program for each bucket, not for each number of people; and no loss far from the origin.
-    slots = int(bucket_of(len(present)))
-    origin = future[present].mean(axis=(0, 1)) if present.any() else np.zeros(2)
-    places = np.zeros((len(forecast), 1, slots, *future.shape[1:]), model_dtype())
-    places[:, 0, : len(present)][:, present] = forecast[:, present] - origin
-    truth = np.zeros(places.shape[1:], places.dtype)
-    truth[0, : len(present)][present] = future[present] - origin
-    mask = np.zeros((1, slots), bool)
-    mask[0, : len(present)] = present
-    measured = chosen(metrics)
-    return _on_host(measured, _score_scenes(measured, places, truth, mask))
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _score_scenes(metrics: tuple[Metric, ...], forecast: Any, future: Any, valid: Any) -> Any:
-    """`(total [B] or [B, T], count [B])` of B padded scenes, for each of `metrics`.
-
-    Args:
-        metrics: to compute.
-        forecast: [k, B, N, T, 2] metres.
-        future: [B, N, T, 2] metres.
-        valid: [B, N] bool.
-
-    Raises:
-        InputError: for a metric that fails, or gives something else.
-    """
-
-    def of_scene(forecast: Array, future: Array, valid: Array) -> list[Any]:
-        return [_of_scene(metric, forecast, future, valid) for metric in metrics]
-
-    return jax.vmap(of_scene, in_axes=(1, 0, 0))(forecast, future, valid)
-
-
-def _of_scene(metric: Metric, forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    try:
-        total, count = metric.compute(forecast, future, valid)
-        total, count = jnp.asarray(total), jnp.asarray(count)
-    except Exception as error:  # It may be somebody's own code, which can fail in any way.
-        reason = f"{type(error).__name__}: {error}"
-        raise InputError(f"metric {metric.name}: {reason}") from error
-    if total.shape not in ((), future.shape[1:2]) or count.shape != ():
-        raise InputError(
-            f"metric {metric.name}: a total [] or [{future.shape[1]}] and a count [] are wanted, "
-            f"not {list(total.shape)} and {list(count.shape)}"
-        )
-    return total, count
-
-
 def score_forecaster(
     forecaster: Forecaster,
     params: Any,
@@ -157,7 +59,7 @@ def score_forecaster(
         batches: see `make_batches`.
         samples: k.
         seed: determines, with the scene and the sample, the noise.
-        metrics: names; default: all that are registered.
+        metrics: names; default: those that are computed without being asked for.
 
     Raises:
         InputError: for a seed out of range, more samples than there is memory for, or a metric
@@ -190,8 +92,8 @@ def score_forecaster(
             for number, group in share(groups)
         }
     # Every process fills in its scenes; those of the others are zero here.
-    for metric, shapes in zip(measured, _shapes(measured, batches[0].scene, samples)):
-        total, count = (np.zeros((scenes, *shape.shape[1:])) for shape in shapes)
+    for metric, of in zip(measured, shapes(measured, batches[0].scene, samples)):
+        total, count = (np.zeros((scenes, *shape.shape[1:])) for shape in of)
         for number, of_batches in done.items():
             for batch, part in zip(groups[number], of_batches):
                 there = batch.index >= 0
@@ -200,16 +102,6 @@ def score_forecaster(
         found[metric.name] = Score(sum_over_processes(total), sum_over_processes(count))
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
     return Evaluation(found, agents, samples, time.perf_counter() - start)
-
-
-def chosen(names: Sequence[str] | None) -> tuple[Metric, ...]:
-    """The metrics of these names; all without."""
-    return tuple(METRICS.values() if names is None else (METRICS[name] for name in names))
-
-
-def _shapes(metrics: tuple[Metric, ...], scene: Scene, samples: int) -> Any:
-    forecast = jax.ShapeDtypeStruct((samples, *scene.known_future.shape), scene.known_future.dtype)
-    return _score_scenes.eval_shape(metrics, forecast, scene.known_future, scene.valid)
 
 
 def _groups(batches: Sequence[Batch], samples: int) -> Iterator[list[Batch]]:
@@ -235,26 +127,32 @@ def score_group(
 ) -> list[Scores]:
     """Scores of each of some batches, all forecast at once."""
     noises = draw_noises(forecaster.noise, scenes, samples, seed)
+    if any(metric.noise_free for metric in metrics) and forecaster.noise.dim:
+        # A sample more, which the other metrics do not see.
+        noises = [np.concatenate([noise, np.zeros_like(noise[:1])]) for noise in noises]
     futures = forecast_batches(forecaster, params, scenes, noises, run)
-    return score_futures(metrics, futures, scenes, run)
+    return score_futures(metrics, futures[:samples], scenes, run, futures[-1:])
 
 
 def score_futures(
-    metrics: tuple[Metric, ...], futures: np.ndarray, scenes: Sequence[Scene], run: Map = map
+    metrics: tuple[Metric, ...],
+    futures: np.ndarray,
+    scenes: Sequence[Scene],
+    run: Map = map,
+    noise_free: np.ndarray | None = None,
 ) -> list[Scores]:
-    """Scores of each of some batches, by the `futures [k, A, T, 2]` of their valid agents."""
-    ends = np.cumsum([scene.valid.sum() for scene in scenes])
-    pieces = np.split(futures, ends[:-1], axis=1)
+    """Scores of each of some batches, by the `futures [k, A, T, 2]` of their valid agents.
 
-    def of_batch(scene: Scene, piece: np.ndarray) -> Scores:
-        places = unpacked(piece, np.asarray(scene.valid))
-        return _on_host(metrics, _score_scenes(metrics, places, scene.known_future, scene.valid))
+    `noise_free [1, A, T, 2]` is the forecast without noise, for metrics that are of that.
+    """
+    ends = np.cumsum([scene.valid.sum() for scene in scenes])[:-1]
+    if not any(metric.noise_free for metric in metrics):
+        noise_free = None
+    alone = [None] * len(scenes) if noise_free is None else np.split(noise_free, ends, axis=1)
 
-    return list(run(of_batch, scenes, pieces))
+    def of_batch(scene: Scene, piece: np.ndarray, alone: np.ndarray | None) -> Scores:
+        valid, future = np.asarray(scene.valid), np.asarray(scene.known_future)
+        without = None if alone is None else unpacked(alone, valid)
+        return score_scenes(metrics, unpacked(piece, valid), without, future, valid)
 
-
-def _on_host(metrics: tuple[Metric, ...], scores: Sequence[tuple[Array, Array]]) -> Scores:
-    return {
-        metric.name: Score(*(np.asarray(part, np.float64) for part in parts))
-        for metric, parts in zip(metrics, scores)
-    }
+    return list(run(of_batch, scenes, np.split(futures, ends, axis=1), alone))

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.evaluation.scoring import Scores, score
+from neurosym_jax.evaluation.metrics import metric_names
+from neurosym_jax.evaluation.scene_scores import Scores, score
 from neurosym_jax.online.predictor import Forecast, Predictor
 
 __all__ = ["Analytics", "Score"]
@@ -59,7 +59,7 @@ class Score:
 
     def means(self) -> dict[str, Any]:
         """Means of the metrics, None before the first; JSON-able."""
-        means: dict[str, Any] = dict.fromkeys(METRICS)
+        means: dict[str, Any] = dict.fromkeys(metric_names())
         for name, (total, count) in self.sums.items():
             means[name] = (total / count).tolist() if count else None
         return {"forecasts": self.forecasts, "people": self.people, **means}

@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from neurosym_jax.evaluation.metrics import METRICS
+from neurosym_jax.evaluation.metrics import METRICS, metric_names
 from neurosym_jax.online.window import Health
 
 __all__ = ["format_summary"]
@@ -15,7 +15,7 @@ def format_summary(summary: dict[str, Any], health: Health) -> str:
     lines = [f"{counts.pop('frames')} frames, {summary['forecasts']} forecasts; metres"]
     models = {name: means for name, means in summary["models"].items() if means["people"]}
     if models:
-        names = [name for name in METRICS if _is_number(models, name)]
+        names = [name for name in metric_names() if _is_number(models, name)]
         titles = [METRICS[name].title.rpartition(" ")[::2] for name in names]
         columns = [*titles, ("people", "scored")]
         width = max(map(len, models))

@@ -7,7 +7,8 @@ from neurosym_jax.data.batching import make_batches, single_scene
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import METRICS, Metric, collisions, register_metric
+from neurosym_jax.evaluation.collision import collisions
+from neurosym_jax.evaluation.metrics import METRICS, Metric, register_metric
 from neurosym_jax.evaluation.run import latency
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
