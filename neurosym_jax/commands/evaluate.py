@@ -73,6 +73,9 @@ class Options:
     """Folder for the figures."""
     figures: bool = True
     """Draw figures."""
+    metrics: Annotated[tuple[str, ...], _named("NAME ...")] = ()
+    """Metrics to compute and show beside those of every table, also those of a plugin: by name, see
+    docs/evaluate.md, or `all`."""
     collisions: bool = True
     """Compute the collision rate, and what else is quadratic in people."""
     processes: Processes = ALONE
@@ -105,7 +108,7 @@ def run(options: Options) -> list[Row]:
     tests = load_tests(
         source, plan, test_on=options.test_on, min_agents=options.min_agents, start=start
     )
-    metrics = metric_names(costly=options.collisions)
+    metrics = metric_names(options.metrics, costly=options.collisions)
     settings = Settings(options.samples, options.seed, metrics)
     rows, results = evaluate_into(options.json, tests, settings, resume=options.resume)
     if not is_first():
@@ -137,6 +140,7 @@ def _validate(options: Options) -> None:
     counts = ("samples", "min_agents", "obs_len", "pred_len")
     refuse_below(1, {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts})
     refuse_seed(options.seed, "--seed")
+    metric_names(options.metrics)
     if not (options.checkpoint or options.baselines):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
     check_replaceable(options.json)

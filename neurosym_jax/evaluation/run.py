@@ -49,7 +49,7 @@ class Settings:
     seed: int = 0
     """Determines, with the scene and the sample, the noise."""
     metrics: tuple[str, ...] | None = None
-    """Names; None for all."""
+    """Names; None for those of every table."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def evaluate(
         samples: forecasts of each scene, k.
         seed: determines, with the scene and the sample, the noise.
         min_agents: scenes with fewer people are left out.
-        metrics: names; default: all that are registered.
+        metrics: names; default: those of every table, see `metric_names`.
         baselines: forecasters without parameters, by name.
 
     Raises:

@@ -138,6 +138,18 @@ def test_one_step_and_one_agent(options, tmp_path):
     assert rows[0]["collision_rate"] == 0
 
 
+def test_further_metrics_where_they_are_asked_for(options, capsys):
+    given = options(metrics=("energy_score", "kde_nll"), dataset="cross-path", samples=4)
+    velocity, sampled = (row["metrics"] for row in run(given))
+    assert {"energy_score", "kde_nll"} < sampled.keys()
+    assert "crps" not in sampled
+    assert sampled["energy_score"] < velocity["energy_score"]
+    assert velocity["kde_nll"] is None  # A single forecast has no density.
+    assert "energy KDE" in " ".join(capsys.readouterr().out.split())
+    with pytest.raises(InputError, match="unknown metric 'crsp'"):
+        run(options(metrics=("crsp",)))
+
+
 def test_any_table_in_a_folder(options, tmp_path):
     folder = tmp_path / "mine"
     folder.mkdir()
