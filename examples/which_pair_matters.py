@@ -14,11 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax import load_model
-from neurosym_jax.forecasting.networks import decode_scene
-from neurosym_jax.forecasting.noise import draw_noise
-from neurosym_jax.models import Generator
-from neurosym_jax.scene import make_scene
+from neurosym_jax import forecast, load_model
 from neurosym_jax.symbolic import make_weighting
 
 MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_zara1_8_8"
@@ -30,17 +26,14 @@ def main(path: Path = MODEL) -> np.ndarray:
     model = load_model(path)
     config, params = model.config, model.params
     observed, future = meeting()
-    scene = make_scene(observed, future)
-    noise = draw_noise(model.forecaster.noise, 0, scene.identity[None], SAMPLES, len(observed))
-    scene, truth = scene.replace(future=None, origin=None, identity=None), scene.future
+    noise = jax.random.normal(jax.random.key(0), (SAMPLES, config.noise_dim))
 
     def error(alpha: jax.Array) -> jax.Array:
         """ADE in metres, mean over people and samples."""
-        context = Generator(config).apply(params, scene, alpha, method=Generator.encode)
-        forecast = decode_scene(config, params, context, scene, noise[:, 0])
-        return jnp.linalg.norm(forecast - truth, axis=-1).mean()
+        made = forecast(config, params, observed, noise, alpha)
+        return jnp.linalg.norm(made - future, axis=-1).mean()
 
-    alpha = make_weighting(config.weighting)(scene.observed, scene.valid)
+    alpha = make_weighting(config.weighting)(jnp.asarray(observed, jnp.float32))
     value, gradient = jax.jit(jax.value_and_grad(error))(alpha)
     pairs = [(i, j) for i in range(4) for j in range(4) if i != j]
     foretold = np.array([0.01 * (gradient[pair] * alpha[pair]).sum() for pair in pairs])

@@ -1,5 +1,6 @@
 from .baselines import ConstantVelocity as ConstantVelocity
 from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
+from .differentiable import forecast as forecast
 from .forecaster import Forecaster as Forecaster
 from .forecaster import TwoStageForecaster as TwoStageForecaster
 from .kinds import register_forecaster as register_forecaster

@@ -74,16 +74,22 @@ class GeneratorForecaster(TwoStageForecaster):
         return decode_scene(self.config, params, context, scene, noise)
 
 
-def encode_scene(config: GeneratorConfig, params: Any, scene: Scene) -> Any:
-    """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling."""
+def encode_scene(
+    config: GeneratorConfig, params: Any, scene: Scene, alpha: Array | None = None
+) -> Any:
+    """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling.
+
+    `alpha [N, N, obs_len]` takes the place of that of the config's weighting.
+    """
     hidden = Generator(config).apply(params, scene.displacement, method=Generator.observe)
-    return interact_scene(config, params, hidden, scene)
+    return interact_scene(config, params, hidden, scene, alpha)
 
 
-def interact_scene(config: GeneratorConfig, params: Any, hidden: Any, scene: Scene) -> Any:
+def interact_scene(
+    config: GeneratorConfig, params: Any, hidden: Any, scene: Scene, alpha: Array | None = None
+) -> Any:
     """The part of `encode_scene` that looks at neighbours; `hidden [N, H]` is the other's."""
-    alpha = None
-    if config.weighting is not None:
+    if alpha is None and config.weighting is not None:
         weights = params.get("weighting", {})
         alpha = scene_alpha(config.weighting, weights, scene.observed, scene.valid)
     return Generator(config).apply(params, hidden, scene, alpha, method=Generator.interact)

@@ -1,0 +1,93 @@
+"""`forecast` is `predict`, and its gradients are those of finite differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.forecasting.differentiable import forecast
+from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
+from neurosym_jax.models import Generator
+from neurosym_jax.scene import make_scene, scene_identity
+from neurosym_jax.symbolic import WeightingConfig
+from neurosym_jax.symbolic.weighting import initial_parameters, scene_alpha
+
+LENGTHS = {"obs_len": 5, "pred_len": 3, "pool_hidden_dim": 16}
+OBSERVED = 5.0 + np.random.default_rng(0).normal(0, 0.4, (3, 5, 2)).cumsum(axis=1)
+
+
+FORECAST = jax.jit(forecast, static_argnums=0)
+
+
+def model_of(weighting):
+    pooling = "as_described" if weighting else "pool_net"
+    config = GeneratorConfig(pooling=pooling, weighting=weighting, **LENGTHS)
+    alpha = jnp.zeros((3, 3, 5))
+    scene = make_scene(OBSERVED)
+    params = Generator(config).init(jax.random.key(1), scene, jnp.zeros(8), alpha)
+    # At their first size the networks would hardly look at each other.
+    params = jax.tree.map(lambda leaf: 1.5 * leaf, params)
+    return Model(config, {**params, "weighting": initial_parameters(config.weighting)})
+
+
+@pytest.fixture(scope="module")
+def soft():
+    return model_of(WeightingConfig("soft", learned=True))
+
+
+NOISE = draw_noise(NoiseSpec(8), 0, scene_identity("", 0)[None], 4, 1)[:, 0]
+
+
+@pytest.mark.parametrize("weighting", [None, WeightingConfig(), WeightingConfig("soft")])
+def test_it_is_predict(weighting):
+    model = model_of(weighting)
+    found = FORECAST(model.config, model.params, OBSERVED, NOISE)
+    assert_allclose(found, predict(model, OBSERVED, samples=4), atol=1e-5)
+
+
+def test_padding_and_a_batch_change_nothing(soft):
+    padded = np.concatenate([OBSERVED, np.zeros((2, 5, 2))])
+    valid = np.arange(5) < 3
+    found = FORECAST(soft.config, soft.params, OBSERVED, NOISE)
+    assert_allclose(
+        FORECAST(soft.config, soft.params, padded, NOISE, valid=valid)[:, :3], found, atol=1e-5
+    )
+    batch = jax.vmap(lambda observed: FORECAST(soft.config, soft.params, observed, NOISE))(
+        np.stack([OBSERVED, OBSERVED + 2.0])
+    )
+    assert_allclose(batch, np.stack([found, found + 2.0]), atol=1e-5)
+
+
+def test_an_alpha_of_ones_own(soft):
+    own = scene_alpha(soft.config.weighting, soft.params["weighting"], OBSERVED)
+    found = FORECAST(soft.config, soft.params, OBSERVED, NOISE)
+    given = FORECAST(soft.config, soft.params, OBSERVED, NOISE, own)
+    assert_allclose(given, found, atol=1e-6)
+    other = FORECAST(soft.config, soft.params, OBSERVED, NOISE, 0.5 + jnp.zeros_like(own))
+    assert np.abs(other - found).max() > 1e-4
+
+
+@pytest.mark.parametrize("given", [False, True], ids=["own", "given"])
+def test_gradients(soft, given):
+    """By the learned threshold (or by an alpha that is given), positions and noise."""
+    rng = np.random.default_rng(2)
+    with jax.enable_x64(True):
+        params = jax.tree.map(jnp.float64, soft.params)
+        weighting = params["weighting"]
+        first = rng.uniform(0.2, 1, (3, 3, 5)) if given else weighting
+        arguments = jax.tree.map(jnp.float64, (first, OBSERVED, NOISE))
+        along = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), arguments)
+
+        def value(step):
+            first, observed, noise = jax.tree.map(lambda a, b: a + step * b, arguments, along)
+            every = {**params, "weighting": weighting if given else first}
+            return (
+                FORECAST(soft.config, every, observed, noise, first if given else None) ** 2
+            ).mean()
+
+        slope = jax.grad(value)(0.0)
+        assert abs(slope) > 1e-4
+        assert_allclose(slope, (value(1e-6) - value(-1e-6)) / 2e-6, rtol=1e-4)
