@@ -1,0 +1,149 @@
+"""The page and the figure of what `__main__` scored."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.symbols import BINS
+from neurosym_jax.plotting.palette import PALETTE
+from neurosym_jax.plotting.style import GREY, WIDTH, add_legend, dress, new_figure
+from neurosym_jax.symbolic.events import EVENTS
+
+PERIOD, STEPS = 0.4, (1, 4, 8)
+DRAWN = ("NeuroSyM", "SGAN", "constant velocity", "constant velocity, sampled", "Markov chain")
+
+HEAD = """# Symbols as a forecast
+
+How good are probabilities of what two people will do, from a network's samples, beside the
+classical answers? Generated with its figure by
+
+    python -m studies.symbolic_forecast DATA OUT        # {minutes:.0f} minutes here, seed 0
+
+where DATA holds ETH/UCY in `eth_ucy` and THÖR's tracks in `thor`. Forecast are the QTC_C1 states of
+ordered pairs who are within 8 m when they are observed last, 8 + 8 steps of 0.4 s, threshold 0.125
+m/s, and the events of [Symbols](symbols.md#events); 20 samples of the models that ship, none of
+which was trained on what it is tested on. Numbers are means over test sets ({sets}), each weighing
+the same; of crowds a window starts at every n-th step only.
+
+Scores are the log score in nats, -ln of the probability of what happened, and Brier's; of both,
+less is better (`evaluation/symbols.py`). What each forecaster says is smoothed towards how often
+things happen in the training scenes, with the weight that is best on the validation scenes, so a
+single forecast is judged by the best probabilities that can be made of it, too. The Markov chain is
+learned from the training scenes' states and smoothed by the neighbourhood diagram (Hanheide,
+Peters, Bellotto 2012; Dondrup, Bellotto, Hanheide 2014); of events it says how frequent they are
+after the state observed last. "Diagram only" counts no other transitions than those of the diagram.
+Persistence: the state stays, and events happen again. Frequencies look at nobody.
+
+![Scores by horizon, and reliability of events](figures/symbolic_forecast.png)
+
+Left: the log score of states by horizon. Middle: what is said of an event, all events together,
+against how often it then happens; on the diagonal a forecaster is calibrated. Right: the same of
+the symbols q1 to q4 at all horizons.
+"""
+
+
+def document(found: dict[str, Any]) -> str:
+    """The whole page."""
+    groups = {name: group for name, group in found.items() if name != "seconds"}
+    sets = "; ".join(f"{name}: {', '.join(group['sets'])}" for name, group in groups.items())
+    parts = [HEAD.format(minutes=found["seconds"] / 60, sets=sets)]
+    for name, group in groups.items():
+        parts += [f"## {name}", _states(group), _symbols(group), _events(group), _compared(group)]
+        sizes = group["sets"].items()
+        parts.append(
+            "Ordered pairs (windows): "
+            + "; ".join(f"{each} {size['pairs']} ({size['windows']})" for each, size in sizes)
+            + "."
+        )
+    return "\n\n".join(parts) + "\n"
+
+
+def figure(found: dict[str, Any]) -> Figure:
+    """Log score by horizon, and reliability of events and symbols, a row for each group."""
+    groups = {name: group for name, group in found.items() if name != "seconds"}
+    drawn, panels = new_figure(WIDTH, 2.4 * len(groups), len(groups), 3)
+    for row, (name, group) in zip(panels, groups.items()):
+        for forecaster, colour in zip(DRAWN, PALETTE):
+            means = group["means"][forecaster]
+            steps = [step for step in range(1, 99) if f"log state {step}" in means]
+            curve = [means[f"log state {step}"] for step in steps]
+            seconds = PERIOD * np.array(steps)
+            row[0].plot(seconds, curve, "-o", color=colour, ms=2.5, lw=1.4, label=forecaster)
+            reliability = group["reliability"][forecaster]
+            _reliability(row[1], [reliability[event] for event in EVENTS], colour)
+            _reliability(row[2], [reliability[f"q{i}"] for i in (1, 2, 3, 4)], colour)
+        dress(row[0], "horizon [s]", "log score [nats]", f"{name}: states")
+        row[0].set(xlim=(0, None), ylim=(0, None))
+        for axes, title in ((row[1], "events"), (row[2], "symbols")):
+            axes.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls=(0, (4, 3)))
+            axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
+            dress(axes, "probability said", "share that happened", title)
+    add_legend(drawn, panels[0][0])
+    return drawn
+
+
+def _reliability(axes: Axes, parts: list[list[list[float]]], colour: str) -> None:
+    said, happened, count = np.sum(parts, axis=0)
+    enough = count >= 50
+    axes.plot(
+        said[enough] / count[enough], happened[enough] / count[enough], "-o", color=colour, ms=2.5,
+        lw=1.2,
+    )  # fmt: skip
+    assert len(count) == BINS
+
+
+def _rows(group: dict[str, Any], metrics: list[str]) -> list[list[str]]:
+    """Of each forecaster its means, the best in bold."""
+    means = group["means"]
+    best = {m: min(f"{each[m]:.3f}" for each in means.values() if m in each) for m in metrics}
+    rows = []
+    for name, each in means.items():
+        texts = [f"{each[metric]:.3f}" if metric in each else "-" for metric in metrics]
+        texts = [f"**{text}**" if text == best[m] else text for m, text in zip(metrics, texts)]
+        rows.append([name, *texts])
+    return rows
+
+
+def _states(group: dict[str, Any]) -> str:
+    metrics = [f"{score} state {step}" for score in ("log", "brier") for step in STEPS]
+    heads = [f"{s}, {PERIOD * step:.1f} s" for s in ("log", "Brier") for step in STEPS]
+    return "States:\n\n" + markdown_table(["", *heads], _rows(group, metrics))
+
+
+def _symbols(group: dict[str, Any]) -> str:
+    metrics = [f"log {symbol} {step}" for symbol in ("q1", "q3") for step in STEPS]
+    heads = [f"{s}, {PERIOD * step:.1f} s" for s in ("q1", "q3") for step in STEPS]
+    words = "Log scores of symbols; q2 and q4 are those of the exchanged pair, which is there too:"
+    return f"{words}\n\n" + markdown_table(["", *heads], _rows(group, metrics))
+
+
+def _events(group: dict[str, Any]) -> str:
+    shares = [size["events"] for size in group["sets"].values()]
+    heads = [f"{event} ({100 * np.mean([s[event] for s in shares]):.1f} %)" for event in EVENTS]
+    parts = []
+    for score, words in (("log", "Log scores of events"), ("brier", "Brier scores of events")):
+        metrics = [f"{score} {event} 0" for event in EVENTS]
+        table = markdown_table(["", *heads], _rows(group, metrics))
+        parts.append(f"{words}, with the share of pairs to whom they happen:\n\n{table}")
+    return "\n\n".join(parts)
+
+
+def _compared(group: dict[str, Any]) -> str:
+    metrics = [f"log state {step}" for step in STEPS] + [f"log {event} 0" for event in EVENTS]
+    heads = [f"state, {PERIOD * step:.1f} s" for step in STEPS] + list(EVENTS)
+    rows = []
+    for head, metric in zip(heads, metrics):
+        cells = []
+        for compared in group["differences"].values():
+            mean, low, high = compared[metric]
+            text = f"{mean:+.3f} [{low:+.3f}, {high:+.3f}]"
+            cells.append(f"**{text}**" if low > 0 or high < 0 else text)
+        rows.append([head, *cells])
+    words = (
+        "Log score of NeuroSyM less that of others, with 95 % of what other test scenes would have "
+        "given (blocks of windows drawn with replacement); bold where zero lies outside:"
+    )
+    return f"{words}\n\n" + markdown_table(["", *group["differences"]], rows)

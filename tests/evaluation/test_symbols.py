@@ -1,0 +1,125 @@
+"""Scores of symbols and events against numbers by hand, and forecasters that must win or lose."""
+
+import numpy as np
+import pytest
+
+from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.evaluation.plan import baseline
+from neurosym_jax.evaluation.symbol_cases import (
+    Answer,
+    make_cases,
+    markov_chain,
+    model_answer,
+    persistence,
+)
+from neurosym_jax.evaluation.symbols import (
+    Question,
+    evaluate_symbols,
+    questions,
+    score_answer,
+    tuned_weights,
+)
+from neurosym_jax.symbolic.cnd import adjacency
+from neurosym_jax.symbolic.futures import SymbolSettings
+
+EVENTS = ("approaches", "meets")
+
+
+@pytest.fixture(scope="module")
+def walkers():
+    """People who walk straight on, each for 12 s; now and then two of them meet."""
+    draw = np.random.default_rng(0)
+    rows = []
+    for person in range(30):
+        start, speed = draw.uniform(-5, 5, 2), draw.normal(0, 1, 2)
+        for step in range(30):
+            rows.append((0.4 * (step + 3 * person), person, *(start + 0.4 * step * speed)))
+    stamp, ids, x, y = np.array(rows).T
+    return make_tracks("walkers", stamp, ids.astype(int), np.stack([x, y], axis=1))
+
+
+@pytest.fixture(scope="module")
+def cases(walkers):
+    return make_cases([walkers], 8, 4, SymbolSettings(), EVENTS, most=2000)
+
+
+def prior_of(cases, answer):
+    return {q: np.full(c.shape[1], 1 / c.shape[1]) for q, c, _ in questions(cases, answer)}
+
+
+def test_cases_are_pairs_of_one_window_within_reach(cases):
+    assert 300 < len(cases.rows) <= 2400
+    last = cases.windows.position[:, 7]
+    k, l = cases.rows.T  # noqa: E741
+    assert (np.linalg.norm(last[k] - last[l], axis=1) <= 8).all()
+    assert (k != l).all()
+    bounds = cases.windows.bounds
+    for people in (k, l):
+        assert (people >= bounds[cases.scene]).all()
+        assert (people < bounds[cases.scene + 1]).all()
+
+
+def test_straight_walkers_are_known_to_constant_velocity(cases):
+    answer = model_answer(cases, baseline("constant_velocity", 8, 4), samples=20, seed=0)
+    assert (answer.samples == cases.states[None]).mean() > 0.999
+    np.testing.assert_array_equal(answer.sampled_events[0], cases.after)
+    found = score_answer(cases, answer, prior := prior_of(cases, answer), dict.fromkeys(prior, 1.0))
+    means = dict(zip(found.errors.metrics, found.errors.mean))
+    # One sample, and the weight of another that is spread over 81 states.
+    p = (1 + 1 / 81) / 2
+    assert means["log state 2"] == pytest.approx(-np.log(p), abs=0.01)
+    assert means["brier state 2"] == pytest.approx((1 - p) ** 2 + 80 * (1 / 162) ** 2, abs=0.01)
+    assert means["log meets 0"] == pytest.approx(-np.log(0.75), abs=1e-6)
+    # Sure as it may be, and right: the least weight is best.
+    assert set(tuned_weights(cases, answer, prior).values()) == {0.1}
+
+
+def test_reliability_counts_what_was_said_and_what_happened(cases):
+    pairs, size = cases.states.shape[0], 81
+    said = np.full((1, size), 0.35)
+    answer = Answer(
+        table=np.full((4, size, size), 1 / size), event_table=np.repeat(said, 2, axis=0)
+    )
+    found = score_answer(cases, answer, prior := prior_of(cases, answer), dict.fromkeys(prior, 0.0))
+    total, happened, count = found.reliability["approaches"]
+    assert count[3] == pairs
+    assert total[3] == pytest.approx(0.35 * pairs)
+    assert happened[3] == cases.after[0].sum()
+    # Of a symbol each of its three values.
+    assert found.reliability["q1"][2].sum() == 3 * 4 * pairs
+
+
+def test_a_chain_is_of_probabilities_and_keeps_to_its_diagram(cases):
+    free, inside = markov_chain(cases), markov_chain(cases, within=True)
+    for chain in (free, inside):
+        np.testing.assert_allclose(chain.table.sum(axis=2), 1)
+        np.testing.assert_allclose(chain.table[1], chain.table[0] @ chain.table[0])
+    beyond = ~(adjacency("c1") | np.eye(81, dtype=bool))
+    assert inside.table[0][beyond].max() < 0.011
+    seen = np.bincount(cases.start, minlength=81)
+    state = seen.argmax()
+    there = cases.start == state
+    stayed = (cases.states[there, 0] == state).mean()
+    assert free.table[0][state, state] == pytest.approx(stayed, abs=2 / there.sum())
+    happened = cases.after[:, there].mean(axis=1)
+    np.testing.assert_allclose(free.event_table[:, state], happened, atol=1 / there.sum())
+
+
+def test_persistence_says_what_was(cases):
+    stays = persistence(cases)
+    assert (stays.samples[0] == cases.start[:, None]).all()
+    np.testing.assert_array_equal(stays.sampled_events[0], cases.before)
+
+
+def test_everybody_is_scored_on_the_same_questions(cases):
+    models = {"straight on": baseline("constant_velocity", 8, 4)}
+    found = evaluate_symbols(cases, cases, cases, models, samples=1, seed=0)
+    metric = Question("state", 4).metric("log")
+    losses = {
+        name: dict(zip(each.errors.metrics, each.errors.mean))[metric]
+        for name, each in found.items()
+    }
+    assert min(losses, key=losses.get) == "straight on"
+    assert losses["Markov chain"] < losses["frequencies"]
+    counts = {name: each.errors.counts[:, 0].sum() for name, each in found.items()}
+    assert set(counts.values()) == {len(cases.rows)}
