@@ -6,6 +6,10 @@ python -m benchmarks.counts --write    # makes them the baseline
 `tests/test_counts.py` fails where one is above `benchmarks/baseline.json`. FLOPs and bytes are
 those of XLA's cost analysis of the program before it is optimised, in which the body of a loop over
 steps counts once: they show growth, not the work (which `benchmarks.light` has).
+
+Collisions are looked for on the host. Their share is of the arithmetic of the forecast they are
+looked for in, both in elementwise operations: a core does some 50 FLOPs of a matrix product, or one
+tanh, in the time of one of numpy's.
 """
 
 import json
@@ -16,11 +20,12 @@ from typing import Any
 
 BASELINE = Path(__file__).with_name("baseline.json")
 PEOPLE, SAMPLES = 16, 20
+FLOPS_OF_AN_OPERATION = 50
 
 
 def counts() -> dict[str, float]:
-    """Programs compiled by each command, then FLOPs and bytes of a forecast of each model."""
-    return {**_programs(), **_costs()}
+    """Programs compiled by each command, FLOPs and bytes of a forecast, the share of collisions."""
+    return {**_programs(), **_costs(), "collisions of a crowd's forecast": collision_share()}
 
 
 def _programs() -> dict[str, float]:
@@ -81,6 +86,24 @@ def _costs() -> dict[str, float]:
         found[f"MFLOP: a forecast, {pooling}"] = round(cost["flops"] / 1e6, 3)
         found[f"MB: a forecast, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
     return found
+
+
+def collision_share() -> float:
+    """Work of finding collisions over that of forecasting, of a crowd as dense as univ's."""
+    import numpy as np
+
+    from benchmarks.light import decoding, encoding
+    from benchmarks.operations import operations
+    from neurosym_jax.config import GeneratorConfig
+    from neurosym_jax.evaluation import collisions
+
+    people, config = 40, GeneratorConfig(pred_len=12)
+    draw = np.random.default_rng(0)
+    step = draw.normal(0, 0.3, (people, 1, 2)) + draw.normal(0, 0.1, (SAMPLES, people, 12, 2))
+    futures = draw.uniform(0, 14, (people, 1, 2)) + step.cumsum(axis=2)
+    found = operations(collisions, futures.astype(np.float32), np.ones(people, bool))
+    work = encoding(config, people, people**2) + decoding(config, people, SAMPLES)
+    return round(found / (work.flops / FLOPS_OF_AN_OPERATION + work.transcendentals), 4)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,16 @@
 """Evaluation of SGAN's 20 published checkpoints, best of 20: ours, torch as it can be, and theirs.
 
-Data and checkpoints are read before the clock starts; what is timed is forecasting, errors
-included. Everybody reports the mean of the 20 joint ADEs, which differ by their random numbers.
+Of the contestants, data and checkpoints are read before the clock starts; what is timed is
+forecasting and errors, without collisions. Everybody reports the mean of the 20 joint ADEs, which
+differ by their random numbers. Beside them is the user's command, a whole process: `evaluate.py`
+from its start to its report, baselines included and figures not, with collisions and with
+`--no-collisions`; its programs are in the cache.
 """
 
+import functools
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.light import Work, decoding, encoding, limit, machine_rates
-from benchmarks.timing import OURS, alternate, rows
+from benchmarks.timing import OURS, Row, alternate, row, rows
 
+ROOT = Path(__file__).parents[1]
 SAMPLES = 20
 
 
@@ -67,6 +75,7 @@ def measure(options: Any) -> dict[str, Any]:
         {**each, "ade": float(np.mean(ades[each["who"]]))}
         for each in rows(f"{len(paths)} checkpoints, best of {SAMPLES}", seconds)
     ]
+    table += _commands(options, paths)
     largest = max(range(len(models)), key=lambda index: tests[index].agents)
     return {
         "title": "evaluation of the published checkpoints",
@@ -74,6 +83,24 @@ def measure(options: Any) -> dict[str, Any]:
         "light": limit(work, machine_rates(), table[0]["median"]),
         "stages": _stages(models[largest], tests[largest]),
     }
+
+
+def _commands(options: Any, paths: list[Path]) -> list[Row]:
+    """The user's command with collisions and without, in rounds that alternate."""
+    command = [sys.executable, str(ROOT / "evaluate.py"), "--data", str(options.data.resolve())]
+    command += ["--no-figures", "--json", "rows.json"]
+    given = ["--checkpoint", *(str(path.resolve()) for path in paths)]
+    with tempfile.TemporaryDirectory() as folder:
+        run = functools.partial(
+            subprocess.run, cwd=folder, check=True, stdout=subprocess.DEVNULL, text=True
+        )
+        contestants = {
+            name: functools.partial(run, [*command, *more, *given])
+            for name, more in (("with collisions", []), ("--no-collisions", ["--no-collisions"]))
+        }
+        seconds = alternate(contestants, options.repeats)
+    case = f"evaluate.py, {len(paths)} checkpoints and baselines"
+    return [row(case, name, values) for name, values in seconds.items()]
 
 
 def _peer(paths: list[Path], tests: list[Any], ades: dict[str, list[float]]):

@@ -37,13 +37,13 @@ def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
     Returns:
         [k, N] bool.
     """
-    return _of_batch(np.asarray(forecast)[:, None], np.asarray(valid)[None])[:, 0]
+    return _of_batch(np.asanyarray(forecast)[:, None], np.asarray(valid)[None])[:, 0]
 
 
 def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """[k, B, N] bool; `forecast [k, B, N, T, 2]`, `valid [B, N]`."""
     # Samples last: what holds of a pair holds of a row of numbers.
-    paths = np.ascontiguousarray(forecast[:, valid].transpose(2, 3, 1, 0))  # [T, 2, A, k]
+    paths = forecast[:, valid].transpose(2, 3, 1, 0).copy()  # [T, 2, A, k]
     hit = np.zeros((paths.shape[2], len(forecast)), bool)
     if hit.size:
         low, high = paths.min(axis=0), paths.max(axis=0)  # [2, A, k]
@@ -51,9 +51,9 @@ def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
         flat = paths.reshape(*paths.shape[:2], -1)
         pairs = _pairs(valid.sum(axis=1).tolist())
         for at in range(0, pairs.shape[1], PAIRS):
-            some = pairs[:, at : at + PAIRS]
             # First the boxes around all samples of a pair, then those of each.
-            one, other = some[:, _meet(*widest, *some)]
+            one, other = some = pairs[:, at : at + PAIRS]
+            one, other = some[:, _meet(*widest, one, other)]
             pair, sample = np.nonzero(_meet(low, high, one, other))
             ends = np.stack([one[pair], other[pair]]) * hit.shape[1] + sample
             for begin in range(0, ends.shape[1], PATHS):

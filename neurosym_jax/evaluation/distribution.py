@@ -36,7 +36,7 @@ def _energy_score(forecast: Array, future: Array, valid: Array) -> tuple[Array, 
     """Of the whole scene's joint forecast, one vector of all agents, steps and coordinates.
 
     Divided by the root of agents times steps, so that a single forecast has its root mean square
-    displacement error; weighed by agents, as joint ADE is. Gneiting and Raftery (2007), (21).
+    displacement error; weighed by agents, as joint ADE is. Gneiting and Raftery, section 4.3.
     """
     k, n = len(forecast), valid.sum()
     present = valid[:, None, None]
@@ -52,7 +52,7 @@ def _energy_score(forecast: Array, future: Array, valid: Array) -> tuple[Array, 
 
 
 def _crps(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    """Of each coordinate by itself, mean over steps and both. Gneiting and Raftery (2007), (20)."""
+    """Of each coordinate by itself, mean over steps and both. The same, section 4.2."""
 
     def add(total: Array, one: Array) -> tuple[Array, None]:
         return total + jnp.abs(forecast - one).sum(axis=0), None
