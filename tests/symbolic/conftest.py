@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
@@ -11,8 +13,9 @@ def strict():
 
 
 @pytest.fixture
-def golden(shared):
-    return shared / "golden"
+def golden():
+    """The stored cases; see their README."""
+    return Path(__file__).parents[1] / "golden"
 
 
 @pytest.fixture

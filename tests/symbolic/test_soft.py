@@ -74,10 +74,10 @@ def golden_chains(golden):
         yield (*chain, "line", factor)
 
 
-def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures(golden):
+def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures(shared):
     temperature = 1e-6
     compared = ties = 0
-    for k, l, convention, factor in golden_chains(golden):  # noqa: E741
+    for k, l, convention, factor in golden_chains(shared / "golden"):  # noqa: E741
         found = np.asarray(soft(k, l, temperature, factor, convention))
         np.testing.assert_allclose(found.sum(axis=-1), 1, atol=1e-12)
         states = np.asarray(hard(k, l, factor, convention))
