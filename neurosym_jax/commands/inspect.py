@@ -1,14 +1,13 @@
 """Say what a recording, or a folder of them, holds."""
 
 import dataclasses
-import os
 import warnings
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from neurosym_jax.data.formats import FORMATS, read_any
+from neurosym_jax.data.formats import FORMATS, is_folder, read_any
 from neurosym_jax.data.inspection import describe, files_below
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
@@ -35,7 +34,7 @@ def run(options: Options) -> int:
     Raises:
         InputError: where a single file cannot be read, or a folder has none.
     """
-    folder = os.path.isdir(options.path)  # Also for a name that is too long.
+    folder = is_folder(options.path)
     paths = files_below(options.path) if folder else [options.path]
     recordings: list[Tracks] = []
     for path in paths:

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import math
+import signal
 import threading
 import warnings
 from pathlib import Path
@@ -31,10 +32,8 @@ class Options(LiveOptions):
 
     recording: Annotated[Path, tyro.conf.Positional]
     """A bag (ROS 1 `.bag`; folder, `.db3` or `.mcap` of ROS 2), or a file of tracks."""
-    topic: str | None = None
-    """Of the people in a bag; found by itself where there is only one."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
-    """How a file of tracks is read."""
+    """How the recording is read."""
     hold: float = 0.0
     """Seconds for which somebody unseen is still forecast, from where they would be; live it is 1,
     here 0, so that errors are those of `evaluate`."""
@@ -60,8 +59,10 @@ def run(options: Options) -> None:
         warnings.warn(f"{options.recording}: {text}", InputWarning, stacklevel=2)
 
     source = options.stream.source(warn)
-    frames = read_frames(options.recording, options.topic, options.read, source)
+    frames = read_frames(options.recording, options.read, source)
     analytics, title = Analytics(), options.recording.stem
+    # Ended by others, too, it finishes what it writes.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with contextlib.ExitStack() as stack:
         predictor = options.predictor()
         files = stack.enter_context(contextlib.ExitStack())
@@ -116,5 +117,5 @@ def _open(path: Path, period: float, options: Options) -> ForecastBag | Forecast
         raise InputError(f"{path}: forecasts go to {', '.join(SUFFIXES)} or .jsonl")
     frame_id = options.frame_id or options.stream.fixed_frame
     if not frame_id and is_bag(options.recording):
-        frame_id = frame_id_of(options.recording, options.topic)
+        frame_id = frame_id_of(options.recording, options.read.topic)
     return ForecastBag(path, period, frame_id or "map")

@@ -6,6 +6,7 @@ it has a use for. Which ones there are is known nowhere else.
 
 import dataclasses
 import importlib
+import os
 import warnings
 from collections.abc import Callable
 from importlib.resources import files
@@ -19,7 +20,17 @@ from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.registry import Registry
 
-__all__ = ["FORMATS", "SUFFIXES", "Format", "data_files", "read_any", "register_format", "sniff"]
+__all__ = [
+    "FORMATS",
+    "SUFFIXES",
+    "Format",
+    "data_files",
+    "is_folder",
+    "owner_of",
+    "read_any",
+    "register_format",
+    "sniff",
+]
 
 SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson")
 """Endings of the files that are looked at in a folder."""
@@ -28,6 +39,10 @@ _READERS = "neurosym_jax.data.readers"
 
 
 def _never(head: Head) -> bool:
+    return False
+
+
+def _nowhere(path: Path) -> bool:
     return False
 
 
@@ -42,11 +57,14 @@ class Format:
     read: Callable[[Path, ReadOptions, float], list[Tracks]]
     """Its recordings; the number is the seconds that one step of frame numbers stands for."""
     uses: frozenset[str] = frozenset()
-    """The fields of `ReadOptions` that it goes by, of columns, unit, time_unit, fps and stride."""
+    """The fields of `ReadOptions` that it goes by, of columns, unit, time_unit, fps, stride and
+    topic."""
     general: bool = False
     """Whether it is asked only where no other format knows the file."""
     other: Callable[[Head], bool] = _never
     """Whether a file that it knows holds no tracks, so that a folder is read without it."""
+    owns: Callable[[Path], bool] = _nowhere
+    """Whether a path is of it by its name alone, as what is no text; a folder is then one file."""
 
 
 def _built_in() -> None:
@@ -75,7 +93,18 @@ def sniff(path: Path) -> str:
     Raises:
         InputError: if it cannot be read, or several formats know it.
     """
-    return _known(Path(path), read_head(Path(path)))
+    path = Path(path)
+    return owner_of(path) or _known(path, read_head(path))
+
+
+def owner_of(path: Path) -> str | None:
+    """The format that a path is of by its name alone, or None."""
+    return next((name for name, form in FORMATS.items() if form.owns(path)), None)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a path is a folder of files, and not one that is a recording itself."""
+    return os.path.isdir(path) and owner_of(path) is None  # Also for a name that is too long.
 
 
 def _known(path: Path, head: Head) -> str:
@@ -140,7 +169,11 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
         InputWarning: of a table that is left out, because it has no columns of tracks.
     """
     try:
-        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+        paths = sorted(
+            path
+            for path in folder.iterdir()
+            if path.suffix.lower() in SUFFIXES or owner_of(path) is not None
+        )
     except OSError as error:
         raise InputError(f"{folder}: no such file or folder ({error.strerror})") from None
     if not paths:
@@ -156,5 +189,7 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
 
 
 def _is_of_something_else(path: Path) -> bool:
+    if owner_of(path) is not None:
+        return False
     head = read_head(path)
     return FORMATS[_known(path, head)].other(head)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.formats import SUFFIXES
+from neurosym_jax.data.formats import SUFFIXES, owner_of
 from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.suspicions import GAP, steps_of
 from neurosym_jax.data.tracks import Tracks, on_grid
@@ -88,7 +88,11 @@ def files_below(folder: Path) -> list[Path]:
     Raises:
         InputError: where there is none.
     """
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+    paths = sorted(
+        path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in SUFFIXES or (owner_of(path) and not owner_of(path.parent))
+    )
     if not paths:
         raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")
     return paths

@@ -35,11 +35,13 @@ class ReadOptions:
     eth_stride: float | None = None
     """The same for files called biwi_eth* alone: 6 gives the true time of SGAN's eth, whose frames
     are 10 apart in a video of 15 a second. Published numbers rest on the wrong one."""
+    topic: str | None = None
+    """Of the people in a bag; found by itself where there is only one."""
 
     def given(self) -> list[str]:
         """The options that say something, `format` and `eth_stride` not counted."""
         silent = ReadOptions()
-        names = ("columns", "unit", "time_unit", "fps", "stride")
+        names = ("columns", "unit", "time_unit", "fps", "stride", "topic")
         return [name for name in names if getattr(self, name) != getattr(silent, name)]
 
     def stride_of(self, path: Path, period: float = PERIOD) -> float | None:

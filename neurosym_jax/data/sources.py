@@ -173,7 +173,7 @@ def open_source(
         return Synthetic(**how)
     data = find(data)
     try:
-        folder = data.is_dir() or not data.exists()
+        folder = formats.is_folder(data) or not data.exists()
     except OSError as error:
         raise InputError(f"{data}: cannot be read ({error.strerror})") from None
     if folder and eth_ucy.is_eth_ucy(data):
@@ -225,7 +225,7 @@ def windows_from(
         if isinstance(one, Tracks):
             recordings.append(one)
             continue
-        paths = formats.data_files(path, read) if (path := Path(one)).is_dir() else [path]
+        paths = formats.data_files(path, read) if formats.is_folder(path := Path(one)) else [path]
         recordings += [tracks for path in paths for tracks in formats.read_any(path, read)]
     grid = [on_grid(tracks, period) for tracks in recordings]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

@@ -4,6 +4,7 @@ Needs rosbags, which is imported when a bag is opened. What people's messages sa
 `ros.messages`; other recordings of people are read in `online.recordings`.
 """
 
+import os
 import warnings
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -37,7 +38,7 @@ TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag re
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag, by its name or, of a folder, by what lies in it."""
-    return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
+    return path.suffix in SUFFIXES or os.path.isfile(path / "metadata.yaml")
 
 
 def read_people(

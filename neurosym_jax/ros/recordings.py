@@ -16,7 +16,6 @@ __all__ = ["read_frames"]
 
 def read_frames(
     path: Path,
-    topic: str | None = None,
     options: ReadOptions = AS_IT_SAYS,
     source: Source | None = None,
 ) -> Iterator[Frame]:
@@ -24,8 +23,7 @@ def read_frames(
 
     Args:
         path: a bag (see `ros.bags`), or any file that `data.formats.read_any` reads.
-        topic: of the people in a bag.
-        options: of a file of tracks, what it does not say itself.
+        options: what it does not say itself: of a bag, the topic of the people.
         source: of a bag, which messages belong to the stream.
 
     Raises:
@@ -33,9 +31,7 @@ def read_frames(
     """
     path = Path(path)
     if is_bag(path):
-        return read_people(path, topic, source)
-    if topic is not None:
-        raise InputError(f"{path}: only a bag has topics")
+        return read_people(path, options.topic, source)
     if not path.is_file():
         raise InputError(f"{path}: " + ("not a bag" if path.exists() else "no such file"))
     recordings = read_any(path, options)

@@ -5,7 +5,6 @@ For detections without occlusions; gaps of more than a second are for `live_stit
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linear_sum_assignment
 
 __all__ = ["NearestIds"]
 
@@ -52,6 +51,8 @@ class NearestIds:
         since = (stamp - self._stamp)[:, None]
         expected = self._xy + since * self._velocity
         distance = np.linalg.norm(expected[:, None] - seen[None], axis=-1)
+        from scipy.optimize import linear_sum_assignment
+
         # What is out of reach costs more than any number of those within it.
         cost = np.where(distance <= REACH, distance, REACH * (MOST + 1))
         old, new = linear_sum_assignment(cost)

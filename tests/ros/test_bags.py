@@ -1,6 +1,7 @@
 """Bags of all three kinds give back what was written, and damaged ones say so in one line."""
 
 import contextlib
+import importlib
 import shutil
 import subprocess
 import sys
@@ -9,7 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.data.formats import data_files, is_folder, read_any
+from neurosym_jax.data.inspection import files_below
+from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import frames_of_tracks, tracks_of_frames
 from neurosym_jax.ros import messages
@@ -20,6 +24,13 @@ from neurosym_jax.ros.recordings import read_frames
 from neurosym_jax.simulation.scenarios import simulate
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registered():
+    """Bags as a format; not while tests are collected, of which some are of each format."""
+    importlib.import_module("neurosym_jax.ros.bag_format")
+
 
 KINDS = ["bag", "db3", "mcap"]
 TOPIC = messages.PEOPLE_TOPICS[0]
@@ -121,10 +132,39 @@ def test_the_filtered_topic_is_preferred_and_humans_are_people_too(tmp_path):
         moved = messages.make_people(bag.types, frame._replace(xy=frame.xy + 1))
         bag.write(messages.PEOPLE_TOPICS[1], 1.0, moved)
         bag.write(TOPIC, 1.0, messages.make_people(bag.types, frame))
-        humans = messages.make_trajectories(bag.types, 1.0, [2.0], [-5, 6], np.ones((2, 1, 2)))
+        humans = messages.make_trajectories(
+            bag.types, 1.0, [2.0], np.array([-5, 6]), np.ones((2, 1, 2))
+        )
         bag.write("/humans", 1.0, humans.trajs[0])
     assert_array_equal(next(read_people(bag.path)).xy, frame.xy)
     assert_array_equal(next(read_people(bag.path, "/humans")).ids, [-5, 6])
+
+
+def test_whatever_reads_tracks_reads_bags(tmp_path):
+    first, second = write(tmp_path / "first.bag"), write(tmp_path / "second.mcap")
+    (tracks,) = read_any(first)
+    wanted = tracks_of_frames(iter(frames()), "first")
+    assert tracks.reading is not None
+    assert (tracks.recording, tracks.reading.format) == ("first", "bag")
+    assert_array_equal(tracks.id, wanted.id)
+    assert_array_equal(tracks.position, wanted.position)
+    # The folder of ROS 2 is one recording, a folder of bags is several.
+    assert not is_folder(second)
+    assert data_files(tmp_path) == files_below(tmp_path) == [first, second]
+
+
+def test_which_topic_is_said_by_an_option(tmp_path):
+    with BagWriter(tmp_path / "run.bag") as bag:
+        for n, topic in enumerate(("/one", "/two")):
+            frame = Frame(
+                1.0 + n, np.array([7, 7, 8]), np.array([[n, 0.0], [1, 1], [-3000, -3000]])
+            )
+            bag.write(topic, 1.0, messages.make_people(bag.types, frame))
+    with pytest.raises(InputError, match="which topic"):
+        read_any(bag.path)
+    with pytest.warns(InputWarning, match="2 positions are left out"):
+        (tracks,) = read_any(bag.path, ReadOptions(topic="/two"))
+    assert_array_equal(tracks.position, [[1, 0]])
 
 
 def test_bad_paths_and_values(tmp_path):
@@ -149,8 +189,8 @@ def test_text_files_are_streams_too(tmp_path):
     got = list(read_frames(path))
     assert [frame.ids.tolist() for frame in got] == [[1], [1, 2], [2]]
     assert [frame.stamp for frame in got] == pytest.approx([0, 0.4, 0.8])
-    with pytest.raises(InputError, match="only a bag has topics"):
-        read_frames(path, "/people")
+    with pytest.raises(InputError, match="--topic is of no use"):
+        read_frames(path, ReadOptions(topic="/people"))
     tracks = tracks_of_frames(iter(got), "again")
     assert_array_equal(tracks.id, [1, 1, 2, 2])
     with pytest.raises(InputError, match="nobody"):

@@ -1,0 +1,65 @@
+"""Bags as a format of recordings: whatever reads tracks, such as inspect and stitch, reads bags.
+
+Importing this registers it. A live stream out of a bag is `ros.recordings`, which keeps its frames.
+"""
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.errors import InputWarning, printable
+from neurosym_jax.online.frame import Frame
+from neurosym_jax.online.recordings import tracks_of_frames
+from neurosym_jax.ros.bags import is_bag, read_people
+from neurosym_jax.tracking.motion import FAR
+
+__all__ = ["read_bag"]
+
+
+def read_bag(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+    """The people of one topic of a bag; `options.topic` chooses it.
+
+    Messages that are older than the one before, people named twice in one, and positions that are
+    nowhere or `FAR` are left out.
+
+    Raises:
+        InputError: as `bags.read_people` does, or where nobody is left.
+
+    Warns:
+        InputWarning: of what was left out.
+    """
+    frames = [frame for frame in read_people(path, options.topic) if np.isfinite(frame.stamp)]
+    kept = list(_sound(frames))
+    lost = sum(len(frame.ids) for frame in frames) - sum(len(frame.ids) for frame in kept)
+    if lost:
+        text = f"{lost} positions are left out: nowhere, far away, twice, or out of order"
+        warnings.warn(f"{path}: {text}", InputWarning, stacklevel=3)
+    return [tracks_of_frames(iter(kept), printable(path.stem))]
+
+
+def _sound(frames: list[Frame]) -> Iterator[Frame]:
+    newest = -np.inf
+    for stamp, ids, xy in frames:
+        if stamp <= newest:
+            continue
+        newest = stamp
+        here = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
+        first = here[np.unique(ids[here], return_index=True)[1]]
+        yield Frame(stamp, ids[first], xy[first])
+
+
+register_format(
+    "bag",
+    Format(
+        text="a bag of ROS 1 or ROS 2 with messages of people",
+        knows=lambda head: False,
+        owns=is_bag,
+        read=read_bag,
+        uses=frozenset({"topic"}),
+    ),
+)
