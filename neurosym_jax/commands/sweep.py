@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from neurosym_jax.sweeps.runs import plan_runs
-from neurosym_jax.sweeps.sweep import run_sweep
+from neurosym_jax.sweeps.sweep import plan_of, run_sweep
 
 __all__ = ["Options", "run"]
 
@@ -40,6 +40,8 @@ class Options:
     """Folder of the runs, of sweep.json and of sweep.md."""
     jobs: int | None = None
     """Trainings at once; default: one for each core."""
+    dry_run: bool = False
+    """Train nothing: list the runs, and say how long they will take."""
 
 
 def run(options: Options) -> int:
@@ -61,4 +63,7 @@ def run(options: Options) -> int:
         changes=options.set,
         data=options.data,
     )
+    if options.dry_run:
+        print(plan_of(runs, options.jobs))
+        return 0
     return run_sweep(runs, options.out, data=options.data, jobs=options.jobs)

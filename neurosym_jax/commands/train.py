@@ -1,6 +1,7 @@
 """Train a model."""
 
 import dataclasses
+import shlex
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,6 +15,7 @@ from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.network import model_name, named_generator
+from neurosym_jax.training.outcome import outcome
 from neurosym_jax.training.recipe import make_recipe
 from neurosym_jax.training.run import Run
 
@@ -82,8 +84,16 @@ def run(options: Options) -> None:
     )
     if text := describe_readings([*run.training.reading, *run.validation.reading]):
         print(text)
-    train_run(run, folder, resume=options.resume)
-    print(f"model: {folder / 'model'}")
+    model = train_run(run, folder, resume=options.resume)
+    print(f"{outcome(run, model)}\nmodel: {folder / 'model'}\ntest it: {_test_of(options, folder)}")
+
+
+def _test_of(options: Options, folder: Path) -> str:
+    """The command that tests the model in `folder` on what was left out of its training."""
+    where = [] if options.data is None else ["--data", str(options.data)]
+    if options.dataset is not None:
+        where += ["--dataset", options.dataset]
+    return shlex.join(["neurosym", "evaluate", "--checkpoint", str(folder / "model"), *where])
 
 
 def make_run(options: Options) -> Run:

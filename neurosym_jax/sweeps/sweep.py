@@ -4,7 +4,7 @@ A finished run is never trained again and an interrupted one goes on, so a sweep
 more does what is left to do.
 """
 
-import os
+import math
 import subprocess
 import sys
 import time
@@ -25,13 +25,13 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.sweeps.errors import write_errors
+from neurosym_jax.sweeps.estimate import seconds_of_run
+from neurosym_jax.sweeps.processes import last_line, start
 from neurosym_jax.sweeps.runs import SweepRun
 from neurosym_jax.sweeps.table import format_sweep
 from neurosym_jax.training.card import write_card
 
-__all__ = ["run_sweep"]
-
-LOG = "train.log"
+__all__ = ["plan_of", "run_sweep"]
 
 
 def run_sweep(
@@ -65,6 +65,26 @@ def run_sweep(
     return 1 if failed else 0
 
 
+def plan_of(runs: Sequence[SweepRun], jobs: int | None = None) -> str:
+    """The runs and about how long they will take, found by starting one of them for a few steps.
+
+    Raises:
+        InputError: for a finished run of another recipe, or one that fails.
+    """
+    refuse_below(1, {"--jobs": jobs})
+    left = [run for run in runs if not run.finished()]
+    lines = [f"{'left' if run in left else 'finished'}  {run.folder}" for run in runs]
+    lines.append(f"{len(runs)} runs, {len(left)} of them left")
+    if left:
+        each, at_once = seconds_of_run(left[0]), jobs or cpu_cores()
+        minutes = each * math.ceil(len(left) / at_once) / 60
+        lines.append(
+            f"{left[0].folder.name} alone takes about {each:.0f} s; all that is left, {at_once} at "
+            f"once, {minutes:.0f} min or more: runs side by side slow each other down"
+        )
+    return "\n".join(lines)
+
+
 def _train_all(runs: Sequence[SweepRun], at_once: int) -> list[tuple[SweepRun, str]]:
     """Train `runs`, `at_once` at a time; returns those that failed and why."""
     waiting, failed = list(reversed(runs)), []
@@ -74,34 +94,17 @@ def _train_all(runs: Sequence[SweepRun], at_once: int) -> list[tuple[SweepRun, s
             while waiting or running:
                 while waiting and len(running) < at_once:
                     run = waiting.pop()
-                    running[_start(run)] = run
+                    running[start(run)] = run
                 time.sleep(0.1)
                 for process in [process for process in running if process.poll() is not None]:
                     run = running.pop(process)
                     bar.update()
                     if process.returncode:
-                        failed.append((run, _last_line(run.folder / LOG)))
+                        failed.append((run, last_line(run)))
     finally:
         for process in running:
             process.terminate()
     return failed
-
-
-def _start(run: SweepRun) -> subprocess.Popen:
-    run.folder.mkdir(parents=True, exist_ok=True)
-    with (run.folder / LOG).open("a") as log:
-        return subprocess.Popen(
-            [sys.executable, "-m", "neurosym_jax", "train", *run.arguments],
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            # One thread each: as fast at these sizes, and the same bits wherever it runs.
-            env={**os.environ, "NPROC": "1"},
-        )
-
-
-def _last_line(log: Path) -> str:
-    lines = log.read_text().split("\n")
-    return next((line for line in reversed(lines) if line.strip()), "no word of why")
 
 
 def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[str, Any]]:

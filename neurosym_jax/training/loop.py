@@ -7,7 +7,7 @@ Everything random follows from (seed, step), so a resumed run continues bit for 
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,8 @@ from neurosym_jax.training.stream import SceneStream
 
 __all__ = ["CHUNK", "train", "train_run"]
 
+OnRow = Callable[[dict[str, Any]], object]
+
 CHUNK = 25
 """Most steps of one compiled call, between two updates of the progress bar."""
 
@@ -52,6 +54,7 @@ def train(
     dataset: str | None = None,
     data_name: str = "data not named",
     resume: bool = False,
+    on_row: OnRow | None = None,
 ) -> Model:
     """Train a generator; what it leaves in `folder` is said in the module.
 
@@ -64,6 +67,7 @@ def train(
         dataset: what was left out to be tested on; recorded with the model.
         data_name: of the training data, for people.
         resume: go on with the run in `folder`.
+        on_row: called with each row of `metrics.jsonl` as it comes, for a dashboard of one's own.
 
     Returns:
         The best model by validation, also written to `folder / "model"`.
@@ -79,11 +83,19 @@ def train(
     )
     generator = dataclasses.replace(generator, period=learned.period)
     run = Run(generator, recipe or RECIPES["ours"], learned, validated, dataset, data_name)
-    return train_run(run, Path(folder), resume=resume)
+    return train_run(run, Path(folder), resume=resume, on_row=on_row)
 
 
-def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
+def train_run(
+    run: Run, folder: Path, *, resume: bool = False, on_row: OnRow | None = None
+) -> Model:
     """Train, from the start or from the newest good checkpoint in `folder`.
+
+    Args:
+        run: what is trained on what.
+        folder: of the run.
+        resume: go on with the run in `folder`.
+        on_row: see `train`.
 
     Returns:
         The best model by validation, also written to `folder / "model"`.
@@ -93,10 +105,13 @@ def train_run(run: Run, folder: Path, *, resume: bool = False) -> Model:
         TrainingError: when a loss or metric is not finite; the last good step stays on disk.
     """
     with sole_writer(folder):
-        return _train(run, folder, TrainingCheckpoints(folder / "checkpoints"), resume)
+        checkpoints = TrainingCheckpoints(folder / "checkpoints")
+        return _train(run, folder, checkpoints, resume, on_row or (lambda _: None))
 
 
-def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool) -> Model:
+def _train(
+    run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool, on_row: OnRow
+) -> Model:
     config = run.recipe
     networks = 2 if config.adversarial_weight else 1  # A step takes a batch for each.
     stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
@@ -143,6 +158,7 @@ def _train(run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: boo
                     best = _copy(_validated(config, state))
                 validations.append(row)
             log.append(row)
+            on_row(row)
             if validations and validations[-1] is row:
                 saved = {**record, "history": validations}
                 checkpoints.save(row["step"], (state, best), saved, row["val_score"])

@@ -9,7 +9,7 @@ from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError
 from neurosym_jax.sweeps import sweep as module
 from neurosym_jax.sweeps.runs import plan_runs
-from neurosym_jax.sweeps.sweep import run_sweep
+from neurosym_jax.sweeps.sweep import plan_of, run_sweep
 from neurosym_jax.sweeps.table import format_sweep, mean_and_interval
 
 
@@ -104,6 +104,10 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
         "changes": ("batch_scenes=4", "best_k=2", "max_agents=4"),
     }
     runs = plan_runs(out, **chosen, steps=25)
+    plan = plan_of(runs, jobs=1)
+    assert plan.count("left  ") == 2
+    assert "2 runs, 2 of them left" in plan
+    assert not out.exists()
     # One job, so that the second run finds the first one's compiled programs.
     assert run_sweep(runs, out, jobs=1) == 0
     rows = json.loads((out / "sweep.json").read_text())["rows"]
@@ -118,7 +122,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     assert "test on cross-path: this model" in (folder / "model" / "README.md").read_text()
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
 
-    monkeypatch.setattr(module, "_start", None)  # Nothing is trained again.
+    monkeypatch.setattr(module, "start", None)  # Nothing is trained again.
     assert run_sweep(runs, out) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
     with pytest.raises(InputError, match="was trained with steps = 25, not 50"):

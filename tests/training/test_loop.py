@@ -17,6 +17,7 @@ from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.metrics_log import MetricsLog
+from neurosym_jax.training.outcome import outcome
 from neurosym_jax.training.stream import SceneStream
 
 
@@ -51,6 +52,21 @@ def done(run, tmp_path_factory):
     folder = tmp_path_factory.mktemp("alone")
     train_run(run, folder / "run")
     return folder / "run"
+
+
+@pytest.mark.slow
+def test_what_a_run_tells(run, tmp_path):
+    rows = []
+    model = train_run(run, tmp_path, on_row=rows.append)
+    assert rows == [json.loads(line) for line in (tmp_path / "metrics.jsonl").open()]
+    head, *told = outcome(run, model).splitlines()
+    assert head.startswith(f"on the {run.validation.scenes} validation scenes, joint best of 3")
+    kept = min((row for row in rows if "val_score" in row), key=lambda row: row["val_score"])
+    assert f"ADE {kept['val_ade']:.3f}  FDE {kept['val_fde']:.3f}" in told[0]
+    assert [line.split("  ")[1] for line in told[1:]] == [
+        "constant velocity",
+        "constant velocity, sampled",
+    ]
 
 
 @pytest.mark.slow
