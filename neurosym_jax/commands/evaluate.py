@@ -1,6 +1,10 @@
 """Test models beside the baselines: tables, figures, JSON."""
 
 import dataclasses
+import functools
+import shutil
+import sys
+import textwrap
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,19 +14,28 @@ import tyro
 from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.published import data_folder
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.load import load_tests
+from neurosym_jax.evaluation.conclusion import conclusion
+from neurosym_jax.evaluation.load import Test, load_tests
 from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.plan import BASELINES, make_plan
-from neurosym_jax.evaluation.report import check_replaceable, format_table
+from neurosym_jax.evaluation.plan import BASELINES, make_plan, one_of_each
+from neurosym_jax.evaluation.protocols import PROTOCOLS, ProtocolName
+from neurosym_jax.evaluation.report import check_replaceable, format_table, show_tables
 from neurosym_jax.evaluation.rows import evaluate_into
-from neurosym_jax.evaluation.run import Row, Settings
+from neurosym_jax.evaluation.run import Result, Row, Settings
+from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
+from neurosym_jax.evaluation.summary import lines_of, means_of
+from neurosym_jax.evaluation.tables import Style, notes
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import find_checkpoints, shipped_models
-from neurosym_jax.plotting.evaluation import draw_figures
+from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
+from neurosym_jax.plotting.evaluation import check_figures, draw_figures, draw_overview
 from neurosym_jax.runtime.processes import ALONE, Processes, is_first, join
+from neurosym_jax.runtime.progress import without_bars
+from neurosym_jax.runtime.provenance import provenance
 
 __all__ = ["Options", "run"]
 
@@ -36,12 +49,14 @@ def _named(metavar: str, **more: Any) -> Any:
 class Options:
     """Evaluate checkpoints beside the constant-velocity baselines: tables, figures, JSON.
 
-    With no arguments: what ships in checkpoints/, on the embedded simulations.
+    With no arguments: one SGAN and one NeuroSyM that ship, on the embedded simulations.
     """
 
     checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
     """Models by folder, .pt file or name (see `neurosym models`), in one table; a folder of several
-    stands for all of them. Default: those that ship."""
+    stands for all of them. Default: one SGAN and one NeuroSyM that ship, where they belong."""
+    all: bool = False
+    """Every model that ships, as far as it fits what is asked for."""
     data: Annotated[Path | None, _named("PATH")] = None
     """A recording of any format in docs/data.md, a folder of them, or ETH/UCY as SGAN arranges it;
     default: what was downloaded and has the dataset, else the embedded simulations."""
@@ -61,16 +76,26 @@ class Options:
     """Forecasts of each scene, k."""
     seed: int = 0
     """Determines, with the scene and the sample, the noise."""
-    min_agents: int = 2
-    """Scenes with fewer people are left out; SGAN's protocol keeps scenes of at least two."""
-    baselines: tuple[str, ...] = BASELINES
-    """Forecasters without parameters to test beside the checkpoints, also those of a plugin."""
+    seeds: int = 1
+    """Draw the noise anew for so many seeds, from --seed on: means, and how much they spread."""
+    protocol: ProtocolName = "sgan"
+    """sgan: scenes of two people or more, means over people. joint-metrics, of Joint Metrics
+    Matter: 8 + 12 steps, scenes of one person or more, means over scenes."""
+    min_agents: Annotated[int | None, _named("INT")] = None
+    """Scenes with fewer people are left out; default: the protocol's."""
+    baselines: Annotated[tuple[str, ...] | None, _named("NAME ...")] = None
+    """Forecasters without parameters to test beside the models, also those of a plugin; default:
+    constant velocity and, where models are chosen, its sampled sibling."""
+    table: Style = "text"
+    """How tables are printed; csv, markdown and latex go alone to the standard output."""
     json: Path = Path("results/evaluation.json")
     """File for the rows, written as they come."""
     resume: bool = False
     """Keep the rows that an interrupted run left in --json, and evaluate what is missing."""
     plots: Path = Path("results/figures")
-    """Folder for the figures."""
+    """Folder for the figures; or a name that ends in .png, .pdf or .svg, which they begin with."""
+    save_forecasts: Annotated[Path | None, _named("FILE")] = None
+    """Write all forecasts, too: .npz, .csv or .ndjson (TrajNet++), a file for each model."""
     figures: bool = True
     """Draw figures."""
     metrics: Annotated[tuple[str, ...], _named("NAME ...")] = ()
@@ -91,58 +116,148 @@ def run(options: Options) -> list[Row]:
     join(options.processes)  # First, so that the others learn of what is refused.
     _validate(options)
     start = time.perf_counter()
-    paths = find_checkpoints(options.checkpoint) or list(map(str, shipped_models()))
-    models = [(path, load_model(path)) for path in paths]
-    own = models[0][1].dataset if options.checkpoint else None
-    source = open_source(options.data, options.dataset, own, options.read, options.period)
+    source, models = _models(options)
+    chosen = bool(options.checkpoint) or options.all
+    protocol = PROTOCOLS[options.protocol]
     plan = make_plan(
         source,
         models,
         dataset=options.dataset,
         test_on=options.test_on,
-        obs_len=options.obs_len,
-        pred_len=options.pred_len,
-        baselines=options.baselines,
+        obs_len=protocol.steps("obs_len", options.obs_len),
+        pred_len=protocol.steps("pred_len", options.pred_len),
+        baselines=_baselines(options),
         as_far_as_they_fit=not options.checkpoint,
     )
-    tests = load_tests(
-        source, plan, test_on=options.test_on, min_agents=options.min_agents, start=start
+    least = protocol.min_agents if options.min_agents is None else options.min_agents
+    tests = load_tests(source, plan, test_on=options.test_on, min_agents=least, start=start)
+    settings = Settings(
+        options.samples,
+        options.seed,
+        metric_names(options.metrics, costly=options.collisions),
+        options.seeds,
+        protocol.scenes_alike,
     )
-    metrics = metric_names(options.metrics, costly=options.collisions)
-    settings = Settings(options.samples, options.seed, metrics)
-    rows, results = evaluate_into(options.json, tests, settings, resume=options.resume)
+    rows, results = evaluate_into(
+        options.json,
+        tests,
+        settings,
+        resume=options.resume,
+        facts={"protocol": options.protocol, "provenance": _provenance(tests)},
+        show=functools.partial(_show, about="" if chosen else source.about)
+        if options.table == "text"
+        else None,
+    )
     if not is_first():
         return rows
-    print(format_table(rows))
-    readings = (Reading(**how) for row in rows for how in row["recordings"])
-    if text := describe_readings(readings):
-        print(f"\n{text}")
+    said = _print_rest(options, rows, means=chosen)
     if not any(row["checkpoint"] for row in rows):
-        print("\nNo checkpoint was given and none that ships fits: these are the baselines.")
-    spent = {name: sum(row["seconds"][name] for row in rows) for name in rows[0]["seconds"]}
-    print(
-        f"\nseconds: {spent['loading']:.1f} loading, {spent['compiling']:.1f} compiling, "
-        f"{spent['evaluating']:.1f} evaluating\nrows: {options.json}"
-    )
+        said += ["No checkpoint was given and none that ships fits: these are the baselines."]
+    elif not chosen:
+        text = conclusion(lines_of(rows), tests[0].windows.period, simulated=bool(source.name))
+        said += [textwrap.fill(text, min(100, shutil.get_terminal_size().columns))]
+    said += ["", *_write_files(options, tests, rows, results, overview=not chosen)]
+    said += [f"rows: {options.json}"]
+    if chosen:
+        spent = {name: sum(row["seconds"][name] for row in rows) for name in rows[0]["seconds"]}
+        parts = [f"{spent[name]:.1f} {name}" for name in ("loading", "compiling", "evaluating")]
+        said += [f"seconds: {', '.join(parts)}"]
+    else:
+        said += [f"next: {_next(source)}"]
+    print("\n".join(said), file=sys.stdout if options.table == "text" else sys.stderr)
+    return rows
+
+
+def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
+    """Where recordings come from, and what is tested: as given, all that ship, or one of each."""
+    paths = find_checkpoints(options.checkpoint) or list(map(str, shipped_models()))
+    models = [(path, load_model(path)) for path in paths]
+    own = models[0][1].dataset if options.checkpoint else None
+    source = open_source(options.data, options.dataset, own, options.read, options.period)
+    if options.checkpoint or options.all:
+        return source, models
+    protocol = PROTOCOLS[options.protocol]
+    lengths = {
+        name: protocol.steps(name, getattr(options, name)) for name in ("obs_len", "pred_len")
+    }
+    return source, one_of_each(source, models, dataset=options.dataset, **lengths)
+
+
+def _baselines(options: Options) -> tuple[str, ...]:
+    if options.baselines is not None:
+        return options.baselines
+    return BASELINES if options.checkpoint or options.all else BASELINES[:1]
+
+
+def _provenance(tests: list[Test]) -> dict[str, Any]:
+    data = [how.file for test in tests for how in test.windows.reading if how.file]
+    models = [find_model(path) for test in tests for path, _ in test.entries if path]
+    return provenance(data, models)
+
+
+def _show(rows: list[Row], first: bool, about: str) -> None:
+    """Print the table of one test set as soon as it is there, before the first `about` it."""
+    from rich.console import Console
+
+    with without_bars():
+        if about and first:
+            print(f"{about}\n")
+        show_tables(lines_of(rows), Console(), whole=not about)
+
+
+def _print_rest(options: Options, rows: list[Row], *, means: bool) -> list[str]:
+    """Print what the tables so far lack; returns what is to be said below."""
+    if options.table != "text":
+        print(format_table(rows, options.table))
+        return []
+    from rich.console import Console
+
+    lines = lines_of(rows)
+    if means:
+        show_tables(means_of(lines), Console())
+    readings = (Reading(**how) for row in rows for how in row["recordings"])
+    read = describe_readings(readings)
+    return [*notes(lines), "", *([read, ""] if read else [])]
+
+
+def _write_files(
+    options: Options, tests: list[Test], rows: list[Row], results: list[Result], *, overview: bool
+) -> list[str]:
+    """Write figures and forecasts; returns a line for each kind of file."""
+    said = []
     if options.figures and len(results) < len(rows):
-        print("figures: none of the test sets whose rows an earlier run left, or some of them")
+        said += ["figures: none of the test sets whose rows an earlier run left, or some of them"]
     if options.figures and results:
-        before = set(options.plots.glob("*.png"))
-        drawn = draw_figures(options.plots, results)
+        before = {*options.plots.glob("*"), *options.plots.parent.glob("*")}
+        drawn = (draw_overview if overview else draw_figures)(options.plots, results)
         replaced = len(before.intersection(drawn))
         note = f", {replaced} of them replaced" if replaced else ""
-        print(f"figures: {len(drawn)} in {options.plots}{note}")
-    return rows
+        several = f"figures: {len(drawn)} in {drawn[0].parent}{note}"
+        said += [f"figure: {drawn[0]}" if len(drawn) == 1 else several]
+    if options.save_forecasts:
+        for path in save_forecasts(options.save_forecasts, tests, options.samples, options.seed):
+            said += [f"forecasts: {path}"]
+    return said
+
+
+def _next(source: Source) -> str:
+    """The command to go on with."""
+    if not source.name:
+        return "neurosym evaluate --all, for every model that ships, or --help"
+    real = "neurosym evaluate --data eth-ucy"
+    return real if (data_folder() / "eth-ucy").is_dir() else f"neurosym download eth-ucy && {real}"
 
 
 def _validate(options: Options) -> None:
     """Refuse, before the work and not after it, what cannot be evaluated or written."""
-    counts = ("samples", "min_agents", "obs_len", "pred_len")
+    counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len")
     refuse_below(1, {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts})
     refuse_seed(options.seed, "--seed")
-    metric_names(options.metrics)
-    if not (options.checkpoint or options.baselines):
+    refuse_seed(options.seed + options.seeds - 1, "--seed and --seeds: the last seed")
+    if not (options.checkpoint or options.baselines or options.baselines is None):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
     check_replaceable(options.json)
-    if options.figures and options.plots.exists() and not options.plots.is_dir():
-        raise InputError(f"{options.plots}: is not a folder, so no figures can be written into it")
+    if options.figures:
+        check_figures(options.plots)
+    if options.save_forecasts:
+        check_forecasts_file(options.save_forecasts)

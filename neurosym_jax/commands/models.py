@@ -18,7 +18,7 @@ class Options:
 
 def run(_: Options) -> None:
     """Print a line for each model."""
-    table = [("name", "forecaster", "steps", "period", "without", "where")]
+    table = [("name", "forecaster", "steps", "period", "test on", "where")]
     for name, path in models_at_hand():
         model = load_model(path)
         config = model.config

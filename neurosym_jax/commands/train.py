@@ -124,7 +124,7 @@ def make_run(options: Options) -> Run:
         recipe=recipe,
         training=training,
         validation=validation,
-        dataset=None if options.train_on else options.dataset,
+        dataset=None if options.train_on else options.dataset or source.name or None,
         data_name=_data_name(options, source),
     )
 

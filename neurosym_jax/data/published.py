@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
-__all__ = ["HOME", "PublishedFile", "data_folder", "find", "published_files"]
+__all__ = ["COLLECTIONS", "HOME", "PublishedFile", "data_folder", "find", "published_files"]
 
 HOME = (
     "https://raw.githubusercontent.com/sariahmghames/NeuroSyM-prediction/"

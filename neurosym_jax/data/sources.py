@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from neurosym_jax.data import formats
-from neurosym_jax.data.published import data_folder, find
+from neurosym_jax.data.published import COLLECTIONS, data_folder, find
 from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
@@ -34,6 +34,10 @@ class Source:
     """How files are read."""
     period: float = PERIOD
     """Seconds between the steps that recordings are brought to."""
+    name: str = ""
+    """Of all scenes together, where a model may be made to be tested on every one of them."""
+    about: str = ""
+    """What is in it, for people who did not ask for it by name."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
         """Recordings of one split of `scene`.
@@ -79,6 +83,8 @@ class Synthetic(Source):
     """The robot paper's two scenarios, simulated; each split has seeds of its own."""
 
     scenes: tuple[str, ...] = ("all-forward", "cross-path")
+    name: str = "simulations"
+    about: str = "Simulated people who walk together (all-forward) and cross (cross-path)."
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
@@ -171,7 +177,7 @@ def open_source(
     how: Any = {"read": read, "period": period}
     if data is None:
         return Synthetic(**how)
-    data = find(data)
+    data = _here(find(data))
     try:
         folder = formats.is_folder(data) or not data.exists()
     except OSError as error:
@@ -183,6 +189,17 @@ def open_source(
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
     return Files(scenes=tuple(names), paths=paths, **how)
+
+
+def _here(data: Path) -> Path:
+    """`data`, unless that names a collection that was not downloaded yet.
+
+    Raises:
+        InputError: with the command that fetches it.
+    """
+    if str(data) in COLLECTIONS and not data.exists():
+        raise InputError(f"{data}: not here yet: `neurosym download {data}` fetches it")
+    return data
 
 
 def _downloaded(scene: str | None) -> Path | None:

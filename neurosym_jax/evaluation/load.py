@@ -4,6 +4,7 @@ import dataclasses
 import time
 import warnings
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.sources import Source
@@ -11,6 +12,7 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.plan import Entries, TestSet
+from neurosym_jax.runtime.environment import cpu_cores
 
 __all__ = ["Test", "load_tests", "make_test"]
 
@@ -47,14 +49,19 @@ def load_tests(
     Raises:
         InputError: for recordings that cannot be read, or are without a single window.
     """
-    recordings: dict[str, list[Tracks]] = {}
+    since = time.perf_counter() if start is None else start
+
+    def read(name: str) -> list[Tracks]:
+        return source.files(test_on) if test_on else source.recordings(name)
+
+    names = list(dict.fromkeys(test_set.dataset for test_set in plan))
+    # Side by side, for simulations are programs that are compiled first.
+    with ThreadPoolExecutor(cpu_cores()) as pool:
+        recordings = dict(zip(names, pool.map(read, names)))
     tests: list[Test] = []
     for test_set, entries in plan.items():
-        since = time.perf_counter() if start is None else start
-        name, start = test_set.dataset, None
-        if name not in recordings:
-            recordings[name] = source.files(test_on) if test_on else source.recordings(name)
-        tests.append(make_test(test_set, entries, recordings[name], min_agents, since))
+        tests.append(make_test(test_set, entries, recordings[test_set.dataset], min_agents, since))
+        since = time.perf_counter()
     return tests
 
 

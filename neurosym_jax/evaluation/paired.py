@@ -69,6 +69,12 @@ class ErrorsByScene:
         return cls(tuple(single), totals, counts, identity, steps)
 
     @property
+    def blocks(self) -> np.ndarray:
+        """[S] the block of each scene: as many start frames as a window has steps."""
+        start = self.identity.astype(np.int64) // np.array([1, self.steps])
+        return np.unique(start, axis=0, return_inverse=True)[1].ravel()
+
+    @property
     def mean(self) -> np.ndarray:
         """[M] over the test set."""
         return _ratio(self.totals.sum(axis=0), self.counts.sum(axis=0))
@@ -140,16 +146,15 @@ def paired_difference(
     """
     draw = np.random.default_rng(seed)
     first = ours[0]
-    start = first.identity.astype(np.int64) // np.array([1, first.steps])
-    _, block = np.unique(start, axis=0, return_inverse=True)
+    block = first.blocks
     count = int(block.max()) + 1
     drawn = draw.multinomial(count, np.full(count, 1 / count), RESAMPLES)
 
     def resampled(run: ErrorsByScene) -> np.ndarray:
         # [RESAMPLES, M] its means over the scenes that were drawn.
         totals, counts = np.zeros((2, count, len(first.metrics)))
-        np.add.at(totals, block.ravel(), run.totals)
-        np.add.at(counts, block.ravel(), run.counts)
+        np.add.at(totals, block, run.totals)
+        np.add.at(counts, block, run.counts)
         return _ratio(drawn @ totals, drawn @ counts)
 
     pairs = list(zip(ours, theirs))

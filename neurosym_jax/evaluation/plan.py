@@ -7,13 +7,13 @@ import dataclasses
 from collections.abc import Sequence
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.data.sources import Source
+from neurosym_jax.data.sources import Source, Synthetic
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.pooling import NOT_OF_PAIRS, POOLINGS
 
-__all__ = ["BASELINES", "Entries", "TestSet", "baseline", "make_plan"]
+__all__ = ["BASELINES", "Entries", "TestSet", "baseline", "make_plan", "one_of_each"]
 
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
 """What every model is tested beside, by names of `register_forecaster`."""
@@ -90,6 +90,43 @@ def make_plan(
             tested, key=lambda test: (order.index(test.dataset), test.obs_len, test.pred_len)
         )
     }
+
+
+def one_of_each(
+    source: Source,
+    models: Sequence[tuple[str, Model]],
+    *,
+    dataset: str | None = None,
+    obs_len: int | None = None,
+    pred_len: int | None = None,
+) -> list[tuple[str, Model]]:
+    """Of `models`, for each dataset the first one without symbols and the first one with them.
+
+    They are those that were trained to be tested there; where none was, as on a user's own
+    recordings, those that were trained on other people, whoever they are.
+
+    Args:
+        source: of the recordings.
+        models: (path, model).
+        dataset: the one to test on.
+        obs_len: observed steps.
+        pred_len: steps to forecast; by default, as for the other, a model's default.
+    """
+    lengths = (obs_len or GeneratorConfig().obs_len, pred_len or GeneratorConfig().pred_len)
+    fitting = [
+        (path, model)
+        for path, model in models
+        if (model.config.obs_len, model.config.pred_len) == lengths
+        and not _contradiction(model, source, dataset, obs_len, pred_len)
+    ]
+    own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
+    others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
+    chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
+    for path, model in own or others:
+        # Of other people's models one is as good as another, so it is not told whose they are.
+        of = model.dataset if own else None
+        chosen.setdefault((of, model.weighting is None), (path, model))
+    return sorted(chosen.values(), key=lambda each: each[1].weighting is not None)
 
 
 def baseline(name: str, obs_len: int, pred_len: int) -> Model:

@@ -1,66 +1,66 @@
 """An evaluation's rows as a table for people and as JSON for programs."""
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.evaluation.summary import Line, lines_of, means_of
+from neurosym_jax.evaluation.tables import (
+    Style,
+    csv_table,
+    latex_table,
+    notes,
+    paper_markdown,
+    rich_tables,
+)
 from neurosym_jax.runtime import files
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 __all__ = [
     "FORMAT",
     "check_replaceable",
     "format_table",
     "further_metrics",
-    "metric_texts",
+    "show_tables",
     "write_json",
 ]
 
 FORMAT = 1
 
 
-def format_table(rows: Sequence[dict[str, Any]]) -> str:
-    """Rows grouped by scene and horizon, aligned, with both protocols labelled."""
-    groups: dict[tuple[str, int, int], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault((row["scene"], row["obs_len"], row["pred_len"]), []).append(row)
-    folder, short = _shortened([row["checkpoint"] for row in rows if row["checkpoint"]])
-    names = {path: f"  {short[path]}" for path in short} | {None: ""}
-    labels = [row["model"] + names[row["checkpoint"]] for row in rows]
-    width = max(map(len, labels))
-    cells = [_cells(row) for row in rows]
-    # A title's first word stands above the others.
-    heads = [["", *title.split(" ", 1)][-2:] for title in cells[0]]
-    table = [*zip(*heads), *(list(of.values()) for of in cells)]
-    widths = [max(map(len, column)) for column in zip(*table)]
-    above, below, *lines = (
-        f"  {label:{width}}  " + "  ".join(f"{cell:>{of}}" for cell, of in zip(line, widths))
-        for line, label in zip(table, ["", "", *labels])
-    )
-    of_row = {id(row): line for row, line in zip(rows, lines)}
-    blocks = [f"checkpoints in {folder}"] if folder else []
-    for (scene, obs_len, pred_len), members in groups.items():
-        counts = f"{members[0]['scenes']} scenes, {members[0]['agents']} agents"
-        title = f"{scene}: {obs_len} steps observed, {pred_len} forecast; {counts}; metres"
-        blocks.append("\n".join([title, above, below, *(of_row[id(row)] for row in members)]))
-    about = dict.fromkeys(known_metric(name).about for name in rows[0]["metrics"])
-    blocks.append("\n".join(filter(None, about)))
-    return "\n\n".join(blocks)
+def format_table(
+    rows: Sequence[Mapping[str, Any]], style: Style = "text", width: int | None = None
+) -> str:
+    """Rows as tables: one for each test set and horizon and, of several, one of their means.
 
-
-def metric_texts(row: Mapping[str, Any]) -> dict[str, str]:
-    """A row's metrics for people: `{"joint ADE": "0.431", "people in collision": "3.5 %"}`.
-
-    A metric that nobody registered here, of a report from elsewhere, has its name for a title.
+    Args:
+        rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ... are one line.
+        style: text for a terminal, or what a paper takes: csv, markdown, latex.
+        width: letters of a line of text; default: the terminal's.
     """
-    texts = {}
-    for name, value in row["metrics"].items():
-        metric = known_metric(name)
-        texts[metric.title] = metric.text(value)
-    return texts
+    lines = lines_of(rows)
+    lines += means_of(lines)
+    if style != "text":
+        return {"csv": csv_table, "markdown": paper_markdown, "latex": latex_table}[style](lines)
+    from rich.console import Console
+
+    console = Console(width=width)
+    with console.capture() as text:
+        show_tables(lines, console)
+    found = "\n".join(line.rstrip() for line in text.get().splitlines())
+    return f"{found}\n" + "\n".join(notes(lines))
+
+
+def show_tables(lines: Sequence[Line], console: "Console", *, whole: bool = True) -> None:
+    """Print a table for each test set, `whole` or what fits the console's width."""
+    for test_set in dict.fromkeys(line.test_set for line in lines):
+        members = [line for line in lines if line.test_set == test_set]
+        for table in rich_tables(members, console.width, whole=whole):
+            console.print(table, "")
 
 
 def further_metrics(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -69,24 +69,6 @@ def further_metrics(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     # Rows of an earlier version, and no rows, have none.
     names = [name for row in rows[:1] for name in row.get("metrics", {}) if name not in both]
     return [name for name in names if all(row["metrics"].get(name) is not None for row in rows)]
-
-
-def _cells(row: Mapping[str, Any]) -> dict[str, str]:
-    return {
-        **metric_texts(row),
-        "k": str(row["samples"]),
-        "forecasts a second": f"{row['forecasts_per_second']:.0f}",
-        "latency in ms": f"{1000 * row['seconds']['latency']:.1f}",
-    }
-
-
-def _shortened(paths: Sequence[str]) -> tuple[str, dict[str, str]]:
-    """The paths' common parent folder, if they have one, and each path relative to it."""
-    try:
-        folder = os.path.commonpath([os.path.dirname(path) for path in paths])
-    except ValueError:  # no paths, or absolute and relative ones
-        folder = ""
-    return folder, {path: os.path.relpath(path, folder) if folder else path for path in paths}
 
 
 def check_replaceable(path: Path) -> bool:

@@ -6,13 +6,15 @@ What is in a row is `evaluation.run`'s; how rows look to people is `evaluation.r
 import dataclasses
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.load import Test
+from neurosym_jax.evaluation.plan import TestSet
 from neurosym_jax.evaluation.report import FORMAT, check_replaceable
 from neurosym_jax.evaluation.run import Result, Row, Settings, each_result
 from neurosym_jax.forecasting.parameters import flat_parameters
@@ -23,12 +25,27 @@ __all__ = ["evaluate_into"]
 
 
 def evaluate_into(
-    path: Path, tests: Sequence[Test], settings: Settings, *, resume: bool = False
+    path: Path,
+    tests: Sequence[Test],
+    settings: Settings,
+    *,
+    resume: bool = False,
+    facts: Mapping[str, Any] | None = None,
+    show: Callable[[list[Row], bool], None] | None = None,
 ) -> tuple[list[Row], list[Result]]:
     """Evaluate all `tests`; the first process writes the rows to `path`, each as it comes.
 
     The file says whether it is complete. With `resume`, rows that are there are kept, once it is
     known that they are of the same models, windows and settings.
+
+    Args:
+        path: of the file.
+        tests: what is evaluated.
+        settings: how.
+        resume: whether rows that are there are kept.
+        facts: what else the file is to say; JSON-able.
+        show: is given the rows of a test set as soon as all are there, in the first process, and
+            whether it is the first one.
 
     Returns:
         All rows in the order of the tests (in the first process), and the results of the test sets
@@ -50,14 +67,30 @@ def evaluate_into(
     total = sum(len(test.entries) for test in tests)
     todo, whole = _after(tests, kept)
     results = []
+    shown: set[TestSet] = set()
+
+    def tell() -> None:
+        for test in tests:
+            of = [row for row in rows if _test_set(row) == test.test_set]
+            if show and len(of) == len(test.entries) and test.test_set not in shown:
+                show(of, not shown)
+                shown.add(test.test_set)
+
+    if is_first():
+        tell()
     for result in each_result(todo, settings):
         rows.append(result.row)
         if result.test_set in whole:
             results.append(result)
         if is_first():
             report = {"format": FORMAT, "complete": len(rows) == total, "inputs": inputs}
-            files.write_json(path, report | {"rows": rows})
+            files.write_json(path, report | dict(facts or {}) | {"rows": rows})
+            tell()
     return rows, results
+
+
+def _test_set(row: Row) -> TestSet:
+    return TestSet(row["scene"], row["obs_len"], row["pred_len"])
 
 
 def _kept(path: Path, inputs: str) -> list[Row]:

@@ -6,21 +6,23 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from neurosym_jax.checks import refuse_below
 from neurosym_jax.data.batching import single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.intervals import block_intervals
 from neurosym_jax.evaluation.load import Test, make_test
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.plan import BASELINES, Entries, TestSet, baseline
 from neurosym_jax.evaluation.programs import Programs
 from neurosym_jax.evaluation.scene_scores import Scores
-from neurosym_jax.evaluation.scoring import Evaluation, score_forecaster
+from neurosym_jax.evaluation.scoring import Evaluation
+from neurosym_jax.evaluation.seeds import score_seeds
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
+from neurosym_jax.runtime.progress import Progress
 from neurosym_jax.scene import Scene, pad_scene
 
 __all__ = [
@@ -50,6 +52,10 @@ class Settings:
     """Determines, with the scene and the sample, the noise."""
     metrics: tuple[str, ...] | None = None
     """Names; None for those of every table."""
+    seeds: int = 1
+    """Noise is drawn anew for so many seeds, from `seed` on; means are over all of them."""
+    scenes_alike: bool = False
+    """Whether means are over scenes, each weighing the same, and not over people."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,11 +79,6 @@ class Result:
     def name(self) -> str:
         """Of the model."""
         return self.row["model"]
-
-    @property
-    def score(self) -> float:
-        """The mean of the first metric that there is: joint ADE."""
-        return float(self.errors.mean[0])
 
 
 def evaluate(
@@ -139,15 +140,10 @@ def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
 
 def each_result(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
     """As `evaluate_tests`, each as it comes."""
+    total = sum(len(test.entries) for test in tests)
     with (
         Programs(settings.samples, settings.metrics) as programs,
-        tqdm(
-            total=sum(len(test.entries) for test in tests),
-            desc="evaluating",
-            unit="model",
-            disable=None,
-            leave=False,
-        ) as bar,
+        Progress(total, "evaluating", "model") as progress,
     ):
         for test in tests:
             for _, model in test.entries:
@@ -155,19 +151,23 @@ def each_result(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
                 programs.of_one_scene(model, EXAMPLE)
         for test in tests:
             for result in _evaluate_test(programs, test, settings):
+                progress.step(f"{result.name} on {result.test_set.dataset}")
                 yield result
-                bar.update()
 
 
 def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterator[Result]:
     test_set, windows, loading = test.test_set, test.windows, test.seconds
-    common = {"samples": settings.samples, "seed": settings.seed}
     example = None
     for path, model in test.entries:
-        forecaster, params = model.forecaster, model.params
         compiling = programs.wait_for(programs.of_batches(model, test.batches))
-        found = score_forecaster(
-            forecaster, params, test.batches, **common, metrics=settings.metrics
+        found, spread = score_seeds(
+            model.forecaster,
+            model.params,
+            test.batches,
+            samples=settings.samples,
+            seeds=range(settings.seed, settings.seed + settings.seeds),
+            metrics=settings.metrics,
+            scenes_alike=settings.scenes_alike,
         )
         if example is None:
             example = single_scene(windows, _typical(test, found))
@@ -175,8 +175,11 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
         slots = len(example.valid)
         compiling += programs.wait_for([programs.of_one_scene(model, slots)])
-        seconds, forecast = latency(forecaster, params, example, **common)
+        common = {"samples": settings.samples, "seed": settings.seed}
+        seconds, forecast = latency(model.forecaster, model.params, example, **common)
         metrics = _means(found.scores, f"{model.name} on {test_set.dataset}")
+        steps = test_set.obs_len + test_set.pred_len
+        errors = ErrorsByScene.of_scores(found.scores, windows.identity, steps)
         row = {
             "checkpoint": path,
             "model": model.name,
@@ -185,6 +188,7 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
             "pred_len": test_set.pred_len,
             "samples": found.samples,
             "seed": settings.seed,
+            "seeds": settings.seeds,
             "scenes": windows.scenes,
             "agents": found.agents,
             "recordings": [how.to_json() for how in windows.reading],
@@ -192,6 +196,9 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
             "marginal": {"ade": metrics.get("marginal_ade"), "fde": metrics.get("marginal_fde")},
             "collision_rate": metrics.get("collision_rate"),
             "metrics": metrics,
+            "spread": spread,
+            "intervals": block_intervals(errors),
+            "blocks": int(errors.blocks.max()) + 1,
             "seconds": {
                 "loading": loading,
                 "compiling": compiling,
@@ -200,11 +207,10 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
             },
             "forecasts_per_second": found.agents * found.samples / found.seconds,
         }
-        steps = test_set.obs_len + test_set.pred_len
         yield Result(
             test_set,
             row,
-            ErrorsByScene.of_scores(found.scores, windows.identity, steps),
+            errors,
             example,
             forecast,
             {name: each.mean for name, each in found.scores.items() if each.total.ndim == 2},

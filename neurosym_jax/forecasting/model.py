@@ -26,7 +26,8 @@ class Model:
     params: Any
     """Nested dictionaries of arrays."""
     dataset: str | None = None
-    """The dataset left out of its training, where known."""
+    """The dataset to test it on, where known: left out of its training, or `simulations`, of which
+    others are for training."""
     kind: str = "generator"
     """Of forecaster, by name: see `register_forecaster`."""
 
@@ -59,7 +60,7 @@ class Model:
         lines = [
             f"Model {self.name}",
             f"  kind: {self.kind}",
-            f"  left out of its training: {self.dataset or 'not known'}",
+            f"  to be tested on: {self.dataset or 'not known'}",
             f"  config: {type(self.config).__name__}({', '.join(changed)})",
             f"  params: {count:,} numbers",
         ]

@@ -217,7 +217,7 @@ def refuse_misfit(model: Model) -> None:
 
 def _card(model: Model) -> str:
     config = model.config
-    without = "" if model.dataset is None else f", trained without {model.dataset}"
+    without = "" if model.dataset is None else f", to be tested on {model.dataset}"
     return (
         f"# {model.name}{without}\n\n"
         f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "

@@ -24,7 +24,7 @@ from neurosym_jax.plotting.style import (
     plain,
 )
 
-__all__ = ["plot_fan", "plot_forecasts"]
+__all__ = ["best_sample", "draw_paths", "draw_scene", "plot_fan", "plot_forecasts"]
 
 
 def plot_forecasts(
@@ -58,7 +58,7 @@ def plot_forecasts(
     colours, styles = model_colours(paths), line_styles(paths)
     for name, path in paths.items():
         look = {"color": colours[name], "linestyle": styles[name], "zorder": 4, "label": name}
-        _draw(axes, path, past, linewidth=1.5 * weight, **look)
+        draw_paths(axes, path, past, linewidth=1.5 * weight, **look)
     # Behind an agent's back its own trajectory does not run through the text; above, if it stands.
     behind = past[:, 0] - past[:, -1] + [0, 0.02]
     behind *= 8 / (np.linalg.norm(behind, axis=1, keepdims=True) + 1e-9)
@@ -104,10 +104,15 @@ def plot_fan(
     (colour,) = model_colours([model or title or ""]).values()
     look = {"color": colour, "linewidth": 0.5 * weight, "alpha": 0.4, "zorder": 2.5}
     for sample in fan:
-        _draw(axes, sample, past, label="samples", **look)
-    _draw(axes, best, past, color=colour, linewidth=1.6 * weight, zorder=4, label=name)
+        draw_paths(axes, sample, past, label="samples", **look)
+    draw_paths(axes, best, past, color=colour, linewidth=1.6 * weight, zorder=4, label=name)
     add_legend(figure, axes)
     return figure
+
+
+def best_sample(samples: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """[N, pred_len, 2] the one of `samples [k, N, pred_len, 2]` with least joint ADE."""
+    return samples[np.linalg.norm(samples - truth, axis=-1).mean(axis=(1, 2)).argmin()]
 
 
 def _past_and_future(observed: ArrayLike, truth: ArrayLike | None):
@@ -117,7 +122,7 @@ def _past_and_future(observed: ArrayLike, truth: ArrayLike | None):
     return past, future, (len(past), None, 2) if future is None else future.shape
 
 
-def _draw(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look) -> None:
+def draw_paths(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look) -> None:
     """A line for each agent of `lines` [N, T, 2], from the end of `past`."""
     if past is not None:
         lines = np.concatenate([past[:, -1:], lines], axis=1)
@@ -144,13 +149,22 @@ def _map(title: str | None, past: np.ndarray, future: np.ndarray | None, *others
     axes.ticklabel_format(useOffset=False, style="plain")
     dress(axes, "x [m]", "y [m]", title)
 
+    return figure, axes, draw_scene(axes, past, future)
+
+
+def draw_scene(axes: Axes, past: np.ndarray, future: np.ndarray | None) -> float:
+    """Draw what was observed `[N, obs_len, 2]` and what happened `[N, pred_len, 2]`.
+
+    Returns:
+        How heavy lines are to be, 1 for few people and less for many.
+    """
     weight = float(np.clip((10 / len(past)) ** 0.5, 0.65, 1.0))
     circle = {"marker": "o", "markersize": 4 * weight, "markerfacecolor": "white"}
     circle |= {"markeredgewidth": 0.9 * weight, "linestyle": "none", "zorder": 5}
-    _draw(axes, past[:, :1], **circle, color=INK, label="start")
-    _draw(axes, past, color=INK, linewidth=1.0 * weight, zorder=3, label="observed")
+    draw_paths(axes, past[:, :1], **circle, color=INK, label="start")
+    draw_paths(axes, past, color=INK, linewidth=1.0 * weight, zorder=3, label="observed")
     if future is not None:
         # Pale and broad, so that a forecast on it can be seen.
         band = {"linewidth": 4.5 * weight, "alpha": 0.35, "solid_capstyle": "round", "zorder": 2}
-        _draw(axes, future, past, **band, color=TRUTH, label="ground truth")
-    return figure, axes, weight
+        draw_paths(axes, future, past, **band, color=TRUTH, label="ground truth")
+    return weight

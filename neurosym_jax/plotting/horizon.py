@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
@@ -10,7 +11,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.plotting.palette import line_styles, model_colours
 from neurosym_jax.plotting.style import COLUMN, add_legend, checked, dress, new_figure
 
-__all__ = ["plot_horizon_errors"]
+__all__ = ["draw_horizon", "plot_horizon_errors"]
 
 
 def plot_horizon_errors(
@@ -34,6 +35,14 @@ def plot_horizon_errors(
         raise InputError("errors need at least one model and a period of more than 0 seconds")
     curves = {name: checked(f"errors {name!r}", curve, (None,)) for name, curve in errors.items()}
     figure, ((axes,),) = new_figure(COLUMN, 2.2)
+    draw_horizon(axes, curves, period)
+    dress(axes, "horizon [s]", label, title)
+    add_legend(figure, axes)
+    return figure
+
+
+def draw_horizon(axes: Axes, curves: Mapping[str, np.ndarray], period: float) -> None:
+    """Draw a line [pred_len] for each model against seconds."""
     colours, styles = model_colours(curves), line_styles(curves)
     # In this order the legend runs from top to bottom as the ends of the lines do.
     for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]):
@@ -41,6 +50,3 @@ def plot_horizon_errors(
         look = {"color": colours[name], "linestyle": styles[name], "linewidth": 1.6}
         axes.plot(seconds, curve, label=name, marker="o", markersize=2.5, **look)
     axes.set(xlim=(0, None), ylim=(0, None))
-    dress(axes, "horizon [s]", label, title)
-    add_legend(figure, axes)
-    return figure

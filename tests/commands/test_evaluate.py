@@ -1,5 +1,7 @@
+import hashlib
 import json
 import warnings
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +18,7 @@ from neurosym_jax.evaluation.metrics import METRICS, Metric, register_metric
 from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
 from neurosym_jax.plugins import load_plugin
@@ -30,6 +33,7 @@ SCHEMA = {
     "pred_len": int,
     "samples": int,
     "seed": int,
+    "seeds": int,
     "scenes": int,
     "agents": int,
     "recordings": list,
@@ -42,6 +46,9 @@ SCHEMA = {
         "marginal_ade": float,
         "marginal_fde": float,
     },
+    "spread": dict | None,
+    "intervals": dict,
+    "blocks": int,
     "seconds": {"loading": float, "compiling": float, "evaluating": float, "latency": float},
     "forecasts_per_second": float,
 }
@@ -79,17 +86,53 @@ def options(tmp_path, monkeypatch):
 
     def make(**fields):
         written = {"json": tmp_path / "rows.json", "plots": tmp_path / "figures"}
-        return Options(**(written | {"figures": False} | fields))
+        both = ("constant_velocity", "constant_velocity_sampled")
+        return Options(**(written | {"figures": False, "baselines": both} | fields))
 
     return make
 
 
+def test_the_first_minute(tmp_path, capsys):
+    """One SGAN, one NeuroSyM and constant velocity, where they belong; what fits 80 columns."""
+    rows = run(Options(json=tmp_path / "rows.json", plots=tmp_path / "figures", samples=3))
+    models = ("constant velocity", "SGAN", "NeuroSyM, cnd")
+    assert [(row["scene"], row["model"]) for row in rows] == [
+        (scene, model) for scene in ("all-forward", "cross-path") for model in models
+    ]
+    assert [path.name for path in (tmp_path / "figures").iterdir()] == ["overview.png"]
+    out, err = capsys.readouterr()
+    lines = [line.rstrip() for line in out.splitlines() if str(tmp_path) not in line]
+    assert max(map(len, lines)) <= 80
+    assert sum(line.startswith(tuple(f"{model}  " for model in models)) for line in lines) == 6
+    assert "On average, the best of 3 forecasts of the next 3.2 s is off by" in out
+    assert lines[-1].startswith("next: neurosym ")
+    assert err.splitlines()[-1].startswith("[6/6] NeuroSyM, cnd on cross-path (")
+    report = json.loads((tmp_path / "rows.json").read_text())
+    found = report["provenance"]
+    assert set(found) == {"version", "commit", "command", "data", "checkpoints", "environment"}
+    params = find_model("sgan_simulations_8_8") / "params.safetensors"
+    digest = hashlib.sha256(params.read_bytes()).hexdigest()
+    assert found["checkpoints"][str(params)] == digest
+
+
+@pytest.mark.parametrize("style", ["csv", "markdown", "latex"])
+def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
+    rows = run(options(samples=2, dataset="cross-path", table=style, seeds=2))
+    out = capsys.readouterr().out
+    assert out == evaluation.format_table(rows, style) + "\n"
+    assert rows[0]["spread"] is None
+    assert rows[1]["spread"]["joint_ade"] > 0
+    low, high = rows[1]["intervals"]["joint_ade"]
+    assert low < rows[1]["metrics"]["joint_ade"] < high
+
+
 def test_default_run(options, tmp_path, capsys):
-    rows = run(options(samples=3, figures=True, dataset="cross-path"))
+    rows = run(options(samples=3, figures=True, dataset="cross-path", all=True))
     report = json.loads((tmp_path / "rows.json").read_text())
     inputs = report.pop("inputs")
     assert len(inputs) == 64
-    assert report == {"format": 1, "complete": True, "rows": rows}
+    assert report.pop("provenance")["data"] == {}
+    assert report == {"format": 1, "complete": True, "protocol": "sgan", "rows": rows}
     assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
     assert [row["samples"] for row in rows] == [1, 3]
     for row in rows:
@@ -100,11 +143,11 @@ def test_default_run(options, tmp_path, capsys):
     figures = sorted(path.name for path in (tmp_path / "figures").iterdir())
     assert figures == [f"cross-path_8_8_{kind}.png" for kind in ("fan", "forecasts", "horizon")]
     out, err = capsys.readouterr()
-    assert "cross-path: 8 steps observed, 8 forecast" in out
+    assert "cross-path: 8 + 8 steps, 572 scenes, 1144 people" in out
     assert "these are the baselines" in out
     assert "evaluating" not in err  # No progress bar where no terminal is.
 
-    run(options(samples=3, figures=True, dataset="cross-path"))
+    run(options(samples=3, figures=True, dataset="cross-path", all=True))
     out = capsys.readouterr().out
     assert f"replacing the report in {tmp_path / 'rows.json'}" in out
     assert "3 of them replaced" in out
@@ -177,6 +220,10 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
+        ({"seeds": 0}, "--seeds must be at least 1"),
+        ({"protocol": "joint-metrics", "pred_len": 8}, "--pred-len 8: the protocol has 12"),
+        ({"save_forecasts": Path("f.xlsx")}, r"f.xlsx: forecasts are written as \.npz, \.csv"),
+        ({"data": Path("eth-ucy")}, "eth-ucy: not here yet: `neurosym download eth-ucy` fetches"),
         ({"samples": 0}, "--samples must be at least 1, not 0"),
         ({"pred_len": -1}, "--pred-len must be at least 1"),
         ({"seed": 2**32}, "--seed must lie in"),
@@ -203,6 +250,22 @@ def test_refused_before_the_work(options, tmp_path, monkeypatch):
     (tmp_path / "figures").write_text("")
     with pytest.raises(InputError, match="is not a folder"):
         run(options(json=tmp_path / "other.json", figures=True))
+
+
+@pytest.mark.slow
+def test_joint_metrics_matter_counts_these_windows(shared, options):
+    rows = run(
+        options(
+            data=shared / "data/eth_ucy",
+            protocol="joint-metrics",
+            baselines=("constant_velocity",),
+            collisions=False,
+        )
+    )
+    assert [row["scenes"] for row in rows] == [253, 445, 947, 705, 998]
+    # Its mean over scenes, and of the five: .539 / 1.152, see docs/evaluate.md.
+    means = [sum(row["joint"][error] for row in rows) / 5 for error in ("ade", "fde")]
+    assert means == pytest.approx([0.539, 1.152], abs=0.001)
 
 
 @pytest.mark.slow
@@ -238,7 +301,7 @@ def test_a_metric_of_a_plugin_is_in_the_table_and_the_rows(options, tmp_path, ca
         "register_metric(Metric('spread', 'final spread', 'm', spread, about='spread: of k'))\n"
     )
     load_plugin(str(plugin))
-    plain, sampled = run(options(samples=3, dataset="cross-path", figures=True))
+    plain, sampled = run(options(samples=3, dataset="cross-path", figures=True, all=True))
     assert plain["metrics"]["spread"] == 0
     assert sampled["metrics"]["spread"] > 0.1
     out = capsys.readouterr().out

@@ -246,7 +246,7 @@ def test_a_model_shows_itself_in_five_lines():
     assert repr(model).splitlines() == [
         "Model NeuroSyM, quantised,quantisation_factor=0.1",
         "  kind: generator",
-        "  left out of its training: zara1",
+        "  to be tested on: zara1",
         "  config: GeneratorConfig(pred_len=12, pooling=as_described, "
         "weighting=quantised,quantisation_factor=0.1)",
         "  params: 2,050 numbers",

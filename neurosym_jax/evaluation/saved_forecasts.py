@@ -1,0 +1,204 @@
+"""Forecasts of a whole test set in a file, for programs in any language (docs/evaluate.md).
+
+They are forecast anew: with the same seed they are those that were scored.
+"""
+
+import csv
+import json
+import re
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.batched import draw_noises, forecast_batches
+from neurosym_jax.evaluation.load import Test
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.runtime.environment import cpu_cores
+from neurosym_jax.runtime.files import new_file, refuse_unwritable
+from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.scene import scene_identity
+
+__all__ = ["Forecasts", "check_forecasts_file", "forecasts_of", "save_forecasts"]
+
+DECIMALS = 4
+"""Of metres in files."""
+
+
+class Forecasts(NamedTuple):
+    """What a model forecasts of the A agent windows of a test set; positions are world metres."""
+
+    forecast: np.ndarray
+    """[k, A, pred_len, 2]."""
+    truth: np.ndarray
+    """[A, pred_len, 2]."""
+    observed: np.ndarray
+    """[A, obs_len, 2]."""
+    scene: np.ndarray
+    """[A] which of the test set's scenes, from 0."""
+    person: np.ndarray
+    """[A] id in the recording."""
+    recording: np.ndarray
+    """[A] name."""
+    start: np.ndarray
+    """[A] index of the first observed step among those of the recording."""
+    period: float
+    """Seconds between steps."""
+
+
+def check_forecasts_file(path: Path) -> None:
+    """Refuse, before the work, a name that says no format, or a file that cannot be written.
+
+    Raises:
+        InputError: naming `path`.
+    """
+    if path.suffix.lower() not in WRITERS:
+        raise InputError(f"{path}: forecasts are written as {', '.join(WRITERS)}, by the ending")
+    refuse_unwritable(path)
+
+
+def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -> list[Path]:
+    """Write a file for each model on each test set: `path`, or of several names beside it.
+
+    Args:
+        path: its ending, .npz, .csv or .ndjson (TrajNet++), is the format.
+        tests: what is forecast, and by which models.
+        samples: k.
+        seed: of the noise.
+
+    Returns:
+        The files; those of the same name were replaced.
+
+    Raises:
+        InputError: see `check_forecasts_file`.
+    """
+    check_forecasts_file(path)
+    several = sum(len(test.entries) for test in tests) > 1
+    paths: list[Path] = []
+    for test in tests:
+        for checkpoint, model in test.entries:
+            name = re.sub(
+                r"[^\w.+-]+", "_", Path(checkpoint or model.kind).name.removesuffix(".pt")
+            )
+            lengths = f"{test.test_set.obs_len}_{test.test_set.pred_len}"
+            stem = f"{path.stem}_{test.test_set.dataset}_{lengths}_{name}"
+            target = path.with_name(stem + path.suffix) if several else path
+            while target in paths:
+                target = target.with_stem(f"{target.stem}_")
+            with new_file(target) as beside:
+                WRITERS[path.suffix.lower()](beside, forecasts_of(model, test, samples, seed))
+            paths.append(target)
+    return paths
+
+
+def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts:
+    """All that `model` forecasts of a test set, in the order of its windows."""
+    windows, obs_len = test.windows, test.windows.obs_len
+    forecaster = model.forecaster
+    samples = samples if forecaster.noise.dim else 1
+    shape = (samples, windows.agents, forecaster.pred_len, 2)
+    refuse_beyond_memory("saving forecasts", 24.0 * np.prod(shape), "ask for fewer samples")
+    found = np.empty(shape)
+    with ThreadPoolExecutor(cpu_cores()) as pool:
+        for batch in test.batches:
+            noises = draw_noises(forecaster.noise, [batch.scene], samples, seed)
+            run = (forecaster, model.params, [batch.scene], noises, pool.map)
+            there = batch.index >= 0
+            scenes = batch.index[there]
+            rows = [np.arange(*windows.bounds[[scene, scene + 1]]) for scene in scenes]
+            origin = np.repeat(np.asarray(batch.scene.origin)[there], windows.sizes[scenes], axis=0)
+            found[:, np.concatenate(rows)] = forecast_batches(*run) + origin[:, None]
+    scene = np.repeat(np.arange(windows.scenes), windows.sizes)
+    names = {int(scene_identity(how.recording, 0)[0]): how.recording for how in windows.reading}
+    recording = np.array([names[int(digest)] for digest in windows.identity[:, 0]])
+    return Forecasts(
+        found,
+        windows.position[:, obs_len:],
+        windows.position[:, :obs_len],
+        scene,
+        windows.agent,
+        recording[scene],
+        windows.identity[scene, 1].astype(np.int64),
+        windows.period,
+    )
+
+
+def _write_npz(path: Path, forecasts: Forecasts) -> None:
+    arrays = forecasts._asdict()
+    for name in ("forecast", "truth", "observed"):
+        arrays[name] = np.round(arrays[name], DECIMALS)
+    np.savez_compressed(path, **arrays)
+
+
+def _write_csv(path: Path, forecasts: Forecasts) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(
+            [
+                "recording",
+                "scene",
+                "person",
+                "sample",
+                "step",
+                "seconds",
+                "x",
+                "y",
+                "true_x",
+                "true_y",
+            ]
+        )
+        for agent, who in enumerate(zip(forecasts.recording, forecasts.scene, forecasts.person)):
+            truth = np.round(forecasts.truth[agent], DECIMALS).tolist()
+            for sample, path_of in enumerate(np.round(forecasts.forecast[:, agent], DECIMALS)):
+                for step, (at, true) in enumerate(zip(path_of.tolist(), truth), 1):
+                    seconds = round(step * forecasts.period, 6)
+                    writer.writerow([*who, sample, step, seconds, *at, *true])
+
+
+def _write_trajnet(path: Path, forecasts: Forecasts) -> None:
+    with path.open("w", encoding="utf-8") as file:
+        for kind, fields in _trajnet_rows(forecasts):
+            file.write(json.dumps({kind: fields}) + "\n")
+
+
+def _trajnet_rows(forecasts: Forecasts) -> Iterator[tuple[str, dict[str, object]]]:
+    """TrajNet++'s: scenes, what happened, forecasts. The file is one recording, so the frames of
+    several follow on one another, and people are numbered through."""
+    steps = forecasts.observed.shape[1] + forecasts.truth.shape[1]
+    first = forecasts.start.copy()
+    begin = 0
+    for name in dict.fromkeys(forecasts.recording):
+        of = forecasts.recording == name
+        first[of] += begin
+        begin = int(first[of].max()) + steps
+    who = list(zip(forecasts.recording.tolist(), forecasts.person.tolist()))
+    number = {person: at for at, person in enumerate(dict.fromkeys(who))}
+    people = [number[person] for person in who]
+    for scene, agent in zip(*np.unique(forecasts.scene, return_index=True)):
+        at = int(first[agent])
+        ends = {"s": at, "e": at + steps - 1, "fps": round(1 / forecasts.period, 6)}
+        yield "scene", {"id": int(scene), "p": people[agent], **ends}
+    told = set()
+    happened = np.concatenate([forecasts.observed, forecasts.truth], axis=1)
+    for agent, path in enumerate(np.round(happened, DECIMALS).tolist()):
+        for frame, (x, y) in enumerate(path, int(first[agent])):
+            if (frame, people[agent]) not in told:
+                told.add((frame, people[agent]))
+                yield "track", {"f": frame, "p": people[agent], "x": x, "y": y}
+    for agent in range(len(people)):
+        begin = int(first[agent]) + forecasts.observed.shape[1]
+        of = {"scene_id": int(forecasts.scene[agent])}
+        for sample, path in enumerate(np.round(forecasts.forecast[:, agent], DECIMALS).tolist()):
+            for frame, (x, y) in enumerate(path, begin):
+                track = {"f": frame, "p": people[agent], "x": x, "y": y}
+                yield "track", {**track, "prediction_number": sample, **of}
+
+
+WRITERS: dict[str, Callable[[Path, Forecasts], None]] = {
+    ".npz": _write_npz,
+    ".csv": _write_csv,
+    ".ndjson": _write_trajnet,
+}

@@ -1,0 +1,84 @@
+"""Forecasts in files are those that were scored, and other programs can read them."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from neurosym_jax.data.readers.trajnet import read_trajnet
+from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.evaluation.load import make_test
+from neurosym_jax.evaluation.plan import TestSet as Case
+from neurosym_jax.evaluation.plan import baseline
+from neurosym_jax.evaluation.saved_forecasts import forecasts_of, save_forecasts
+from neurosym_jax.evaluation.scene_scores import score
+from neurosym_jax.evaluation.scoring import score_forecaster
+
+ORIGIN = np.array([5e5, 4e6])
+
+
+def walk(name, people, far=0.0):
+    stamp, person = (part.ravel() for part in np.meshgrid(np.arange(14.0), np.arange(people)))
+    xy = np.stack([0.4 * stamp, person + 0.02 * stamp**2], 1) + far
+    return make_tracks(name, stamp * 0.4, person.astype(int), xy)
+
+
+@pytest.fixture(scope="module")
+def test_set():
+    names = ("constant_velocity", "constant_velocity_sampled")
+    entries = [(None, baseline(name, 4, 6)) for name in names]
+    return make_test(Case("walk", 4, 6), entries, [walk("a", 2, ORIGIN), walk("b", 5)])
+
+
+def test_they_are_those_that_were_scored(test_set):
+    model = test_set.entries[1][1]
+    found = forecasts_of(model, test_set, 3, 7)
+    assert found.forecast.shape == (3, test_set.windows.agents, 6, 2)
+    evaluated = score_forecaster(model.forecaster, {}, test_set.batches, samples=3, seed=7)
+    for scene in range(test_set.windows.scenes):
+        of = found.scene == scene
+        own = score(found.forecast[:, of], found.truth[of], metrics=["joint_ade"])["joint_ade"]
+        assert own.total[0] == pytest.approx(evaluated.scores["joint_ade"].total[scene], abs=1e-4)
+    assert set(found.recording) == {"a", "b"}
+    assert np.abs(found.forecast[:, found.recording == "a"] - ORIGIN).max() < 100
+
+
+def test_a_file_for_each_model(test_set, tmp_path):
+    paths = save_forecasts(tmp_path / "out.npz", [test_set], 3, 0)
+    assert [path.name for path in paths] == [
+        "out_walk_4_6_constant_velocity.npz",
+        "out_walk_4_6_constant_velocity_sampled.npz",
+    ]
+    found = np.load(paths[1])
+    assert found["forecast"].shape[0] == 3
+    wanted = forecasts_of(test_set.entries[1][1], test_set, 3, 0)
+    for name, array in wanted._asdict().items():
+        if name in ("recording",):
+            assert (found[name] == array).all()
+        else:
+            np.testing.assert_allclose(found[name], array, atol=1e-4)
+
+
+def test_csv(test_set, tmp_path):
+    (first, _) = save_forecasts(tmp_path / "out.csv", [test_set], 3, 0)
+    rows = list(csv.DictReader(first.open()))
+    assert len(rows) == test_set.windows.agents * 6
+    assert rows[0]["seconds"] == "0.4"
+    apart = [float(row["x"]) - float(row["true_x"]) for row in rows]
+    assert np.abs(apart).max() < 1e-3  # x has a constant velocity
+
+
+def test_trajnet_reads_what_happened_and_skips_forecasts(test_set, tmp_path):
+    (_, sampled) = save_forecasts(tmp_path / "out.ndjson", [test_set], 3, 0)
+    tracks = read_trajnet(sampled)
+    assert len(np.unique(tracks.id)) == 7
+    assert len(tracks.id) == 7 * 14
+    rows = [json.loads(line) for line in sampled.read_text().splitlines()]
+    scenes = [row["scene"] for row in rows if "scene" in row]
+    assert len(scenes) == test_set.windows.scenes
+    assert all(scene["e"] - scene["s"] == 9 and scene["fps"] == 2.5 for scene in scenes)
+    forecasts = [row["track"] for row in rows if "prediction_number" in row.get("track", {})]
+    assert len(forecasts) == 3 * test_set.windows.agents * 6
+    of_first = [track for track in forecasts if track["scene_id"] == 0]
+    assert min(track["f"] for track in of_first) == scenes[0]["s"] + 4
