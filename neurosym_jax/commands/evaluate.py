@@ -138,13 +138,14 @@ def run(options: Options) -> list[Row]:
         options.seeds,
         protocol.scenes_alike,
     )
+    whole = chosen or bool(options.metrics)
     rows, results = evaluate_into(
         options.json,
         tests,
         settings,
         resume=options.resume,
         facts={"protocol": options.protocol, "provenance": _provenance(tests)},
-        show=functools.partial(_show, about="" if chosen else source.about)
+        show=functools.partial(_show, about="" if chosen else source.about, whole=whole)
         if options.table == "text"
         else None,
     )
@@ -195,14 +196,14 @@ def _provenance(tests: list[Test]) -> dict[str, Any]:
     return provenance(data, models)
 
 
-def _show(rows: list[Row], first: bool, about: str) -> None:
+def _show(rows: list[Row], first: bool, about: str, whole: bool) -> None:
     """Print the table of one test set as soon as it is there, before the first `about` it."""
     from rich.console import Console
 
     with without_bars():
         if about and first:
             print(f"{about}\n")
-        show_tables(lines_of(rows), Console(), whole=not about)
+        show_tables(lines_of(rows), Console(), whole=whole)
 
 
 def _print_rest(options: Options, rows: list[Row], *, means: bool) -> list[str]:
