@@ -1,10 +1,11 @@
-"""Draw docs/figures/qtc_symbols.png: what the symbols of a QTC_C1 state mean.
+"""Draw docs/figures/qtc_symbols.png and events.png: what symbols of QTC_C1 and events mean.
 
 python -m studies.draw_symbols
 
-The symbols in the figure are computed, not typed.
+The symbols, and when an event happens, are computed, not typed.
 """
 
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from neurosym_jax.symbolic.events import EVENTS
+from neurosym_jax.symbolic.forecast import symbolic_events
 from neurosym_jax.symbolic.qtc import Convention, qtc_c1
 from neurosym_jax.symbolic.states import format_state
 
@@ -20,6 +23,51 @@ BLUE, ORANGE, INK, GREY = "#0072B2", "#D55E00", "#222222", "#777777"
 TOWARDS, AWAY = "#E3EFF8", "#FBF1E6"
 FRAME = (-2.2, 4.1, -2.35, 2.35)
 SIGNS = str.maketrans("-", "−")
+
+
+WALKS = {
+    "approaches": (((0, 0), (1, 0)), ((3.4, 0.6), (0, 0))),
+    "passes_left": (((0, 0), (1, 0)), ((1.5, 1), (0, 0))),
+    "passes_right": (((0, 0), (1, 0)), ((4.1, -1), (-0.6, 0))),
+    "crosses_before": (((-1.5, 0), (1, 0)), ((0.2, -3.2), (0, 0.7))),
+    "crosses_behind": (((-1.5, 0), (1, 0)), ((0, 0.4), (0, 0.8))),
+    "follows": (((0, 0), (1, 0)), ((1.4, 0.3), (1, 0))),
+    "meets": (((0, 0), (0.9, 0.1)), ((4.6, 0.6), (-0.9, 0))),
+}
+"""(Start in metres, velocity in m/s) of k and of l who do it."""
+
+
+def draw_events(path: Path) -> None:
+    """Write the figure of all events, each with two who do it."""
+    figure = Figure(figsize=(12.4, 6.6), dpi=130, facecolor="white", layout="constrained")
+    panels = figure.subplots(2, 4).ravel()
+    t = 0.4 * np.arange(9)[:, None]
+    for axes, (name, walks) in zip(panels, WALKS.items()):
+        paths = np.stack([np.array(start) + t * np.array(speed) for start, speed in walks])
+        found = symbolic_events(paths[None, :, 1:], paths[:, :1], events=(name,), smoothing=0.0)
+        seconds = float(found.seconds[0, 0, 1, 1])
+        assert np.isfinite(seconds), f"{name} does not happen"
+        at = round(seconds / 0.4)
+        for way, letter, colour in zip(paths, "kl", (BLUE, ORANGE)):
+            axes.plot(*way.T, "o-", color=colour, ms=3, lw=1.2, alpha=0.55)
+            if np.ptp(way, axis=0).any():
+                step(axes, way[-2], way[-1], colour)
+            agent(axes, way[0], letter, colour, (-0.3 if letter == "k" else 0.3, 0.0))
+            ring = {"facecolor": "none", "edgecolor": INK, "linewidth": 1.6, "zorder": 5}
+            axes.add_patch(Circle((way[at, 0], way[at, 1]), 0.2, **ring))
+        middle = (paths.min(axis=(0, 1)) + paths.max(axis=(0, 1))) / 2
+        axes.set(xlim=(middle[0] - 2.9, middle[0] + 2.9), ylim=(middle[1] - 2.1, middle[1] + 2.1))
+        axes.set(aspect="equal", xticks=[], yticks=[])
+        axes.set_title(f"{name}, {seconds:.1f} s", fontsize=13, color=INK, loc="left", pad=8)
+        words_of = textwrap.fill(EVENTS[name].sentence, 40)
+        axes.set_xlabel(words_of, fontsize=9.5, color=GREY, loc="left")
+        for spine in axes.spines.values():
+            spine.set_color("#CCCCCC")
+    panels[-1].axis("off")
+    told = "Big dots: where they were seen last.\nSmall ones: each 0.4 s after.\n\n"
+    told += "Rings: where they are when the\nevent is told, at the time beside\nits name."
+    panels[-1].text(0, 0.9, told, fontsize=11.5, color=INK, va="top")
+    figure.savefig(path)
 
 
 def draw(path: Path) -> None:
@@ -134,4 +182,6 @@ def frame(axes: Axes) -> None:
 
 
 if __name__ == "__main__":
-    draw(Path(__file__).parents[1] / "docs/figures/qtc_symbols.png")
+    figures = Path(__file__).parents[1] / "docs/figures"
+    draw(figures / "qtc_symbols.png")
+    draw_events(figures / "events.png")

@@ -2,17 +2,19 @@
 
 The states of a scene's pairs over time as text; alpha as a heat map over pairs and time; how often
 each state occurs in all scenes, beside what it weighs; with a model, its forecast as a GIF in which
-the width of a line is the weight of the pair.
+the width of a line is the weight of the pair. With --forecast, what the pairs will do: the events
+and states that the model's samples make probable, as text, JSON lines and a figure.
 """
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
-from neurosym_jax.checks import refuse_below
+from neurosym_jax.checks import refuse_below, refuse_seed
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
@@ -20,6 +22,7 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.runtime.files import write_text
 from neurosym_jax.symbolic.description import (
     describe_pairs,
     format_pairs,
@@ -27,6 +30,7 @@ from neurosym_jax.symbolic.description import (
     state_tables,
     state_texts,
 )
+from neurosym_jax.symbolic.forecast_text import forecast_pairs, forecast_rows, format_forecast
 from neurosym_jax.symbolic.transitions import count_states
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
@@ -52,14 +56,26 @@ class Options:
     """As train's; default: the model's, else cnd."""
     model: Path | None = None
     """A model, for its learned weights and its forecast."""
+    forecast: bool = False
+    """Show instead what the model forecasts of the pairs: events and states with probabilities."""
+    calculus: str = "c1"
+    """Of the states that are forecast: c1, c2, bc1, ... (docs/symbols.md)."""
+    speed: float = 0.125
+    """Metres per second up to which a forecast movement is none."""
+    at_least: float = 0.3
+    """Probability from which on a forecast event is told."""
+    samples: int = 20
+    """Forecasts of the scene, k."""
+    seed: int = 0
+    """Determines, with the scene and the sample, the noise."""
     obs_len: int = 8
     """Observed steps, where there is no model."""
     pred_len: int = 8
     """Steps after them, where there is no model."""
     out: Path = Path("results/symbols")
     """Folder for the figures."""
-    format: Literal["png", "pdf", "svg"] = "png"
-    """Of the figures."""
+    image: Literal["png", "pdf", "svg"] = "png"
+    """Format of the figures; --format is that of the files read."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How files are read."""
 
@@ -71,7 +87,14 @@ def run(options: Options) -> None:
         InputError: for data, a window, a weighting or a model that cannot be used.
     """
     refuse_below(1, {"obs-len": options.obs_len, "pred-len": options.pred_len})
+    refuse_below(1, {"samples": options.samples})
+    refuse_seed(options.seed, "--seed")
     model = None if options.model is None else load_model(options.model)
+    if options.forecast:
+        if model is None:
+            raise InputError("--forecast needs a --model that forecasts")
+        _forecast(options, model)
+        return
     config, given = _weighting(options, model)
     lengths = model.config if model is not None else options
     source = open_source(options.data, options.dataset, read=options.read)
@@ -95,7 +118,7 @@ def run(options: Options) -> None:
     tables = state_tables(config, parameters)
     fields = (pairs.position, pairs.people, pairs.codes, pairs.alpha)
     written = [
-        save_figure(figure, options.out / f"{kind}.{options.format}")
+        save_figure(figure, options.out / f"{kind}.{options.image}")
         for kind, figure in {
             "pairs": plot_pairs(*fields, state_texts(), title, windows.period),
             "states": plot_states(counts, state_texts(), *tables, f"{name}, {config.name}"),
@@ -110,6 +133,36 @@ def run(options: Options) -> None:
         animate_forecast(path, pairs.position, forecast, alpha, words, windows.period)
         written.append(path)
     print("\n" + "\n".join(map(str, written)))
+
+
+def _forecast(options: Options, model: Model) -> None:
+    """Tell, write and draw what the model makes of the window's observation."""
+    source = open_source(options.data, options.dataset, read=options.read)
+    name = options.dataset or source.scenes[0]
+    windows = cut_windows(source.recordings(name), model.config.obs_len, model.config.pred_len)
+    number = _chosen(windows, options.window)
+    rows = slice(*windows.bounds[number : number + 2])
+    observed, people = windows.position[rows, : windows.obs_len], windows.agent[rows]
+    samples = predict(model, observed, samples=options.samples, seed=options.seed)
+    how = {"calculus": options.calculus, "speed": options.speed, "period": windows.period}
+    found = forecast_pairs(samples, observed, people, **how)
+    print(
+        f"{name}, window {number}: {len(people)} people, {len(samples)} samples of {model.name}\n"
+    )
+    print(format_forecast(found, options.at_least))
+    lines = [json.dumps(row, allow_nan=False) for row in forecast_rows(found)]
+    path = options.out / "forecast.jsonl"
+    write_text(path, "\n".join(lines) + "\n")
+
+    from neurosym_jax.plotting import plot_symbol_forecast, save_figure
+
+    fields = (found.pairs, found.states, found.texts, found.probability, found.seconds)
+    title = f"{name}, window {number}"
+    figure = plot_symbol_forecast(
+        observed, samples, people, *fields, found.events, title, windows.period
+    )
+    drawn = save_figure(figure, options.out / f"forecast.{options.image}")
+    print(f"\n{path}\n{drawn}")
 
 
 def _weighting(

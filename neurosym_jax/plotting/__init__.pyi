@@ -7,6 +7,7 @@ from .palette import PALETTE as PALETTE
 from .palette import line_styles as line_styles
 from .palette import model_colours as model_colours
 from .style import save_figure as save_figure
+from .symbol_forecast import plot_symbol_forecast as plot_symbol_forecast
 from .symbols import plot_pairs as plot_pairs
 from .symbols import plot_states as plot_states
 from .tracks import plot_tracks as plot_tracks

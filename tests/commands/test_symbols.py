@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -58,3 +59,27 @@ def test_a_model_adds_its_weights_and_an_animation(recording, tmp_path, capsys):
 def test_what_cannot_be_shown(recording, changes, message):
     with pytest.raises(InputError, match=message):
         run(Options(recording, **changes))
+
+
+def test_a_forecast_is_told_written_and_drawn(recording, tmp_path, capsys):
+    out = tmp_path / "out"
+    run(Options(recording, window=0, model=MODEL, forecast=True, samples=4, out=out))
+    text = capsys.readouterr().out
+    assert "walk, window 0: 2 people, 4 samples of NeuroSyM" in text
+    rows = [json.loads(line) for line in (out / "forecast.jsonl").read_text().splitlines()]
+    assert {(row["k"], row["l"]) for row in rows} == {(1, 2), (2, 1)}
+    for row in rows:
+        assert len(row["steps"]) == 8
+        assert set(row["events"]) >= {"approaches", "meets", "follows"}
+        for step in row["steps"]:
+            for shares in step["symbols"].values():
+                assert sum(shares) == pytest.approx(1, abs=1e-3)
+    assert (out / "forecast.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="--forecast needs a --model"):
+        run(Options(recording, forecast=True))
+
+
+def test_its_options_can_be_parsed():
+    import tyro
+
+    assert tyro.cli(Options, args=["--image", "svg", "--format", "text"]).image == "svg"
