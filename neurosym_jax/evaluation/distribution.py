@@ -116,8 +116,8 @@ def _coverage(level: float) -> Metric:
         return jnp.where(valid, covered.mean(axis=-1), 0).sum(), valid.sum()
 
     percent = round(100 * level)
-    about = "in the region: of the true positions, those in the region that should hold so many"
-    title = f"in {percent} % region"
+    about = "covered: true positions in the region that should hold so many of them"
+    title = f"covered at {percent} %"
     return Metric(f"coverage_{percent}", title, "share", compute, about, by_default=False)
 
 

@@ -38,11 +38,11 @@ def _fde(errors: Array) -> Array:
 _CENTRAL = "central: the one sample of the scene that is nearest to the others"
 _NOISE_FREE = "noise-free: the forecast for a noise of zero"
 
-for _error, _name in ((_ade, "ade"), (_fde, "fde")):
-    for _title, _noise_free, _about in (
-        ("central", False, _CENTRAL),
-        ("noise-free", True, _NOISE_FREE),
-    ):
+for _title, _noise_free, _about in (
+    ("central", False, _CENTRAL),
+    ("noise-free", True, _NOISE_FREE),
+):
+    for _error, _name in ((_ade, "ade"), (_fde, "fde")):
         register_metric(
             Metric(
                 f"{_title.replace('-', '_')}_{_name}",
