@@ -9,7 +9,7 @@ class App {
     this.recording = new Recording(introduction, live ? KEPT : Infinity);
     this.style = looks(this.recording.models);
     this.pair = ["", ""];
-    this.chosen = false; // the pair by hand; otherwise the nearest
+    this.chosen = false; // the pair by hand; otherwise the most interesting
     this.redraw = this.redraw.bind(this);
     this.stage = new Stage(find("scene"), this.redraw);
     this.stage.setMap(this.recording.map);
@@ -32,7 +32,7 @@ class App {
     const { step, at } = this.recording.moments.at(-1);
     // The view follows those who are forecast: a tracker's ghosts may be anywhere.
     const { view } = this.stage;
-    if (step) view.include(step.seen.map((flat) => flat.slice(-2)));
+    if (step) view.include(this.places(step));
     else if (!view.bounds) view.include(at.values());
     if (step && this.ages === undefined) this.offerAges(step);
     this.player.grew(gone);
@@ -47,8 +47,18 @@ class App {
       make("option", age ? `${age.toFixed(1)} s ago` : "now", { value: age }))));
   }
 
+  // Where people of a forecast are, and where each model's most central sample ends.
+  places(step) {
+    const last = step.seen.map((flat) => flat.slice(-2));
+    const ends = Object.values(step.models).flatMap(({ samples, central }) => samples.map((each, n) => {
+      const [x, y] = each[central].slice(-2);
+      return [last[n][0] + x / 100, last[n][1] + y / 100];
+    }));
+    return [...last, ...ends];
+  }
+
   fit() {
-    this.stage.view.fit(this.recording.steps.flatMap((step) => step.seen.map((flat) => flat.slice(-2))));
+    this.stage.view.fit(this.recording.steps.flatMap((step) => this.places(step)));
     this.redraw();
   }
 
@@ -58,21 +68,33 @@ class App {
     this.redraw();
   }
 
-  // The two who are nearest to each other, until one of them is gone; or those who were chosen.
+  // The two who are nearest and nearing, until one of them is gone; or those who were chosen. Whoever
+  // nears at 1 m/s counts as two seconds nearer.
   updatePair(step) {
     if (!step || step.ids.length < 2 || this.chosen) return;
     if (this.pair.every((id) => step.row.has(id))) return;
-    const last = step.seen.map((flat) => flat.slice(-2));
+    const apart = (i, j, end) => {
+      const [a, b] = [i, j].map((n) => step.seen[n].slice(end - 2, end || undefined));
+      return Math.hypot(a[0] - b[0], a[1] - b[1]);
+    };
     let least = Infinity;
-    const apart = (i, j) => Math.hypot(last[i][0] - last[j][0], last[i][1] - last[j][1]);
-    for (let i = 0; i < last.length; i += 1) {
-      for (let j = i + 1; j < last.length; j += 1) {
-        if (apart(i, j) < least) {
-          least = apart(i, j);
+    for (let i = 0; i < step.ids.length; i += 1) {
+      for (let j = i + 1; j < step.ids.length; j += 1) {
+        const now = apart(i, j, 0);
+        const nearing = (apart(i, j, -2) - now) / this.recording.period;
+        if (now - 2 * nearing < least) {
+          least = now - 2 * nearing;
           this.pair = [step.ids[i], step.ids[j]];
         }
       }
     }
+  }
+
+  // The page chooses the pair again.
+  freePair() {
+    this.chosen = false;
+    this.pair = ["", ""];
+    this.redraw();
   }
 
   nextPair() {
@@ -155,6 +177,10 @@ class App {
       paused: "paused",
     };
     const behind = player.live && !player.following && !this.lost ? ", live goes on" : "";
+    const alarm = { lost: "Connection lost: this is not now", stale: `No people for ${Math.floor(silence / 1000)} s: this is not now` };
+    find("alarm").hidden = !alarm[state] || !this.recording.length;
+    say(find("alarm"), alarm[state] ?? "");
+    find("auto").setAttribute("aria-pressed", String(!this.chosen));
     say(find("status"), words[state] + behind + (this.ended && state !== "lost" ? ", recording ended" : ""));
   }
 

@@ -10,6 +10,7 @@ class Controls {
     find("live").onclick = () => player.follow();
     find("fit").onclick = () => app.fit();
     find("theme").onclick = () => app.turnTheme();
+    find("auto").onclick = () => app.freePair();
     find("help").onclick = () => find("keys").showModal();
     find("age").onchange = app.redraw;
     find("speed").onchange = () => { player.speed = Number(find("speed").value); };
@@ -71,6 +72,7 @@ class Controls {
       l: () => player.live && player.follow(),
       a: () => app.cycleAge(),
       p: () => app.nextPair(),
+      Escape: () => app.freePair(),
       f: () => app.fit(),
       t: () => app.turnTheme(),
       "+": () => this.zoom(1.25),

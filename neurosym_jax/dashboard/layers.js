@@ -7,6 +7,7 @@ class Layers {
     const layers = [["observed", "observed"], ["truth", "what happened"],
       ...recording.models.map((name) => [`model ${name}`, name]), ["pair", "pair"]];
     if (recording.map) layers.push(["map", "map"]);
+    find("layers").open = matchMedia("(min-width: 861px)").matches; // folded on a phone
     find("layers").append(...layers.map(([layer, text]) => {
       this.shown.add(layer);
       const label = make("label");

@@ -49,10 +49,14 @@ class Panels {
     say(find("best-of"), first ? `best of ${first.samples[0].length}, metres` : "metres");
     const keys = ["joint_ade", "joint_fde", "marginal_ade", "marginal_fde"];
     const models = score?.models ?? {};
-    const best = keys.map((key) => Math.min(...Object.values(models).map((each) => each[key] ?? Infinity)));
+    const shown = (value) => value?.toFixed(2);
+    const all = keys.map((key) => Object.values(models).map((each) => each[key]).filter((value) => value !== null));
+    const best = all.map((values) => shown(Math.min(...values)));
+    // A tie, as far as it is shown, has no best.
+    const alone = (n) => all[n].length > 1 && all[n].filter((value) => shown(value) === best[n]).length === 1;
     const rows = this.recording.models.map((name) => {
       const row = make("tr");
-      const head = make("th", "", { scope: "row" });
+      const head = make("th", "", { scope: "row", title: name });
       const swatch = make("span", "", { className: "swatch" });
       swatch.style.background = `var(--model-${this.style.get(name)})`;
       head.append(swatch, name);
@@ -61,7 +65,7 @@ class Panels {
         const value = models[name]?.[key] ?? null;
         const cell = make("td", value === null ? "–" : value.toFixed(2));
         cell.dataset.key = key;
-        if (value !== null && value === best[n] && this.recording.models.length > 1) cell.className = "best";
+        if (value !== null && shown(value) === best[n] && alone(n)) cell.className = "best";
         row.append(cell);
       });
       row.append(make("td", String(models[name]?.people ?? 0)));
@@ -94,7 +98,7 @@ class Panels {
       tile.append(make("dt", `q${n + 1}`), told);
       return tile;
     }));
-    say(find("distance"), known ? `${known.distance.toFixed(2)} m apart` : "");
+    say(find("distance"), known ? `${known.distance.toFixed(2)} m` : "");
     const [meter, output] = [find("alpha").children[1], find("alpha").children[2]];
     const alpha = known?.alpha ?? null;
     const most = alpha > 0.2 ? 1 : 0.2; // a weight of the theory's table is at most 1/9

@@ -95,6 +95,7 @@ def test_what_is_old_is_not_called_live(page, moments, stream):
         dashboard.show(*event)
     page.goto(dashboard.url)
     page.get_by_text(re.compile(r"stale: nothing heard for \d+ s")).wait_for()
+    page.get_by_text(re.compile(r"No people for \d+ s: this is not now")).wait_for()
     dashboard.show(*events[-1])
     page.wait_for_function("status => document.getElementById('status').innerText === 'live'")
     dashboard.close()
