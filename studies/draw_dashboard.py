@@ -1,4 +1,4 @@
-"""The live view's picture in docs/online.md: `python -m studies.draw_dashboard`.
+"""The live view's picture in docs/robot.md: `python -m studies.draw_dashboard`.
 
 Four simulated people in their room, forecast by the models that ship; needs playwright
 and Chromium.
