@@ -19,7 +19,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.conclusion import conclusion
-from neurosym_jax.evaluation.load import Test, load_tests
+from neurosym_jax.evaluation.load import Test, files_read, load_tests
 from neurosym_jax.evaluation.metrics import metric_names
 from neurosym_jax.evaluation.plan import BASELINES, make_plan, one_of_each
 from neurosym_jax.evaluation.protocols import PROTOCOLS, ProtocolName
@@ -191,9 +191,8 @@ def _baselines(options: Options) -> tuple[str, ...]:
 
 
 def _provenance(tests: list[Test]) -> dict[str, Any]:
-    data = [how.file for test in tests for how in test.windows.reading if how.file]
     models = [find_model(path) for test in tests for path, _ in test.entries if path]
-    return provenance(data, models)
+    return provenance(files_read(tests), models)
 
 
 def _show(rows: list[Row], first: bool, about: str, whole: bool) -> None:
@@ -213,12 +212,12 @@ def _print_rest(options: Options, rows: list[Row], *, means: bool) -> list[str]:
         return []
     from rich.console import Console
 
-    lines = lines_of(rows)
+    lines, console = lines_of(rows), Console()
     if means:
-        show_tables(means_of(lines), Console())
+        show_tables(means_of(lines), console)
     readings = (Reading(**how) for row in rows for how in row["recordings"])
     read = describe_readings(readings)
-    return [*notes(lines), "", *([read, ""] if read else [])]
+    return [*notes(lines, bold=console.is_terminal), "", *([read, ""] if read else [])]
 
 
 def _write_files(

@@ -15,6 +15,8 @@ from .report import format_table as format_table
 from .run import Settings as Settings
 from .run import evaluate as evaluate
 from .run import evaluate_tests as evaluate_tests
+from .saved_forecasts import forecasts_of as forecasts_of
+from .saved_forecasts import save_forecasts as save_forecasts
 from .scene_scores import Score as Score
 from .scene_scores import score as score
 from .scoring import Evaluation as Evaluation

@@ -14,7 +14,7 @@ from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.plan import Entries, TestSet
 from neurosym_jax.runtime.environment import cpu_cores
 
-__all__ = ["Test", "load_tests", "make_test"]
+__all__ = ["Test", "files_read", "load_tests", "make_test"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,6 +63,11 @@ def load_tests(
         tests.append(make_test(test_set, entries, recordings[test_set.dataset], min_agents, since))
         since = time.perf_counter()
     return tests
+
+
+def files_read(tests: Sequence[Test]) -> list[str]:
+    """The files that the recordings of `tests` were read from."""
+    return [how.file for test in tests for how in test.windows.reading if how.file]
 
 
 def make_test(

@@ -52,7 +52,7 @@ def format_table(
     with console.capture() as text:
         show_tables(lines, console)
     found = "\n".join(line.rstrip() for line in text.get().splitlines())
-    return f"{found}\n" + "\n".join(notes(lines))
+    return f"{found}\n" + "\n".join(notes(lines, bold=False))
 
 
 def show_tables(lines: Sequence[Line], console: "Console", *, whole: bool = True) -> None:

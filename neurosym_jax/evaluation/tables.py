@@ -161,8 +161,8 @@ def latex_table(lines: Sequence[Line]) -> str:
     )
 
 
-def notes(lines: Sequence[Line], *, paper: bool = False) -> list[str]:
-    """What a table, for a `paper` or a terminal, says beside its numbers."""
+def notes(lines: Sequence[Line], *, paper: bool = False, bold: bool = True) -> list[str]:
+    """What a table, for a `paper` or a terminal, says beside its numbers; and of `bold` ones."""
     interval = "[ ]: 95 % interval" if paper else "±: half of a 95 % interval"
     found = [metric.about for metric in _metrics(lines) if metric.about]
     blocks = [line.rows[0].get("blocks") for line in lines if line.trainings == 1]
@@ -187,7 +187,7 @@ def notes(lines: Sequence[Line], *, paper: bool = False) -> list[str]:
             f"means of {seeds} seeds of the noise, whose standard deviation is at most "
             f"{max(spreads):.3f} m"
         )
-    if any(value.best for line in lines for value in line.values.values()):
+    if bold and any(value.best for line in lines for value in line.values.values()):
         found.append("bold: the interval lies beyond those of all others")
     return list(dict.fromkeys(found))
 

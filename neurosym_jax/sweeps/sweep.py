@@ -12,18 +12,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from neurosym_jax.checks import refuse_below
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.load import load_tests
+from neurosym_jax.evaluation.load import files_read, load_tests
 from neurosym_jax.evaluation.plan import make_plan
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.evaluation.run import Settings, evaluate_tests
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import refuse_unwritable, write_text
+from neurosym_jax.runtime.progress import Progress
+from neurosym_jax.runtime.provenance import provenance
 from neurosym_jax.sweeps.errors import write_errors
 from neurosym_jax.sweeps.estimate import seconds_of_run
 from neurosym_jax.sweeps.processes import last_line, start
@@ -90,7 +90,7 @@ def _train_all(runs: Sequence[SweepRun], at_once: int) -> list[tuple[SweepRun, s
     waiting, failed = list(reversed(runs)), []
     running: dict[subprocess.Popen, SweepRun] = {}
     try:
-        with tqdm(total=len(runs), desc="training", unit="run", disable=None) as bar:
+        with Progress(len(runs), "training", "run") as progress:
             while waiting or running:
                 while waiting and len(running) < at_once:
                     run = waiting.pop()
@@ -98,7 +98,7 @@ def _train_all(runs: Sequence[SweepRun], at_once: int) -> list[tuple[SweepRun, s
                 time.sleep(0.1)
                 for process in [process for process in running if process.poll() is not None]:
                     run = running.pop(process)
-                    bar.update()
+                    progress.step(run.folder.name)
                     if process.returncode:
                         failed.append((run, last_line(run)))
     finally:
@@ -112,12 +112,14 @@ def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[s
     of_path = {str(run.model): run for run in runs}
     models = [(path, load_model(path)) for path in of_path]
     source = open_source(data, model_scene=models[0][1].dataset)
-    results = evaluate_tests(load_tests(source, make_plan(source, models)), Settings())
+    tests = load_tests(source, make_plan(source, models))
+    results = evaluate_tests(tests, Settings())
     rows = [result.row for result in results]
     for row in rows:
         run = of_path.get(row["checkpoint"])
         row["run"] = run and run.to_json()
-    write_json(out / "sweep.json", {"format": FORMAT, "rows": rows})
+    of = provenance(files_read(tests), of_path)
+    write_json(out / "sweep.json", {"format": FORMAT, "rows": rows, "provenance": of})
     write_errors(out, rows, [result.errors for result in results])
     for name, run in of_path.items():
         lengths = (run.dataset, run.generator.obs_len, run.generator.pred_len)
