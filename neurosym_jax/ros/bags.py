@@ -12,6 +12,7 @@ from typing import Any
 
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.online.frame import Frame
+from neurosym_jax.ros.bag_integrity import counted, refuse_damaged
 from neurosym_jax.ros.definitions import typestore
 from neurosym_jax.ros.messages import PEOPLE_TOPICS
 from neurosym_jax.ros.people import KINDS, POSES
@@ -103,12 +104,13 @@ def _read(
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
     try:
+        refuse_damaged(path)
         # Recorders before ROS 2 Iron did not store what their types are.
         with AnyReader([path], default_typestore=store) as reader:
             topics = {each.topic: each.msgtype for each in reader.connections}
             chosen = list(topics) if choose is None else choose(topics)
             connections = [each for each in reader.connections if each.topic in chosen]
-            for connection, at, data in reader.messages(connections=connections):
+            for connection, at, data in counted(reader, connections):
                 message = reader.deserialize(data, connection.msgtype)
                 publisher = getattr(connection.ext, "callerid", None) or ""
                 yield connection.topic, message, publisher, 1e-9 * at
