@@ -31,6 +31,8 @@ class Encounter:
     """[..., T + 1, 2] metres, see `k`."""
     period: float
     """Seconds between steps."""
+    speed: float
+    """Metres per second up to which somebody stands."""
 
     def towards(self, who: str) -> Array:
         """[..., T] whether `who` (`"k"` or `"l"`) moves towards the other."""
@@ -46,6 +48,28 @@ class Encounter:
         `who` moves to the right (q3 is +) of the line to somebody on the left.
         """
         return self.states[..., 2 + "kl".index(who)]
+
+    def place(self, who: str) -> tuple[Array, Array]:
+        """Where the other is at the end of each step, seen from `who`'s way.
+
+        Returns:
+            [..., T] int8 1 on the left and -1 on the right, 0 on the line of the step; and [..., T]
+            bool whether ahead. Of who stands these are 0 and False.
+        """
+        own, other = (self.k, self.l) if who == "k" else (self.l, self.k)
+        v, to = jnp.diff(own, axis=-2), (other - own)[..., 1:, :]
+        moves = _length(v) > self.speed * self.period
+        left = v[..., 0] * to[..., 1] - v[..., 1] * to[..., 0]
+        along = (v * to).sum(axis=-1)
+        return jnp.where(moves, jnp.sign(left), 0).astype(jnp.int8), moves & (along > 0)
+
+    def crosses(self, who: str) -> Array:
+        """[..., T] whether `who` comes from one side of the other's way to the other side.
+
+        At 30 to 150 degrees, both walking, within 5 m.
+        """
+        side, _ = self.place("l" if who == "k" else "k")
+        return self.turns(side) & self.angle_between(30, 150) & self.within(5)
 
     @functools.cached_property
     def distance(self) -> Array:
@@ -148,15 +172,13 @@ for _name, _sentence, _happens in (
     ),
     (
         "crosses_before",
-        "k comes from one side of l's way to the other at 30 to 150 degrees, l walking towards k, "
-        "within 5 m",
-        lambda e: e.turns(e.side("l")) & e.towards("l") & e.angle_between(30, 150) & e.within(5),
+        "k comes from one side of l's way to the other, 30 to 150 degrees, ahead of l within 5 m",
+        lambda e: e.crosses("k") & e.place("l")[1],
     ),
     (
         "crosses_behind",
-        "k comes from one side of l's way to the other at 30 to 150 degrees, l walking away from "
-        "k, within 5 m",
-        lambda e: e.turns(e.side("l")) & e.away("l") & e.angle_between(30, 150) & e.within(5),
+        "k comes from one side of l's way to the other, 30 to 150 degrees, behind l within 5 m",
+        lambda e: e.crosses("k") & ~e.place("l")[1],
     ),
     (
         "follows",

@@ -69,9 +69,11 @@ def forecast_pairs(
         people,
         how.calculus,
         how.period,
-        *(np.asarray(each, np.float64) for each in of_states),
+        np.asarray(of_states.states, np.float64),
+        np.asarray(of_states.symbols, np.float64),
         names,
-        *(np.asarray(each, np.float64) for each in of_events),
+        np.asarray(of_events.probability, np.float64),
+        np.asarray(of_events.seconds, np.float64),
     )
 
 

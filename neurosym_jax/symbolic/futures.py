@@ -148,7 +148,7 @@ def event_steps(settings: SymbolSettings, names: tuple[str, ...], futures: Futur
     k, l = futures.ends()  # noqa: E741
     states = observe("c1", k, l, **settings.thresholds)
     k, l = jnp.broadcast_arrays(k, l)  # noqa: E741
-    encounter = Encounter(states, k, l, settings.period)
+    encounter = Encounter(states, k, l, settings.period, settings.speed)
     steps = states.shape[-2]
     first = []
     for name, event in events_named(names).items():
