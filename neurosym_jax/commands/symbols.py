@@ -3,7 +3,8 @@
 The states of a scene's pairs over time as text; alpha as a heat map over pairs and time; how often
 each state occurs in all scenes, beside what it weighs; with a model, its forecast as a GIF in which
 the width of a line is the weight of the pair. With --forecast, what the pairs will do: the events
-and states that the model's samples make probable, as text, JSON lines and a figure.
+and states that the model's samples make probable, as text, JSON lines and a figure. With --score,
+how good such forecasts are.
 """
 
 import dataclasses
@@ -20,9 +21,13 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.plan import BASELINES, baseline
+from neurosym_jax.evaluation.symbol_cases import make_cases
+from neurosym_jax.evaluation.symbol_report import format_symbol_scores, symbol_score_rows
+from neurosym_jax.evaluation.symbols import evaluate_symbols
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.runtime.files import write_text
+from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.symbolic.description import (
     describe_pairs,
     format_pairs,
@@ -30,7 +35,9 @@ from neurosym_jax.symbolic.description import (
     state_tables,
     state_texts,
 )
+from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast_text import forecast_pairs, forecast_rows, format_forecast
+from neurosym_jax.symbolic.futures import SymbolSettings
 from neurosym_jax.symbolic.transitions import count_states
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
@@ -58,6 +65,9 @@ class Options:
     """A model, for its learned weights and its forecast."""
     forecast: bool = False
     """Show instead what the model forecasts of the pairs: events and states with probabilities."""
+    score: bool = False
+    """Score instead such forecasts on the whole dataset, beside a Markov chain over states and
+    constant velocity; learns from the other recordings, see docs/symbolic_forecast.md."""
     calculus: str = "c1"
     """Of the states that are forecast: c1, c2, bc1, ... (docs/symbols.md)."""
     speed: float = 0.125
@@ -90,10 +100,14 @@ def run(options: Options) -> None:
     refuse_below(1, {"samples": options.samples})
     refuse_seed(options.seed, "--seed")
     model = None if options.model is None else load_model(options.model)
-    if options.forecast:
+    if options.forecast or options.score:
         if model is None:
-            raise InputError("--forecast needs a --model that forecasts")
-        _forecast(options, model)
+            asked = "--forecast" if options.forecast else "--score"
+            raise InputError(f"{asked} needs a --model that forecasts")
+        if options.forecast:
+            _forecast(options, model)
+        if options.score:
+            _score(options, model)
         return
     config, given = _weighting(options, model)
     lengths = model.config if model is not None else options
@@ -163,6 +177,28 @@ def _forecast(options: Options, model: Model) -> None:
     )
     drawn = save_figure(figure, options.out / f"forecast.{options.image}")
     print(f"\n{path}\n{drawn}")
+
+
+def _score(options: Options, model: Model) -> None:
+    """Tell and write how good the model's forecasts of symbols and events are."""
+    source = open_source(options.data, options.dataset, model.dataset, read=options.read)
+    name = options.dataset or (model.dataset if model.dataset in source.scenes else None)
+    name = name or source.scenes[0]
+    lengths, events = (model.config.obs_len, model.config.pred_len), tuple(EVENTS)
+    how = SymbolSettings(model.config.period, options.calculus, speed=options.speed)
+    train, tune, test = (
+        make_cases(source.recordings(name, split), *lengths, how, events)
+        for split in ("train", "val", "test")
+    )
+    models = {model.name: model}
+    models |= {(one := baseline(each, *lengths)).name: one for each in BASELINES}
+    scores = evaluate_symbols(train, tune, test, models, samples=options.samples, seed=options.seed)
+    print(f"{name}: {len(test.rows)} ordered pairs of {test.windows.scenes} windows")
+    print("log score in nats, less is better\n")
+    print(format_symbol_scores(scores, model.config.pred_len, how.period))
+    path = options.out / "symbol_scores.json"
+    write_json(path, {"dataset": name, "rows": symbol_score_rows(scores)})
+    print(f"\n{path}")
 
 
 def _weighting(

@@ -26,20 +26,20 @@ where DATA holds ETH/UCY in `eth_ucy` and THÖR's tracks in `thor`. Forecast are
 ordered pairs who are within 8 m when they are observed last, 8 + 8 steps of 0.4 s, threshold 0.125
 m/s, and the events of [Symbols](symbols.md#events); 20 samples of the models that ship, none of
 which was trained on what it is tested on. Numbers are means over test sets, each weighing the same
-({sets});
-of crowds a window starts at every n-th step only.
+({sets}); of crowds a window starts at every n-th step only.
 
 What comes out. Events: in every one of both groups some sampled forecast of people, of a network or
-of constant velocity, scores best, and the networks beat the Markov chain beyond the interval;
-approaching, passing and following by 0.02 to 0.12 nats a pair. States: by Brier's score the
-networks beat the chain at every horizon but THÖR's first step. By the log score, which punishes
-what was held for nearly impossible, they beat it from 0.8 to 1.6 s on ETH/UCY, and the chain is
-level with them later and ahead at some horizons on THÖR (0.8, 1.2 and 2.8 s): it spreads its
-probability over all states that follow one another, of which 20 samples know a few. A single
-forecast at constant velocity loses to both in the log score of states, however it is smoothed, has
-the best Brier score of ETH/UCY's first step, and beats the chain in nearly all events. NeuroSyM and
-SGAN differ little, in either direction. Reliability is not perfect: sampled constant velocity says
-too little of likely events, and everybody is too sure of THÖR's symbols.
+of constant velocity, scores best, and NeuroSyM beats the Markov chain beyond the interval in all
+but who crosses before whom on ETH/UCY; approaching, passing and following by 0.02 to 0.12 nats a
+pair. States: by Brier's score NeuroSyM beats the chain at every horizon but THÖR's first step. By
+the log score, which punishes what was held for nearly impossible, it does so from 0.8 to 1.6 s on
+ETH/UCY, and the chain is level with it later and ahead at some horizons on THÖR (0.8, 1.2 and 2.8
+s): it spreads its probability over all states that follow one another, of which 20 samples know a
+few. A single forecast at constant velocity loses to both in the log score of states, however it is
+smoothed, has the best Brier score of ETH/UCY's first step, and beats the chain in nearly all
+events. NeuroSyM and SGAN differ little, in either direction. Reliability is not perfect: sampled
+constant velocity says too little of likely events, and everybody is too sure of THÖR's symbols. The
+univ set has few windows of many pairs, so its part of the intervals is rough.
 
 Scores are the log score in nats, -ln of the probability of what happened, and Brier's; of both,
 less is better (`evaluation/symbols.py`). What each forecaster says is smoothed towards how often

@@ -1,5 +1,7 @@
 """Scores of symbols and events against numbers by hand, and forecasters that must win or lose."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from neurosym_jax.evaluation.symbol_cases import (
     model_answer,
     persistence,
 )
+from neurosym_jax.evaluation.symbol_report import format_symbol_scores, symbol_score_rows
 from neurosym_jax.evaluation.symbols import (
     Question,
     evaluate_symbols,
@@ -123,3 +126,10 @@ def test_everybody_is_scored_on_the_same_questions(cases):
     assert losses["Markov chain"] < losses["frequencies"]
     counts = {name: each.errors.counts[:, 0].sum() for name, each in found.items()}
     assert set(counts.values()) == {len(cases.rows)}
+    text = format_symbol_scores(found, 4, 0.4)
+    (line,) = (line for line in text.splitlines() if line.startswith("state at 1.6 s"))
+    assert f"{losses['straight on']:.3f}" in line
+    assert f"{losses['straight on'] - losses['Markov chain']:+.3f} [" in line
+    (row,) = (row for row in symbol_score_rows(found) if row["model"] == "persistence")
+    assert row["scores"][metric] == pytest.approx(losses["persistence"])
+    json.dumps(symbol_score_rows(found), allow_nan=False)
