@@ -1,6 +1,8 @@
 """The options that every command on a stream of people has, and what they describe."""
 
 import dataclasses
+import functools
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
@@ -120,6 +122,7 @@ class LiveOptions:
             hold=self.hold,
             far=self.far,
             max_speed=self.max_speed,
+            report=functools.partial(print, file=sys.stderr, flush=True),
         )
 
     def stitcher(self) -> OnlineStitcher | None:

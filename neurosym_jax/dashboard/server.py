@@ -5,6 +5,7 @@ for some seconds and delay nobody. Pages of other sites that point a name of the
 ("DNS rebinding") are refused by the name they ask for.
 """
 
+import contextlib
 import ipaddress
 import socket
 import sys
@@ -14,6 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from neurosym_jax.dashboard.stream import Stream
+from neurosym_jax.runtime.deadline import deadline
 
 __all__ = ["PageServer"]
 
@@ -97,9 +99,17 @@ class _Handler(BaseHTTPRequestHandler):
 
     def setup(self) -> None:
         self.request.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        # For the whole request, and not for each of its bytes.
+        self._arriving = contextlib.ExitStack()
+        self._arriving.enter_context(deadline(self.request, PATIENCE))
         super().setup()
 
+    def finish(self) -> None:
+        self._arriving.close()
+        super().finish()
+
     def do_GET(self) -> None:
+        self._arriving.close()
         path = self.path.partition("?")[0]
         if not self.server.knows(self.headers.get("Host", "")):
             self.send_error(HTTPStatus.FORBIDDEN, "Ask for this computer by its own name")

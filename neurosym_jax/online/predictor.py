@@ -7,7 +7,7 @@ came live or from a file. All programs are compiled at the start, for a few numb
 
 import dataclasses
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -80,6 +80,7 @@ class Predictor:
         hold: float = 0.0,
         far: float = FAR,
         max_speed: float = MAX_SPEED,
+        report: Callable[[str], None] = lambda text: None,
     ):
         """Compile everything that will be needed.
 
@@ -97,6 +98,7 @@ class Predictor:
             hold: seconds for which somebody unseen is still forecast.
             far: metres.
             max_speed: metres per second.
+            report: is told, in one line, of every program before it is compiled.
 
         Raises:
             InputError: for numbers out of range, no model, or models that observe different spans.
@@ -125,7 +127,9 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
-        for size in self.sizes():
+        sizes = list(self.sizes())
+        for n, size in enumerate(sizes, 1):
+            report(f"compiling for up to {size} people ({n} of {len(sizes)})")
             self._forecast(np.zeros((size, self.window.steps, 2)), 0)
 
     @property

@@ -12,6 +12,7 @@ from neurosym_jax.ros.tcpros.server import ConnectionServer
 from neurosym_jax.ros.tcpros.subscriber import HANDSHAKE, Subscriber
 from neurosym_jax.ros.tcpros.wire import MAX_HEADER, decode_header, prepare, read_block
 from neurosym_jax.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
+from neurosym_jax.runtime.deadline import deadline
 
 __all__ = ["Node"]
 
@@ -162,7 +163,8 @@ class Node:
         """Serve who has connected to our TCPROS port."""
         prepare(connection)
         connection.settimeout(HANDSHAKE)
-        header = decode_header(read_block(connection, MAX_HEADER))
+        with deadline(connection, HANDSHAKE):
+            header = decode_header(read_block(connection, MAX_HEADER))
         publisher = self._publishers.get(header.get("topic", ""))
         if publisher is not None:
             publisher.serve(connection, header)

@@ -16,6 +16,7 @@ from neurosym_jax.ros.tcpros.wire import (
     read_block,
 )
 from neurosym_jax.ros.tcpros.xmlrpc import CallError, call
+from neurosym_jax.runtime.deadline import deadline
 
 __all__ = ["Subscriber"]
 
@@ -118,6 +119,7 @@ class _Link(threading.Thread):
         self._subscriber, self._uri = subscriber, uri
         self.wanted = True
         self.connected = False
+        self._fruitful = False  # a message came: who only shakes hands is not tried at once again
         self._ending = threading.Event()
         self._connection: socket.socket | None = None
         self.header: dict[str, str] = {}
@@ -128,7 +130,6 @@ class _Link(threading.Thread):
         while self.wanted and not self._ending.is_set():
             try:
                 with self._connect() as connection:
-                    delay = PATIENCE[0]
                     self._listen(connection)
             except Mismatch as error:
                 self._say(f"refused: {error}")
@@ -137,7 +138,10 @@ class _Link(threading.Thread):
             except OSError as error:
                 reason = error.strerror or str(error)
                 self._say(f"lost: {reason}" if self.connected else f"not reached: {reason}")
-            self.connected, self._connection = False, None
+            if self._fruitful:
+                delay = PATIENCE[0]
+            self.connected = self._fruitful = False
+            self._connection = None
             self._ending.wait(delay)
             delay = min(2 * delay, PATIENCE[1])
 
@@ -177,8 +181,9 @@ class _Link(threading.Thread):
             "message_definition": topic.definition,
             "tcp_nodelay": "1",
         }
-        connection.sendall(encode_header(fields))
-        header = decode_header(read_block(connection, MAX_HEADER))
+        with deadline(connection, HANDSHAKE):
+            connection.sendall(encode_header(fields))
+            header = decode_header(read_block(connection, MAX_HEADER))
         if "error" in header:
             raise ProtocolError(f"it answers: {header['error']!r:.200}")
         theirs = f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"
@@ -194,6 +199,7 @@ class _Link(threading.Thread):
         self._say("connected")
         while not self._ending.is_set():
             message = read_block(connection, MAX_MESSAGE)
+            self._fruitful = True
             self._subscriber.hear(message, self.header)
 
     def _say(self, text: str) -> None:

@@ -14,6 +14,7 @@ from xml.parsers.expat import ExpatError
 from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler
 
 from neurosym_jax.ros.tcpros.server import BoundedServer
+from neurosym_jax.runtime.deadline import deadline
 
 __all__ = ["CallError", "Refused", "SlaveServer", "call"]
 
@@ -79,6 +80,11 @@ def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> An
 
 class _Handler(SimpleXMLRPCRequestHandler):
     timeout = TIMEOUT
+
+    def handle_one_request(self) -> None:
+        # All of it, and not each of its bytes.
+        with deadline(self.connection, TIMEOUT):
+            super().handle_one_request()
 
     def do_POST(self) -> None:
         length = self.headers.get("Content-Length", "")

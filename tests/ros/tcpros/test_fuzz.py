@@ -236,3 +236,38 @@ def test_nobody_answers():
     for uri in ("nonsense", "http://", "http://[::1", "file:///etc", "http://a:99999999/"):
         with pytest.raises(CallError):
             call(uri, "getPid", "/me")
+
+
+def test_who_shakes_hands_byte_by_byte_does_not_stay(graph, monkeypatch):
+    monkeypatch.setattr("neurosym_jax.ros.tcpros.node.HANDSHAKE", 0.5)
+    monkeypatch.setattr("neurosym_jax.ros.tcpros.xmlrpc.TIMEOUT", 0.5)
+    node = graph("patient")
+    for port in (node._port, node._slave.server_address[1]):
+        began = time.monotonic()
+        with socket.create_connection(("127.0.0.1", port), 10) as slow:
+            with contextlib.suppress(OSError):
+                while time.monotonic() - began < 10:
+                    slow.sendall(b"\x01")
+                    time.sleep(0.1)
+            assert 0.4 < time.monotonic() - began < 5
+
+
+def test_a_publisher_that_only_shakes_hands_is_not_tried_again_at_once(graph, master, wait):
+    tries: list[float] = []
+
+    def shake(connection: socket.socket) -> None:
+        tries.append(time.monotonic())
+        read_block(connection, 10**6)
+        connection.sendall(encode_header({"type": CHATTER.type, "md5sum": CHATTER.md5}))
+
+    server = ConnectionServer("127.0.0.1", shake)
+    methods = {"requestTopic": lambda *_: ["TCPROS", "127.0.0.1", server.server_address[1]]}
+    slave = SlaveServer("127.0.0.1", methods)
+    uri = f"http://127.0.0.1:{slave.server_address[1]}"
+    graph("listener").subscribe(CHATTER, lambda data, header: None)
+    call(master.uri, "registerPublisher", "/odd", CHATTER.name, CHATTER.type, uri)
+    wait(lambda: len(tries) >= 5)
+    # 0.1, 0.2, 0.4, 0.8 s and then every two.
+    assert tries[4] - tries[0] > 1.4
+    slave.close()
+    server.close()
