@@ -61,9 +61,10 @@ def run(options: Options) -> None:
     source = options.stream.source(warn)
     frames = read_frames(options.recording, options.read, source)
     analytics, title = Analytics(), options.recording.stem
-    # Ended by others, too, it finishes what it writes.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with contextlib.ExitStack() as stack:
+        # Ended by others, too, it finishes what it writes.
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        stack.callback(signal.signal, signal.SIGTERM, before)
         predictor = options.predictor()
         files = stack.enter_context(contextlib.ExitStack())
         out = page = None

@@ -12,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.commands import replay as replay_verb
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.online.analytics import Analytics
@@ -136,7 +137,10 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
     there = tmp_path / "there.jsonl"
     there.touch()
     cases: list[tuple[dict, str]] = [
-        ({"topic": "/nobody"}, "no topic /nobody; there are: /people (people_msgs"),
+        (
+            {"read": ReadOptions(topic="/nobody")},
+            "no topic /nobody; there are: /people (people_msgs",
+        ),
         ({"recording": text}, "row 2"),
         ({"recording": tmp_path / "none.bag"}, "no such file"),
         ({"out": there}, "already there"),
