@@ -119,6 +119,8 @@ def one_of_each(
         if (model.config.obs_len, model.config.pred_len) == lengths
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
+    # NeuroSyM as the papers describe it goes before variants of it.
+    fitting.sort(key=lambda each: getattr(each[1].config, "pooling", None) != "as_described")
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}

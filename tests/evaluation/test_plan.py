@@ -1,11 +1,13 @@
 import pytest
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.data.sources import EthUcy, Synthetic
+from neurosym_jax.data.sources import EthUcy, Files, Synthetic
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import make_plan
+from neurosym_jax.evaluation.plan import make_plan, one_of_each
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import shipped_models
 
 MODELS = {
     "zara1_12": Model(GeneratorConfig(pred_len=12), {}, "zara1"),
@@ -81,3 +83,25 @@ def test_as_far_as_they_fit():
     assert found(pred_len=12) == [["m/zara1_12"]]
     assert found(pred_len=20) == [[]] * 5
     assert found() == [["m/eth_8"], ["m/zara1_12"]]
+
+
+def test_of_what_ships_one_of_each_kind_where_it_belongs():
+    ships = [(path.name, load_model(path)) for path in shipped_models()]
+
+    def chosen(source, **asked):
+        return sorted(name for name, _ in one_of_each(source, ships, **asked))
+
+    assert chosen(Synthetic()) == ["neurosym_simulations_8_8", "sgan_simulations_8_8"]
+    assert chosen(Synthetic(), pred_len=12) == ["neurosym_eth_8_12", "sgan_eth_8_12"]
+    assert chosen(EthUcy(), dataset="zara1") == ["neurosym_zara1_8_8", "sgan_zara1_8_8"]
+    scenes = EthUcy().scenes
+    assert chosen(EthUcy(), pred_len=12) == sorted(
+        f"{kind}_{scene}_8_12" for kind in ("neurosym", "sgan") for scene in scenes
+    )
+    # Of people whom no model knows: those that were trained on real ones.
+    assert chosen(Files(("mine",))) == ["neurosym_eth_8_8", "sgan_eth_8_8"]
+
+
+def test_a_model_for_all_simulations_is_tested_on_each():
+    model = ("m", Model(GeneratorConfig(), {}, "simulations"))
+    assert [test.dataset for test in make_plan(Synthetic(), [model])] == list(Synthetic().scenes)
