@@ -52,12 +52,15 @@ def counted(reader: Any, connections: Sequence[Any]) -> Iterator[tuple[Any, int,
         yield connection, stamp, data
     said: Counter[tuple[int, str]] = Counter()
     for each in reader.readers:
+        of_chunks: Counter[int] = Counter()  # ROS 1, where messages are found by another index.
+        for info in getattr(each, "chunk_infos", ()):
+            of_chunks.update(info.connection_counts)
         for connection in each.connections:
-            count = connection.msgcount
-            if hasattr(each, "chunk_infos"):  # ROS 1, whose index is what was read by.
-                counts = (info.connection_counts for info in each.chunk_infos)
-                count = sum(of.get(connection.id, 0) for of in counts)
+            is_ros1 = hasattr(each, "chunk_infos")
+            count = of_chunks.pop(connection.id, 0) if is_ros1 else connection.msgcount
             said[connection.id, connection.topic] += count
+        if of_chunks:
+            raise ValueError(f"it has {of_chunks.total()} messages of no topic that it describes")
     for id, topic in {(each.id, each.topic) for each in connections} | set(found):
         if said[id, topic] != found[id, topic]:
             raise ValueError(
