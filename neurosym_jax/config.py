@@ -48,6 +48,8 @@ class GeneratorConfig:
     bottleneck_dim: Count = 8
     pool_hidden_dim: Count = 512
     pool_every_timestep: bool = False
+    """Pool at predicted steps too; the symbols of NeuroSyM are then those of the positions of the
+    last `obs_len` steps, seen or predicted, of each sample its own."""
     neighborhood_size: Positive = 2.0
     grid_size: Count = 8
     noise_dim: Whole = 8
@@ -71,13 +73,8 @@ class GeneratorConfig:
         if self.noise_type == "fixed" and self.noise_mix_type == "ped":
             raise InputError("noise_type fixed needs noise_mix_type global: agents have no order")
         pooling = POOLINGS[self.pooling]
-        if self.pool_every_timestep and pooling.module is None:
+        if self.pool_every_timestep and (pooling.module is None or not pooling.of_pairs):
             raise InputError(f"pool_every_timestep needs a pooling other than {self.pooling!r}")
-        if self.pool_every_timestep and not pooling.every_step:
-            raise InputError(
-                f"pool_every_timestep with {self.pooling}: it pools observed steps, and symbols or "
-                "histories of predicted steps are not defined"
-            )
         if self.weighting is not None and not self.symbolic:
             raise InputError(f"pooling {self.pooling!r} has no symbols for a weighting to weight")
         if self.weighting is None and self.symbolic:

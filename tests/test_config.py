@@ -136,11 +136,6 @@ def test_not_an_object(text):
         from_json(GeneratorConfig, text, "here")
 
 
-def test_symbols_of_predicted_steps_are_not_defined():
-    with pytest.raises(InputError, match="pool_every_timestep with as_described"):
-        GeneratorConfig(pooling="as_described", pool_every_timestep=True)
-
-
 def test_what_needs_a_context_perceptron():
     none = GeneratorConfig(pooling="none")
     assert none.needs_context_mlp

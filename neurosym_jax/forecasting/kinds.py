@@ -128,7 +128,8 @@ def _fresh(config: GeneratorConfig, key: jax.Array) -> Any:
     scene = make_scene(np.zeros((1, config.obs_len, 2)))
     pairs = (1, 1) if POOLINGS[config.pooling].of_pairs else (1,)
     alpha = np.zeros((*pairs, config.obs_len))
-    return Generator(config).init(key, scene, np.zeros((1, config.noise_dim)), alpha)
+    weigh = (lambda *_: alpha) if config.symbolic else None
+    return Generator(config).init(key, scene, np.zeros((1, config.noise_dim)), alpha, weigh)
 
 
 def _register_built_in() -> None:

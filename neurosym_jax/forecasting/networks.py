@@ -12,6 +12,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.models import Generator
+from neurosym_jax.models.decoder import Weigh
 from neurosym_jax.models.pooling import POOLINGS
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import scene_alpha
@@ -48,7 +49,7 @@ class GeneratorForecaster(TwoStageForecaster):
         each = samples if config.pool_every_timestep else 1
         pairs = each * POOLINGS[config.pooling].pair_numbers(config)
         if config.symbolic:
-            pairs += 16.0 * config.obs_len
+            pairs += each * 16.0 * config.obs_len
         return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
 
     @property
@@ -89,18 +90,29 @@ def interact_scene(
     config: GeneratorConfig, params: Any, hidden: Any, scene: Scene, alpha: Array | None = None
 ) -> Any:
     """The part of `encode_scene` that looks at neighbours; `hidden [N, H]` is the other's."""
-    if alpha is None and config.weighting is not None:
-        weights = params.get("weighting", {})
-        alpha = scene_alpha(config.weighting, weights, scene.observed, scene.valid)
+    weigh = _weighting(config, params)
+    if alpha is None and weigh is not None:
+        alpha = weigh(jnp.asarray(scene.observed), jnp.asarray(scene.valid))
     return Generator(config).apply(params, hidden, scene, alpha, method=Generator.interact)
+
+
+def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
+    """The config's weighting with what it has learned, None for a model without symbols."""
+    if config.weighting is None:
+        return None
+    return functools.partial(scene_alpha, config.weighting, params.get("weighting", {}))
 
 
 def decode_scene(
     config: GeneratorConfig, params: Any, context: Array, scene: Scene, noise: Array
 ) -> Array:
     """`[k, N, pred_len, 2]` metres relative to the scene's origin; see `Forecaster.forecast`."""
-    decode = functools.partial(
-        Generator(config).apply, params, context, scene, method=Generator.decode
-    )
+    weigh = _weighting(config, params)
+
+    def decode(noise: Array) -> Any:
+        return Generator(config).apply(
+            params, context, scene, noise, weigh, method=Generator.decode
+        )
+
     displacement: Any = jax.vmap(decode)(noise)
     return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)

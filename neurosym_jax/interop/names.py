@@ -88,6 +88,11 @@ def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
         "encoder.spatial_embedding", "encoder/spatial_embedding", "dense", 2, c.embedding_dim
     )
     yield _Layer("decoder.decoder", "decoder/lstm", "lstm", c.embedding_dim, c.decoder_h_dim)
+    if c.pool_every_timestep and c.symbolic:
+        raise InputError(
+            f"pool_every_timestep with {c.pooling} has no counterpart in torch: the released "
+            "networks have no symbols of predicted steps"
+        )
     if c.pool_every_timestep:
         yield from _pooling_layers("decoder.pool_net", "decoder/pooling", c, c.decoder_h_dim)
         widths = (c.decoder_h_dim + pooled, c.mlp_dim, c.decoder_h_dim)

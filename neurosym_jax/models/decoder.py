@@ -5,6 +5,8 @@ after the first step it is one matrix, added to the recurrent one. The fold chan
 rounding only.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
@@ -13,9 +15,12 @@ from jax import Array
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
 from neurosym_jax.models.lstm import LSTMParameters, lstm_update
-from neurosym_jax.models.pooling import make_pooling
+from neurosym_jax.models.pooling import POOLINGS, make_pooling
 
-__all__ = ["Decoder"]
+__all__ = ["Decoder", "Weigh"]
+
+Weigh = Callable[[Array, Array], Array]
+"""`(positions [N, T, 2] metres, valid [N]) -> alpha [N, N, T]`."""
 
 
 class Decoder(nn.Module):
@@ -39,20 +44,29 @@ class Decoder(nn.Module):
                 )
             )
 
-    def __call__(self, hidden: Array, position: Array, displacement: Array, valid: Array) -> Array:
+    def __call__(
+        self,
+        hidden: Array,
+        observed: Array,
+        displacement: Array,
+        valid: Array,
+        weigh: Weigh | None = None,
+    ) -> Array:
         """Forecast displacements.
 
         Args:
             hidden: [N, decoder_h_dim] first hidden state; the cell state starts at zero.
-            position: [N, 2] last observed position, metres.
+            observed: [N, obs_len, 2] positions, metres.
             displacement: [N, 2] last observed displacement, metres.
             valid: [N] bool.
+            weigh: of NeuroSyM where it pools at predicted steps: alpha of the positions of the last
+                `obs_len` steps, seen or predicted. Nothing later than a step is in it.
 
         Returns:
             [N, pred_len, 2] displacements, metres.
         """
         if self.config.pool_every_timestep:
-            return self._pooled(hidden, position, displacement, valid)
+            return self._pooled(hidden, observed, displacement, valid, weigh)
         return self._folded(hidden, displacement)
 
     def _folded(self, hidden: Array, displacement: Array) -> Array:
@@ -73,25 +87,36 @@ class Decoder(nn.Module):
         _, displacements = jax.lax.scan(step, state, length=self.config.pred_len)
         return jnp.moveaxis(displacements, 0, 1)
 
-    def _pooled(self, hidden: Array, position: Array, displacement: Array, valid: Array) -> Array:
+    def _pooled(
+        self,
+        hidden: Array,
+        observed: Array,
+        displacement: Array,
+        valid: Array,
+        weigh: Weigh | None,
+    ) -> Array:
         unroll = nn.scan(
-            Decoder._pooled_step,
+            lambda decoder, state, valid: decoder._pooled_step(state, valid, weigh),
             variable_broadcast="params",
             split_rngs={"params": False},
             in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
             length=self.config.pred_len,
         )
-        state = (hidden, jnp.zeros_like(hidden), position, displacement)
+        track = observed if POOLINGS[self.config.pooling].windowed else observed[:, -1:]
+        state = (hidden, jnp.zeros_like(hidden), track, displacement)
         _, displacements = unroll(self, state, valid)
         return jnp.moveaxis(displacements, 0, 1)
 
-    def _pooled_step(self, state: tuple[Array, ...], valid: Array):
-        hidden, cell, position, displacement = state
+    def _pooled_step(self, state: tuple[Array, ...], valid: Array, weigh: Weigh | None):
+        hidden, cell, track, displacement = state
         kernel, bias = self.lstm.after(self.spatial_embedding)
         gates = displacement @ kernel + bias + hidden @ self.lstm.recurrent_kernel
         hidden, cell = lstm_update(gates, cell)
         displacement = self.hidden2pos(hidden)
-        position = position + displacement
-        pooled = self.pooling(hidden, position, valid)
+        position = track[:, -1] + displacement
+        track = jnp.concatenate([track[:, 1:], position[:, None]], axis=1)
+        pooling = POOLINGS[self.config.pooling]
+        weights = () if weigh is None else (weigh(track, valid),)
+        pooled = self.pooling(hidden, track if pooling.windowed else position, valid, *weights)
         hidden = self.mlp(jnp.concatenate([hidden, pooled], axis=-1))
-        return (hidden, cell, position, displacement), displacement
+        return (hidden, cell, track, displacement), displacement

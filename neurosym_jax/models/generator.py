@@ -10,7 +10,7 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.models.decoder import Decoder
+from neurosym_jax.models.decoder import Decoder, Weigh
 from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.lstm import Encoder
 from neurosym_jax.models.pooling import POOLINGS, make_pooling
@@ -41,13 +41,16 @@ class Generator(nn.Module):
             )
         self.decoder = Decoder(config)
 
-    def __call__(self, scene: Scene, noise: Array, alpha: Array | None = None) -> Array:
+    def __call__(
+        self, scene: Scene, noise: Array, alpha: Array | None = None, weigh: Weigh | None = None
+    ) -> Array:
         """One forecast of `scene`: `[N, pred_len, 2]` displacements in metres.
 
         `noise` is `[noise_dim]` where it is global to the scene, else `[N, noise_dim]`; `alpha` is
-        NeuroSyM's weight of each pair and step, `[N, N, obs_len]`.
+        NeuroSyM's weight of each pair and step, `[N, N, obs_len]`, and `weigh` what gives it at
+        predicted steps, where the config pools there (see `Decoder`).
         """
-        return self.decode(self.encode(scene, alpha), scene, noise)
+        return self.decode(self.encode(scene, alpha), scene, noise, weigh)
 
     def encode(self, scene: Scene, alpha: Array | None = None) -> Array:
         """What is known before the noise: `[N, decoder_h_dim - noise_dim]`."""
@@ -61,17 +64,22 @@ class Generator(nn.Module):
         """What `encode` returns, from the hidden states [N, H] that `observe` returns."""
         if self.config.pooling != "none":
             pooling = POOLINGS[self.config.pooling]
-            positions = scene.observed[:, -1] if pooling.every_step else scene.observed
+            positions = scene.observed if pooling.windowed else scene.observed[:, -1]
             weights = (alpha,) if pooling.symbolic else ()
             pooled = self.pooling(context, positions, scene.valid, *weights)
             context = jnp.concatenate([context, pooled], axis=-1)
         return self.context_mlp(context) if self.config.needs_context_mlp else context
 
-    def decode(self, context: Array, scene: Scene, noise: Array) -> Array:
-        """Forecast displacements `[N, pred_len, 2]` from `context` and one noise."""
+    def decode(
+        self, context: Array, scene: Scene, noise: Array, weigh: Weigh | None = None
+    ) -> Array:
+        """Forecast displacements `[N, pred_len, 2]` from `context` and one noise.
+
+        `weigh` is the weighting of predicted steps, see `Decoder`.
+        """
         noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
         hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
-        last, step, valid = map(
-            jnp.asarray, (scene.observed[:, -1], scene.displacement[:, -1], scene.valid)
+        observed, step, valid = map(
+            jnp.asarray, (scene.observed, scene.displacement[:, -1], scene.valid)
         )
-        return self.decoder(hidden, last, step, valid)
+        return self.decoder(hidden, observed, step, valid, weigh)

@@ -55,9 +55,12 @@ class Pooling:
     """About how many numbers one call keeps for each pair of slots, for the size of batches."""
 
     @property
-    def every_step(self) -> bool:
-        """Whether it can pool at predicted steps too, of which it sees the positions alone."""
-        return self.module is not None and not self.symbolic and not self.whole_observation
+    def windowed(self) -> bool:
+        """Whether it sees the last `obs_len` positions, at predicted steps too, not only the last.
+
+        At a predicted step they are those seen or predicted before it and at it.
+        """
+        return self.symbolic or self.whole_observation
 
 
 POOLINGS: Registry[Pooling] = Registry(

@@ -59,11 +59,13 @@ def initial_state(
     of_generator, of_discriminator = jax.random.split(key)
     agents = example.valid.shape[0]
     observed = example.replace(future=None)
+    alpha = jnp.zeros((agents, agents, generator_config.obs_len))
     generator = Generator(generator_config).init(
         of_generator,
         observed,
         jnp.zeros((agents, generator_config.noise_dim)),
-        jnp.zeros((agents, agents, generator_config.obs_len)),
+        alpha,
+        (lambda *_: alpha) if generator_config.symbolic else None,
     )
     if weighting is None:
         weighting = initial_parameters(generator_config.weighting)

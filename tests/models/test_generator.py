@@ -11,6 +11,7 @@ from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.lstm import Encoder
 from neurosym_jax.models.pooling import make_pooling
 from neurosym_jax.scene import make_scene
+from neurosym_jax.symbolic import make_weighting
 
 CONFIGS = {
     "pool_net": GeneratorConfig(pool_hidden_dim=16, pred_len=4),
@@ -22,6 +23,20 @@ CONFIGS = {
     ),
     "social, every step": GeneratorConfig(
         pooling="social", bottleneck_dim=32, grid_size=4, pool_every_timestep=True, pred_len=4
+    ),
+    "symbols": GeneratorConfig(
+        pooling="as_described", pool_hidden_dim=16, pred_len=4, weighting="quantised"
+    ),
+    "symbols, every step": GeneratorConfig(
+        pooling="as_described",
+        pool_every_timestep=True,
+        pool_hidden_dim=16,
+        obs_len=5,
+        pred_len=7,
+        weighting="quantised",
+    ),
+    "history, every step": GeneratorConfig(
+        pooling="neurosym_ros", pool_every_timestep=True, pool_hidden_dim=16, obs_len=5, pred_len=7
     ),
     "one step": GeneratorConfig(pool_hidden_dim=16, pred_len=1, obs_len=1),
 }
@@ -36,10 +51,18 @@ def example(config, agents=5):
 def random_params(module, *arguments):
     """Of the size that torch would draw, so that outputs are of ordinary size."""
     rng = np.random.default_rng(1)
-    shapes = jax.eval_shape(module.init, jax.random.key(0), *arguments)
+    shapes = jax.eval_shape(lambda key: module.init(key, *arguments), jax.random.key(0))
     return jax.tree.map(
         lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
     )
+
+
+def weights_of(config, scene):
+    """Alpha of what was observed, and what gives that of predicted steps."""
+    if not config.symbolic:
+        return ()
+    weigh = make_weighting(config.weighting)
+    return weigh(scene.observed, scene.valid), weigh
 
 
 def sigmoid(x):
@@ -57,9 +80,17 @@ def unfolded(config, params, scene, noise):
     context = Encoder(config.embedding_dim, config.encoder_h_dim).apply(
         {"params": params["encoder"]}, scene.displacement
     )
+
+    def pool(params, hidden, track):
+        """Of the positions so far: NeuroSyM sees as many of them as it observes."""
+        seen = [track[:, -1], scene.valid]
+        if config.symbolic:
+            window = track[:, -config.obs_len :]
+            seen = [window, scene.valid, make_weighting(config.weighting)(window)]
+        return make_pooling(config, hidden.shape[1]).apply({"params": params}, hidden, *seen)
+
     if config.pooling != "none":
-        pooling = make_pooling(config, config.encoder_h_dim)
-        pooled = pooling.apply({"params": params["pooling"]}, context, observed[:, -1], scene.valid)
+        pooled = pool(params["pooling"], context, observed)
         context = np.concatenate([context, pooled], axis=1)
     if config.needs_context_mlp:
         width = config.decoder_h_dim - config.noise_dim
@@ -70,7 +101,7 @@ def unfolded(config, params, scene, noise):
     hidden = np.concatenate([context, each], axis=1)
     cell = np.zeros_like(hidden)
     decoder = params["decoder"]
-    position, step = observed[:, -1], np.asarray(scene.displacement)[:, -1]
+    track, step = observed, np.asarray(scene.displacement)[:, -1]
     steps = []
     for _ in range(config.pred_len):
         lstm = decoder["lstm"]
@@ -84,11 +115,10 @@ def unfolded(config, params, scene, noise):
         cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
         hidden = sigmoid(o) * np.tanh(cell)
         step = dense(hidden, decoder["hidden2pos"])
-        position = position + step
+        track = np.concatenate([track, track[:, -1:] + step[:, None]], axis=1)
         steps.append(step)
         if config.pool_every_timestep:
-            pooling = make_pooling(config, config.decoder_h_dim)
-            pooled = pooling.apply({"params": decoder["pooling"]}, hidden, position, scene.valid)
+            pooled = pool(decoder["pooling"], hidden, track)
             both = np.concatenate([hidden, pooled], axis=1)
             sizes = (both.shape[1], config.mlp_dim, config.decoder_h_dim)
             hidden = np.asarray(Perceptron(sizes).apply({"params": decoder["mlp"]}, both))
@@ -99,8 +129,10 @@ def unfolded(config, params, scene, noise):
 def test_against_the_unfolded_chain(config):
     scene = example(config)
     noise = np.random.default_rng(2).normal(size=config.noise_dim).astype(np.float32)
-    params = random_params(Generator(config), scene, noise)
-    forecast = jax.jit(Generator(config).apply)(params, scene, noise)
+    params = random_params(Generator(config), scene, noise, *weights_of(config, scene))
+    forecast = jax.jit(
+        lambda params: Generator(config).apply(params, scene, noise, *weights_of(config, scene))
+    )(params)
     assert forecast.shape == (5, config.pred_len, 2)
     wanted = unfolded(config, params, scene, noise)
     assert_allclose(forecast, wanted, atol=1e-5)

@@ -73,9 +73,6 @@ def test_it_is_chosen_saved_loaded_and_forecasts(tmp_path, options, name):
 def test_what_is_refused():
     assert pooling_names(symbolic=False) == ("none", "pool_net", "social", "mean")
     assert pooling_names(symbolic=True) == ("as_described", "neurosym_ros", "weighted")
-    for pooling in ("mean", "weighted"):
-        with pytest.raises(InputError, match=f"pool_every_timestep with {pooling}"):
-            GeneratorConfig(pooling=pooling, pool_every_timestep=True)
     for pooling in ("weighted", "neurosym_ros"):
         with pytest.raises(InputError, match="sgan has none, pool_net, social, mean"):
             named_generator(pooling=pooling)
