@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.timing import OURS, alternate, rows
+from benchmarks.timing import OURS, Row, alternate, rows
 
 AGENTS, SCENES, STEPS, OF_LOOP = 32, 64, 8, 2
+SAMPLES, CROWD = 20, 50
 ORIGINAL = "original"
 
 
@@ -62,7 +63,34 @@ def measure(options: Any) -> dict[str, Any]:
             raise AssertionError(f"{who} agrees in {agreed:.4%} of alpha only")
     pairs = SCENES * AGENTS * (AGENTS - 1)
     case = f"{pairs} pairs, {STEPS} steps"
-    return {"title": "QTC and alpha of all pairs", "rows": rows(case, seconds)}
+    found = rows(case, seconds) + _of_samples(options.repeats)
+    return {"title": "QTC and alpha of all pairs", "rows": found}
+
+
+def _of_samples(repeats: int) -> list[Row]:
+    """Symbols, and probabilities of states and events, of all pairs of a scene's samples."""
+    import jax
+    import jax.numpy as jnp
+
+    from neurosym_jax.symbolic.calculi import observe_pairs
+    from neurosym_jax.symbolic.forecast import symbolic_events, symbolic_forecast
+
+    rng = np.random.default_rng(0)
+    walks = rng.uniform(0, 8, (CROWD, 1, 2)) + rng.normal(
+        0, 0.4, (SAMPLES, CROWD, STEPS + 1, 2)
+    ).cumsum(axis=2)
+    whole = jnp.asarray(walks, jnp.float32)
+    last, samples = whole[0, :, :1], whole[:, :, 1:]
+    symbols = jax.jit(jax.vmap(lambda of: observe_pairs("c1", of, quantisation_factor=0.05)))
+    found = []
+    for what, run in {
+        "symbols": lambda: symbols(whole),
+        "states forecast": lambda: symbolic_forecast(samples, last),
+        "events forecast": lambda: symbolic_events(samples, last),
+    }.items():
+        timed = alternate({OURS: lambda run=run: jax.block_until_ready(run())}, repeats, warm=3)
+        found += rows(f"{what}, {SAMPLES} samples of {CROWD} people", timed)
+    return found
 
 
 def _original(walks: np.ndarray, reference: Path) -> Callable[[], None]:

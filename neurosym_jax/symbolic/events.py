@@ -9,7 +9,6 @@ import dataclasses
 import functools
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -96,20 +95,19 @@ class Encounter:
 
     def lasting(self, what: Array, seconds: float) -> Array:
         """[..., T] whether `what` [..., T] has been so for this long, and is."""
-        steps = max(1, round(seconds / self.period))
-        # Where it last was not so; before the first step it was not.
-        step = jnp.arange(what.shape[-1])
-        broken = jax.lax.cummax(jnp.where(what, -1, _like(step, what)), axis=what.ndim - 1)
-        return _like(step, what) - broken >= steps
+        held = what
+        for steps in range(1, round(seconds / self.period)):
+            held = held & _shifted(what, steps)
+        return held
 
     @staticmethod
     def turns(sign: Array) -> Array:
         """[..., T] whether a sign [..., T] is now the opposite of what it was before it was 0."""
-        step = _like(jnp.arange(sign.shape[-1]), sign)
-        known = jax.lax.cummax(jnp.where(sign != 0, step, -1), axis=sign.ndim - 1)
-        before = jnp.concatenate([jnp.full_like(known[..., :1], -1), known[..., :-1]], axis=-1)
-        last = jnp.take_along_axis(sign, jnp.maximum(before, 0), axis=-1)
-        return (before >= 0) & (last * sign < 0)
+        before, reach = _shifted(sign, 1), 1
+        while reach < sign.shape[-1]:
+            before = jnp.where(before != 0, before, _shifted(before, reach))
+            reach *= 2
+        return before * sign < 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,9 +147,11 @@ def _length(offset: Array) -> Array:
     return jnp.sqrt(jnp.square(offset).sum(axis=-1))
 
 
-def _like(step: Array, array: Array) -> Array:
-    """`step` [T] with as many axes as `array` [..., T]."""
-    return jnp.broadcast_to(step.reshape((1,) * (array.ndim - 1) + step.shape), array.shape)
+def _shifted(array: Array, steps: int) -> Array:
+    """`array` [..., T] of so many steps before, zeros (False) before the first."""
+    kept = array[..., : max(0, array.shape[-1] - steps)]
+    missing = array.shape[-1] - kept.shape[-1]
+    return jnp.pad(kept, [(0, 0)] * (array.ndim - 1) + [(missing, 0)])
 
 
 for _name, _sentence, _happens in (

@@ -79,8 +79,8 @@ def symbolic_forecast(
         samples: [k, N, T, 2] metres, futures of the scene, see `predict`.
         observed: [N, obs_len, 2] metres in the same frame; only the last positions are used.
         pairs: [P, 2] the ordered pairs that are asked for; None for all N^2, which takes
-            4 N^2 T (S + 3 k) bytes: with 20 samples of 8 steps in QTC_C1 11 MB of 50 people and
-            1.1 GB of 500.
+            4 N^2 T (2 S + 5 k) bytes: with 20 samples of 8 steps in QTC_C1 21 MB of 50 people and
+            2.1 GB of 500.
         valid: [N] bool, False for padding, whose pairs get zeros, as do those of one with themself.
         prior: [S] shares of the states that counts are smoothed with; None is uniform.
         **settings: see `SymbolSettings`.
@@ -97,7 +97,7 @@ def symbolic_forecast(
     size = len(all_states(CALCULI[how.calculus]))
     refuse_beyond_memory(
         f"symbols of {others.size} pairs",
-        4.0 * others.size * futures.samples.shape[2] * (size + 3 * len(futures.samples)),
+        4.0 * others.size * futures.samples.shape[2] * (2 * size + 5 * len(futures.samples)),
         "name fewer pairs",
     )
     shares = jnp.full(size, 1 / size) if prior is None else jnp.asarray(prior, jnp.float32)
@@ -136,7 +136,7 @@ def symbolic_events(
     names = tuple(events_named(events))
     refuse_beyond_memory(
         f"events of {others.size} pairs",
-        4.0 * others.size * len(futures.samples) * (8 * futures.samples.shape[2] + 2 * len(names)),
+        4.0 * others.size * len(futures.samples) * (8 * futures.samples.shape[2] + 4 * len(names)),
         "name fewer pairs",
     )
     return _events(how, names, futures, others)
