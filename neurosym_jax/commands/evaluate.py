@@ -54,7 +54,7 @@ class Options:
 
     checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
     """Models by folder, .pt file or name (see `neurosym models`), in one table; a folder of several
-    stands for all of them. Default: one SGAN and one NeuroSyM that ship, where they belong."""
+    stands for those that fit. Default: one SGAN and one NeuroSyM that ship, where they belong."""
     all: bool = False
     """Every model that ships, as far as it fits what is asked for."""
     data: Annotated[Path | None, _named("PATH")] = None
@@ -127,7 +127,8 @@ def run(options: Options) -> list[Row]:
         obs_len=protocol.steps("obs_len", options.obs_len),
         pred_len=protocol.steps("pred_len", options.pred_len),
         baselines=_baselines(options),
-        as_far_as_they_fit=not options.checkpoint,
+        # Of a folder, or of what ships, those that fit what is asked for.
+        as_far_as_they_fit=len(models) != len(options.checkpoint),
     )
     least = protocol.min_agents if options.min_agents is None else options.min_agents
     tests = load_tests(source, plan, test_on=options.test_on, min_agents=least, start=start)
@@ -153,7 +154,7 @@ def run(options: Options) -> list[Row]:
         return rows
     said = _print_rest(options, rows, means=chosen)
     if not any(row["checkpoint"] for row in rows):
-        said += ["No checkpoint was given and none that ships fits: these are the baselines."]
+        said += ["No model was named, or none fits: these are the baselines."]
     elif not chosen:
         text = conclusion(lines_of(rows), tests[0].windows.period, simulated=bool(source.name))
         said += [textwrap.fill(text, min(100, shutil.get_terminal_size().columns))]
