@@ -21,7 +21,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.evaluation.batched import forecast_batches
+from neurosym_jax.forecasting.batched import forecast_batches
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import Generator

@@ -19,6 +19,7 @@ from .data.sources import windows_from as windows_from
 from .errors import InputError as InputError
 from .evaluation.metrics import register_metric as register_metric
 from .evaluation.run import evaluate as evaluate
+from .forecasting.batched import predict_scenes as predict_scenes
 from .forecasting.differentiable import forecast as forecast
 from .forecasting.kinds import register_forecaster as register_forecaster
 from .forecasting.model import Model as Model

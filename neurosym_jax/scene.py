@@ -24,6 +24,7 @@ from neurosym_jax.errors import InputError
 __all__ = [
     "AnyArray",
     "Scene",
+    "checked_positions",
     "displacements",
     "make_scene",
     "model_dtype",
@@ -91,13 +92,11 @@ def make_scene(
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.
     """
-    observed = _checked("observed", observed)
-    if len(observed) == 0:
-        raise InputError("observed: a scene needs at least one agent")
+    observed = checked_positions("observed", observed)
     origin = centre(observed[:, -1])
     dtype = model_dtype()
     if future is not None:
-        future = _checked("future", future)
+        future = checked_positions("future", future)
         if len(future) != len(observed):
             raise InputError(f"future has {len(future)} agents but observed has {len(observed)}")
         future = relative_positions(future, origin).astype(dtype)
@@ -160,10 +159,17 @@ def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:
     return np.asarray(positions, np.float64) + np.asarray(scene.origin, np.float64)
 
 
-def _checked(name: str, positions: ArrayLike) -> np.ndarray:
+def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
+    """`positions [N, T, 2]` of a scene in float64; `name` is what messages call them.
+
+    Raises:
+        InputError: for a wrong shape, no agent, or a coordinate that is not finite.
+    """
     positions = np.asarray(positions, np.float64)
     if positions.ndim != 3 or positions.shape[2] != 2:
         raise InputError(f"{name} must be [agents, steps, 2], not {list(positions.shape)}")
+    if len(positions) == 0:
+        raise InputError(f"{name}: a scene needs at least one agent")
     if not np.isfinite(positions).all():
         agent, step, _ = np.argwhere(~np.isfinite(positions))[0]
         raise InputError(f"{name}: agent {agent}, step {step} is not finite")

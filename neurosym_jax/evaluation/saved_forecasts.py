@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.batched import draw_noises, forecast_batches
 from neurosym_jax.evaluation.load import Test
+from neurosym_jax.forecasting.batched import draw_noises, forecast_batches
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import new_file, refuse_unwritable

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.evaluation.batched import Map, draw_noises, forecast_batches, unpacked
 from neurosym_jax.evaluation.metrics import Metric
 from neurosym_jax.evaluation.scene_scores import Score, Scores, chosen, score_scenes, shapes
+from neurosym_jax.forecasting.batched import Map, draw_noises, forecast_batches, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.memory import refuse_beyond_memory

@@ -14,7 +14,7 @@ import numpy as np
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.evaluation.batched import draw_noises, forecast_batches
+from neurosym_jax.forecasting.batched import draw_noises, forecast_batches
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.symbolic.cnd import Rule, adjacency, states
 from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of

@@ -1,5 +1,6 @@
 from .baselines import ConstantVelocity as ConstantVelocity
 from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
+from .batched import predict_scenes as predict_scenes
 from .differentiable import forecast as forecast
 from .forecaster import Forecaster as Forecaster
 from .forecaster import TwoStageForecaster as TwoStageForecaster

@@ -1,7 +1,7 @@
 """What a forecaster is: k futures of one scene.
 
 Equal forecasters are equal to `jax.jit`, so they share compiled programs. Which ones there are,
-`kinds` says; how the scenes of a test set are forecast at once is `evaluation.batched`'s.
+`kinds` says; how the scenes of a test set are forecast at once is `batched`'s.
 """
 
 import abc

@@ -11,10 +11,10 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
-from neurosym_jax.scene import make_scene
+from neurosym_jax.scene import AnyArray, make_scene
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
-__all__ = ["Model", "predict"]
+__all__ = ["Model", "predict", "refuse_other_length"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -93,8 +93,17 @@ def predict(
         InputError: for a wrong shape, a coordinate that is not finite, or a number out of range.
     """
     scene = make_scene(observed, recording=recording, frame=frame)
-    steps = scene.observed.shape[1]
-    if steps != model.config.obs_len:
-        raise InputError(f"observed has {steps} steps; the model observes {model.config.obs_len}")
+    refuse_other_length(model, scene.observed, "observed")
     forecast = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
     return forecast(scene)
+
+
+def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
+    """Refuse `observed [N, T, 2]`, called `name`, of more or fewer steps than the model observes.
+
+    Raises:
+        InputError: with both numbers.
+    """
+    steps, wanted = observed.shape[1], model.config.obs_len
+    if steps != wanted:
+        raise InputError(f"{name} has {steps} steps; the model observes {wanted}")

@@ -1,7 +1,7 @@
 """Forecasts of single scenes as they come: from a scene to its futures in the world's frame.
 
 `predict`, the online predictor and the latency that an evaluation reports are this. Batches of
-scenes are `evaluation.batched`'s.
+scenes are `batched`'s.
 """
 
 import functools

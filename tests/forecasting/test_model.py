@@ -15,7 +15,7 @@ from neurosym_jax.data.readers.eth_ucy import read_split
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.batched import forecast_batch
+from neurosym_jax.forecasting.batched import forecast_batch, predict_scenes
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.noise import draw_noise
@@ -150,6 +150,36 @@ def test_predict_is_the_evaluation_of_one_scene(name):
         assert_allclose(forecast - origin, wanted, rtol=0, atol=1e-5)
         away = predict(model, observed + UTM, **arguments)
         assert_allclose(away - UTM - origin, wanted, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["pool_net", "every step", "noise of agents"])
+def test_many_scenes_are_forecast_as_each_alone(name):
+    windows, model = cut(crowd(shift=tuple(UTM))), random_model(name)
+    scenes = [part[:, :4] for part in np.split(windows.position, windows.bounds[1:-1])]
+    assert len({len(scene) for scene in scenes}) > 2
+    frames = windows.identity[:, 1].astype(int)
+    found = predict_scenes(model, scenes, samples=K, seed=5, recording="crowd", frames=frames)
+    assert len(found) == len(scenes)
+    for forecast, scene, frame in zip(found, scenes, frames):
+        alone = predict(model, scene, samples=K, seed=5, recording="crowd", frame=frame)
+        assert_allclose(forecast, alone, rtol=0, atol=1e-5)
+    assert_allclose(
+        predict_scenes(model, scenes[:2])[1], predict(model, scenes[1], frame=1), atol=1e-5
+    )
+
+
+def test_what_many_scenes_refuse():
+    model, good = random_model("none"), np.zeros((1, 4, 2))
+    assert predict_scenes(model, []) == []
+    for scenes, frames, message in (
+        ([good, np.zeros((1, 5, 2))], None, r"observed\[1\] has 5 steps; the model observes 4"),
+        ([good, np.full((1, 4, 2), np.inf)], None, r"observed\[1\]: agent 0, step 0"),
+        ([good, good[:0]], None, r"observed\[1\]: a scene needs at least one agent"),
+        ([good, good], [0], "1 frames are given for 2 scenes"),
+        ([np.zeros((10**6, 4, 2))], None, "hand the scenes over in parts"),
+    ):
+        with pytest.raises(InputError, match=message):
+            predict_scenes(model, scenes, samples=10**6, frames=frames)
 
 
 @pytest.mark.parametrize("name", ["none", "social", "every step", "noise of agents"])

@@ -14,7 +14,7 @@ from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.batched import forecast_batch
+from neurosym_jax.forecasting.batched import forecast_batch
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.networks import encode_scene

@@ -10,7 +10,7 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.tracks import resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.batched import forecast_batch
+from neurosym_jax.forecasting.batched import forecast_batch
 from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.online.predictor import Predictor
