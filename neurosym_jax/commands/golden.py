@@ -1,4 +1,4 @@
-"""Make golden cases from a torch checkout of SGAN, for `neurosym parity`."""
+"""Make golden cases from a torch checkout of SGAN."""
 
 import dataclasses
 import json
