@@ -2,7 +2,8 @@
 
 python -m studies.left_out DATA OUT RECIPE [RECIPE ...] > docs/left_out.md
 
-A RECIPE is a list of changes to the recipe `ours`, such as `scale=0.3,jitter=0.04`. Of every pair
+A RECIPE is a list of changes to the recipe `ours` or to the network, such as
+`scale=0.3,noise_type=fixed`. Of every pair
 of ETH/UCY's five scenes, models are trained on the others, as `train.py --scene` would, and tested
 on both. The error by which a recipe is judged for a scene is the mean over its four pairs, always
 tested on the other scene of the pair: nothing of the scene itself is in it, neither as training nor
@@ -10,6 +11,7 @@ as test. Runs are single-threaded, as many at once as there are cores; a finishe
 trained again.
 """
 
+import dataclasses
 import itertools
 import json
 import os
@@ -21,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.readers.eth_ucy import SCENES, text_files
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.runtime.environment import cpu_cores
@@ -55,9 +58,18 @@ def train(data: Path, out: Path, recipe: str, pair: tuple[str, str], seed: int) 
     }
     call(
         *("train.py", "--data", str(data), *LENGTHS, "--steps", str(STEPS), "--seed", str(seed)),
-        *("--set", *recipe.split(","), "--out", str(run), "--resume"),
+        *("--out", str(run), "--resume", *changes(recipe)),
         *("--train-on", *files["train"], "--validate-on", *files["val"]),
     )
+
+
+def changes(recipe: str) -> list[str]:
+    """The options of `train.py` that make these changes."""
+    known = {field.name for field in dataclasses.fields(GeneratorConfig)}
+    options: dict[str, list[str]] = {"--set": [], "--network": []}
+    for change in recipe.split(","):
+        options["--network" if change.partition("=")[0] in known else "--set"].append(change)
+    return [word for name, values in options.items() if values for word in (name, *values)]
 
 
 def test(data: Path, out: Path, recipes: list[str], scene: str) -> Errors:
