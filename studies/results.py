@@ -70,16 +70,19 @@ as most later papers do. Constant velocity is a single forecast.
 Rows are means over {seeds} seeds of the noise, of **one training seed**: how much another training
 would differ is not in them. After ± stands half of the 95 % interval over the scenes of the test,
 drawn in blocks that do not overlap ({blocks});
-a mean over scenes takes them as independent. Bold is what lies beyond the intervals of all other rows that have one. Rows "as
-printed" are the papers' numbers, one run each, without an interval; "published networks" are the
-same files, evaluated here. Models trained on THÖR, and all of them on other people than those they
-learned from, are in [cross_domain.md](cross_domain.md).
+a mean over scenes takes them as independent. Bold is what lies beyond the intervals of all other
+rows that have one. Rows "as printed" are the papers' numbers, one run each, without an interval;
+"published networks" are the same files, evaluated here. Models trained on THÖR, and all of them on
+other people than those they learned from, are in [cross_domain.md](cross_domain.md).
 
-In short: joint 8 + 12, mean of the five scenes, {means}. Most of the lead over the published
-networks comes from hotel and eth, and eth's interval is wide. On univ nobody's ADE is below
-constant velocity's. By marginal errors SGAN-20V is level or ahead on univ and zara1, and with
-windows of one person too it is ahead on eth. Forecast people collide many times as often as real
-ones do: nobody avoids anyone.
+In short, joint 8 + 12, mean of the five scenes:
+
+{means}
+
+Most of the lead over the published networks comes from hotel and eth, and eth's interval is wide.
+On univ nobody's ADE is below constant velocity's. By marginal errors SGAN-20V is level or ahead on
+univ and zara1, and with windows of one person too it is ahead on eth. Forecast people collide many
+times as often as real ones do: nobody avoids anyone.
 
 ## What was chosen on what
 
@@ -147,8 +150,8 @@ def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> s
 
 def _means(rows: Sequence[Mapping[str, Any]]) -> str:
     """Joint ADE / FDE of each model, over the scenes."""
-    return "; ".join(
-        f"{name} " + " / ".join(f"{of_scene['mean'].values[error].mean:.3f}" for error in JOINT)
+    return "\n".join(
+        f"- {name}: " + " / ".join(f"{of_scene['mean'].values[error].mean:.3f}" for error in JOINT)
         for name, of_scene in _lines(rows).items()
         if "mean" in of_scene
     )
