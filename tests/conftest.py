@@ -64,6 +64,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if item not in left]
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item):
+    """What is absent is told in one line of the summary, however many tests skip without it."""
+    report = yield
+    if report.when == "setup" and report.skipped and isinstance(report.longrepr, tuple):
+        report.longrepr = (str(item.config.rootpath / "tests"), None, report.longrepr[2])
+    return report
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of published checkpoints and golden cases; the test skips where it is absent."""

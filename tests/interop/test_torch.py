@@ -639,8 +639,7 @@ def test_flipped_bytes(tmp_path, small_files, form):
 # Against torch itself
 
 
-def test_published_checkpoints_equal_torch_load(shared):
-    torch = pytest.importorskip("torch")
+def test_published_checkpoints_equal_torch_load(shared, torch):
     paths = sorted((shared / "checkpoints").glob("*/*.pt"))
     assert len(paths) == 20
     for path in paths:
@@ -675,8 +674,7 @@ def test_published_checkpoint_damaged(shared, tmp_path):
 
 
 @pytest.mark.parametrize("config", CONFIGS)
-def test_export_opens_in_torch(tmp_path, config):
-    torch = pytest.importorskip("torch")
+def test_export_opens_in_torch(tmp_path, torch, config):
     params = random_params(config)
     export_torch_checkpoint(tmp_path / "a.pt", config, params, scene="eth")
     theirs = torch.load(tmp_path / "a.pt", weights_only=True)
@@ -691,8 +689,7 @@ def test_export_opens_in_torch(tmp_path, config):
 
 @pytest.mark.parametrize("as_namespace", [False, True])
 @pytest.mark.parametrize("zip_form", [False, True])
-def test_training_checkpoint_written_by_torch(tmp_path, zip_form, as_namespace):
-    torch = pytest.importorskip("torch")
+def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, as_namespace):
     state = random_state(names._generator_layers(SMALL))
     d_config = DiscriminatorConfig(kind="local", embedding_dim=2, h_dim=3, mlp_dim=5)
     d_state = random_state(names._discriminator_layers(d_config))
@@ -735,8 +732,7 @@ def test_training_checkpoint_written_by_torch(tmp_path, zip_form, as_namespace):
 
 @pytest.mark.parametrize("dtype", ["float64", "float16", "int64", "int32", "uint8", "bool"])
 @pytest.mark.parametrize("zip_form", [False, True])
-def test_dtypes_written_by_torch(tmp_path, zip_form, dtype):
-    torch = pytest.importorskip("torch")
+def test_dtypes_written_by_torch(tmp_path, torch, zip_form, dtype):
     tensor = torch.arange(6).reshape(2, 3).to(getattr(torch, dtype)).T
     scalar = torch.tensor(3)
     contents = {"a": tensor, "b": scalar, "c": tensor.shape}

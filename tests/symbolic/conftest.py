@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import jax
 import numpy as np
 import pytest
@@ -13,15 +11,15 @@ def strict():
 
 
 @pytest.fixture
-def golden():
-    """The stored cases; see their README."""
-    return Path(__file__).parents[1] / "golden"
-
-
-@pytest.fixture
 def double():
     with jax.enable_x64(True):
         yield
+
+
+@pytest.fixture(scope="session")
+def released(shared):
+    """200 random pairs `k`, `l`, with the symbols and weights of NeuroSyM's released code."""
+    return np.load(shared / "golden" / "torch" / "qtc.npz")
 
 
 @pytest.fixture(scope="session")

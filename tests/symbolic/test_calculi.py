@@ -3,7 +3,7 @@
 import functools
 import itertools
 import json
-from fractions import Fraction
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ from neurosym_jax.symbolic.cnd import adjacency, is_transition, states, validate
 from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
 from neurosym_jax.symbolic.soft import soft_symbols, state_probabilities
 from neurosym_jax.symbolic.states import ABSENT, collapse, converse, format_state, validate
+from tests.symbolic import literal
 
 A = int(ABSENT)
 fixed_collapse, fixed_validate = jax.jit(collapse), jax.jit(validate)
@@ -43,40 +44,10 @@ def walks(pairs, seed=0, steps=7, reach=2):
     return moves.cumsum(axis=2).astype(np.float32)
 
 
-def sign(value):
-    return (value > 0) - (value < 0)
-
-
-def literal(k0, k1, l0, l1):
-    """q1 to q6 in the line convention, in fractions: squared sines of angles, no rounding."""
-    (v, w), u = (
-        [[Fraction(int(b)) - int(a) for a, b in zip(*ends)] for ends in ((k0, k1), (l0, l1))],
-        [Fraction(int(b)) - int(a) for a, b in zip(k0, l0)],
-    )
-
-    def dot(a, b):
-        return a[0] * b[0] + a[1] * b[1]
-
-    def cross(a, b):
-        return a[0] * b[1] - a[1] * b[0]
-
-    back = [-x for x in u]
-    q = [-sign(dot(v, u)), -sign(dot(w, back)), sign(cross(v, u)), sign(cross(w, back))]
-    k_stands, l_stands = (q[i] == q[i + 2] == 0 for i in (0, 1))
-    q5 = sign(dot(v, v) - dot(w, w))
-    if k_stands or l_stands:  # Also whoever meets the other, where there is no line.
-        return [*q, l_stands - k_stands, 0]
-    sines = [cross(a, u) ** 2 / (dot(a, a) * dot(u, u)) for a in (v, w)]
-    return [*q, q5, sign(sines[0] - sines[1])]
-
-
 @pytest.fixture(scope="module")
 def oracle():
     k, l = walks(200)  # noqa: E741
-    found = [
-        [literal(*(x[t + i] for x in pair for i in (0, 1))) for t in range(6)] for pair in zip(k, l)
-    ]
-    return k, l, np.array(found)
+    return k, l, np.array([literal.six_symbols(*pair) for pair in zip(k.tolist(), l.tolist())])
 
 
 @pytest.mark.rounding
@@ -116,25 +87,26 @@ def test_an_angle_counts_from_its_threshold_on():
 @pytest.mark.parametrize(
     ("qsrlib", "calculus"), [("qtcbs", "b1"), ("qtccs", "c1"), ("qtcbcs", "bc1")]
 )
-def test_qsrlibs_own_cases(golden, qsrlib, calculus):
-    cases = json.loads((golden / "qtc" / "qsrlib_cases.json").read_text())["cases"]
-    cases = [case for case in cases if case["calculus"] == qsrlib]
+def test_qsrlibs_own_cases(qsrlib, calculus):
+    stored = json.loads((Path(__file__).parents[1] / "golden" / "qsrlib.json").read_text())
+    cases = [case for case in stored["cases"] if case["calculus"] == qsrlib]
     assert len(cases) == 14
     for case in cases:
-        given = case["params"]
+        people = stored["recordings"][case["recording"]]
+        k, l = (np.array(people[case[name]]) for name in "kl")  # noqa: E741
         options = {
-            "quantisation_factor": given["quantisation_factor"],
-            "near": given["distance_threshold"],
+            "quantisation_factor": case["quantisation_factor"],
+            "near": case["distance_threshold"],
         }
-        chain = seen(calculus, np.array(case["k_xy"]), np.array(case["l_xy"]), **options)
+        chain = seen(calculus, k, l, **options)
         chains = [(chain, jnp.int32(len(chain)))]
-        if not given["no_collapse"]:
+        if not case["no_collapse"]:
             chains = [fixed_collapse(*chains[0])]
-        if given["validate"]:
+        if case["validate"]:
             chains = [fixed_validate(*chains[0]), in_diagram(calculus, *chains[0])]
         for found, length in chains:
             texts = [format_state(state, ",") for state in np.asarray(found)[: int(length)]]
-            assert texts == case["expected"], case["id"]
+            assert texts == case["expected"].split(), case
 
 
 def test_sides_come_and_go_with_hysteresis():
@@ -198,15 +170,8 @@ def test_a_diagram_of_pairs_near_and_apart(calculus, count, edges):
     common = rows[:, [0, 1, *range(4, rows.shape[1])]]
     for i, j in itertools.product(np.flatnonzero(apart), np.flatnonzero(~apart)):
         same = (common[i] == common[j]).all()
-        assert table[i, j] == (same or bool(is_step(common[i], common[j])))
+        assert table[i, j] == (same or literal.may_follow(common[i], common[j]))
     assert (len(rows), table.sum()) == (count, 2 * edges)
-
-
-def is_step(a, b):
-    """Dominance, of two tuples."""
-    changed = [(x, y) for x, y in zip(a, b) if x != y]
-    arrive, leave = all(y == 0 for _, y in changed), all(x == 0 for x, _ in changed)
-    return bool(changed) and (arrive or leave)
 
 
 @pytest.mark.parametrize("calculus", CALCULI)

@@ -1,5 +1,4 @@
 import functools
-import json
 import math
 
 import jax
@@ -13,8 +12,9 @@ from hypothesis.extra.numpy import arrays
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.qtc import pairwise_qtc_c1, qtc_b1, qtc_c1
 from neurosym_jax.symbolic.states import converse, format_state
+from tests.symbolic import literal
 
-CONVENTIONS = ("distance", "line", "as_published")
+CONVENTIONS = literal.CONVENTIONS
 GRID = arrays(np.float32, (2, 6, 2), elements=st.integers(-20, 20).map(float))
 QUICK = settings(max_examples=60, deadline=None)
 
@@ -72,45 +72,48 @@ def test_an_unknown_convention_is_refused():
 
 
 @pytest.mark.rounding
+@pytest.mark.parametrize("x64", [False, True])
+@pytest.mark.parametrize("thresholds", [(0.0, None), (0.125, None), (0.25, 0.125)])
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_every_symbol_is_that_of_the_definition(convention, thresholds, x64):
+    factor, side = thresholds
+    given = {"quantisation_factor": factor, "side_quantisation_factor": side}
+    with jax.enable_x64(x64):
+        for walks in (literal.unit_steps(), literal.grid_walks(200)):
+            expected = [literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)]
+            found = c1(*map(np.array, walks), convention=convention, **given)
+            np.testing.assert_array_equal(found, expected)
+    assert (np.array(expected) == 0).mean(axis=(0, 1)).min() > 0.1
+
+
+@pytest.mark.rounding
+@pytest.mark.parametrize("x64", [False, True])
+def test_where_ties_are_not_exact_nothing_else_differs(x64):
+    """On decimetres, which floats cannot hold; those of whole numbers are the exact symbols."""
+    walks = literal.grid_walks(200, steps=8, unit=1)
+    expected = np.array([literal.symbols(*pair) for pair in zip(*walks)])
+    with jax.enable_x64(x64):
+        differs = np.asarray(c1(*(np.array(walk) / 10 for walk in walks))) != expected
+    assert (expected[differs] == 0).all()
+    assert differs.sum() < 0.05 * (expected == 0).sum()
+
+
+@pytest.mark.rounding
 @pytest.mark.usefixtures("double")
-def test_the_released_code_and_the_papers_formula(golden):
-    case = np.load(golden / "torch" / "qtc.npz")
-    k, l = case["k"], case["l"]  # noqa: E741
-    released = np.where(case["qtc_reference"] == 10, 0, case["qtc_reference"])
-    np.testing.assert_array_equal(c1(k, l, convention="as_published"), released)
-    np.testing.assert_array_equal(c1(k, l), case["qtc_signed"])
-    np.testing.assert_array_equal(c1(k, l, quantisation_factor=0.05), case["qtc_signed_q005"])
-
-
-@pytest.mark.rounding
-def test_float32_differs_from_float64_at_exact_ties_only(golden):
-    case = np.load(golden / "torch" / "qtc.npz")
-    decimetres = np.rint(10 * np.stack([case["k"], case["l"]])).astype(int)
-    for before, after, other, q, side in (
-        (decimetres[0, :, :-1], decimetres[0, :, 1:], decimetres[1, :, :-1], 0, 2),
-        (decimetres[1, :, :-1], decimetres[1, :, 1:], decimetres[0, :, :-1], 1, 3),
-    ):
-        differs = np.asarray(c1(case["k"], case["l"])) != case["qtc_signed"]
-        closer = ((after - other) ** 2 - (before - other) ** 2).sum(axis=-1)
-        step, line = after - before, other - before
-        cross = step[..., 0] * line[..., 1] - step[..., 1] * line[..., 0]
-        assert (closer[differs[..., q]] == 0).all()
-        assert (cross[differs[..., side]] == 0).all()
-        assert differs.sum() <= 2
-
-
-@pytest.mark.rounding
-@pytest.mark.parametrize(
-    ("convention", "column"),
-    [("as_published", "legacy"), ("distance", "distance_signed"), ("line", "line_qsrlib")],
-)
-def test_all_unit_steps(golden, convention, column):
-    rows = json.loads((golden / "qtc" / "truth_table_81.json").read_text())["rows"]
-    k, l, expected = (np.array([row[name] for row in rows]) for name in ("k", "l", column))  # noqa: E741
-    # The released code writes 10 where nobody moves.
+def test_the_released_code_and_the_papers_formula(released):
+    k, l = released["k"], released["l"]  # noqa: E741
+    symbols = released["qtc_reference"]  # It writes 10 where nobody moves.
     np.testing.assert_array_equal(
-        c1(k, l, convention=convention)[:, 0], np.where(expected == 10, 0, expected)
+        c1(k, l, convention="as_published"), np.where(symbols == 10, 0, symbols)
     )
+    np.testing.assert_array_equal(c1(k, l), released["qtc_signed"])
+    np.testing.assert_array_equal(c1(k, l, quantisation_factor=0.05), released["qtc_signed_q005"])
+
+
+@pytest.mark.rounding
+def test_float32_differs_from_float64_in_two_symbols_at_most(released):
+    differs = np.asarray(c1(released["k"], released["l"])) != released["qtc_signed"]
+    assert differs.sum() <= 2
 
 
 @pytest.mark.rounding

@@ -1,5 +1,4 @@
 import functools
-import json
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +9,11 @@ from neurosym_jax.symbolic.built_in import alpha_from_states
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import qtc_c1
 from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
+from tests.symbolic import literal
 
 pytestmark = pytest.mark.usefixtures("double")
 
-CONVENTIONS = ("distance", "line", "as_published")
+CONVENTIONS = literal.CONVENTIONS
 TABLES = {
     "cnd": alpha_table("c1", rule="dominance"),
     "cnd_shipped": alpha_table("c1", rule="continuity", include_self=True),
@@ -56,28 +56,20 @@ def margins(k, l, convention):  # noqa: E741
     return np.nan_to_num(np.stack([q1, q2, q3, q4], axis=-1)), apart[..., None]
 
 
-def golden_chains(golden):
-    """(k, l [..., T, 2], convention, quantisation factor) of everything that is stored."""
-    rows = json.loads((golden / "qtc" / "truth_table_81.json").read_text())["rows"]
-    steps = [np.array([row[name] for row in rows]) for name in "kl"]
-    arrays = np.load(golden / "qtc" / "neurosym_golden.npz")
-    windows = [arrays[name] for name in arrays if name.endswith("_xy")]
-    pairs = [(xy[i], xy[j]) for xy in windows for i in range(len(xy)) for j in range(len(xy))]
-    people = [np.stack(side) for side in zip(*pairs)]
-    for convention in CONVENTIONS:
-        for factor in (0.0, 0.05):
-            yield (*steps, convention, factor)
-            yield (*people, convention, factor)
-    for case in json.loads((golden / "qtc" / "qsrlib_cases.json").read_text())["cases"]:
-        factor = case["params"]["quantisation_factor"]
-        chain = [np.array(case[name]) for name in ("k_xy", "l_xy")]
-        yield (*chain, "line", factor)
+def chains():
+    """(k, l [..., T, 2], convention, quantisation factor), with and without ties."""
+    draw = np.random.default_rng(0)
+    anywhere = draw.normal(0, 0.3, (2, 300, 8, 2)).cumsum(axis=2)
+    for k, l in (literal.unit_steps(), literal.grid_walks(400), anywhere):  # noqa: E741
+        for convention in CONVENTIONS:
+            for factor in (0.0, 0.05):
+                yield np.array(k), np.array(l), convention, factor
 
 
-def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures(shared):
+def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
     temperature = 1e-6
     compared = ties = 0
-    for k, l, convention, factor in golden_chains(shared / "golden"):  # noqa: E741
+    for k, l, convention, factor in chains():  # noqa: E741
         found = np.asarray(soft(k, l, temperature, factor, convention))
         np.testing.assert_allclose(found.sum(axis=-1), 1, atol=1e-12)
         states = np.asarray(hard(k, l, factor, convention))

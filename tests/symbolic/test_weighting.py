@@ -14,6 +14,7 @@ from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting import initial_parameters, make_weighting, scene_alpha
 from neurosym_jax.symbolic.weighting_config import WEIGHTINGS, WeightingConfig, register_weighting
+from tests.symbolic import literal
 
 NAMES = tuple(WEIGHTINGS)
 RELEASED = WeightingConfig("cnd_shipped", convention="as_published", decimals=4)
@@ -51,20 +52,24 @@ def test_shipped_weights_of_real_windows(real_windows):
 
 
 @pytest.mark.usefixtures("double")
-def test_shipped_weights_of_the_released_code(golden):
-    case = np.load(golden / "torch" / "qtc.npz")
-    pairs = np.stack([case["k"], case["l"]], axis=1)
+def test_shipped_weights_of_the_released_code(released):
+    pairs = np.stack([released["k"], released["l"]], axis=1)
     alpha = jax.jit(jax.vmap(make_weighting(RELEASED)))(pairs)
     assert alpha.dtype == jnp.float64
-    np.testing.assert_array_equal(alpha[:, 0, 1, 1:], case["alpha_reference"])
+    np.testing.assert_array_equal(alpha[:, 0, 1, 1:], released["alpha_reference"])
 
 
-def test_shipped_tables_are_the_authors(golden):
-    reference = np.load(golden / "qtc" / "cnd.npz")
-    np.testing.assert_array_equal(table_of(RELEASED), reference["C1_alpha_neurosym"])
-    np.testing.assert_array_equal(
-        table_of(WeightingConfig("cnd_shipped")), reference["C1_alpha_neurosym_exact"]
-    )
+def test_the_authors_own_table(shared):
+    authors = np.load(shared / "golden" / "qtc" / "cnd.npz")["C1_alpha_neurosym"]
+    np.testing.assert_array_equal(table_of(RELEASED), authors)
+
+
+def test_shipped_tables():
+    rows = literal.states("c1")
+    exact = [literal.shipped_alpha(state) for state in rows]
+    np.testing.assert_array_equal(table_of(WeightingConfig("cnd_shipped")), exact)
+    printed = [[0.0625, 0.0417, 0.0278, 0.0185, 0.0123][state.count(0)] for state in rows]
+    np.testing.assert_array_equal(table_of(RELEASED), printed)
 
 
 def test_the_state_up_to_a_step_weights_that_step():

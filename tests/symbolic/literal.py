@@ -1,0 +1,137 @@
+"""QTC by the letter: symbols, states, neighbours and weights, in plain loops of Python's floats.
+
+Written from the definitions that docs/symbols.md gives with their papers, and sharing no code with
+the package, it is what tests compare with. On positions in eighths of a metre, and on integers,
+sums and products of floats are exact, so a tie is a tie.
+"""
+
+import itertools
+import math
+import random
+
+CONVENTIONS = ("distance", "line", "as_published")
+
+
+def grid_walks(pairs, steps=7, unit=0.125, seed=0):
+    """(k, l), each [pairs, steps + 1, 2] lists in metres: people stand, meet and walk on lines."""
+    draw = random.Random(seed)
+
+    def walk():
+        at = [(draw.randint(-6, 6), draw.randint(-6, 6))]
+        for _ in range(steps):
+            at.append(tuple(x + draw.choice((0, 0, 0, -1, 1, -2, 2, -3, 3)) for x in at[-1]))
+        return [[x * unit, y * unit] for x, y in at]
+
+    return tuple([walk() for _ in range(pairs)] for _ in "kl")
+
+
+def unit_steps():
+    """(k, l), each [81, 2, 2] lists: two who are 4 m apart take every step of a king in chess."""
+    steps = list(itertools.product((-1, 0, 1), repeat=2))
+    pairs = [
+        ([[0, 0], [vx, vy]], [[4, 0], [4 + wx, wy]])
+        for (vx, vy), (wx, wy) in itertools.product(steps, steps)
+    ]
+    return tuple(list(side) for side in zip(*pairs))
+
+
+def sign(value, threshold=0.0):
+    return (value > threshold) - (value < -threshold)
+
+
+def minus(a, b):
+    return a[0] - b[0], a[1] - b[1]
+
+
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1]
+
+
+def cross(a, b):
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def norm(a):
+    return math.sqrt(dot(a, a))
+
+
+def towards_and_aside(k0, k1, l0, convention, factor, side_factor):
+    """q1 and q3 of somebody who steps from k0 to k1 while the other is at l0."""
+    step, line = minus(k1, k0), minus(l0, k0)
+    apart = norm(line)
+    if convention == "line":  # The component along the line through both.
+        towards = sign(-dot(step, line) / apart, factor) if apart else 0
+    else:  # By how much the distance grows.
+        towards = sign(norm(minus(k1, l0)) - apart, factor)
+    aside = sign(cross(step, line) / apart, side_factor) if apart else 0
+    # The released code takes the norm of the cross product, which is never negative.
+    return towards, abs(aside) if convention == "as_published" else aside
+
+
+def symbols(k, l, convention="distance", factor=0.0, side_factor=None):  # noqa: E741
+    """[T-1, 4]: q1 to q4 of every step of k and l [T, 2]; thresholds in metres per step."""
+    if side_factor is None:
+        side_factor = factor if convention == "line" else 0.0
+    thresholds = convention, factor, side_factor
+    found = []
+    for (k0, k1), (l0, l1) in zip(itertools.pairwise(k), itertools.pairwise(l)):
+        q1, q3 = towards_and_aside(k0, k1, l0, *thresholds)
+        q2, q4 = towards_and_aside(l0, l1, k0, *thresholds)
+        found.append([q1, q2, q3, q4])
+    return found
+
+
+def six_symbols(k, l):  # noqa: E741
+    """[T-1, 6]: q1 to q6 in the line convention, without thresholds."""
+    found = symbols(k, l, "line")
+    for q, (k0, k1), (l0, l1) in zip(found, itertools.pairwise(k), itertools.pairwise(l)):
+        v, w, line = minus(k1, k0), minus(l1, l0), minus(l0, k0)
+        k_stands, l_stands = (q[i] == q[i + 2] == 0 for i in (0, 1))
+        if k_stands or l_stands:  # Also whoever meets the other, where there is no line.
+            q += [l_stands - k_stands, 0]
+            continue
+        # Squared sines of the angles with the line, times what makes them whole numbers.
+        sines = cross(v, line) ** 2 * dot(w, w), cross(w, line) ** 2 * dot(v, v)
+        q += [sign(dot(v, v) - dot(w, w)), sign(sines[0] - sines[1])]
+    return found
+
+
+def states(calculus):
+    """Sorted tuples of symbols: all that two who are 20 m apart can show.
+
+    They stand, or walk 5 or 10 m in one of twelve directions that whole numbers have, two of them
+    along the line and two across it; `b12_1d` is of steps along the line.
+    """
+    along = [(5, 0), (-5, 0)]
+    others = [*itertools.product((3, -3), (4, -4)), *itertools.product((4, -4), (3, -3))]
+    ways = along if calculus == "b12_1d" else [*along, (0, 5), (0, -5), *others]
+    steps = [(0, 0), *((n * x, n * y) for x, y in ways for n in (1, 2))]
+    seen = set()
+    for v, w in itertools.product(steps, steps):
+        q = six_symbols([(0, 0), v], [(20, 0), (20 + w[0], w[1])])[0]
+        # Without sides the speeds are compared as they are: who passes at a right angle moves.
+        seen.add((*q[:2], sign(norm(v) - norm(w))) if calculus in ("b2", "b12_1d") else tuple(q))
+    kept = {"b1": 2, "b2": 3, "b12_1d": 3, "c1": 4, "c2": 5, "c2_angle": 6}[calculus]
+    return sorted({q[:kept] for q in seen})
+
+
+def may_follow(a, b, rule="dominance"):
+    """Whether b may follow a: nothing jumps over 0, by dominance none leaves it as another arrives.
+
+    Staying is not to follow.
+    """
+    changed = [(x, y) for x, y in zip(a, b) if x != y]
+    if any(x * y for x, y in changed):
+        return False
+    arrive, leave = all(y == 0 for _, y in changed), all(x == 0 for x, _ in changed)
+    return bool(changed) and (rule == "continuity" or arrive or leave)
+
+
+def neighbours(rows, rule="dominance"):
+    """[S, S] lists of bool: which of the states may follow which."""
+    return [[may_follow(a, b, rule) for b in rows] for a in rows]
+
+
+def shipped_alpha(state):
+    """The authors' weight: 1 / (2^nonzero 3^zero), staying counted as a transition."""
+    return 1 / math.prod(3 if q == 0 else 2 for q in state)
