@@ -4,11 +4,12 @@ import hashlib
 import importlib
 import importlib.util
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["load_plugin", "loaded"]
+__all__ = ["load_plugin", "loaded", "names"]
 
 _loaded: dict[str, None] = {}
 
@@ -35,6 +36,11 @@ def load_plugin(plugin: str) -> None:
 def loaded() -> list[str]:
     """What `load_plugin` was called with, in order, so that another process can load it too."""
     return list(_loaded)
+
+
+def names(plugins: Iterable[str]) -> tuple[str, ...]:
+    """What `plugins` are called wherever they lie: modules by name, files without their folder."""
+    return tuple(Path(each).name if each.endswith(".py") else each for each in plugins)
 
 
 def _load_file(path: Path) -> None:

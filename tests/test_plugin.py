@@ -9,6 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neurosym_jax.__main__ import main
+from neurosym_jax.forecasting.kinds import FORECASTERS
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.forecasting.parameters import nested_parameters
+from neurosym_jax.symbolic.weighting_config import WEIGHTINGS, register_weighting
+from neurosym_jax.training.network import named_generator
+
 ROOT = Path(__file__).parents[1]
 PLUGIN = """
 import dataclasses
@@ -96,11 +104,12 @@ def test_every_seam_from_one_file(call, tmp_path):
     data = tmp_path / "walks.txt"
     data.write_text("".join("|" + "|".join(map(str, row)) + "\n" for row in rows))
 
-    train = ("train", "--model", "neurosym", "--variant", "mean", "--weighting", "halves")
-    call(
-        *train, "--steps", 1, "--set", "batch_scenes=2", "best_k=1", "max_agents=4", "--out", "run"
-    )
-    model = ("run/model",)
+    sweep = ("sweep", "--models", "none", "mean", "--weightings", "halves", "--out", "sweep")
+    sweep += ("--datasets", "cross-path", "--seeds", 1, "--steps", 1)
+    call(*sweep, "--set", "batch_scenes=2", "best_k=1", "max_agents=4")
+    model = ("sweep/neurosym_mean_halves_cross-path_8_8_seed0/model",)
+    assert "| plugins | mine.py |" in (tmp_path / model[0] / "README.md").read_text()
+    assert "halves" in call("report", "sweep", "--against", "SGAN, no pooling")
     printed = call(
         *("evaluate", "--data", data, "--checkpoint", *model, "--samples", 2, "--no-figures"),
         *("--baselines", "standing", "--json", "rows.json"),
@@ -114,3 +123,46 @@ def test_every_seam_from_one_file(call, tmp_path):
     replayed = call("replay", data, "--model", *model, "--samples", 2)
     assert "reach" in replayed
     assert "Mean of neighbours" in replayed
+
+    (tmp_path / "out").mkdir()
+    assert "weighting halves" in call("symbols", data, "--model", *model, "--out", "out")
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"pairs.png", "forecast.gif"}
+
+
+MISSING = "unknown weighting 'nearness'"
+
+
+def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeypatch):
+    """In every command that is told of it; nothing that a model's folder names is imported."""
+    model = tmp_path / "model"
+    with monkeypatch.context() as patch:
+        patch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
+        register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)
+        network = named_generator("neurosym", weighting="nearness")
+        shapes = FORECASTERS["generator"].shapes
+        assert shapes is not None
+        params = {name: np.zeros(shape, np.float32) for name, shape in shapes(network).items()}
+        save_model(model, Model(network, nested_parameters(params), plugins=("near.py",)))
+        assert load_model(model).plugins == ("near.py",)
+    (tmp_path / "near.py").write_text("raise SystemExit('imported')")
+    monkeypatch.chdir(tmp_path)
+
+    def refusal(*command: str) -> str:
+        with pytest.raises(SystemExit) as caught:
+            main(list(command))
+        (line,) = capsys.readouterr().err.splitlines()
+        assert caught.value.code == 2
+        assert MISSING in line
+        return line
+
+    needs = "; it was trained with --plugin near.py"
+    assert refusal("evaluate", "--checkpoint", "model").endswith(needs)
+    assert refusal("symbols", "--model", "model").endswith(needs)
+    assert refusal("convert", "model").endswith(needs)
+    asked = ("--weighting", "nearness")
+    for line in (
+        refusal("train", "--model", "neurosym", *asked),
+        refusal("sweep", "--models", "neurosym", "--weightings", "nearness"),
+        refusal("symbols", *asked),
+    ):
+        assert "(--plugin brings one's own)" in line

@@ -30,6 +30,8 @@ class Model:
     others are for training."""
     kind: str = "generator"
     """Of forecaster, by name: see `register_forecaster`."""
+    plugins: tuple[str, ...] = ()
+    """What `--plugin` named when it was trained, for people: it is never imported from here."""
 
     @property
     def name(self) -> str:

@@ -1,8 +1,9 @@
 """Models on disk: folders of three files and, read through `interop`, torch's checkpoints.
 
 A model's folder holds `config.json` (the kind of forecaster and its configuration, the dataset left
-out of training, a digest), `params.safetensors` (arrays by path, see `parameters`) and `README.md`,
-the card for people. The digest is of both other files' bytes and stands in the second line:
+out of training, a digest, and, where it was trained with plugins, their names, which are told but
+never imported), `params.safetensors` (arrays by path, see `parameters`) and `README.md`, the card
+for people. The digest is of both other files' bytes and stands in the second line:
 
     (tail -n +3 config.json; cat params.safetensors) | sha256sum
 
@@ -31,6 +32,7 @@ from neurosym_jax.forecasting.parameters import (
     nested_parameters,
     refuse_not_finite,
 )
+from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder, write_text
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 
@@ -46,6 +48,8 @@ __all__ = [
 CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 2
 FIELDS = ("format", "forecaster", "config", "dataset")
+PLUGINS = "plugins"
+"""A field more, of models that were trained with plugins."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 LARGEST_TEXT = 2**20
 """Bytes of a configuration, and of the names and shapes of all parameters."""
@@ -152,11 +156,20 @@ def _read(path: Path, config: bytes, sha256: str) -> Model:
             f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
         )
     kind, values, dataset = (fields.get(name) for name in FIELDS[1:])
+    plugins = fields.pop(PLUGINS, [])
     if set(fields) != set(FIELDS) or not isinstance(kind, str) or not isinstance(values, dict):
         raise InputError(f"{CONFIG}: must have the fields {', '.join(FIELDS)} and no others")
     if not isinstance(dataset, str | None):
         raise InputError(f"{CONFIG}: dataset = {dataset!r} is not a name")
-    model = Model(_config(kind, values), nested_parameters(_arrays(params)), dataset, kind)
+    if not isinstance(plugins, list) or not all(isinstance(name, str) for name in plugins):
+        raise InputError(f"{CONFIG}: {PLUGINS} = {plugins!r} are not names")
+    try:
+        of_kind = _config(kind, values)
+    except InputError as error:
+        absent = [f" --plugin {name}" for name in plugins if name not in names(loaded())]
+        hint = f"; it was trained with{''.join(absent)}" if absent else ""
+        raise InputError(f"{error}{hint}") from None
+    model = Model(of_kind, nested_parameters(_arrays(params)), dataset, kind, tuple(plugins))
     refuse_misfit(model)
     return model
 
@@ -182,7 +195,10 @@ def _files(model: Model) -> tuple[bytes, bytes]:
     refuse_misfit(model)
     params = save(flat_parameters(model.params))
     values = dataclasses.asdict(model.config)
-    fields = dict(zip(FIELDS, (FORMAT, model.kind, values, model.dataset), strict=True))
+    head = (FORMAT, model.kind, values, model.dataset)
+    fields: dict[str, Any] = dict(zip(FIELDS, head, strict=True))
+    if model.plugins:
+        fields[PLUGINS] = model.plugins
     try:
         rest = json.dumps(fields, indent=2, allow_nan=False).removeprefix("{\n").encode() + b"\n"
     except (TypeError, ValueError) as error:

@@ -66,6 +66,8 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
         for name, count in facts["counts"].items()
     }
     settings |= {"parameters": facts["parameters"], "code": facts["code"] or "no checkout"}
+    if plugins := facts.get("plugins"):
+        settings["plugins"] = ", ".join(plugins)
     sections = {"training": "", "generator": "network: ", "environment": "environment: "}
     for section, prefix in sections.items():
         for name, value in facts[section].items():

@@ -35,6 +35,7 @@ def write_model(
         **facts,
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(model.params)),
         "code": code_version(),
+        "plugins": list(model.plugins),
         # The newest of equals, as the loop and the checkpoints choose.
         "validation": min(reversed(validations), key=lambda row: row["val_score"]),
     }

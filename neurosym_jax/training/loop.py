@@ -24,6 +24,7 @@ from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.symbolic.weighting import initial_parameters
@@ -165,7 +166,7 @@ def _train(
             done += count
             bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)
-    model = Model(run.generator, best, run.dataset)
+    model = Model(run.generator, best, run.dataset, plugins=names(loaded()))
     write_curves(folder, log.rows())
     windows = {"training": run.training, "validation": run.validation}
     counts = {name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()}

@@ -67,7 +67,7 @@ def test_round_trip(saved):
     assert {path.name for path in saved.iterdir()} == {
         *("README.md", "config.json", "params.safetensors"),
     }
-    assert (saved / "README.md").read_text().startswith("# SGAN, trained without zara1\n")
+    assert (saved / "README.md").read_text().startswith("# SGAN, to be tested on zara1\n")
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
 
 
