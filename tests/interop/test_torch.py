@@ -312,7 +312,7 @@ def test_export_refuses_what_sgan_cannot_build(tmp_path):
         ("pooling_type", "attention", "pooling_type 'attention' is none of none, pool_net, spool"),
         ("pool_every_timestep", True, "needs a pooling"),
         ("pred_len", "12", "pred_len must be a whole number, not '12'"),
-        ("noise_type", "cauchy", "noise_type must be one of gaussian, uniform, not 'cauchy'"),
+        ("noise_type", "cauchy", "one of gaussian, uniform, fixed, not 'cauchy'"),
         ("noise_dim", (4,), "noise_dim must lie in"),
         ("mlp_dim", 6, "'mlp_decoder_context.0.weight' is [5, 3], not [6, 3]"),
     ],
