@@ -67,9 +67,9 @@ def main() -> None:
             page.wait_for_timeout(500)
             page.screenshot(path=folder / "page.png")
             chromium.close()
-        # 128 colours are enough for it, and a third of the bytes.
+        # 224 colours are enough for it, and a third of the bytes.
         image = (
-            Image.open(folder / "page.png").convert("RGB").quantize(128, dither=Image.Dither.NONE)
+            Image.open(folder / "page.png").convert("RGB").quantize(224, dither=Image.Dither.NONE)
         )
         image.save(ROOT / "docs/figures/dashboard.png", optimize=True)
 

@@ -12,6 +12,7 @@ import tyro
 from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.dashboard.floor_map import read_floor_map
 from neurosym_jax.dashboard.moments import Moments
+from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
 from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.ros.source import Source
@@ -35,12 +36,16 @@ class ViewOptions:
     map: Path | None = None
     """The floor underneath: a ROS map's .yaml."""
 
+    at_least: float = AT_LEAST
+    """Probability from which on an event of a pair is told, here and to others."""
+
     def moments(self, predictor: Predictor, title: str) -> Moments:
         """How this predictor's stream is told.
 
         Raises:
-            InputError: where the map cannot be read.
+            InputError: where the map cannot be read, or for a probability that is none.
         """
+        LikelyEvents.of(predictor, self.at_least)  # Compiled now, not at the first forecast.
         return Moments(
             predictor.models,
             predictor.window.period,
@@ -48,6 +53,7 @@ class ViewOptions:
             floor_map=None if self.map is None else read_floor_map(self.map),
             reset_after=predictor.window.reset_after,
             far=predictor.window.far,
+            at_least=self.at_least,
         )
 
     def open(self, predictor: Predictor, title: str) -> Dashboard | None:

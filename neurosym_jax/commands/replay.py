@@ -113,7 +113,7 @@ def run(options: Options) -> None:
 def _open(path: Path, period: float, options: Options) -> ForecastBag | ForecastLines:
     """The file of forecasts that a path's ending asks for."""
     if path.suffix == ".jsonl":
-        return ForecastLines(path, period)
+        return ForecastLines(path, period, options.view.at_least)
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: forecasts go to {', '.join(SUFFIXES)} or .jsonl")
     frame_id = options.frame_id or options.stream.fixed_frame

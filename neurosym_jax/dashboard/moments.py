@@ -3,7 +3,9 @@
 Everything is bounded: whatever a tracker sends, a moment names at most `MAX_NAMED` people.
 
 `Introduction` (the first line) has `title`, `period` [s], `models` (names, in order), `weighting`
-(the model whose symbols and weights are told, and its name; or null) and `map` (see `floor_map`).
+(the model whose symbols and weights are told, and its name; or null), `map` (see `floor_map`),
+`speed` ([m/s] up to which a forecast movement is none) and `likely`: of which `model` events are
+told, `at_least` how probable, and `words` by event, with `{k}` and `{l}` in place of the two.
 
 A moment has
 
@@ -14,12 +16,14 @@ A moment has
   which the last `extrapolated` [N] steps were not;
   `models`: by name `central` and `samples` [N][k][pred_len * 2] whole centimetres from the
   person's last observed position; `dropped` reasons by id; `latency` [ms]; `codes`, the QTC_C1
-  state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; and `score`,
-  `Analytics.summary()`.
+  state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; `likely`, up
+  to `MAX_LIKELY` events, the most probable of each kind first, as (name, k, l, probability,
+  seconds) with k and l among the N; and `score`, `Analytics.summary()`.
 
 The last line has the final `score` alone.
 """
 
+import collections
 import itertools
 import json
 import math
@@ -32,13 +36,18 @@ from neurosym_jax.dashboard.symbols import PairSymbols
 from neurosym_jax.data.tracks import LATE
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.online.frame import Frame
+from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
 from neurosym_jax.online.predictor import Forecast
+from neurosym_jax.symbolic.events import EVENTS, in_short
+from neurosym_jax.symbolic.futures import SymbolSettings
 from neurosym_jax.tracking.motion import FAR
 
 __all__ = ["MAX_NAMED", "Moments"]
 
 MAX_NAMED = 256
 """People named in a moment, and people without a forecast named in a step."""
+MAX_LIKELY = 16
+"""Events told of a forecast."""
 BREAK = 60.0
 """Seconds on the page between what was before the clock was set back and what comes after."""
 
@@ -55,6 +64,7 @@ class Moments:
         floor_map: dict[str, Any] | None = None,
         reset_after: float = 5.0,
         far: float = FAR,
+        at_least: float = AT_LEAST,
     ):
         """A stream of which nothing was shown yet.
 
@@ -65,13 +75,21 @@ class Moments:
             floor_map: see `floor_map.read_floor_map`.
             reset_after: seconds; see `Window`.
             far: metres; see `Window`.
+            at_least: probability from which on an event of a pair is told.
         """
-        self._symbols = PairSymbols(models)
+        self._symbols, self._likely = PairSymbols(models), LikelyEvents(period, at_least)
         self._reset_after, self._far = reset_after, far
         self._start = self._stamp = math.nan
         weighting = None
         if self._symbols.model is not None:
             weighting = {"model": self._symbols.model, "name": self._symbols.weighting.name}
+        # That of the symbols, else the first.
+        self._of_events = self._symbols.model or next(iter(models))
+        likely = {
+            "model": self._of_events,
+            "at_least": at_least,
+            "words": {name: in_short(name) for name in EVENTS},
+        }
         self.introduction = _json(
             {
                 "title": title,
@@ -79,6 +97,8 @@ class Moments:
                 "models": list(models),
                 "weighting": weighting,
                 "map": floor_map,
+                "speed": SymbolSettings.speed,
+                "likely": likely,
             }
         )
         """The first line."""
@@ -124,6 +144,12 @@ class Moments:
         codes, alpha = self._symbols(forecast.observed)
         upper = np.triu_indices(len(codes), 1)
         last = forecast.observed[:, -1:]
+        # The most probable of every kind, then the second: what is frequent hides nothing.
+        turns = collections.Counter()
+        likely = sorted(
+            self._likely(forecast, self._of_events),
+            key=lambda each: turns.update([each.name]) or turns[each.name],
+        )[:MAX_LIKELY]
         return {
             "t": round(forecast.stamp - self._start, 3),
             "ids": [str(id) for id in forecast.ids.tolist()],
@@ -140,6 +166,7 @@ class Moments:
             "latency": round(1e3 * forecast.latency, 3),
             "codes": codes[upper].tolist(),
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
+            "likely": [(*each[:3], *np.round(each[3:], 3).tolist()) for each in likely],
             "score": summary,
         }
 

@@ -1,4 +1,4 @@
-// The panels beside the scene: errors, the pair and its symbols, latency, people left out.
+// The panels beside the scene: errors, the pair and its symbols, events, latency, people left out.
 
 const GLYPHS = { "-1": "−", 0: "0", 1: "+" };
 const APPROACH = { "-1": "nears", 0: "keeps from", 1: "leaves" };
@@ -9,7 +9,9 @@ const REASONS = {
   crowded: "too many; others are nearer",
   "future unknown": "forecasts without a known future",
 };
-const STATES = 14; // columns of the chain of states
+const COLUMNS = 16; // of the chain of states, seen and ahead
+const SEEN = 4; // of them, at least
+const TOLD = 5; // events
 
 const find = (id) => document.getElementById(id);
 
@@ -38,6 +40,7 @@ class Panels {
   show({ moment, step, latest, pair }) {
     this.showErrors(moment?.score);
     this.showPair(step, pair, moment);
+    this.showLikely(step);
     this.showLatency(moment, latest);
     this.showDropped(moment, latest);
   }
@@ -106,15 +109,58 @@ class Panels {
     meter.setAttribute("aria-valuenow", alpha ?? 0);
     meter.firstChild.style.width = `${Math.min(1, (alpha ?? 0) / most) * 100}%`;
     output.textContent = alpha === null ? "–" : alpha.toFixed(3);
+    this.showChain(step, pair, known);
+  }
+
+  // What was seen of the pair, symbol by symbol, and how probable each symbol is from now on.
+  showChain(step, pair, known) {
+    const { period, likely } = this.recording;
+    const shares = known ? this.recording.ahead(step, ...pair) : [[], [], [], []];
+    const [seen, steps] = [Math.max(SEEN, COLUMNS - shares[0].length), shares[0].length];
     const chain = known
-      ? this.recording.stepsUntil(step, STATES).map((each) => this.recording.pair(each, ...pair)) : [];
-    while (chain.length < STATES) chain.unshift(null);
-    find("chain").tBodies[0].replaceChildren(...[0, 1, 2, 3].map((n) => {
+      ? this.recording.stepsUntil(step, seen).map((each) => this.recording.pair(each, ...pair)) : [];
+    while (chain.length < seen) chain.unshift(null);
+    find("chain").tBodies[0].replaceChildren(...[0, 1, 2, 3].map((q) => {
       const row = make("tr");
-      row.append(make("th", `q${n + 1}`, { scope: "row" }));
-      row.append(...chain.map((state) => make("td", state ? GLYPHS[state.symbols[n]] : "·")));
+      row.append(make("th", `q${q + 1}`, { scope: "row" }));
+      row.append(...chain.map((state) => make("td", state ? GLYPHS[state.symbols[q]] : "·")));
+      row.lastChild.className = "now";
+      row.append(...shares[q].map((each, t) => {
+        const best = each.indexOf(Math.max(...each)) - 1;
+        const cell = make("td", GLYPHS[best], { className: "ahead" });
+        const [minus, plus] = [each[0], each[2]].map((share) => `${(100 * share).toFixed(1)}%`);
+        cell.style.setProperty("--minus", minus);
+        cell.style.setProperty("--plus", plus);
+        const said = each.map((share, n) => `${GLYPHS[n - 1]} ${(100 * share).toFixed(0)} %`).join(", ");
+        cell.title = `q${q + 1} in ${((t + 1) * period).toFixed(1)} s: ${said}`;
+        return cell;
+      }));
       return row;
     }));
+    const [past, future] = find("chain").tHead.rows[0].querySelectorAll("th");
+    past.colSpan = seen;
+    future.colSpan = Math.max(1, steps);
+    future.hidden = !known;
+    say(future, `${likely.model}, ${(steps * period).toFixed(1)} s ahead`);
+  }
+
+  // Probable events of all pairs, in words.
+  showLikely(step) {
+    if (step === this.told) return;
+    this.told = step;
+    const { at_least: least, model, words } = this.recording.likely;
+    say(find("likely-from"), `${model}, ${Math.round(100 * least)} % or more`);
+    const events = step?.likely ?? [];
+    const items = events.slice(0, TOLD).map(([name, k, l, share, seconds]) => {
+      const person = { k: shorten(step.ids[k]), l: shorten(step.ids[l]) };
+      const item = make("li", words[name].replace(/\{([kl])\}/g, (_, who) => person[who]));
+      const when = `in ${seconds.toFixed(1)} s`;
+      item.append(make("b", `${Math.round(100 * share)} %`), make("span", when));
+      return item;
+    });
+    if (!items.length) items.push(make("li", step ? "nothing is that probable" : "no forecast"));
+    if (events.length > TOLD) items.push(make("li", "and more"));
+    find("likely").replaceChildren(...items);
   }
 
   // The people who can be chosen.

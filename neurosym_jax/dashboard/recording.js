@@ -2,7 +2,7 @@
 
 class Recording {
   constructor(introduction, limit = Infinity) {
-    Object.assign(this, introduction); // title, period, models, weighting, map
+    Object.assign(this, introduction); // title, period, models, weighting, map, speed, likely
     this.limit = limit; // characters of JSON
     this.size = 0;
     this.moments = [];
@@ -92,6 +92,39 @@ class Recording {
       distance: Math.hypot(a[0] - b[0], a[1] - b[1]),
     };
   }
+
+  // Shares of -, 0 and + of q1 .. q4 of k and l at each step ahead, as symbolic_forecast has them:
+  // [q][step][-, 0, +] over the samples of the model whose events are told.
+  ahead(step, k, l) {
+    const { samples } = step.models[this.likely.model];
+    const ways = [k, l].map((id) => {
+      const n = step.row.get(id);
+      const [x, y] = step.seen[n].slice(-2);
+      return samples[n].map((flat) => Array.from({ length: flat.length / 2 + 1 }, (_, t) => (
+        t ? [x + flat[2 * t - 2] / 100, y + flat[2 * t - 1] / 100] : [x, y])));
+    });
+    const still = this.speed * this.period;
+    const [count, steps] = [samples[0].length, samples[0][0].length / 2];
+    const shares = [0, 1, 2, 3].map(() => Array.from({ length: steps }, () => [1 / 3, 1 / 3, 1 / 3]));
+    for (let s = 0; s < count; s += 1) {
+      for (let t = 0; t < steps; t += 1) {
+        symbols(ways[0][s].slice(t, t + 2), ways[1][s].slice(t, t + 2), still)
+          .forEach((symbol, q) => { shares[q][t][symbol + 1] += 1; });
+      }
+    }
+    return shares.map((row) => row.map((each) => each.map((seen) => seen / (count + 1))));
+  }
+}
+
+// QTC_C1 of k and l over one step, up to `still` metres of which are none (symbolic/qtc.py).
+function symbols(k, l, still) {
+  const sign = (value, least) => (value > least) - (value < -least);
+  const moves = [[k, l[0]], [l, k[0]]].map(([[[x0, y0], [x1, y1]], [x, y]]) => {
+    const before = Math.hypot(x0 - x, y0 - y);
+    const across = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0);
+    return [sign(Math.hypot(x1 - x, y1 - y) - before, still), sign(across, still * before)];
+  });
+  return [0, 1].flatMap((n) => moves.map((each) => each[n]));
 }
 
 // Index of the first of `timed` that is later than t.

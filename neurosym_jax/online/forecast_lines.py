@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.replay import Event
 from neurosym_jax.runtime.files import GrowingFile
@@ -16,17 +17,19 @@ __all__ = ["ForecastLines"]
 class ForecastLines:
     """A JSON object a forecast, once its future is known; metres to the millimetre."""
 
-    def __init__(self, path: Path, period: float):
+    def __init__(self, path: Path, period: float, at_least: float = AT_LEAST):
         """Begin the file.
 
         Args:
             path: nothing is overwritten.
             period: seconds between the models' steps.
+            at_least: probability from which on an event of a pair is told.
 
         Raises:
             InputError: where it cannot be written, or is there already.
         """
         self.path, self._period = path, period
+        self._likely = LikelyEvents(period, at_least)
         self._file = GrowingFile(path)
 
     def add(self, event: Event) -> None:
@@ -45,13 +48,31 @@ class ForecastLines:
             "extrapolated": forecast.extrapolated.tolist(),
             "future": _rounded(forecast.future),
             "models": {
-                name: {"central": result.central, "samples": _rounded(result.samples)}
+                name: {
+                    "central": result.central,
+                    "samples": _rounded(result.samples),
+                    "events": self._events(forecast, name),
+                }
                 for name, result in forecast.models.items()
             },
             "dropped": forecast.dropped,
             "latency_ms": round(1e3 * forecast.latency, 3),
         }
         self._file.write(json.dumps(row, allow_nan=False) + "\n")
+
+    def _events(self, forecast: Forecast, model: str) -> list[dict[str, Any]]:
+        """Probable ones, most probable first."""
+        ids = forecast.ids.tolist()
+        return [
+            {
+                "event": each.name,
+                "k": ids[each.k],
+                "l": ids[each.l],
+                "probability": round(each.probability, 4),
+                "seconds": round(each.seconds, 3),
+            }
+            for each in self._likely(forecast, model)
+        ]
 
     def close(self) -> None:
         """Finish the file."""

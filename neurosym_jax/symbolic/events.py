@@ -15,7 +15,7 @@ from jax import Array
 from neurosym_jax.errors import InputError
 from neurosym_jax.registry import Registry
 
-__all__ = ["EVENTS", "Encounter", "Event", "events_named", "register_event"]
+__all__ = ["EVENTS", "Encounter", "Event", "events_named", "in_short", "register_event"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,6 +118,13 @@ class Event:
     """What happens, in words, of k and l."""
     happens: Callable[[Encounter], Array]
     """[..., T] bool: at which steps; a function that `jax.jit` can take."""
+    short: str = ""
+    """Such as `{k} follows {l}`; empty where its name between the two says enough."""
+
+    @property
+    def mutual(self) -> bool:
+        """Whether it happens to (l, k) as well, and need be told once: `{k} and {l} ...`."""
+        return self.short.startswith("{k} and {l}")
 
 
 EVENTS: Registry[Event] = Registry("event")
@@ -143,6 +150,11 @@ def events_named(names: tuple[str, ...] | None = None) -> dict[str, Event]:
     return {name: EVENTS[name] for name in (EVENTS if names is None else names)}
 
 
+def in_short(name: str) -> str:
+    """What an event is in a few words, with `{k}` and `{l}` in place of the two."""
+    return EVENTS[name].short or f"{{k}} {name.replace('_', ' ')} {{l}}"
+
+
 def _length(offset: Array) -> Array:
     return jnp.sqrt(jnp.square(offset).sum(axis=-1))
 
@@ -154,7 +166,7 @@ def _shifted(array: Array, steps: int) -> Array:
     return jnp.pad(kept, [(0, 0)] * (array.ndim - 1) + [(missing, 0)])
 
 
-for _name, _sentence, _happens in (
+for _name, _sentence, _happens, *_more in (
     (
         "approaches",
         "k walks towards l for 1.2 s",
@@ -164,11 +176,13 @@ for _name, _sentence, _happens in (
         "passes_left",
         "k, who walked towards l, walks away, with l at k's left hand within 3 m",
         lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") > 0) & e.within(3),
+        "{k} passes with {l} on the left",
     ),
     (
         "passes_right",
         "k, who walked towards l, walks away, with l at k's right hand within 3 m",
         lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") < 0) & e.within(3),
+        "{k} passes with {l} on the right",
     ),
     (
         "crosses_before",
@@ -192,6 +206,7 @@ for _name, _sentence, _happens in (
         "meets",
         "k and l, who were farther apart a step before, are within 1.2 m of each other",
         lambda e: e.within(1.2) & (e.distance[..., :-1] > 1.2),
+        "{k} and {l} meet",
     ),
 ):
-    register_event(_name, Event(_sentence, _happens))
+    register_event(_name, Event(_sentence, _happens, *_more))

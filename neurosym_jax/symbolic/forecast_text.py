@@ -8,7 +8,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.cnd import states
-from neurosym_jax.symbolic.events import EVENTS
+from neurosym_jax.symbolic.events import EVENTS, in_short
 from neurosym_jax.symbolic.forecast import symbolic_events, symbolic_forecast
 from neurosym_jax.symbolic.futures import settings_of
 from neurosym_jax.symbolic.states import format_state
@@ -115,7 +115,7 @@ def format_forecast(found: PairForecasts, at_least: float = 0.3) -> str:
     told = np.argwhere(found.probability >= at_least)
     surest = sorted(told.tolist(), key=lambda at: -found.probability[tuple(at)])
     for number, i, j in surest:
-        words = f"{found.people[i]} {found.events[number].replace('_', ' ')} {found.people[j]}"
+        words = in_short(found.events[number]).format(k=found.people[i], l=found.people[j])
         low, median, high = found.seconds[number, i, j]
         share = found.probability[number, i, j]
         times = f"{median:.1f} ({low:.1f} to {high:.1f})" if np.isfinite(median) else "-"

@@ -7,8 +7,12 @@ import time
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from neurosym_jax.dashboard import Dashboard, write_replay
+from neurosym_jax.online.likely import LikelyEvents
+from neurosym_jax.online.predictor import ModelForecast
+from neurosym_jax.symbolic import symbolic_forecast
 
 ADE = "#errors tbody tr:has-text('{}') td[data-key=joint_ade]"
 
@@ -72,7 +76,7 @@ def test_live(page, live, stream):
     assert seconds(page) == clock
     assert places(page) == before
     # The errors are those of that moment.
-    frames = list(stream(clock + 0.1))
+    frames = list(stream(clock + 0.2))
     score = frames[round(10 * clock)][2]["models"]
     for name in ("SGAN", "NeuroSyM"):
         assert page.locator(ADE.format(name)).inner_text() == f"{score[name]['joint_ade']:.2f}"
@@ -146,9 +150,8 @@ def test_the_pair_and_its_symbols(page, moments, stream, tmp_path):
     write_replay(stream(8), tmp_path / "replay.html", moments)
     page.goto((tmp_path / "replay.html").as_uri())
     press(page, "End")
-    chain = page.locator("#chain tr")
     symbols = [tile.split("\n")[1] for tile in page.locator("#symbols div").all_inner_texts()]
-    assert [row.split()[-1] for row in chain.all_inner_texts()] == symbols
+    assert page.locator("#chain .now").all_inner_texts() == symbols
     assert set("".join(symbols)) <= set("−0+")
     alpha = page.locator("#alpha output").inner_text()
     assert alpha == "0.067"  # No symbol of theirs is 0: one of 15 neighbours.
@@ -160,6 +163,42 @@ def test_the_pair_and_its_symbols(page, moments, stream, tmp_path):
     drawn(page)
     swapped = [tile.split("\n")[1] for tile in page.locator("#symbols div").all_inner_texts()]
     assert swapped == [symbols[n] for n in (1, 0, 3, 2)]
+
+
+def test_what_the_pair_and_others_will_do(page, moments, stream, tmp_path):
+    events = list(stream(8))
+    # The page has whole centimetres: so has the truth here, that symbols are the very same.
+    for n, (frame, forecast, summary) in enumerate(events):
+        if forecast is not None:
+            last = np.round(forecast.observed[:, -1:], 3)
+            told = {
+                name: ModelForecast(last + np.round(each.samples - last, 2), each.mean, 0)
+                for name, each in forecast.models.items()
+            }
+            events[n] = frame, dataclasses.replace(forecast, models=told), summary
+    write_replay(events, tmp_path / "replay.html", moments)
+    page.goto((tmp_path / "replay.html").as_uri())
+    press(page, "End")
+    forecast = [each for _, each, _ in events if each is not None][-1]
+    pair = [forecast.ids.tolist().index(int(page.locator(f"#{who}").input_value())) for who in "kl"]
+    samples = forecast.models["NeuroSyM"].samples
+    wanted = np.asarray(
+        symbolic_forecast(samples, forecast.observed, pairs=np.array([pair])).symbols
+    )[0]
+    cells = page.locator("#chain .ahead")
+    shares = cells.evaluate_all(
+        "all => all.map(({ style }) => ['--minus', '--plus']"
+        ".map((name) => parseFloat(style.getPropertyValue(name)) / 100))"
+    )
+    assert_allclose(np.reshape(shares, (4, 8, 2)), wanted[:, :, [0, 2]].swapaxes(0, 1), atol=6e-4)
+    likely = LikelyEvents(0.4)(forecast, "NeuroSyM")
+    first = max(likely, key=lambda each: each.probability)
+    line = page.locator("#likely li").first.inner_text()
+    what, when = re.split(r"\s+\d+ %\s+in ", line.removesuffix(" s"))
+    assert float(when) == pytest.approx(first.seconds)
+    assert first.words(np.array([str(id)[-4:] for id in forecast.ids])).startswith(
+        what.replace("…", "")
+    )
 
 
 def test_by_keyboard(page, moments, stream, tmp_path):
