@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 def test_the_site_builds_strictly(tmp_path):
     pytest.importorskip("mkdocs", reason="the site needs the extra docs")
     pytest.importorskip("material", reason="the site needs the extra docs")
+    pytest.importorskip("mkdocs_jupyter", reason="the site needs the extra docs")
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path / "site")],
         cwd=ROOT,
@@ -38,5 +39,6 @@ def test_what_the_readme_points_to_is_there():
 
 def test_every_page_is_in_the_navigation():
     navigation = (ROOT / "mkdocs.yml").read_text()
-    pages = {page.relative_to(ROOT / "docs").as_posix() for page in ROOT.glob("docs/**/*.md")}
+    files = [file for kind in ("md", "ipynb") for file in ROOT.glob(f"docs/**/*.{kind}")]
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in files}
     assert {page for page in pages if f": {page}\n" not in navigation} == set()

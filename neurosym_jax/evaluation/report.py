@@ -48,7 +48,8 @@ def format_table(
         return {"csv": csv_table, "markdown": paper_markdown, "latex": latex_table}[style](lines)
     from rich.console import Console
 
-    console = Console(width=width)
+    # In a notebook, too, it is text.
+    console = Console(width=width, force_jupyter=False, color_system=None)
     with console.capture() as text:
         show_tables(lines, console)
     found = "\n".join(line.rstrip() for line in text.get().splitlines())
