@@ -121,7 +121,6 @@ def case():
     return make_case()
 
 
-@pytest.mark.rounding
 def test_golden_cases_of_torch(shared, tmp_path):
     """Those of SGAN; the others have tests of their own."""
     directory = shared / "golden" / "torch"

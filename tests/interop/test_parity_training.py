@@ -27,7 +27,6 @@ def compare(folder, row, arrays, tolerance=1e-5):
     return run_parity(folder, tolerance)
 
 
-@pytest.mark.rounding
 def test_the_golden_step(tmp_path, golden):
     row, arrays = golden
     rows = {result.output: result for result in compare(tmp_path, row, arrays)}

@@ -624,7 +624,7 @@ def test_flipped_bytes(tmp_path, small_files, form):
     """A flip in a weight goes unnoticed (legacy files carry no checksum); none does worse."""
     original, path, rng = small_files[form], tmp_path / "a.pt", np.random.default_rng(0)
     messages = []
-    for position in range(0, len(original), 2):
+    for position in range(0, len(original), 5):  # Odd ones and even ones.
         data = bytearray(original)
         data[position] ^= rng.integers(1, 256)
         path.write_bytes(data)
