@@ -48,8 +48,8 @@ def write_report(out: Path, results: Results) -> Path:
 def _introduce(document: Document, results: Results) -> None:
     faults, chosen = results.faults, results.models
     document.text(
-        """See what a robot's whole chain does, from a tracker's messages to errors of forecasts, and
-        run it yourself."""
+        """See what a robot's whole chain does, from a tracker's messages to errors of forecasts,
+        and run it yourself."""
     )
     document.text(
         f"""Two people in a room of 5 m x 8.2 m, two scenarios, two recordings of
