@@ -1,0 +1,48 @@
+"""Every option that a page names is one of its command."""
+
+import importlib
+import io
+import re
+from contextlib import redirect_stdout
+
+import pytest
+import tyro
+
+from neurosym_jax.__main__ import command_names
+from neurosym_jax.commands._running import with_plugins
+from studies.check_docs import commands, lacking, plain
+
+NAMED = sorted(set(commands()))
+
+
+def options(name: str) -> set[str]:
+    """The options in the help of a command."""
+    module = importlib.import_module(f"neurosym_jax.commands.{name}")
+    text = io.StringIO()
+    with redirect_stdout(text), pytest.raises(SystemExit):
+        tyro.cli(with_plugins(module.Options), args=["--help"])
+    return set(re.findall(r"--[a-z][a-z0-9.-]*", text.getvalue()))
+
+
+def test_what_is_named_is_there():
+    assert len(NAMED) > 40
+    known = {name: options(name) for name in command_names()}
+    wrong = []
+    for page, command in NAMED:
+        name, *words = command.split()[1:]
+        if name.startswith("-") or not name.islower():
+            continue
+        used = {word.partition("=")[0] for word in words if re.match(r"--[a-z]", word)}
+        used = {word.rstrip(",.;:").replace("_", "-") for word in used}
+        wrong += [(str(page), command)] if name not in known or used - known[name] else []
+    assert wrong == []
+
+
+def test_commands_are_told_apart_from_their_surroundings():
+    assert (
+        plain("python -m neurosym_jax parity DIR [--json FILE]")
+        == "neurosym parity DIR --json FILE"
+    )
+    assert plain("python train.py   # the simulations") == "neurosym train"
+    assert lacking("neurosym parity DIR") == "DIR"
+    assert lacking("neurosym inspect my_tracks.csv") == ""
