@@ -30,14 +30,14 @@ def nearness(positions, valid, log_reach):
     return jnp.exp(-square / jnp.exp(2 * log_reach))
 
 
-def main(steps: int = 100) -> float:
+def main(steps: int = 100, weightings: tuple[str, ...] = ("cnd", "nearness")) -> float:
     """Print both errors and what was learned; returns the reach in metres."""
     reach = 1.0
     source = open_source(None)
     training, validation = (source.recordings("cross-path", split) for split in ("train", "val"))
     changes = ("batch_scenes=16", "best_k=5", f"validate_every={steps}")
     recipe = make_recipe("ours", steps=steps, changes=changes)
-    for weighting in ("cnd", "nearness"):
+    for weighting in weightings:
         # Narrow, so that it is quick.
         network = named_generator("neurosym", weighting=weighting)
         network = dataclasses.replace(network, pool_hidden_dim=64)
