@@ -55,7 +55,9 @@ def lacking(command: str) -> str:
 
 
 def _prepare(folder: Path) -> None:
-    """The files that stand for a reader's own."""
+    """The files that stand for a reader's own, and those that a clone has."""
+    for name in ("checkpoints", "examples"):
+        (folder / name).symlink_to(ROOT / name)
     from neurosym_jax.data.sources import Synthetic
 
     tracks = Synthetic().recordings("cross-path", "test")[0]
