@@ -25,7 +25,7 @@ INLINE = re.compile(
 )
 LACK = re.compile(
     r"\b[A-Z]{2,}[A-Z_0-9]*\b|\.\.\.|eth-ucy|\bdownload\b|sgan-|my_checkpoint\.pt|recording\.bag"
-    r"|runs/|\bM\.pt|\bros[12]\b|\bgolden\b|\bcases\b|\bconvert\b|\breport\b|--dashboard"
+    r"|runs/|\bM\.pt|\bros[12]\b|\bgolden\b|\bcases\b|\bconvert\b|\breport\b|parity$|--dashboard"
 )
 """What stands for something that is not in a clone."""
 
@@ -43,7 +43,7 @@ def commands() -> Iterator[tuple[Path, str]]:
 def plain(command: str) -> str:
     """`command` as `neurosym COMMAND ...`, without comment, redirection and brackets."""
     command = re.sub(r"\s#.*|\s>.*|&&.*", "", " ".join(command.split()))
-    command = re.sub(r"[\[\]]", "", command)
+    command = re.sub(r"[\[\]]|\|\S+", "", command)  # Of alternatives the first.
     command = command.replace("python -m neurosym_jax", "neurosym")
     return re.sub(r"python (evaluate|train)\.py", r"neurosym \1", command).strip()
 
