@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import json
 import shutil
 import sys
 import textwrap
@@ -28,14 +29,17 @@ from neurosym_jax.evaluation.rows import evaluate_into
 from neurosym_jax.evaluation.run import Result, Row, Settings
 from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
 from neurosym_jax.evaluation.summary import lines_of, means_of
+from neurosym_jax.evaluation.symbol_tests import score_symbols
 from neurosym_jax.evaluation.tables import Style, notes
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
 from neurosym_jax.plotting.evaluation import check_figures, draw_figures, draw_overview
+from neurosym_jax.runtime.files import write_json
 from neurosym_jax.runtime.processes import ALONE, Processes, is_first, join
 from neurosym_jax.runtime.progress import without_bars
 from neurosym_jax.runtime.provenance import provenance
+from neurosym_jax.symbolic.futures import SymbolSettings
 
 __all__ = ["Options", "run"]
 
@@ -103,6 +107,8 @@ class Options:
     docs/evaluate.md, or `all`."""
     collisions: bool = True
     """Compute the collision rate, and what else is quadratic in people."""
+    symbols: bool = False
+    """Score forecasts of symbols and events, too; see docs/symbolic_forecast.md."""
     processes: Processes = ALONE
     """Several processes that share the work, on one machine or many; see docs/scaling.md."""
 
@@ -167,7 +173,28 @@ def run(options: Options) -> list[Row]:
     else:
         said += [f"next: {_next(source)}"]
     print("\n".join(said), file=sys.stdout if options.table == "text" else sys.stderr)
+    if options.symbols:
+        _score_symbols(options, source, tests)
     return rows
+
+
+def _score_symbols(options: Options, source: Source, tests: list[Test]) -> None:
+    """Tell how good forecasts of symbols and events are, and add it to the JSON."""
+    found = []
+    for test in tests:
+        # What was named goes before the baselines; of one name, the path tells them apart.
+        entries = sorted(test.entries, key=lambda entry: entry[0] is None)
+        names = [model.name for _, model in entries]
+        models = {
+            str(path) if names.count(model.name) > 1 else model.name: model
+            for path, model in entries
+        }
+        how = SymbolSettings(test.windows.period)
+        noise = {"samples": options.samples, "seed": options.seed}
+        text, row = score_symbols(source, test.test_set, models, how, **noise)
+        print(f"\n{text}", file=sys.stdout if options.table == "text" else sys.stderr)
+        found.append({**row, "obs_len": test.test_set.obs_len, "pred_len": test.test_set.pred_len})
+    write_json(options.json, json.loads(options.json.read_text()) | {"symbols": found})
 
 
 def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
@@ -257,6 +284,8 @@ def _validate(options: Options) -> None:
     refuse_seed(options.seed + options.seeds - 1, "--seed and --seeds: the last seed")
     if not (options.checkpoint or options.baselines or options.baselines is None):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
+    if options.symbols and options.test_on:
+        raise InputError("--symbols learns from a dataset's training scenes; --test-on has none")
     check_replaceable(options.json)
     if options.figures:
         check_figures(options.plots)

@@ -52,6 +52,7 @@ def run(options: Options) -> None:
         name=options.name,
         remaps=options.remap,
         status=options.status,
+        at_least=options.view.at_least,
         report=report,
     )
     try:

@@ -60,6 +60,7 @@ def run(options: Options) -> None:
         stitcher=options.stitcher(),
         name=options.name,
         status=options.status,
+        at_least=options.view.at_least,
     )
     logger = node.node.get_logger()
     logger.info(f"listening to {node.topic}")

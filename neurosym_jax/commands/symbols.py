@@ -21,10 +21,8 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import BASELINES, baseline
-from neurosym_jax.evaluation.symbol_cases import make_cases
-from neurosym_jax.evaluation.symbol_report import format_symbol_scores, symbol_score_rows
-from neurosym_jax.evaluation.symbols import evaluate_symbols
+from neurosym_jax.evaluation.plan import BASELINES, TestSet, baseline
+from neurosym_jax.evaluation.symbol_tests import score_symbols
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_json, write_text
@@ -35,7 +33,6 @@ from neurosym_jax.symbolic.description import (
     state_tables,
     state_texts,
 )
-from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast_text import forecast_pairs, forecast_rows, format_forecast
 from neurosym_jax.symbolic.futures import SymbolSettings
 from neurosym_jax.symbolic.transitions import count_states
@@ -184,21 +181,15 @@ def _score(options: Options, model: Model) -> None:
     source = open_source(options.data, options.dataset, model.dataset, read=options.read)
     name = options.dataset or (model.dataset if model.dataset in source.scenes else None)
     name = name or source.scenes[0]
-    lengths, events = (model.config.obs_len, model.config.pred_len), tuple(EVENTS)
+    lengths = model.config.obs_len, model.config.pred_len
     how = SymbolSettings(model.config.period, options.calculus, speed=options.speed)
-    train, tune, test = (
-        make_cases(source.recordings(name, split), *lengths, how, events)
-        for split in ("train", "val", "test")
-    )
     models = {model.name: model}
     models |= {(one := baseline(each, *lengths)).name: one for each in BASELINES}
-    scores = evaluate_symbols(train, tune, test, models, samples=options.samples, seed=options.seed)
-    print(f"{name}: {len(test.rows)} ordered pairs of {test.windows.scenes} windows")
-    print("log score in nats, less is better\n")
-    print(format_symbol_scores(scores, model.config.pred_len, how.period))
+    noise = {"samples": options.samples, "seed": options.seed}
+    text, row = score_symbols(source, TestSet(name, *lengths), models, how, **noise)
     path = options.out / "symbol_scores.json"
-    write_json(path, {"dataset": name, "rows": symbol_score_rows(scores)})
-    print(f"\n{path}")
+    write_json(path, row)
+    print(f"{text}\n\n{path}")
 
 
 def _weighting(

@@ -11,6 +11,8 @@ from neurosym_jax.errors import InputError
 
 __all__ = [
     "DEFINITIONS",
+    "EVENT",
+    "EVENTS",
     "FORECAST",
     "HUMANS",
     "HUMANS_TRAJS",
@@ -25,6 +27,8 @@ PEOPLE = "people_msgs/msg/People"
 HUMANS = "darko_perception_msgs/msg/Humans"
 HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
 FORECAST = "neurosym_msgs/msg/Forecast"
+EVENT = "neurosym_msgs/msg/Event"
+EVENTS = "neurosym_msgs/msg/Events"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 DEFINITIONS = {
@@ -96,6 +100,25 @@ float64[] position
 float32[] velocity
 # [K, N, T, 2] metres from each person's position.
 float32[] futures
+""",
+    EVENT: """\
+# Something that a pair of people will probably do.
+# By name, such as passes_left; and in words.
+string name
+string words
+# Ids of who does it, and of the other.
+int64 k
+int64 l
+float32 probability
+# Seconds from the header's stamp to the first happening: the median over samples that have it.
+float32 seconds
+""",
+    EVENTS: """\
+# What one model makes probable, most probable first; empty where nothing is.
+# Of the last observed step, and the coordinates' frame.
+std_msgs/Header header
+string model
+Event[] events
 """,
     TRANSFORMS: """\
 geometry_msgs/TransformStamped[] transforms

@@ -3,20 +3,25 @@
 Messages come from `new(type)`, which gives empty ones: rclpy's own, or `definitions.blank`.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.status import Status
-from neurosym_jax.ros.definitions import FORECAST
+from neurosym_jax.ros.definitions import EVENT, EVENTS, FORECAST
 
 __all__ = [
     "DIAGNOSTICS",
+    "ENDINGS",
     "MARKERS",
     "central_path",
     "diagnostics_message",
+    "events_message",
+    "makers",
     "markers_message",
     "put_stamp",
     "samples_message",
@@ -26,6 +31,8 @@ New = Callable[[str], Any]
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
+ENDINGS = {FORECAST: "/samples", EVENTS: "/events", MARKERS: "/markers"}
+"""How the topics end that a forecast goes to on either ROS, by type; `makers` has what they say."""
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
 """Of the people's lines, after Okabe and Ito."""
 FAINT = 0.35
@@ -82,6 +89,33 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
         markers.append(marker)
     array.markers = markers
     return array
+
+
+def events_message(
+    new: New,
+    forecast: Forecast,
+    model: str,
+    period: float,
+    frame_id: str,
+    at_least: float = AT_LEAST,
+) -> Any:
+    """The neurosym_msgs/Events of one model: what is at least `at_least` probable."""
+    message = new(EVENTS)
+    put_stamp(message.header, forecast.stamp, frame_id)
+    message.model, message.events = model, []
+    for each in LikelyEvents(period, at_least)(forecast, model):
+        event = new(EVENT)
+        event.name, event.words = each.name, each.words(forecast.ids)
+        event.k, event.l = (int(forecast.ids[row]) for row in (each.k, each.l))
+        event.probability, event.seconds = each.probability, each.seconds
+        message.events.append(event)
+    return message
+
+
+def makers(at_least: float = AT_LEAST) -> dict[str, Callable[..., Any]]:
+    """What makes the messages of `ENDINGS`, by type."""
+    told = functools.partial(events_message, at_least=at_least)
+    return {FORECAST: samples_message, EVENTS: told, MARKERS: markers_message}
 
 
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:

@@ -18,13 +18,13 @@ from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.frame import Frame
+from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
 from neurosym_jax.online.status import Status
 from neurosym_jax.ros.bags import TF_TOPICS
 from neurosym_jax.ros.decoding import Decoder
 from neurosym_jax.ros.definitions import (
-    FORECAST,
     HUMANS_TRAJS,
     PEOPLE,
     TRANSFORMS,
@@ -41,10 +41,9 @@ from neurosym_jax.ros.messages import (
 )
 from neurosym_jax.ros.outgoing import (
     DIAGNOSTICS,
-    MARKERS,
+    ENDINGS,
     diagnostics_message,
-    markers_message,
-    samples_message,
+    makers,
 )
 from neurosym_jax.ros.source import Source
 from neurosym_jax.ros.tcpros import Node, Publisher, Topic
@@ -55,7 +54,7 @@ __all__ = ["ForecastNode"]
 LAST = 2.0**31 - 1000
 """Seconds; rosbags counts ROS 1's in 32 bits with a sign, and forecasts lie ahead."""
 
-FORECAST_TOPICS = {HUMANS_TRAJS: "", FORECAST: "/samples", MARKERS: "/markers"}
+FORECAST_TOPICS = {HUMANS_TRAJS: "", **ENDINGS}
 """How the topics end that a forecast goes to, by type."""
 DIAGNOSE = 1.0
 """Seconds between messages on /diagnostics."""
@@ -77,6 +76,7 @@ class ForecastNode:
         name: str = "neurosym_jax",
         remaps: Iterable[str] = (),
         status: float = 10.0,
+        at_least: float = AT_LEAST,
         report: Callable[[str], None] = print,
     ):
         """Join the graph.
@@ -91,6 +91,7 @@ class ForecastNode:
             name: of the node.
             remaps: "FROM:=TO" each, of names in the graph.
             status: seconds between reports of how it goes; 0 for none.
+            at_least: probability from which on an event of a pair is told.
             report: is told, in one line each, how it goes and what happens to connections.
 
         Raises:
@@ -98,6 +99,8 @@ class ForecastNode:
         """
         self.predictor, self.stitcher = predictor, stitcher
         self.analytics = Analytics.of(predictor)
+        LikelyEvents.of(predictor, at_least)  # Compiled now, not for the first message.
+        self._make = makers(at_least)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
         self.malformed = self.late = 0
@@ -195,8 +198,7 @@ class ForecastNode:
                 if kind == HUMANS_TRAJS:
                     message = forecast_message(types=self._store.types, **told)
                 else:
-                    make = samples_message if kind == FORECAST else markers_message
-                    message = make(self._new, **told)
+                    message = self._make[kind](self._new, **told)
                 self._send(publisher, message)
         for done in event.scored:
             if self._truth.subscribers and (

@@ -18,20 +18,20 @@ import numpy as np
 from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
 from neurosym_jax.online.status import Status
 from neurosym_jax.ros.bags import TF_TOPICS
-from neurosym_jax.ros.definitions import FORECAST, PEOPLE, TRANSFORMS
+from neurosym_jax.ros.definitions import PEOPLE, TRANSFORMS
 from neurosym_jax.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, WAITING, forecast_topic
 from neurosym_jax.ros.outgoing import (
     DIAGNOSTICS,
-    MARKERS,
+    ENDINGS,
     central_path,
     diagnostics_message,
-    markers_message,
+    makers,
     put_stamp,
-    samples_message,
 )
 from neurosym_jax.ros.people import POSES
 from neurosym_jax.ros.source import Source
@@ -39,7 +39,7 @@ from neurosym_jax.tracking.live import OnlineStitcher
 
 __all__ = ["ForecastNode", "has", "message_type"]
 
-FORECAST_TOPICS = {POSES: "", FORECAST: "/samples", MARKERS: "/markers"}
+FORECAST_TOPICS = {POSES: "", **ENDINGS}
 """How the topics end that a forecast goes to, by type; where ROS 2 has the type."""
 DIAGNOSE = 1.0
 """Seconds between messages on /diagnostics."""
@@ -58,6 +58,7 @@ class ForecastNode:
         stitcher: OnlineStitcher | None = None,
         name: str = "neurosym_jax",
         status: float = 10.0,
+        at_least: float = AT_LEAST,
     ):
         """Join the graph.
 
@@ -69,6 +70,7 @@ class ForecastNode:
             stitcher: mends ids, if given.
             name: of the node.
             status: seconds between lines on how it goes; 0 for none.
+            at_least: probability from which on an event of a pair is told.
 
         Raises:
             InputError: where ROS 2 has no such message.
@@ -80,6 +82,8 @@ class ForecastNode:
         self.kind, self.source = kind, source or Source()
         self.predictor, self.stitcher = predictor, stitcher
         self.analytics = Analytics.of(predictor)
+        LikelyEvents.of(predictor, at_least)  # Compiled now, not for the first message.
+        self._make = makers(at_least)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""
         self.node = rclpy.create_node(name)
@@ -122,8 +126,7 @@ class ForecastNode:
                     path = central_path(event.forecast, name)
                     message = _poses(path, event.forecast.stamp, frame_id)
                 else:
-                    make = samples_message if kind == FORECAST else markers_message
-                    message = make(_new, event.forecast, name, period, frame_id)
+                    message = self._make[kind](_new, event.forecast, name, period, frame_id)
                 publisher.publish(message)
         for done in event.scored:
             assert done.future is not None

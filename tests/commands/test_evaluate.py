@@ -347,3 +347,17 @@ def test_own_tracks_in_python():
     assert rows[0]["scene"] == tracks.recording
     assert 0 < rows[1]["metrics"]["joint_ade"] < 1
     assert "SGAN" in evaluation.format_table(rows)
+
+
+def test_symbols_are_scored_beside_the_errors(tmp_path, capsys):
+    asked = {"dataset": "cross-path", "baselines": ("constant_velocity",), "samples": 2}
+    path = tmp_path / "rows.json"
+    run(Options(**asked, symbols=True, json=path, figures=False))
+    (found,) = json.loads(path.read_text())["symbols"]
+    assert (found["dataset"], found["obs_len"], found["pred_len"]) == ("cross-path", 8, 8)
+    models = {row["model"]: row["scores"] for row in found["rows"]}
+    assert {"constant velocity", "Markov chain", "persistence", "frequencies"} <= models.keys()
+    assert 0 < models["constant velocity"]["log meets 0"] < models["frequencies"]["log meets 0"]
+    assert "meets" in capsys.readouterr().out
+    with pytest.raises(InputError, match="--test-on has none"):
+        run(Options(symbols=True, test_on=("walk",)))

@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_jax.online.likely import LikelyEvents
 from neurosym_jax.online.predictor import Forecast, ModelForecast
-from neurosym_jax.ros.definitions import blank, typestore
-from neurosym_jax.ros.outgoing import MARKERS, markers_message, samples_message
+from neurosym_jax.ros.definitions import EVENTS, blank, typestore
+from neurosym_jax.ros.outgoing import (
+    MARKERS,
+    events_message,
+    markers_message,
+    samples_message,
+)
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -51,6 +57,20 @@ def test_all_samples_compactly(store, forecast):
     walked = (observed[:, -1] - observed[:, -2]) / 0.4
     assert_allclose(message.velocity.reshape(2, 2), walked, rtol=1e-5)
     assert message.weights.sum() == pytest.approx(1)
+
+
+def test_events_in_words_and_numbers(store, forecast):
+    new = functools.partial(blank, store)
+    message = received(store, events_message(new, forecast, "SGAN", 0.4, "map", 0.05))
+    told = LikelyEvents(0.4, 0.05)(forecast, "SGAN")
+    assert (message.__msgtype__, message.model, message.header.frame_id) == (EVENTS, "SGAN", "map")
+    assert len(message.events) == len(told) > 0
+    for event, each in zip(message.events, told):
+        assert (event.name, event.words) == (each.name, each.words(forecast.ids))
+        assert {event.k, event.l} == {4, -8}
+        assert event.k == forecast.ids[each.k]
+        assert_allclose([event.probability, event.seconds], each[3:], rtol=1e-6)
+    assert received(store, events_message(new, forecast, "SGAN", 0.4, "map", 1.0)).events == []
 
 
 def test_lines_for_rviz(store, forecast):
