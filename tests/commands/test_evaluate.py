@@ -349,6 +349,7 @@ def test_own_tracks_in_python():
     assert "SGAN" in evaluation.format_table(rows)
 
 
+@pytest.mark.slow
 def test_symbols_are_scored_beside_the_errors(tmp_path, capsys):
     asked = {"dataset": "cross-path", "baselines": ("constant_velocity",), "samples": 2}
     path = tmp_path / "rows.json"
