@@ -49,6 +49,8 @@ def test_weightings(tmp_path, monkeypatch):
         with pytest.raises(InputError, match=reason):
             named_weighting(text)
     monkeypatch.syspath_prepend(tmp_path)
+    # Else the runs of later tests would be told to load it, too.
+    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})
     (tmp_path / "weightings_of_mine.py").write_text(
         "from neurosym_jax.symbolic import register_weighting\n"
         "register_weighting('all_alike')(lambda positions, valid: 0 * positions[:, None, :, 0])\n"
