@@ -64,7 +64,7 @@ def test_what_is_at_hand_is_listed(downloads, shared, capsys):
     shutil.copytree(shared / "checkpoints" / "sgan-p-models", downloads / "sgan-p-models")
     run(Options())
     head, *lines = capsys.readouterr().out.splitlines()
-    assert head.split() == ["name", "forecaster", "steps", "period", "without", "where"]
+    assert head.split() == ["name", "forecaster", "steps", "period", "test", "on", "where"]
     assert len(lines) == len(shipped_models()) + 10
     line = next(line for line in lines if line.startswith(f"{NAME} "))
     assert line.split() == [NAME, "NeuroSyM,", "cnd", "8+8", "0.4", "s", "zara1", str(SHIPPED)]

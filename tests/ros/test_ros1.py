@@ -89,7 +89,8 @@ class Process:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, number)
         status = self.process.wait(20)
-        self._reader.join()
+        # What roslaunch starts is in sessions of its own, and holds the pipe if it outlives it.
+        self._reader.join(10)
         return status
 
 
@@ -290,8 +291,9 @@ def test_the_master_is_restarted(graph, node):
     graph.start_core()
     node.wait_for(lambda line: "registers again" in line)
     listener = graph.listener()
-    graph.peer("talk", "tracker", rate=50)
+    talker = graph.peer("talk", "tracker", rate=50)
     listener.wait_heard(both)
+    talker.end()
 
 
 def test_another_definition_is_refused_in_one_line(graph, node, tmp_path):
@@ -300,9 +302,10 @@ def test_another_definition_is_refused_in_one_line(graph, node, tmp_path):
     path = tmp_path / "definitions.json"
     path.write_text(json.dumps(texts))
     before = len(node.lines)
-    graph.peer("talk", "impostor", definitions=path)
+    impostor = graph.peer("talk", "impostor", definitions=path)
     node.wait_for(lambda line: "refused:" in line)
     time.sleep(0.5)
+    impostor.end()
     (line,) = [line for line in node.lines[before:] if "refused:" in line]
     assert "not people_msgs/People with md5 18722f4b8db20cc2369740732357847b" in line
 

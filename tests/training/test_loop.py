@@ -61,23 +61,28 @@ def leaves(folder):
 
 
 @pytest.fixture(scope="module")
-def done(run, tmp_path_factory):
+def told():
+    """The rows that the run of `done` tells while it goes on."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def done(run, told, tmp_path_factory):
     """The folder of a run left alone."""
     folder = tmp_path_factory.mktemp("alone")
-    train_run(run, folder / "run")
+    train_run(run, folder / "run", on_row=told.append)
     return folder / "run"
 
 
 @pytest.mark.slow
-def test_what_a_run_tells(run, tmp_path):
-    rows = []
-    model = train_run(run, tmp_path, on_row=rows.append)
-    assert rows == [json.loads(line) for line in (tmp_path / "metrics.jsonl").open()]
-    head, *told = outcome(run, model).splitlines()
+def test_what_a_run_tells(run, done, told):
+    rows, model = told, load_model(done / "model")
+    assert rows == [json.loads(line) for line in (done / "metrics.jsonl").open()]
+    head, *lines = outcome(run, model).splitlines()
     assert head.startswith(f"on the {run.validation.scenes} validation scenes, joint best of 3")
     kept = min((row for row in rows if "val_score" in row), key=lambda row: row["val_score"])
-    assert f"ADE {kept['val_ade']:.3f}  FDE {kept['val_fde']:.3f}" in told[0]
-    assert [line.split("  ")[1] for line in told[1:]] == [
+    assert f"ADE {kept['val_ade']:.3f}  FDE {kept['val_fde']:.3f}" in lines[0]
+    assert [line.split("  ")[1] for line in lines[1:]] == [
         "constant velocity",
         "constant velocity, sampled",
     ]
