@@ -38,9 +38,9 @@ def conclusion(lines: Sequence[Line], period: float, *, simulated: bool = False)
     ]
     if single:
         parts.append(_and(single))
-    told = [f"{name} is ahead on {_and(of)}" for name, of in ahead.items()]
+    told = [f"{name} is ahead of all others on {_and(of)}" for name, of in ahead.items()]
     if nobody := [name for name in tests if not any(name in of for of in ahead.values())]:
-        told.append(f"nobody on {_and(nobody)}" if told else "nobody is ahead")
+        told.append(f"nobody on {_and(nobody)}" if told else "nobody is ahead of all others")
     ends = "; simulated people say nothing of real ones" if simulated else ""
     return f"On average, {', '.join(parts)}; by 95 % intervals {_and(told)}{ends}."
 

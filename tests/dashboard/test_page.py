@@ -62,6 +62,8 @@ def test_live(page, live, stream):
     page.goto(live.url)
     page.locator(ADE.format("SGAN"), has_text=re.compile(r"\d\.\d\d")).wait_for()
     assert page.locator("#status").inner_text() == "live"
+    # The table of errors is there before the scene is: that is drawn with the screen's next frame.
+    page.wait_for_function("scene.ariaLabel.startsWith('3 people seen, 3 forecast')")
     before, clock = places(page), seconds(page)
     assert re.match(r"3 people seen, 3 forecast. 9007199254740992 at ", before)
     page.wait_for_function("before => scene.ariaLabel !== before", arg=before)
