@@ -2,6 +2,7 @@
 
 import dataclasses
 
+from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import models_at_hand
 
@@ -24,6 +25,4 @@ def run(_: Options) -> None:
         config = model.config
         steps, period = f"{config.obs_len}+{config.pred_len}", f"{config.period:g} s"
         table.append((name, model.name, steps, period, model.dataset or "-", str(path.parent)))
-    widths = [max(map(len, column)) for column in zip(*table)]
-    for row in table:
-        print("  ".join(map(str.ljust, row, widths)).rstrip())
+    print(aligned_table(table))

@@ -21,12 +21,9 @@ from neurosym_jax.forecasting.parameters import (
     refuse_not_finite,
 )
 
-__all__ = [
-    "discriminator_params_from_torch",
-    "discriminator_params_to_torch",
-    "generator_params_from_torch",
-    "generator_params_to_torch",
-]
+__all__ = ["params_from_torch", "params_to_torch"]
+
+Config = GeneratorConfig | DiscriminatorConfig
 
 
 class _Layer(NamedTuple):
@@ -48,37 +45,34 @@ class _Leaf(NamedTuple):
     shape: tuple[int, ...]
 
 
-def generator_params_from_torch(
-    state: Mapping[str, Any], config: GeneratorConfig
-) -> dict[str, Any]:
+def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any]:
     """Our nested float32 parameters from torch's flat state dict of arrays.
 
     Raises:
         InputError: naming the tensors that `config` needs and `state` lacks, those that it has
             and the network does not, and those of another shape; for `as_described`.
     """
-    return _from_torch(state, _generator_layers(config), "generator")
+    leaves = _leaves(config)
+    unused = {leaf.torch for leaf in leaves if leaf.ours is None}
+    needed = {leaf.torch: leaf.shape[::-1] for leaf in leaves if leaf.ours}
+    arrays = _checked({k: v for k, v in state.items() if k not in unused}, needed, config)
+    return nested_parameters(
+        {leaf.ours: np.ascontiguousarray(arrays[leaf.torch].T) for leaf in leaves if leaf.ours}
+    )
 
 
-def generator_params_to_torch(
-    params: Mapping[str, Any], config: GeneratorConfig
-) -> dict[str, np.ndarray]:
-    """The inverse of `generator_params_from_torch`, with the same errors by our names."""
-    return _to_torch(params, _generator_layers(config), "generator")
-
-
-def discriminator_params_from_torch(
-    state: Mapping[str, Any], config: DiscriminatorConfig
-) -> dict[str, Any]:
-    """As `generator_params_from_torch`, for the discriminator."""
-    return _from_torch(state, _discriminator_layers(config), "discriminator")
-
-
-def discriminator_params_to_torch(
-    params: Mapping[str, Any], config: DiscriminatorConfig
-) -> dict[str, np.ndarray]:
-    """As `generator_params_to_torch`, for the discriminator."""
-    return _to_torch(params, _discriminator_layers(config), "discriminator")
+def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.ndarray]:
+    """The inverse of `params_from_torch`, with the same errors by our names."""
+    leaves = _leaves(config)
+    ours = {leaf.ours: leaf.shape for leaf in leaves if leaf.ours}
+    arrays = _checked(flat_parameters(params), ours, config)
+    # `load_state_dict` wants every tensor that the code declares; zeros stand for those unused.
+    return {
+        leaf.torch: np.ascontiguousarray(arrays[leaf.ours].T)
+        if leaf.ours
+        else np.zeros(leaf.shape[::-1], np.float32)
+        for leaf in leaves
+    }
 
 
 def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
@@ -163,54 +157,37 @@ def _within(ours: str | None, name: str) -> str | None:
     return ours and f"{ours}/{name}"
 
 
-def _leaves(layers: Iterable[_Layer]) -> Iterable[_Leaf]:
-    for torch, ours, kind, inputs, outputs in layers:
-        gates = 4 * outputs
-        names = {
-            "dense": {
-                ("weight", "kernel"): (inputs, outputs),
-                ("bias", "bias"): (outputs,),
-            },
-            "lstm": {
-                ("weight_ih_l0", "input_kernel"): (inputs, gates),
-                ("weight_hh_l0", "recurrent_kernel"): (outputs, gates),
-                ("bias_ih_l0", "input_bias"): (gates,),
-                ("bias_hh_l0", "recurrent_bias"): (gates,),
-            },
-        }
-        for (theirs, name), shape in names[kind].items():
-            yield _Leaf(f"{torch}.{theirs}", _within(ours, name), shape)
+def _leaves(config: Config) -> list[_Leaf]:
+    is_generator = isinstance(config, GeneratorConfig)
+    layers = _generator_layers(config) if is_generator else _discriminator_layers(config)
+    return [leaf for layer in layers for leaf in _of_layer(*layer)]
 
 
-def _from_torch(state: Mapping[str, Any], layers: Iterable[_Layer], what: str) -> dict[str, Any]:
-    leaves = list(_leaves(layers))
-    unused = {leaf.torch for leaf in leaves if leaf.ours is None}
-    needed = {leaf.torch: leaf.shape[::-1] for leaf in leaves if leaf.ours}
-    arrays = _checked({k: v for k, v in state.items() if k not in unused}, needed, what)
-    return nested_parameters(
-        {leaf.ours: np.ascontiguousarray(arrays[leaf.torch].T) for leaf in leaves if leaf.ours}
-    )
-
-
-def _to_torch(
-    params: Mapping[str, Any], layers: Iterable[_Layer], what: str
-) -> dict[str, np.ndarray]:
-    leaves = list(_leaves(layers))
-    ours = {leaf.ours: leaf.shape for leaf in leaves if leaf.ours}
-    arrays = _checked(flat_parameters(params), ours, what)
-    # `load_state_dict` wants every tensor that the code declares; zeros stand for those unused.
-    return {
-        leaf.torch: np.ascontiguousarray(arrays[leaf.ours].T)
-        if leaf.ours
-        else np.zeros(leaf.shape[::-1], np.float32)
-        for leaf in leaves
+def _of_layer(
+    torch: str, ours: str | None, kind: str, inputs: int, outputs: int
+) -> Iterable[_Leaf]:
+    gates = 4 * outputs
+    names = {
+        "dense": {
+            ("weight", "kernel"): (inputs, outputs),
+            ("bias", "bias"): (outputs,),
+        },
+        "lstm": {
+            ("weight_ih_l0", "input_kernel"): (inputs, gates),
+            ("weight_hh_l0", "recurrent_kernel"): (outputs, gates),
+            ("bias_ih_l0", "input_bias"): (gates,),
+            ("bias_hh_l0", "recurrent_bias"): (gates,),
+        },
     }
+    for (theirs, name), shape in names[kind].items():
+        yield _Leaf(f"{torch}.{theirs}", _within(ours, name), shape)
 
 
 def _checked(
-    arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]], what: str
+    arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]], config: Config
 ) -> dict[str, np.ndarray]:
     """The arrays as float32, once their names and shapes are exactly `shapes`."""
+    what = "generator" if isinstance(config, GeneratorConfig) else "discriminator"
     # A damaged file may hold anything at all under a tensor's name: that has no shape.
     shaped = {name: getattr(array, "shape", None) for name, array in arrays.items()}
     found = {k: shape if isinstance(shape, tuple) else () for k, shape in shaped.items()}

@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.parity_networks import Arrays, Compared, sgan
-from neurosym_jax.interop.parity_symbols import neurosym, qtc
+from neurosym_jax.evaluation.markdown import aligned_table
+from neurosym_jax.interop.parity_case import Arrays, Compared
+from neurosym_jax.interop.parity_networks import neurosym, sgan
+from neurosym_jax.interop.parity_symbols import qtc
 from neurosym_jax.interop.parity_training import train_step
 
 __all__ = ["CASES", "TOLERANCE", "ParityRow", "format_parity", "parity_json", "run_parity"]
@@ -92,8 +94,6 @@ def format_parity(rows: Sequence[ParityRow]) -> str:
         verdict = "ok" if row.ok else "MISS"
         numbers = (f"{row.max_abs:.1e}", f"{row.max_rel:.1e}")
         table.append((row.case, row.output or "-", shape, *numbers, verdict))
-    widths = [max(map(len, column)) for column in zip(*table)]
-    lines = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in table]
     compared = [row for row in rows if row.skipped is None]
     misses = sum(not row.ok for row in compared)
     skipped = len(rows) - len(compared)
@@ -102,7 +102,7 @@ def format_parity(rows: Sequence[ParityRow]) -> str:
     else:
         within = len(compared) - misses
         summary = f"{within} of {len(compared)} outputs within {compared[0].tolerance:g}"
-    return "\n".join([*lines, "", f"{summary}; {skipped} cases skipped"])
+    return f"{aligned_table(table)}\n\n{summary}; {skipped} cases skipped"
 
 
 def parity_json(rows: Sequence[ParityRow]) -> dict[str, Any]:

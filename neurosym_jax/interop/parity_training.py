@@ -15,20 +15,17 @@ from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.config import FORMAT, GeneratorConfig, from_json, to_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.names import discriminator_params_from_torch, generator_params_from_torch
-from neurosym_jax.interop.parity_networks import (
+from neurosym_jax.interop.names import params_from_torch
+from neurosym_jax.interop.parity_case import (
     Arrays,
     Compared,
+    case_scenes,
     discriminator_config,
     floats,
     generator_config,
-    make_scenes,
     manifest_field,
-    scene_bounds,
-    stacked,
     state_dict,
 )
-from neurosym_jax.scene import Scene, model_dtype, relative_positions
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.recipe import TrainConfig
@@ -71,39 +68,35 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     generator, config = generator_config(row), _recipe(row)
     if generator.noise_mix_type != "global":
         raise InputError("manifest: a train_step case has one noise a scene, noise_mix_type global")
-    groups = (_batch(generator, arrays),)
+    # As one group, `[scenes, slots, ...]`.
+    groups = (case_scenes(generator, arrays)[1].replace(origin=None),)
     shape = (groups[0].valid.shape[0], generator.noise_dim)
     noises = [
         [floats(arrays, "noise_d", *shape)[None]],
         [floats(arrays, "noise_g", config.best_k, *shape)],
     ]
 
-    def of_generator(prefix: str) -> dict[str, Any]:
-        return {"params": generator_params_from_torch(state_dict(arrays, prefix), generator)}
-
-    def of_discriminator(prefix: str) -> dict[str, Any]:
-        state = state_dict(arrays, prefix)
-        return {"params": discriminator_params_from_torch(state, config.discriminator)}
+    def stored(prefix: str) -> dict[str, Any]:
+        network = generator if prefix.startswith("g") else config.discriminator
+        return {"params": params_from_torch(state_dict(arrays, prefix), network)}
 
     example = jax.tree.map(lambda leaf: leaf[0], groups[0])
     fresh = jax.eval_shape(lambda: initial_state(generator, config, example, jax.random.key(0)))
     # Adam's state is all zeros before its first step.
     state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), fresh)._replace(
-        generator=of_generator("g0/"), discriminator=of_discriminator("d0/")
+        generator=stored("g0/"), discriminator=stored("d0/")
     )
     ours, metrics = _two_steps(generator, config, state, groups, noises)
-    theirs = {
-        "d_grad": of_discriminator("d_grad/"),
-        "g_grad_clipped": of_generator("g_grad_clipped/"),
-        "d1": of_discriminator("d1/"),
-        "g1": of_generator("g1/"),
-    }
     scalars = {
         name: (np.asarray(metrics[field]), floats(arrays, name)) for name, field in LOSSES.items()
     }
+
+    def vector(params: Any) -> np.ndarray:
+        return np.asarray(ravel_pytree(params)[0])
+
     return scalars | {
-        name: (np.asarray(ravel_pytree(ours[name])[0]), np.asarray(ravel_pytree(tree)[0]))
-        for name, tree in theirs.items()
+        name: (vector(ours[name]), vector(stored(f"{name}/")))
+        for name in ("d_grad", "g_grad_clipped", "d1", "g1")
     }
 
 
@@ -152,21 +145,3 @@ def _recipe(row: Mapping[str, Any]) -> TrainConfig:
     fields |= {"schedule": "constant", "weigh_scenes": "equally"}
     fields["discriminator"] = to_json(discriminator_config(row))
     return from_json(TrainConfig, {"format": FORMAT, **fields}, "manifest")
-
-
-def _batch(generator: GeneratorConfig, arrays: Arrays) -> Scene:
-    """The batch as one group, `[scenes, slots, ...]`, with the stored displacements."""
-    steps = generator.obs_len + generator.pred_len
-    traj = floats(arrays, "traj", None, steps, 2).astype(np.float64)
-    observed = traj[:, : generator.obs_len]
-    traj_rel = floats(arrays, "traj_rel", *traj.shape)[:, : generator.obs_len]
-    bounds = scene_bounds(arrays, len(traj))
-
-    def future(positions: np.ndarray, scene: Scene) -> np.ndarray:
-        return relative_positions(positions, np.asarray(scene.origin)).astype(model_dtype())
-
-    scenes = [
-        scene.replace(future=future(traj[a:b, generator.obs_len :], scene))
-        for scene, (a, b) in zip(make_scenes(observed, traj_rel, bounds), bounds)
-    ]
-    return stacked(scenes, bounds)

@@ -25,7 +25,16 @@ STORAGE_DTYPES = {
 }
 
 
-class StoredTensor:
+class Stateless:
+    """What torch never gives a state: a pickle could put anything into it."""
+
+    __slots__ = ()
+
+    def __setstate__(self, state):
+        raise InputError("a tensor or a part of it carries a state, which torch's never does")
+
+
+class StoredTensor(Stateless):
     """A tensor of a file: its `shape` and, through `numpy.asarray`, its values.
 
     Raises:
@@ -65,11 +74,8 @@ class StoredTensor:
         view = np.lib.stride_tricks.as_strided(values, self.shape, strides, writeable=False)
         return np.array(view, dtype)
 
-    def __setstate__(self, state):
-        raise InputError("a tensor carries a state, which torch's never does")
 
-
-class Storage:
+class Storage(Stateless):
     """`numel` elements, from `first` on, of the values that the reader finds under `key`."""
 
     __slots__ = ("_found", "first", "key", "numel")
@@ -80,9 +86,6 @@ class Storage:
     def values(self) -> np.ndarray:
         """The elements, once they were read."""
         return self._found[self.key][self.first : self.first + self.numel]
-
-    def __setstate__(self, state):
-        raise InputError("a storage carries a state, which torch's never does")
 
 
 class PlainDict(dict):
@@ -114,26 +117,20 @@ class Namespace:
         self.attributes = state
 
 
-class Parameter:
+class Parameter(Stateless):
     """Stands for the rebuilding of a Parameter, which is its tensor."""
 
     def __new__(cls, data, *_requires_grad_and_hooks):
         return data
 
-    def __setstate__(self, state):
-        raise InputError("a parameter carries a state, which torch's never does")
 
-
-class Size:
+class Size(Stateless):
     """Stands for torch.Size, which is made of a tuple, and is that tuple."""
 
     def __new__(cls, values):
         if type(values) is not tuple:
             raise InputError("a size is not made of a tuple")
         return values
-
-    def __setstate__(self, state):
-        raise InputError("a size carries a state, which torch's never does")
 
 
 # A name stands for itself where it is only ever passed on, never called.

@@ -14,12 +14,7 @@ from typing import Any
 
 from neurosym_jax.config import FORMAT, DiscriminatorConfig, GeneratorConfig, from_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.names import (
-    discriminator_params_from_torch,
-    discriminator_params_to_torch,
-    generator_params_from_torch,
-    generator_params_to_torch,
-)
+from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
 
@@ -88,11 +83,11 @@ def load_torch_checkpoint(path: str | os.PathLike) -> TorchCheckpoint:
                 raise InputError("d_state is not a state dict")
             _refuse_repeated(d_state, os.path.getsize(path))
             d_config = _discriminator_config(arguments)
-            discriminator = d_config, discriminator_params_from_torch(d_state, d_config)
+            discriminator = d_config, params_from_torch(d_state, d_config)
         scene = arguments.get("dataset_name")
         return TorchCheckpoint(
             config=config,
-            params=generator_params_from_torch(state, config),
+            params=params_from_torch(state, config),
             discriminator=discriminator,
             scene=scene if isinstance(scene, str) else None,
             arguments=arguments,
@@ -135,14 +130,14 @@ def export_torch_checkpoint(
             raise InputError(f"the weights {config.weighting.name} are learned: no torch has them")
         arguments["weighting"] = config.weighting.name
     contents: dict[str, Any] = {
-        "g_state": OrderedDict(generator_params_to_torch(params, config)),
+        "g_state": OrderedDict(params_to_torch(params, config)),
         "args": arguments,
     }
     has_width = config.symbolic or config.pooling == "pool_net"
     pool_hidden_dims = {config.pool_hidden_dim} if has_width else set()
     if discriminator is not None:
         d_config, d_params = discriminator
-        contents["d_state"] = OrderedDict(discriminator_params_to_torch(d_params, d_config))
+        contents["d_state"] = OrderedDict(params_to_torch(d_params, d_config))
         arguments |= {"d_type": d_config.kind, "encoder_h_dim_d": d_config.h_dim}
         if (d_config.embedding_dim, d_config.mlp_dim) != (config.embedding_dim, config.mlp_dim):
             raise InputError(

@@ -117,15 +117,8 @@ def _fresh(torch, models, name):
 
 
 def _discriminator(models, arguments, more):
-    names = (
-        "obs_len",
-        "pred_len",
-        "embedding_dim",
-        "mlp_dim",
-        "num_layers",
-        "dropout",
-        "batch_norm",
-    )
+    names = ("obs_len", "pred_len", "embedding_dim", "mlp_dim")
+    names += ("num_layers", "dropout", "batch_norm")
     return models.TrajectoryDiscriminator(
         h_dim=more["encoder_h_dim_d"],
         d_type=more["d_type"],

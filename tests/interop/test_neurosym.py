@@ -13,7 +13,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop import names
 from neurosym_jax.interop.collation import alpha_rows_used
-from neurosym_jax.interop.names import generator_params_from_torch, generator_params_to_torch
+from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.parity import format_parity, run_parity
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
@@ -29,7 +29,7 @@ EACH = pytest.mark.parametrize("config", [ROS, IJCNN], ids=lambda config: config
 
 def random_state(config):
     rng = np.random.default_rng(0)
-    leaves = names._leaves(names._generator_layers(config))
+    leaves = names._leaves(config)
     return {leaf.torch: rng.normal(size=leaf.shape[::-1]).astype(np.float32) for leaf in leaves}
 
 
@@ -53,7 +53,7 @@ def test_names_and_shapes(config):
 
 @EACH
 def test_params_are_the_networks_own(config):
-    params = generator_params_from_torch(random_state(config), config)
+    params = params_from_torch(random_state(config), config)
     alpha = np.zeros((1, 8) if config is IJCNN else (1, 1, 8))
     init = jax.eval_shape(
         Generator(config).init,
@@ -72,7 +72,7 @@ def test_the_unused_pooling_is_ignored_and_written_as_zeros(config):
     without = {name: array for name, array in state.items() if name not in unused}
     wrong = {**without, "pool_net_d.mlp_pre_pool.2.bias": "anything"}
     written = [
-        generator_params_to_torch(generator_params_from_torch(given, config), config)
+        params_to_torch(params_from_torch(given, config), config)
         for given in (state, without, wrong)
     ]
     for again in written:
@@ -91,7 +91,7 @@ def test_golden_state_dicts_fit(shared):
         with np.load(shared / "golden/torch" / row["file"]) as arrays:
             state = {k[8:]: arrays[k] for k in arrays.files if k.startswith("g_state/")}
         config = GeneratorConfig(**fields)
-        again = generator_params_to_torch(generator_params_from_torch(state, config), config)
+        again = params_to_torch(params_from_torch(state, config), config)
         assert again.keys() == state.keys()
         for name, array in again.items():
             assert array.shape == state[name].shape
@@ -101,7 +101,7 @@ def test_golden_state_dicts_fit(shared):
 def test_as_described_is_in_no_torch():
     described = dataclasses.replace(IJCNN, pooling="as_described")
     state = random_state(IJCNN)
-    for convert in (generator_params_from_torch, generator_params_to_torch):
+    for convert in (params_from_torch, params_to_torch):
         with pytest.raises(InputError, match="as_described has no counterpart in torch"):
             convert(state, described)
 
@@ -109,7 +109,7 @@ def test_as_described_is_in_no_torch():
 def test_as_described_is_not_exported(tmp_path):
     described = dataclasses.replace(IJCNN, pooling="as_described")
     # Of the same shapes, and it would do something else.
-    params = generator_params_from_torch(random_state(IJCNN), IJCNN)
+    params = params_from_torch(random_state(IJCNN), IJCNN)
     with pytest.raises(InputError, match="as_described has no counterpart in torch"):
         export_torch_checkpoint(tmp_path / "a.pt", described, params)
     assert not (tmp_path / "a.pt").exists()
@@ -117,7 +117,7 @@ def test_as_described_is_not_exported(tmp_path):
 
 @EACH
 def test_export_reads_back(tmp_path, config):
-    params = generator_params_from_torch(random_state(config), config)
+    params = params_from_torch(random_state(config), config)
     export_torch_checkpoint(tmp_path / "a.pt", config, params, scene="zara1")
     loaded = load_torch_checkpoint(tmp_path / "a.pt")
     assert loaded.config == config
@@ -129,7 +129,7 @@ def test_export_reads_back(tmp_path, config):
 def test_a_released_file_says_neither_network_nor_weighting(tmp_path):
     for config in (ROS, IJCNN):
         path = tmp_path / f"{config.pooling}.pt"
-        params = generator_params_from_torch(random_state(config), config)
+        params = params_from_torch(random_state(config), config)
         export_torch_checkpoint(path, config, params)
         contents = read_torch_file(path)
         assert contents["args"]["pooling_type"] == "pool_net"
@@ -149,14 +149,14 @@ def test_a_released_file_says_neither_network_nor_weighting(tmp_path):
 
 def test_learned_weights_have_no_place_in_torch(tmp_path):
     learned = dataclasses.replace(ROS, weighting="learned")
-    params = generator_params_from_torch(random_state(learned), learned)
+    params = params_from_torch(random_state(learned), learned)
     with pytest.raises(InputError, match="learned: no torch has them"):
         export_torch_checkpoint(tmp_path / "a.pt", learned, params)
 
 
 def test_hidden_width_is_the_released_codes(tmp_path):
     narrow = dataclasses.replace(ROS, pool_hidden_dim=64)
-    params = generator_params_from_torch(random_state(narrow), narrow)
+    params = params_from_torch(random_state(narrow), narrow)
     with pytest.raises(InputError, match="fixed at 512, not 64"):
         export_torch_checkpoint(tmp_path / "a.pt", narrow, params)
 

@@ -10,7 +10,7 @@ import tyro
 from neurosym_jax.commands.parity import Options, run
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.names import discriminator_params_to_torch, generator_params_to_torch
+from neurosym_jax.interop.names import params_to_torch
 from neurosym_jax.interop.parity import (
     ParityRow,
     format_parity,
@@ -84,7 +84,7 @@ def make_case(row=ROW):
         fakes.append((fake.observed, fake_rel, fake.valid))
         predicted.append(steps)
         absolute.append(positions)
-    g_state = generator_params_to_torch(variables["params"], config)
+    g_state = params_to_torch(variables["params"], config)
     arrays = {
         "traj": traj,
         "traj_rel": rel,
@@ -99,7 +99,7 @@ def make_case(row=ROW):
     d_variables = randomly(jax.eval_shape(discriminator.init, jax.random.key(0), *fakes[0]))
     # A score of zero is a ReLU that is shut, and would agree with anything.
     d_variables["params"]["classifier"]["layer_1"]["bias"] += 0.5
-    d_state = discriminator_params_to_torch(d_variables["params"], d_config)
+    d_state = params_to_torch(d_variables["params"], d_config)
     return arrays | {
         "d_scores_fake": np.concatenate([discriminate(d_variables, *fake) for fake in fakes]),
         **{f"d_state/{name}": value for name, value in d_state.items()},

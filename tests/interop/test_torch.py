@@ -16,12 +16,7 @@ from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import names, pickle_writer
 from neurosym_jax.interop import torch as interop_torch
-from neurosym_jax.interop.names import (
-    discriminator_params_from_torch,
-    discriminator_params_to_torch,
-    generator_params_from_torch,
-    generator_params_to_torch,
-)
+from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import LEGACY_MAGIC, read_torch_file
 from neurosym_jax.interop.stand_ins import StoredTensor
@@ -39,14 +34,14 @@ CONFIGS = [
 ]
 
 
-def random_state(layers):
+def random_state(config):
     rng = np.random.default_rng(0)
-    leaves = names._leaves(layers)
+    leaves = names._leaves(config)
     return {leaf.torch: rng.normal(size=leaf.shape[::-1]).astype(np.float32) for leaf in leaves}
 
 
 def random_params(config):
-    return generator_params_from_torch(random_state(names._generator_layers(config)), config)
+    return params_from_torch(random_state(config), config)
 
 
 def assert_same_tree(a, b):
@@ -82,7 +77,7 @@ def contents_of(config=SMALL, **changes):
         **changes,
     }
     arguments = {name: value for name, value in arguments.items() if value is not DROP}
-    state = random_state(names._generator_layers(config))
+    state = random_state(config)
     return {"g_state": OrderedDict(state), "args": arguments}
 
 
@@ -129,7 +124,7 @@ def small_files(tmp_path_factory):
 
 
 def test_published_names_and_shapes():
-    state = generator_params_to_torch(random_params(GeneratorConfig()), GeneratorConfig())
+    state = params_to_torch(random_params(GeneratorConfig()), GeneratorConfig())
     shapes = {name: array.shape for name, array in state.items()}
     lstm = {"weight_ih_l0": (128, 16), "weight_hh_l0": (128, 32)}
     lstm |= {"bias_ih_l0": (128,), "bias_hh_l0": (128,)}
@@ -150,8 +145,8 @@ def test_published_names_and_shapes():
 
 
 def test_kernels_are_transposed():
-    state = random_state(names._generator_layers(SMALL))
-    params = generator_params_from_torch(state, SMALL)
+    state = random_state(SMALL)
+    params = params_from_torch(state, SMALL)
     np.testing.assert_array_equal(
         params["encoder"]["lstm"]["recurrent_kernel"], state["encoder.encoder.weight_hh_l0"].T
     )
@@ -163,17 +158,17 @@ def test_kernels_are_transposed():
 @pytest.mark.parametrize("config", CONFIGS)
 def test_generator_names_round_trip(config):
     params = random_params(config)
-    again = generator_params_from_torch(generator_params_to_torch(params, config), config)
+    again = params_from_torch(params_to_torch(params, config), config)
     assert_same_tree(params, again)
 
 
 @pytest.mark.parametrize("kind", ["global", "local"])
 def test_discriminator_names_round_trip(kind):
     config = DiscriminatorConfig(kind=kind)
-    state = random_state(names._discriminator_layers(config))
-    params = discriminator_params_from_torch(state, config)
+    state = random_state(config)
+    params = params_from_torch(state, config)
     assert ("pooling" in params) == (kind == "global")
-    again = discriminator_params_to_torch(params, config)
+    again = params_to_torch(params, config)
     assert again.keys() == state.keys()
     assert all(np.array_equal(again[name], state[name]) for name in state)
 
@@ -198,22 +193,20 @@ def test_golden_state_dicts_fit(shared):
                 {k.split("/", 1)[1]: arrays[k] for k in arrays.files if k.startswith(prefix)}
                 for prefix in ("g_state/", "d_state/")
             )
-        g_again = generator_params_to_torch(generator_params_from_torch(g, config), config)
-        d_again = discriminator_params_to_torch(
-            discriminator_params_from_torch(d, d_config), d_config
-        )
+        g_again = params_to_torch(params_from_torch(g, config), config)
+        d_again = params_to_torch(params_from_torch(d, d_config), d_config)
         for before, after in ((g, g_again), (d, d_again)):
             assert before.keys() == after.keys()
             assert all(np.array_equal(before[name], after[name]) for name in before)
 
 
 def test_misfits_are_named():
-    state = random_state(names._generator_layers(SMALL))
+    state = random_state(SMALL)
     del state["decoder.hidden2pos.bias"]
     state["encoder.encoder.bias_hh_l0"] = np.zeros(11, np.float32)
     state["pool_net_g.bias"] = np.zeros(1, np.float32)
     with pytest.raises(InputError) as error:
-        generator_params_from_torch(state, SMALL)
+        params_from_torch(state, SMALL)
     message = str(error.value)
     assert "missing: 'decoder.hidden2pos.bias'" in message
     assert "unexpected: 'pool_net_g.bias'" in message
@@ -224,14 +217,14 @@ def test_misfits_of_our_tree_are_named_our_way():
     params = random_params(SMALL)
     del params["decoder"]["hidden2pos"]["bias"]
     with pytest.raises(InputError, match="missing: 'decoder/hidden2pos/bias'"):
-        generator_params_to_torch(params, SMALL)
+        params_to_torch(params, SMALL)
 
 
 def test_integer_weights_are_refused():
-    state = random_state(names._generator_layers(SMALL))
+    state = random_state(SMALL)
     state["decoder.hidden2pos.bias"] = np.zeros(2, np.int64)
     with pytest.raises(InputError, match=r"not floating point: 'decoder\.hidden2pos\.bias'"):
-        generator_params_from_torch(state, SMALL)
+        params_from_torch(state, SMALL)
 
 
 # Export, then load
@@ -251,8 +244,8 @@ def test_export_reads_back(tmp_path, config):
 
 def test_export_with_a_discriminator(tmp_path):
     config, d_config = GeneratorConfig(), DiscriminatorConfig()
-    state = random_state(names._discriminator_layers(d_config))
-    d_params = discriminator_params_from_torch(state, d_config)
+    state = random_state(d_config)
+    d_params = params_from_torch(state, d_config)
     path = tmp_path / "a.pt"
     export_torch_checkpoint(path, config, random_params(config), discriminator=(d_config, d_params))
     loaded = load_torch_checkpoint(path)
@@ -290,8 +283,8 @@ def test_export_refuses_what_sgan_cannot_build(tmp_path):
     with pytest.raises(InputError, match="fixed at 512, not 64"):
         export_torch_checkpoint(tmp_path / "a.pt", narrow, random_params(narrow))
     d_config = DiscriminatorConfig(kind="local", mlp_dim=7)
-    state = random_state(names._discriminator_layers(d_config))
-    discriminator = d_config, discriminator_params_from_torch(state, d_config)
+    state = random_state(d_config)
+    discriminator = d_config, params_from_torch(state, d_config)
     with pytest.raises(InputError, match="one mlp_dim for generator and discriminator"):
         export_torch_checkpoint(
             tmp_path / "a.pt", SMALL, random_params(SMALL), discriminator=discriminator
@@ -357,10 +350,10 @@ def test_something_else_under_a_tensors_name(tmp_path, value):
 
 
 def test_a_class_under_a_tensors_name():
-    state = random_state(names._generator_layers(SMALL))
+    state = random_state(SMALL)
     state["decoder.hidden2pos.bias"] = StoredTensor
     with pytest.raises(InputError, match=r"is \[\], not \[2\]"):
-        generator_params_from_torch(state, SMALL)
+        params_from_torch(state, SMALL)
 
 
 def test_a_discriminator_that_is_none(tmp_path):
@@ -650,7 +643,7 @@ def test_published_checkpoints_equal_torch_load(shared, torch):
         assert ours.config == GeneratorConfig(pooling=pooling, pred_len=pred_len)
         assert ours.scene == path.name.split("_")[0]
         assert ours.arguments == theirs["args"]
-        state = generator_params_to_torch(ours.params, ours.config)
+        state = params_to_torch(ours.params, ours.config)
         assert state.keys() == theirs["g_state"].keys()
         for name, tensor in theirs["g_state"].items():
             np.testing.assert_array_equal(state[name], tensor.numpy(), strict=True)
@@ -681,7 +674,7 @@ def test_export_opens_in_torch(tmp_path, torch, config):
     assert type(theirs["g_state"]) is OrderedDict
     assert theirs["args"]["noise_dim"] == (config.noise_dim,)
     assert theirs["args"]["dataset_name"] == "eth"
-    state = generator_params_to_torch(params, config)
+    state = params_to_torch(params, config)
     assert state.keys() == theirs["g_state"].keys()
     for name, tensor in theirs["g_state"].items():
         np.testing.assert_array_equal(state[name], tensor.numpy(), strict=True)
@@ -690,9 +683,9 @@ def test_export_opens_in_torch(tmp_path, torch, config):
 @pytest.mark.parametrize("as_namespace", [False, True])
 @pytest.mark.parametrize("zip_form", [False, True])
 def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, as_namespace):
-    state = random_state(names._generator_layers(SMALL))
+    state = random_state(SMALL)
     d_config = DiscriminatorConfig(kind="local", embedding_dim=2, h_dim=3, mlp_dim=5)
-    d_state = random_state(names._discriminator_layers(d_config))
+    d_state = random_state(d_config)
     # As cuDNN leaves them: weights that are slices of one storage, at an offset.
     flat = torch.from_numpy(np.concatenate([array.ravel() for array in state.values()]))
     tensors, at = OrderedDict(), 0
@@ -723,11 +716,11 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, as_name
     torch.save(contents, path, _use_new_zipfile_serialization=zip_form)
     loaded = load_torch_checkpoint(path)
     assert loaded.config == SMALL
-    assert_same_tree(loaded.params, generator_params_from_torch(state, SMALL))
+    assert_same_tree(loaded.params, params_from_torch(state, SMALL))
     assert loaded.discriminator is not None
     assert loaded.discriminator[0] == d_config
     assert loaded.arguments == arguments
-    assert_same_tree(loaded.discriminator[1], discriminator_params_from_torch(d_state, d_config))
+    assert_same_tree(loaded.discriminator[1], params_from_torch(d_state, d_config))
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float16", "int64", "int32", "uint8", "bool"])
