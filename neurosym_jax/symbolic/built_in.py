@@ -10,7 +10,7 @@ from jax import Array, lax
 from jax.typing import ArrayLike
 
 from neurosym_jax.symbolic.cnd import alpha_table
-from neurosym_jax.symbolic.qtc import pair_mask
+from neurosym_jax.symbolic.qtc import other_pairs
 from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.transitions import (
@@ -123,7 +123,7 @@ def _to_the_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -
     alone: neither rotation nor padding nor the order of the agents changes it.
     """
     count = len(last)
-    others = pair_mask(valid, count) & ~jnp.eye(count, dtype=bool)
+    others = other_pairs(valid, count)
     apart = jnp.square(last[:, None] - last[None]).sum(axis=-1)
     by_distance = jnp.argsort(jnp.where(others, apart, jnp.inf), axis=1)
     rank = jnp.argsort(by_distance, axis=1)

@@ -20,8 +20,8 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.registry import Registry
-from neurosym_jax.symbolic.qtc import Convention, pair_mask
-from neurosym_jax.symbolic.states import ABSENT, parse_state
+from neurosym_jax.symbolic.qtc import Convention, every_pair
+from neurosym_jax.symbolic.states import ABSENT
 
 __all__ = [
     "CALCULI",
@@ -30,7 +30,6 @@ __all__ = [
     "all_states",
     "observe",
     "observe_pairs",
-    "parse_in",
     "register_calculus",
     "state_index",
 ]
@@ -137,13 +136,8 @@ def observe_pairs(
     Raises:
         InputError: as `observe`.
     """
-    positions = jnp.asarray(positions)
-    states = observe(
-        calculus, positions[:, None], positions[None], convention=convention, **thresholds
-    )
-    count = len(positions)
-    other = pair_mask(valid, count) & ~jnp.eye(count, dtype=bool)
-    return jnp.where(other[..., None, None], states, jnp.int8(0))
+    how = functools.partial(observe, calculus, convention=convention, **thresholds)
+    return every_pair(how, positions, valid)
 
 
 @functools.cache
@@ -175,19 +169,6 @@ def _rows(calculus: Calculus) -> np.ndarray:
     states = all_states(calculus).astype(np.int32)
     rows[_code(states)] = np.arange(len(states))
     return rows
-
-
-def parse_in(calculus: str, text: str) -> np.ndarray:
-    """[m] int8, a state as `states.format_state` writes it: without the symbols that are absent.
-
-    Raises:
-        InputError: for an unknown calculus, or text that is none of its states.
-    """
-    symbols = parse_state(text)
-    for state in all_states(CALCULI[calculus]):
-        if np.array_equal(state[state != ABSENT], symbols):
-            return state
-    raise InputError(f"{text!r} is not a state of the calculus {calculus!r}")
 
 
 def _code(states: Any) -> Any:

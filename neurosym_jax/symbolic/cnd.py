@@ -14,7 +14,7 @@ not frequencies of transitions seen in data.
 """
 
 import functools
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +25,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.calculi import CALCULI, Calculus, all_states, state_index
 from neurosym_jax.symbolic.states import ABSENT, between, insert, within
 
-__all__ = ["Rule", "adjacency", "alpha_table", "is_transition", "states", "validate_in"]
+__all__ = ["Rule", "adjacency", "alpha_table", "states", "validate_in"]
 
 Rule = Literal["dominance", "continuity"]
 
@@ -79,15 +79,6 @@ def alpha_table(
 @functools.cache
 def _alpha_table(calculus: Calculus, rule: Rule, include_self: bool) -> np.ndarray:
     return _frozen(1 / (_adjacency(calculus, rule).sum(axis=1) + include_self))
-
-
-def is_transition(a: ArrayLike, b: ArrayLike, rule: Rule = "dominance") -> Array:
-    """Whether states `a` and `b` [..., m] are neighbours, [...] bool; staying is no transition.
-
-    Raises:
-        InputError: for an unknown rule.
-    """
-    return _neighbours(jnp.asarray(a), jnp.asarray(b), rule)
 
 
 def validate_in(
@@ -151,8 +142,8 @@ def _row_of(calculus: Calculus, found: np.ndarray) -> np.ndarray:
     return np.array(rows).reshape(found.shape[:-1])
 
 
-def _neighbours(a: Any, b: Any, rule: str) -> Any:
-    """`is_transition` for arrays of numpy and of jax alike."""
+def _neighbours(a: np.ndarray, b: np.ndarray, rule: str) -> np.ndarray:
+    """[...] whether states [..., m] are neighbours; staying is no transition."""
     if rule not in get_args(Rule):
         raise InputError(f"unknown rule {rule!r}: there are {', '.join(get_args(Rule))}")
     differ = ~(a == b).all(axis=-1)

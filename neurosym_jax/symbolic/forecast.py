@@ -38,7 +38,6 @@ from neurosym_jax.symbolic.states import ABSENT
 __all__ = [
     "EventForecast",
     "SymbolicForecast",
-    "all_pairs",
     "symbol_table",
     "symbolic_events",
     "symbolic_forecast",
@@ -140,11 +139,6 @@ def symbolic_events(
         "name fewer pairs",
     )
     return _events(how, names, futures, others)
-
-
-def all_pairs(count: int) -> np.ndarray:
-    """[N (N - 1), 2] the ordered pairs of N different people."""
-    return np.argwhere(~np.eye(count, dtype=bool))
 
 
 @functools.cache

@@ -19,7 +19,7 @@ from neurosym_jax.checks import NotNegative, Positive, refuse_misfits
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.calculi import CALCULI, observe, state_index
 from neurosym_jax.symbolic.events import Encounter, events_named
-from neurosym_jax.symbolic.qtc import Convention
+from neurosym_jax.symbolic.qtc import Convention, other_pairs
 
 __all__ = ["Futures", "SymbolSettings", "event_steps", "pair_states_of", "settings_of"]
 
@@ -105,12 +105,8 @@ class Futures(NamedTuple):
 
     def others(self, valid: ArrayLike | None) -> Array:
         """[P] or [N, N] bool: pairs of two people, who are `valid [N]`."""
-        count = len(self.last)
-        present = jnp.ones(count, bool) if valid is None else jnp.asarray(valid)
-        if self.pairs is None:
-            return present[:, None] & present[None] & ~jnp.eye(count, dtype=bool)
-        k, l = self.pairs.T  # noqa: E741
-        return present[k] & present[l] & (k != l)
+        others = other_pairs(valid, len(self.last))
+        return others if self.pairs is None else others[tuple(self.pairs.T)]
 
     def ends(self) -> tuple[Array, Array]:
         """Positions of k and of l from the last observed on.

@@ -25,7 +25,8 @@ through them (see `soft`). This is neither the rest of the family (see `calculi`
 of the states (`states`), nor their neighbourhoods (`cnd`).
 """
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from typing import Literal, get_args
 
 import jax.numpy as jnp
@@ -38,8 +39,10 @@ __all__ = [
     "Convention",
     "both_ways",
     "compare",
+    "every_pair",
     "frames",
     "length",
+    "other_pairs",
     "pair_mask",
     "pairwise_qtc_c1",
     "qtc_b1",
@@ -72,6 +75,7 @@ def qtc_b1(
     Raises:
         InputError: for an unknown convention.
     """
+    _refuse_unknown(convention)
     ways = both_ways(k, l)
     return states_of([_approach(*way, quantisation_factor, convention) for way in ways])
 
@@ -129,17 +133,26 @@ def pairwise_qtc_c1(
         [N, N, T-1, 4] int8; entry (i, j) has agent i as k and agent j as l. An agent with itself
         and pairs with an agent that is not valid are 0.
     """
-    positions = jnp.asarray(positions)
-    states = qtc_c1(
-        positions[:, None],
-        positions[None],
+    observe = functools.partial(
+        qtc_c1,
         quantisation_factor=quantisation_factor,
         convention=convention,
         side_quantisation_factor=side_quantisation_factor,
     )
-    count = len(positions)
-    other = pair_mask(valid, count) & ~jnp.eye(count, dtype=bool)
-    return jnp.where(other[..., None, None], states, jnp.int8(0))
+    return every_pair(observe, positions, valid)
+
+
+def every_pair(
+    observe: Callable[[Array, Array], Array], positions: ArrayLike, valid: ArrayLike | None
+) -> Array:
+    """`observe(k, l)` of every ordered pair of `positions [N, T, 2]`: [N, N, T-1, m] int8.
+
+    0 of an agent with itself, and of pairs with one that is not `valid [N]`.
+    """
+    positions = jnp.asarray(positions)
+    states = observe(positions[:, None], positions[None])
+    others = other_pairs(valid, len(positions))
+    return jnp.where(others[..., None, None], states, jnp.int8(0))
 
 
 def pair_mask(valid: ArrayLike | None, count: int) -> Array:
@@ -150,6 +163,11 @@ def pair_mask(valid: ArrayLike | None, count: int) -> Array:
     return valid[:, None] & valid[None]
 
 
+def other_pairs(valid: ArrayLike | None, count: int) -> Array:
+    """[N, N] bool: pairs of two valid agents; `valid` [N] or None."""
+    return pair_mask(valid, count) & ~jnp.eye(count, dtype=bool)
+
+
 def side_factor(
     quantisation_factor: ArrayLike, convention: str, given: ArrayLike | None
 ) -> ArrayLike:
@@ -158,13 +176,17 @@ def side_factor(
     Raises:
         InputError: for an unknown convention.
     """
+    _refuse_unknown(convention)
+    if given is not None:
+        return given
+    return quantisation_factor if convention == "line" else 0.0
+
+
+def _refuse_unknown(convention: str) -> None:
     if convention not in get_args(Convention):
         raise InputError(
             f"unknown QTC convention {convention!r}: there are {', '.join(get_args(Convention))}"
         )
-    if given is not None:
-        return given
-    return quantisation_factor if convention == "line" else 0.0
 
 
 def both_ways(k: ArrayLike, l: ArrayLike):  # noqa: E741
@@ -201,10 +223,6 @@ def _approach(before, after, other, factor: ArrayLike, convention: str) -> Array
         line_x, line_y = x - x0, y - y0
         threshold = factor * length(line_x, line_y)
         return compare(-(x1 - x0) * line_x, (y1 - y0) * line_y, threshold)
-    if convention not in get_args(Convention):
-        raise InputError(
-            f"unknown QTC convention {convention!r}: there are {', '.join(get_args(Convention))}"
-        )
     return compare(length(x1 - x, y1 - y), length(x0 - x, y0 - y), factor)
 
 

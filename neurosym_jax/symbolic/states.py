@@ -26,7 +26,6 @@ __all__ = [
     "encode_state",
     "format_state",
     "insert",
-    "parse_state",
     "validate",
     "within",
 ]
@@ -35,7 +34,6 @@ ABSENT = np.int8(2)
 """A symbol that the state does not have: q3 and q4 of a QTC_BC state of a pair far apart."""
 
 _CHARACTERS = {-1: "-", 0: "0", 1: "+"}
-_SYMBOLS = {character: symbol for symbol, character in _CHARACTERS.items()}
 
 
 def encode_state(states: ArrayLike) -> Array:
@@ -65,18 +63,6 @@ def format_state(state: ArrayLike, separator: str = " ") -> str:
     if unknown:
         raise InputError(f"{unknown[0]} is not a QTC symbol: a state has -1, 0 and 1")
     return separator.join(_CHARACTERS[symbol] for symbol in symbols)
-
-
-def parse_state(text: str) -> np.ndarray:
-    """[m] int8 from text such as `"- 0 + -"`; symbols are separated by spaces or commas, or not.
-
-    Raises:
-        InputError: for text with a character that is not a symbol, or without any.
-    """
-    characters = text.replace(",", "").replace(" ", "")
-    if not characters or not set(characters) <= set(_SYMBOLS):
-        raise InputError(f"{text!r} is not a QTC state: write it as '- 0 + -'")
-    return np.array([_SYMBOLS[character] for character in characters], np.int8)
 
 
 def converse(states: ArrayLike) -> Array:

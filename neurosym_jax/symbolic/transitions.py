@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.symbolic.qtc import pair_mask, pairwise_qtc_c1
+from neurosym_jax.symbolic.qtc import other_pairs, pairwise_qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting_config import Scenes, WeightingConfig
 
@@ -38,7 +38,7 @@ def pair_states(config: WeightingConfig, positions: Any, valid: Any) -> Array:
 def pair_codes(config: WeightingConfig, positions: Any, valid: Any) -> Array:
     """[N, N, T-1] codes of one scene's states; 81 for a pair that is not of two valid agents."""
     states = pair_states(config, positions, valid)
-    others = pair_mask(valid, len(positions)) & ~jnp.eye(len(positions), dtype=bool)
+    others = other_pairs(valid, len(positions))
     return jnp.where(others[..., None], encode_state(states), 81)
 
 

@@ -1,4 +1,3 @@
-import jax
 import numpy as np
 import pytest
 
@@ -6,10 +5,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import (
     adjacency,
     alpha_table,
-    is_transition,
     states,
 )
-from neurosym_jax.symbolic.states import parse_state
 from tests.symbolic import literal
 
 CALCULI = {
@@ -48,18 +45,6 @@ def test_alphas():
         alpha_table(rule="continuity", include_self=True),
         [literal.shipped_alpha(state) for state in rows],
     )
-
-
-def test_is_transition_is_the_adjacency_and_compiles():
-    rows = states("c1")
-    for rule in ("dominance", "continuity"):
-        found = jax.jit(lambda a, b, rule=rule: is_transition(a, b, rule))(
-            rows[:, None], rows[None]
-        )
-        np.testing.assert_array_equal(found, adjacency("c1", rule))
-    leave_and_arrive = parse_state("- 0"), parse_state("0 +")
-    assert not is_transition(*leave_and_arrive)
-    assert is_transition(*leave_and_arrive, rule="continuity")
 
 
 def test_tables_are_made_once_and_nobody_can_change_them():
