@@ -86,8 +86,9 @@ def gather_scenes(
     count = len(chosen) if count is None else count
     sizes = windows.sizes[chosen]
     scene = np.repeat(np.arange(len(chosen)), sizes)
-    slot = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    position = windows.position[np.repeat(windows.bounds[chosen], sizes) + slot]
+    rows = windows.rows(chosen)
+    slot = rows - windows.bounds[chosen][scene]
+    position = windows.position[rows]
     last = position[:, windows.obs_len - 1]
     origin = np.zeros((count, 2))
     origin[: len(chosen)] = _origins(last, sizes)

@@ -55,6 +55,12 @@ class Windows:
         """[S] agents per scene."""
         return np.diff(self.bounds)
 
+    def rows(self, scenes: np.ndarray) -> np.ndarray:
+        """[A'] the agent windows of `scenes` [S'], scene after scene."""
+        sizes = self.sizes[scenes]
+        before = np.cumsum(sizes) - sizes
+        return np.repeat(self.bounds[scenes] - before, sizes) + np.arange(sizes.sum())
+
 
 def cut_windows(
     recordings: Iterable[Tracks],

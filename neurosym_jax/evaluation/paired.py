@@ -34,6 +34,7 @@ __all__ = [
     "holm",
     "mean_difference",
     "paired_difference",
+    "student_half",
 ]
 
 RESAMPLES = 4000
@@ -78,6 +79,13 @@ class ErrorsByScene:
     def mean(self) -> np.ndarray:
         """[M] over the test set."""
         return _ratio(self.totals.sum(axis=0), self.counts.sum(axis=0))
+
+    def intervals(self) -> dict[str, Interval]:
+        """By metric the 95 % of its mean that other scenes would have given."""
+        nothing = dataclasses.replace(self, totals=np.zeros_like(self.totals))
+        # A model's errors are the difference from no error at all.
+        over_scenes = paired_difference([self], [nothing]).over_scenes
+        return {name: _interval(of) for name, of in zip(self.metrics, over_scenes.T)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -192,8 +200,15 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
     return np.minimum(stepped, 1)[np.argsort(order)]
 
 
-def _p_value(values: np.ndarray, mean: float, alternative: str) -> float:
+def student_half(values: Sequence[float]) -> float:
+    """Half of Student's 95 % interval of the mean of `values` [n], n > 1, such as trainings'."""
     from scipy.stats import t  # It takes half a second to import.
+
+    return float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
+
+
+def _p_value(values: np.ndarray, mean: float, alternative: str) -> float:
+    from scipy.stats import t
 
     n = len(values)
     if n == 1:

@@ -11,7 +11,6 @@ from neurosym_jax.checks import refuse_below
 from neurosym_jax.data.batching import single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.intervals import block_intervals
 from neurosym_jax.evaluation.load import Test, make_test
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.plan import BASELINES, Entries, TestSet, baseline
@@ -192,12 +191,14 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
             "scenes": windows.scenes,
             "agents": found.agents,
             "recordings": [how.to_json() for how in windows.reading],
-            "joint": {"ade": metrics.get("joint_ade"), "fde": metrics.get("joint_fde")},
-            "marginal": {"ade": metrics.get("marginal_ade"), "fde": metrics.get("marginal_fde")},
+            **{
+                best: {error: metrics.get(f"{best}_{error}") for error in ("ade", "fde")}
+                for best in ("joint", "marginal")
+            },
             "collision_rate": metrics.get("collision_rate"),
             "metrics": metrics,
             "spread": spread,
-            "intervals": block_intervals(errors),
+            "intervals": {name: list(of) for name, of in errors.intervals().items()},
             "blocks": int(errors.blocks.max()) + 1,
             "seconds": {
                 "loading": loading,
@@ -207,15 +208,8 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
             },
             "forecasts_per_second": found.agents * found.samples / found.seconds,
         }
-        yield Result(
-            test_set,
-            row,
-            errors,
-            example,
-            forecast,
-            {name: each.mean for name, each in found.scores.items() if each.total.ndim == 2},
-            windows.period,
-        )
+        horizons = {name: of.mean for name, of in found.scores.items() if of.total.ndim == 2}
+        yield Result(test_set, row, errors, example, forecast, horizons, windows.period)
         loading = 0.0
 
 

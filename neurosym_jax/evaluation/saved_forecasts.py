@@ -15,7 +15,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.load import Test
-from neurosym_jax.forecasting.batched import draw_noises, forecast_batches
+from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
@@ -26,6 +26,9 @@ __all__ = ["Forecasts", "check_forecasts_file", "forecasts_of", "save_forecasts"
 
 DECIMALS = 4
 """Of metres in files."""
+COLUMNS = ("recording", "scene", "person", "sample", "step", "seconds")
+COLUMNS += ("x", "y", "true_x", "true_y")
+"""Of CSV."""
 
 
 class Forecasts(NamedTuple):
@@ -99,18 +102,10 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts
     windows, obs_len = test.windows, test.windows.obs_len
     forecaster = model.forecaster
     samples = samples if forecaster.noise.dim else 1
-    shape = (samples, windows.agents, forecaster.pred_len, 2)
-    refuse_beyond_memory("saving forecasts", 24.0 * np.prod(shape), "ask for fewer samples")
-    found = np.empty(shape)
+    numbers = 2.0 * samples * windows.agents * forecaster.pred_len
+    refuse_beyond_memory("saving forecasts", 24 * numbers, "ask for fewer samples")
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        for batch in test.batches:
-            noises = draw_noises(forecaster.noise, [batch.scene], samples, seed)
-            run = (forecaster, model.params, [batch.scene], noises, pool.map)
-            there = batch.index >= 0
-            scenes = batch.index[there]
-            rows = [np.arange(*windows.bounds[[scene, scene + 1]]) for scene in scenes]
-            origin = np.repeat(np.asarray(batch.scene.origin)[there], windows.sizes[scenes], axis=0)
-            found[:, np.concatenate(rows)] = forecast_batches(*run) + origin[:, None]
+        found = forecast_windows(model, windows, test.batches, samples, seed, pool.map)
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     names = {int(scene_identity(how.recording, 0)[0]): how.recording for how in windows.reading}
     recording = np.array([names[int(digest)] for digest in windows.identity[:, 0]])
@@ -136,20 +131,7 @@ def _write_npz(path: Path, forecasts: Forecasts) -> None:
 def _write_csv(path: Path, forecasts: Forecasts) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            [
-                "recording",
-                "scene",
-                "person",
-                "sample",
-                "step",
-                "seconds",
-                "x",
-                "y",
-                "true_x",
-                "true_y",
-            ]
-        )
+        writer.writerow(COLUMNS)
         for agent, who in enumerate(zip(forecasts.recording, forecasts.scene, forecasts.person)):
             truth = np.round(forecasts.truth[agent], DECIMALS).tolist()
             for sample, path_of in enumerate(np.round(forecasts.forecast[:, agent], DECIMALS)):

@@ -2,7 +2,7 @@
 
 Made of rows alone, as the JSON has them. The 95 % interval of a line is
 
-- of one training: over the scenes of the test set, in blocks (`intervals`);
+- of one training: over the scenes of the test set, in blocks (see `paired`);
 - of several that differ in their seed: Student's t of the trainings' mean;
 - of a mean over test sets: Student's t of the means of each seed where there are several trainings,
   else of independent test sets.
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.paired import Interval
+from neurosym_jax.evaluation.paired import Interval, student_half
 from neurosym_jax.evaluation.plan import TestSet
 
 __all__ = ["Line", "Value", "lines_of", "means_of"]
@@ -139,14 +139,11 @@ def _values(rows: Sequence[Row]) -> dict[str, Value]:
 
 def _student(of: Sequence[float | None]) -> Value:
     """The mean of trainings, and Student's interval of it."""
-    from scipy.stats import t  # It takes half a second to import.
-
     known = [value for value in of if value is not None]
     if len(known) < len(of):
         return Value(None)
-    spread = float(np.std(known, ddof=1))
-    half = float(t.ppf(0.975, len(known) - 1)) * spread / len(known) ** 0.5
-    return _about(float(np.mean(known)), half)._replace(spread=spread)
+    about = _about(float(np.mean(known)), student_half(known))
+    return about._replace(spread=float(np.std(known, ddof=1)))
 
 
 def _about(mean: float, half: float) -> Value:

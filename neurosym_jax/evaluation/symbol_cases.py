@@ -139,10 +139,8 @@ def model_answer(cases: Cases, model: Model, *, samples: int, seed: int) -> Answ
     last = np.concatenate([scene.observed[scene.valid][:, -1:] for scene in scenes])
     start = np.broadcast_to(last, (len(futures), *last.shape))
     whole = np.empty((*futures.shape[:2], futures.shape[2] + 1, 2))
-    bounds = cases.windows.bounds
-    there = [int(index) for batch in batches for index in batch.index if index >= 0]
-    order = [np.arange(int(bounds[index]), int(bounds[index + 1])) for index in there]
-    whole[:, np.concatenate(order)] = np.concatenate([start, futures], axis=2)
+    there = np.concatenate([batch.index[batch.index >= 0] for batch in batches])
+    whole[:, cases.windows.rows(there)] = np.concatenate([start, futures], axis=2)
     of_states, of_events = _observed(cases.settings, cases.events, whole, cases.rows)
     return Answer(of_states, of_events)
 

@@ -14,7 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from neurosym_jax.checks import refuse_below
-from neurosym_jax.data.batching import make_batches
+from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
@@ -29,8 +29,8 @@ __all__ = [
     "decode_agents",
     "draw_noises",
     "encode_batch",
-    "forecast_batch",
     "forecast_batches",
+    "forecast_windows",
     "pack_agents",
     "predict_scenes",
     "unpacked",
@@ -93,17 +93,42 @@ def predict_scenes(
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
     windows = Windows(np.concatenate(scenes), agents, bounds, identity, model.config.obs_len)
-    found: dict[int, np.ndarray] = {}
-    params = jax.device_put(model.params)
-    for batch in make_batches(windows):
-        noises = draw_noises(model.forecaster.noise, [batch.scene], samples, seed)
-        futures = forecast_batches(model.forecaster, params, [batch.scene], noises)
+    futures = forecast_windows(model, windows, make_batches(windows), samples, seed)
+    return np.split(futures, bounds[1:-1], axis=1)
+
+
+def forecast_windows(
+    model: Model,
+    windows: Windows,
+    batches: Sequence[Batch],
+    samples: int,
+    seed: int,
+    run: Map = map,
+) -> np.ndarray:
+    """Futures of all agent windows, in their order.
+
+    Args:
+        model: see `load_model`.
+        windows: of A agent windows.
+        batches: made of them.
+        samples: k, of which a deterministic model makes one.
+        seed: with a scene's identity, determines the noise.
+        run: see `forecast_batches`.
+
+    Returns:
+        [k, A, pred_len, 2] float64 metres in the recordings' frame.
+    """
+    forecaster, params = model.forecaster, jax.device_put(model.params)
+    samples = samples if forecaster.noise.dim else 1
+    found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
+    for batch in batches:
+        noises = draw_noises(forecaster.noise, [batch.scene], samples, seed)
+        futures = forecast_batches(forecaster, params, [batch.scene], noises, run)
         there = batch.index >= 0
-        sizes, origins = windows.sizes[batch.index[there]], np.asarray(batch.scene.origin)[there]
-        futures = futures + np.repeat(origins, sizes, axis=0)[:, None]
-        parts = np.split(futures, np.cumsum(sizes)[:-1], axis=1)
-        found |= zip(batch.index[there].tolist(), parts, strict=True)
-    return [found[number] for number in range(len(scenes))]
+        scenes = batch.index[there]
+        origin = np.repeat(np.asarray(batch.scene.origin)[there], windows.sizes[scenes], axis=0)
+        found[:, windows.rows(scenes)] = futures + origin[:, None]
+    return found
 
 
 def forecast_batches(
@@ -136,14 +161,6 @@ def forecast_batches(
         return np.asarray(futures)[:, np.asarray(batch.valid)]
 
     return np.concatenate(list(run(of_batch, scenes, noises)), axis=1)
-
-
-def forecast_batch(
-    forecaster: Forecaster, params: Any, scenes: Scene, noise: np.ndarray
-) -> np.ndarray:
-    """`forecast_batches` of one, in its places: `[k, B, N, pred_len, 2]`; zero where not valid."""
-    futures = forecast_batches(forecaster, params, [scenes], [noise])
-    return unpacked(futures, np.asarray(scenes.valid))
 
 
 def draw_noises(

@@ -14,21 +14,20 @@ from neurosym_jax.runtime.files import new_file
 __all__ = ["read_sweep", "write_errors"]
 
 FILE = "scenes.npz"
-EARLIER = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
-"""The metrics of files that do not name theirs."""
+ARRAYS = ("metrics", "totals", "counts", "identity")
+"""Of each row: the fields of `ErrorsByScene`, but for the steps, which the row says."""
 
 
 def write_errors(
     folder: Path, rows: Sequence[dict[str, Any]], errors: Sequence[ErrorsByScene]
 ) -> None:
     """Write `scenes.npz` into the sweep's folder, in the order of the rows."""
-    arrays = {}
-    for index, (row, of_row) in enumerate(zip(rows, errors)):
-        if row["run"]:
-            arrays[f"metrics_{index}"] = np.array(of_row.metrics)
-            arrays[f"totals_{index}"] = of_row.totals
-            arrays[f"counts_{index}"] = of_row.counts
-            arrays[f"identity_{index}"] = of_row.identity
+    arrays: dict[str, Any] = {
+        f"{name}_{index}": np.asarray(getattr(of_row, name))
+        for index, (row, of_row) in enumerate(zip(rows, errors))
+        if row["run"]
+        for name in ARRAYS
+    }
     with new_file(folder / FILE) as beside:
         np.savez_compressed(beside, **arrays)
 
@@ -52,12 +51,5 @@ def read_sweep(folder: Path) -> tuple[list[dict[str, Any]], dict[int, ErrorsBySc
 
 
 def _errors(arrays: Mapping[str, np.ndarray], index: int, steps: int) -> ErrorsByScene:
-    identity = arrays[f"identity_{index}"]
-    if f"metrics_{index}" in arrays:
-        names = tuple(arrays[f"metrics_{index}"].tolist())
-        return ErrorsByScene(
-            names, arrays[f"totals_{index}"], arrays[f"counts_{index}"], identity, steps
-        )
-    totals = arrays[f"errors_{index}"]
-    counts = np.repeat(arrays[f"agents_{index}"][:, None], totals.shape[1], axis=1)
-    return ErrorsByScene(EARLIER, totals, counts, identity, steps)
+    names, totals, counts, identity = (arrays[f"{name}_{index}"] for name in ARRAYS)
+    return ErrorsByScene(tuple(names.tolist()), totals, counts, identity, steps)

@@ -1,6 +1,5 @@
 """A sweep's rows as one table: mean over training seeds and its 95 % interval (Student's t)."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -8,23 +7,12 @@ import numpy as np
 
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.evaluation.paired import student_half
 from neurosym_jax.evaluation.report import further_metrics
 
-__all__ = ["format_sweep", "mean_and_interval"]
+__all__ = ["format_sweep"]
 
 Row = Mapping[str, Any]
-
-
-def mean_and_interval(values: Sequence[float]) -> tuple[float, float | None]:
-    """Mean and half the width of its 95 % interval, None for a single value."""
-    from scipy.stats import t
-
-    count = len(values)
-    if count < 2:
-        return float(np.mean(values)), None
-    return float(np.mean(values)), float(
-        t.ppf(0.975, count - 1) * np.std(values, ddof=1) / math.sqrt(count)
-    )
 
 
 def format_sweep(rows: Sequence[Row]) -> str:
@@ -81,6 +69,6 @@ def _cell(errors: Sequence[tuple[float, ...]]) -> str:
         return "-"
     parts = []
     for values in zip(*errors):
-        mean, half = mean_and_interval(values)
-        parts.append(f"{mean:.3f}" + ("" if half is None else f" ± {half:.3f}"))
+        half = f" ± {student_half(values):.3f}" if len(values) > 1 else ""
+        parts.append(f"{np.mean(values):.3f}{half}")
     return " / ".join(parts)

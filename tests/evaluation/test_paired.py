@@ -11,6 +11,7 @@ from neurosym_jax.evaluation.paired import (
     holm,
     mean_difference,
     paired_difference,
+    student_half,
 )
 
 METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
@@ -60,6 +61,11 @@ def test_seeds_that_differ_widen_the_interval_as_student_says():
     assert (high - low) / 2 == pytest.approx(half, rel=0.15)
     narrow = difference.intervals("joint_ade")["seeds"]
     assert narrow.high - narrow.low < (high - low) / 2.5
+
+
+def test_students_interval_of_a_mean():
+    # Two degrees of freedom: 4.303.
+    assert student_half([1.0, 2.0, 3.0]) == pytest.approx(4.302653 / np.sqrt(3), rel=1e-6)
 
 
 def test_a_single_seed_speaks_of_the_scenes_alone():

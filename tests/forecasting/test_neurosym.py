@@ -14,7 +14,7 @@ from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.batched import forecast_batch
+from neurosym_jax.forecasting.batched import forecast_batches, unpacked
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.networks import encode_scene
@@ -76,8 +76,8 @@ def by_batch(model: Model, observed: np.ndarray, slots: int, batch: int = 1) -> 
     scene = pad_scene(make_scene(observed, recording="r"), slots).replace(origin=None)
     scenes = jax.tree.map(lambda array: np.stack([array] * batch), scene)
     noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
-    forecast = forecast_batch(model.forecaster, model.params, scenes, noise)
-    return forecast[:, -1, : len(observed)]
+    futures = forecast_batches(model.forecaster, model.params, [scenes], [noise])
+    return unpacked(futures, scenes.valid)[:, -1, : len(observed)]
 
 
 @EACH

@@ -10,7 +10,7 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.tracks import resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.batched import forecast_batch
+from neurosym_jax.forecasting.batched import forecast_batches, unpacked
 from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.online.predictor import Predictor
@@ -38,7 +38,7 @@ def test_frame_by_frame_equals_batches_of_windows(model):
     for name, each in models.items():
         forecaster = each.forecaster
         noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
-        futures = forecast_batch(forecaster, each.params, scene, noise)
+        futures = unpacked(forecast_batches(forecaster, each.params, [scene], [noise]), scene.valid)
         for at, n in enumerate(batch.index):
             if n < 0:
                 continue

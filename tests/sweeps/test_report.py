@@ -10,10 +10,11 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.report import FORMAT, write_json
 from neurosym_jax.sweeps import report as module
-from neurosym_jax.sweeps.errors import EARLIER, write_errors
+from neurosym_jax.sweeps.errors import write_errors
 from neurosym_jax.sweeps.report import write_report
 from neurosym_jax.training.recipe import RECIPES
 
+METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
 BETTER = {"SGAN": 0.0, "NeuroSyM, ones": 0.01, "NeuroSyM, cnd": 0.1}
 
 
@@ -31,7 +32,7 @@ def folder(tmp_path, monkeypatch):
                 each = 0.5 - better + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
                 identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
                 counts = np.repeat(agents[:, None], 4, axis=1)
-                errors.append(ErrorsByScene(EARLIER, each * counts, counts, identity, 16))
+                errors.append(ErrorsByScene(METRICS, each * counts, counts, identity, 16))
                 mean = errors[-1].mean
                 rows.append(
                     {

@@ -1,6 +1,5 @@
 import json
 
-import numpy as np
 import pytest
 import tyro
 
@@ -10,14 +9,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.sweeps import sweep as module
 from neurosym_jax.sweeps.runs import plan_runs
 from neurosym_jax.sweeps.sweep import plan_of, run_sweep
-from neurosym_jax.sweeps.table import format_sweep, mean_and_interval
-
-
-def test_interval():
-    assert mean_and_interval([0.25]) == (0.25, None)
-    mean, half = mean_and_interval([1.0, 2.0, 3.0])
-    # Student's t with two degrees of freedom: 4.303.
-    assert (mean, half) == (2.0, pytest.approx(4.302653 / np.sqrt(3), rel=1e-6))
+from neurosym_jax.sweeps.table import format_sweep
 
 
 def row(model, scene, seed, ade, pred_len=8):
