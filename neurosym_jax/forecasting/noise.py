@@ -20,6 +20,7 @@ import numpy as np
 from jax import Array
 
 from neurosym_jax.checks import refuse_seed
+from neurosym_jax.runtime.process import COMPILED_QUICKLY
 
 __all__ = ["NoiseSpec", "draw_noise", "fixed_noise", "scene_noise"]
 
@@ -101,7 +102,7 @@ def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: 
     return jax.random.uniform(key, shape, dtype, minval=-1.0, maxval=1.0)
 
 
-@functools.partial(jax.jit, static_argnums=(0, 4))
+@functools.partial(jax.jit, static_argnums=(0, 4), compiler_options=COMPILED_QUICKLY)
 def _streams(spec, key, identity, slot, samples):
     draw = functools.partial(_stream, spec, key, samples=samples)
     return jax.vmap(draw, out_axes=1)(identity, slot)

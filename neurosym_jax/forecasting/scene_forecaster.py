@@ -16,6 +16,7 @@ from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
 __all__ = ["SceneForecaster", "forecast_scene"]
@@ -88,4 +89,4 @@ def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any
 
 
 # Apart from the forecast, because threefry is slow to compile and this serves every bucket.
-_noise = jax.jit(scene_noise, static_argnums=(0, 3, 4))
+_noise = jax.jit(scene_noise, static_argnums=(0, 3, 4), compiler_options=COMPILED_QUICKLY)

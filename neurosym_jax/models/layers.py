@@ -14,14 +14,21 @@ from jax import Array
 
 __all__ = ["Affine", "Perceptron", "uniform_within"]
 
-kaiming_normal = nn.initializers.variance_scaling(2.0, "fan_in", "normal")
+
+def kaiming_normal(key, shape, dtype=jnp.float32):
+    """Initialiser drawing from N(0, 2 / inputs): K. He et al., ICCV 2015."""
+    scale = jnp.sqrt(jnp.array(2 / shape[0], dtype))
+    # The barriers keep what is drawn the same, whether a network's initialisation is compiled as
+    # one program or not: the compiler would multiply by products of constants.
+    return jax.lax.optimization_barrier(jax.random.normal(key, shape, dtype)) * scale
 
 
 def uniform_within(bound: float) -> nn.initializers.Initializer:
     """Initialiser drawing from U(-bound, bound), torch's default for LSTMs and biases."""
 
     def initialise(key, shape, dtype=jnp.float32):
-        return jax.random.uniform(key, shape, dtype, -bound, bound)
+        drawn = jax.random.uniform(key, shape, dtype, -bound, bound)
+        return jax.lax.optimization_barrier(drawn)
 
     return initialise
 

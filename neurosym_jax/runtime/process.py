@@ -11,7 +11,18 @@ from pathlib import Path
 
 import jax
 
-__all__ = ["cache_folder", "compile_seconds", "enable_compilation_cache", "tune"]
+__all__ = [
+    "COMPILED_QUICKLY",
+    "cache_folder",
+    "compile_seconds",
+    "enable_compilation_cache",
+    "tune",
+]
+
+_LEVEL = "xla_backend_optimization_level"
+COMPILED_QUICKLY = {} if _LEVEL in os.environ.get("XLA_FLAGS", "") else {_LEVEL: 1}
+"""`compiler_options` of programs that take longer to compile than to run, as random numbers do:
+half the time, the same bits. None where `XLA_FLAGS` says how much is to be optimised."""
 
 _VECTORS = "--xla_cpu_prefer_vector_width"
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8

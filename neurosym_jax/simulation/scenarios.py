@@ -18,6 +18,7 @@ import numpy as np
 from neurosym_jax.checks import refuse_seed
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.simulation.social_force import ABREAST, Plan, walk
 from neurosym_jax.simulation.tracker import TrackerFaults, track
 
@@ -178,7 +179,11 @@ def _between(chance: jax.Array, low: float, high: float) -> jax.Array:
     return low + (high - low) * chance
 
 
-@functools.partial(jax.jit, static_argnames=("scenario", "people", "frames", "rate"))
+@functools.partial(
+    jax.jit,
+    static_argnames=("scenario", "people", "frames", "rate"),
+    compiler_options=COMPILED_QUICKLY,
+)
 def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: float) -> jax.Array:
     """Positions [frames, people, 2] in metres; `key` is consumed."""
     substeps = int(np.ceil(1 / (rate * MAX_STEP) - 1e-9))

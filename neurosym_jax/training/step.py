@@ -4,11 +4,13 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models import Discriminator, Generator
+from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.augmentation import augment
@@ -59,22 +61,21 @@ def initial_state(
     of_generator, of_discriminator = jax.random.split(key)
     agents = example.valid.shape[0]
     observed = example.replace(future=None)
-    alpha = jnp.zeros((agents, agents, generator_config.obs_len))
-    generator = Generator(generator_config).init(
-        of_generator,
-        observed,
-        jnp.zeros((agents, generator_config.noise_dim)),
-        alpha,
-        (lambda *_: alpha) if generator_config.symbolic else None,
-    )
+    noise = np.zeros((agents, generator_config.noise_dim), np.float32)
+    alpha = np.zeros((agents, agents, generator_config.obs_len), np.float32)
+    # Where symbols of predicted steps are looked at, they are all zero here.
+    next_alpha = jax.tree_util.Partial(lambda *_: jnp.asarray(alpha))
+    later = next_alpha if generator_config.symbolic else None
+    generator = _initial(Generator(generator_config), of_generator, observed, noise, alpha, later)
     if weighting is None:
         weighting = initial_parameters(generator_config.weighting)
     if weighting:
         generator = {**generator, "weighting": jax.tree.map(jnp.asarray, weighting)}
     discriminator = ()
     if config.adversarial_weight:
-        discriminator = Discriminator(config.discriminator).init(
-            of_discriminator, example.observed, example.displacement, example.valid
+        discriminator = _initial(
+            Discriminator(config.discriminator),
+            *(of_discriminator, example.observed, example.displacement, example.valid),
         )
     return TrainState(
         step=jnp.zeros((), jnp.int32),
@@ -87,6 +88,15 @@ def initial_state(
             _discriminator_optimizer(config).init(discriminator) if discriminator else ()
         ),
     )
+
+
+def _initial(network: Generator | Discriminator, key: Array, *inputs: Any) -> Any:
+    """Parameters of `network` by one program, which depends on the shapes of `inputs` alone."""
+
+    def init(key: Array) -> Any:
+        return network.init(key, *jax.tree.map(jnp.zeros_like, inputs))
+
+    return jax.jit(init, compiler_options=COMPILED_QUICKLY)(key)
 
 
 def train_step(
