@@ -4,7 +4,8 @@
 
 Some minutes. Every bit of one shipped model's `config.json`, bits of its parameters drawn with a
 seed, and bytes of recordings of people in the three kinds of bags are changed, one damage at a
-time. Silent is what loads or reads differently, with neither an error nor a warning.
+time; then the bags are cut off at places drawn with a seed. Silent is what loads or reads
+differently, with neither an error nor a warning.
 """
 
 import shutil
@@ -26,22 +27,24 @@ from neurosym_jax.simulation.scenarios import simulate
 
 __all__ = ["main"]
 
-FLIPS, MUTATIONS = 1000, 300
+FLIPS, MUTATIONS, CUTS = 1000, 300, 300
 COLUMNS = ("refused", "read as before", "other values", "frames lost, said", "frames lost, silent")
+OF_CUTS = ("refused", "read up to there, said", "the same, silent", "read otherwise")
 
 
 def main() -> None:
-    """Print the two tables."""
+    """Print the three tables."""
     print("| damage | cases | refused | loaded |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for name, found in _models(Path(folder)):
             print(f"| {name} | {found.total()} | {found['refused']} | {found['loaded']} |")
-    print(f"\n| bag | cases | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 2)}")
-    for kind in ("bag", "db3", "mcap"):
-        with tempfile.TemporaryDirectory() as folder:
-            found = _bags(Path(folder), kind)
-        cells = " | ".join(str(found[name]) for name in COLUMNS)
-        print(f"| {kind} | {found.total()} | {cells} |")
+    for damage, columns in ((_changed_bytes, COLUMNS), (_cut_off, OF_CUTS)):
+        print(f"\n| bag | cases | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 2)}")
+        for kind in ("bag", "db3", "mcap"):
+            with tempfile.TemporaryDirectory() as folder:
+                found = damage(Path(folder), kind)
+            cells = " | ".join(str(found[name]) for name in columns)
+            print(f"| {kind} | {found.total()} | {cells} |")
 
 
 def _models(folder: Path) -> Iterator[tuple[str, Counter]]:
@@ -69,18 +72,43 @@ def _outcome(load: Callable[[], object]) -> str:
     return "loaded"
 
 
-def _bags(folder: Path, kind: str) -> Counter:
-    """How often a bag of 60 frames was read in which way, with one to three bytes changed."""
-    with BagWriter(folder / f"run.{kind}") as bag:
-        for frame in frames_of_tracks(simulate("cross-path", 1, 6.0, people=3)):
+def _written(path: Path, seconds: float) -> Path:
+    """A bag of three people, ten frames a second."""
+    with BagWriter(path) as bag:
+        for frame in frames_of_tracks(simulate("cross-path", 1, seconds, people=3)):
             frame = frame._replace(stamp=frame.stamp + 1.7e9)
             bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.types, frame))
-    files = [bag.path] if bag.path.is_file() else sorted(bag.path.iterdir())
+    return bag.path
 
-    def read() -> list[tuple[float, list, list]]:
-        return [(f.stamp, f.ids.tolist(), f.xy.tolist()) for f in read_people(bag.path)]
 
-    wanted, found = read(), Counter()
+def _content(path: Path) -> list[tuple[float, list, list]]:
+    return [(f.stamp, f.ids.tolist(), f.xy.tolist()) for f in read_people(path)]
+
+
+def _cut_off(folder: Path, kind: str) -> Counter:
+    """How often a bag of 600 frames that ends early was read in which way."""
+    path = _written(folder / f"run.{kind}", 60.0)
+    file = path if path.is_file() else next(path.glob(f"*.{kind}"))
+    wanted, whole, found = _content(path), file.read_bytes(), Counter()
+    for size in np.random.default_rng(0).integers(len(whole), size=CUTS).tolist():
+        file.write_bytes(whole[:size])
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            try:
+                got = _content(path)
+            except InputError:
+                found[OF_CUTS[0]] += 1
+                continue
+        as_begun = got == wanted[: len(got)]
+        found[OF_CUTS[(1 if said else 2) if as_begun else 3]] += 1
+    return found
+
+
+def _changed_bytes(folder: Path, kind: str) -> Counter:
+    """How often a bag of 60 frames was read in which way, with one to three bytes changed."""
+    path = _written(folder / f"run.{kind}", 6.0)
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    wanted, found = _content(path), Counter()
     for seed in range(MUTATIONS):
         rng = np.random.default_rng(seed)
         file = files[0] if seed % 10 == 0 else files[-1]  # metadata.yaml now and then
@@ -89,7 +117,7 @@ def _bags(folder: Path, kind: str) -> Counter:
         with _changed(file, damage), warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             try:
-                got = read()
+                got = _content(path)
             except InputError:
                 found["refused"] += 1
                 continue

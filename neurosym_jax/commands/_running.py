@@ -2,7 +2,6 @@
 
 import dataclasses
 import errno
-import importlib
 import signal
 import sys
 import traceback
@@ -56,7 +55,6 @@ def run_command(
             warnings.showwarning = _show(warnings.showwarning)
             arguments = prepare(sys.argv[1:] if arguments is None else arguments)
             _refuse_empty(arguments)
-            importlib.import_module("neurosym_jax.ros.bag_format")  # Registers it.
             _load_plugins(arguments)
             found = tyro.cli(with_plugins(options), args=arguments, prog=prog)
             names = [field.name for field in dataclasses.fields(options)]  # pyright: ignore

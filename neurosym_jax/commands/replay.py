@@ -19,7 +19,8 @@ from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.forecast_lines import ForecastLines
 from neurosym_jax.online.replay import replay
 from neurosym_jax.online.summary import format_summary
-from neurosym_jax.ros.bags import SUFFIXES, frame_id_of, is_bag
+from neurosym_jax.ros.bag_names import SUFFIXES, is_bag
+from neurosym_jax.ros.bags import frame_id_of
 from neurosym_jax.ros.forecast_bag import ForecastBag
 from neurosym_jax.ros.recordings import read_frames
 

@@ -36,6 +36,8 @@ SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson")
 """Endings of the files that are looked at in a folder."""
 
 _READERS = "neurosym_jax.data.readers"
+_BUILT_ON_IT = ("neurosym_jax.ros.bag_format",)
+"""Readers in rooms that this one does not know: they register what they read, as a plugin does."""
 
 
 def _never(head: Head) -> bool:
@@ -72,6 +74,8 @@ def _built_in() -> None:
     for file in sorted(file.name for file in files(_READERS).iterdir()):
         if file.endswith(".py") and not file.startswith("_"):
             importlib.import_module(f"{_READERS}.{file.removesuffix('.py')}")
+    for module in _BUILT_ON_IT:
+        importlib.import_module(module)
 
 
 FORMATS: Registry[Format] = Registry("format", _built_in)

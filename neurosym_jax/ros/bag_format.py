@@ -1,6 +1,7 @@
-"""Bags as a format of recordings: whatever reads tracks, such as inspect and stitch, reads bags.
+"""Bags as a format of recordings: whatever reads tracks, such as `read_any`, reads bags.
 
-Importing this registers it. A live stream out of a bag is `ros.recordings`, which keeps its frames.
+Importing this registers it, and imports nothing of ROS. A live stream out of a bag is
+`ros.recordings`, which keeps its frames.
 """
 
 import warnings
@@ -15,7 +16,7 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputWarning, printable
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import tracks_of_frames
-from neurosym_jax.ros.bags import is_bag, read_people
+from neurosym_jax.ros.bag_names import is_bag
 from neurosym_jax.tracking.motion import FAR
 
 __all__ = ["read_bag"]
@@ -33,6 +34,8 @@ def read_bag(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
     Warns:
         InputWarning: of what was left out.
     """
+    from neurosym_jax.ros.bags import read_people
+
     frames = [frame for frame in read_people(path, options.topic) if np.isfinite(frame.stamp)]
     kept = list(_sound(frames))
     lost = sum(len(frame.ids) for frame in frames) - sum(len(frame.ids) for frame in kept)

@@ -21,23 +21,21 @@ FOOTER, DATA_END = 0x02, 0x0F
 
 
 def refuse_damaged(path: Path) -> None:
-    """Check what can be checked before a bag is read; `path` is a file or a folder of ROS 2.
+    """Check what can be checked of a bag's file before it is read.
 
     Raises:
         ValueError: saying what does not agree.
     """
-    files = [path] if path.is_file() else sorted(path.iterdir())
-    for file in files:
-        if file.suffix == ".mcap":
-            with file.open("rb") as opened:
-                _check_mcap(opened)
-        elif file.suffix == ".db3":
-            with contextlib.closing(
-                sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)
-            ) as base:
-                (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
-            if found != "ok":
-                raise ValueError(f"its database is damaged: {found}")
+    if path.suffix == ".mcap":
+        with path.open("rb") as opened:
+            _check_mcap(opened)
+    elif path.suffix == ".db3":
+        with contextlib.closing(
+            sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
+        ) as base:
+            (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
+        if found != "ok":
+            raise ValueError(f"its database is damaged: {found}")
 
 
 def counted(reader: Any, connections: Sequence[Any]) -> Iterator[tuple[Any, int, Any]]:

@@ -1,10 +1,13 @@
 """Bags read and written without ROS: ROS 1 `.bag`, ROS 2 sqlite3 and mcap.
 
 Needs rosbags, which is imported when a bag is opened. What people's messages say is in
-`ros.messages`; other recordings of people are read in `online.recordings`.
+`ros.messages`; other recordings of people are read in `online.recordings`. Of a bag that was cut
+short (`ros.cut_bags`) what is whole is read, with a warning.
 """
 
-import os
+import contextlib
+import tempfile
+import time
 import warnings
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -13,33 +16,19 @@ from typing import Any
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.ros.bag_integrity import counted, refuse_damaged
+from neurosym_jax.ros.bag_names import ACTIVE, SUFFIXES, files_of, tool_for
+from neurosym_jax.ros.cut_bags import CutBag, is_cut
 from neurosym_jax.ros.definitions import typestore
 from neurosym_jax.ros.messages import PEOPLE_TOPICS
 from neurosym_jax.ros.people import KINDS, POSES
 from neurosym_jax.ros.source import Source
 
-__all__ = [
-    "SUFFIXES",
-    "TF_TOPICS",
-    "BagWriter",
-    "frame_id_of",
-    "is_bag",
-    "read_messages",
-    "read_people",
-]
+__all__ = ["TF_TOPICS", "BagWriter", "frame_id_of", "read_messages", "read_people"]
 
 TF_TOPICS = ("/tf", "/tf_static")
 """Where frames of coordinates lie, in messages of `ros.definitions.TRANSFORMS`."""
-SUFFIXES = (".bag", ".mcap", ".db3")
-"""Of ROS 1's file and of the files in ROS 2's folders."""
-
-TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
-"""What mends a file, by its ending."""
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a path is a bag, by its name or, of a folder, by what lies in it."""
-    return path.suffix in SUFFIXES or os.path.isfile(path / "metadata.yaml")
+KEEP = 1.0
+"""Seconds of recording that are lost at most where the one who writes is killed."""
 
 
 def read_people(
@@ -97,16 +86,12 @@ def _read(
     path: Path, choose: Callable[[dict[str, str]], Collection[str]] | None
 ) -> Iterator[tuple[str, Any, str, float]]:
     """Topic, message, its publisher's name (known in ROS 1 only), and when it was recorded [s]."""
-    store = typestore(2)
-    from rosbags.highlevel import AnyReader
-
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
+    store = typestore(2)
     try:
-        refuse_damaged(path)
-        # Recorders before ROS 2 Iron did not store what their types are.
-        with AnyReader([path], default_typestore=store) as reader:
+        with _reader(path, store) as reader:
             topics = {each.topic: each.msgtype for each in reader.connections}
             chosen = list(topics) if choose is None else choose(topics)
             connections = [each for each in reader.connections if each.topic in chosen]
@@ -122,13 +107,48 @@ def _read(
         raise InputError(f"{path}: cannot be read as a bag: {reason}{_advice(path)}") from None
 
 
+@contextlib.contextmanager
+def _reader(path: Path, store: Any) -> Iterator[Any]:
+    """rosbags' reader of a bag; where a file was cut short, `CutBag` is in the place of its own."""
+    from rosbags.highlevel import AnyReader
+
+    files = files_of(path)
+    cut = [file for file in files if is_cut(file)]
+    for file in files:
+        if file not in cut:
+            refuse_damaged(file)
+    whole = not cut and (path.is_file() or (path / "metadata.yaml").is_file())
+    with tempfile.TemporaryDirectory() as folder:
+        ours = {file: CutBag(file, Path(folder)) for file in cut}
+        # Recorders before ROS 2 Iron did not store what their types are.
+        paths: Any = [path] if whole else [_Unread(file) if file in ours else file for file in files]
+        reader: Any = AnyReader(paths, default_typestore=store)
+        if not whole:
+            found = ", ".join(f"{bag.text} in {file.name}" for file, bag in ours.items())
+            text = "was cut short, or never finished; what there is of it is read"
+            warnings.warn(f"{path}: {text}{found and ': '}{found}", InputWarning, stacklevel=2)
+            reader.readers = [ours.get(file, each) for file, each in zip(files, reader.readers)]
+        with reader:
+            yield reader
+
+
+class _Unread:
+    """What rosbags asks a path for before it opens it."""
+
+    def __init__(self, path: Path):
+        self.suffix = ".bag" if path.name.endswith(ACTIVE) else path.suffix
+
+    def exists(self) -> bool:
+        return True
+
+    def is_dir(self) -> bool:
+        return False
+
+
 def _advice(path: Path) -> str:
     """What may help where a recorder was interrupted."""
-    names = [path.name] if path.is_file() else [each.name for each in path.iterdir()]
-    for suffix, tool in TOOLS.items():
-        if any(name.endswith(suffix) for name in names):
-            return f"; if it was cut short, `{tool}` may mend it"
-    return ""
+    tools = [tool_for(file) for file in files_of(path)]
+    return f"; if it was cut short, `{tools[0]}` may mend it" if tools else ""
 
 
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
@@ -153,7 +173,11 @@ def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
 
 
 class BagWriter:
-    """Writes a new bag; `with BagWriter(path) as bag`, which closes it whatever happens."""
+    """Writes a new bag; `with BagWriter(path) as bag`, which closes it whatever happens.
+
+    Until it is finished it can be told, and read, as one that was cut short: a file of ROS 1 is
+    called `NAME.bag.active`, a folder has no `metadata.yaml`.
+    """
 
     def __init__(self, path: Path):
         """Open for writing.
@@ -179,12 +203,16 @@ class BagWriter:
             raise InputError(f"{self.path}: already there, and nothing is overwritten")
         self._writer: Any
         if self.ros == 1:
-            self._writer = rosbag1.Writer(self.path)
+            active = self.path.with_name(self.path.stem + ACTIVE)
+            if active.exists():
+                raise InputError(f"{active}: already there, and nothing is overwritten")
+            self._writer = rosbag1.Writer(active)
         else:
             plugin = rosbag2.StoragePlugin
             storage = plugin.MCAP if path.suffix == ".mcap" else plugin.SQLITE3
             self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=storage)
         self._connections: dict[str, Any] = {}
+        self._kept = time.monotonic()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._writer.open()
@@ -207,6 +235,20 @@ class BagWriter:
         store = self._store
         serialise = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
         self._writer.write(self._connections[topic], round(stamp * 1e9), serialise(message, kind))
+        if time.monotonic() - self._kept > KEEP:
+            self._kept = time.monotonic()
+            self._keep()
+
+    def _keep(self) -> None:
+        """Give the disk what was written so far, which rosbags keeps in memory for long."""
+        if self.ros == 1:
+            self._writer.write_chunk(self._writer.chunks[-1])
+            self._writer.bio.flush()
+        elif hasattr(self._writer.storage, "conn"):
+            self._writer.storage.conn.commit()
+        else:
+            self._writer.storage.close_chunk()
+            self._writer.storage.bio.flush()
 
     def __enter__(self) -> "BagWriter":
         return self
@@ -217,3 +259,5 @@ class BagWriter:
     def close(self) -> None:
         """Write index and metadata, so that what was written before an interruption is there."""
         self._writer.close()
+        if self.ros == 1:
+            self._writer.path.rename(self.path)

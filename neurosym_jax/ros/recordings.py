@@ -8,7 +8,8 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import frames_of_tracks
-from neurosym_jax.ros.bags import is_bag, read_people
+from neurosym_jax.ros.bag_names import is_bag
+from neurosym_jax.ros.bags import read_people
 from neurosym_jax.ros.source import Source
 
 __all__ = ["read_frames"]

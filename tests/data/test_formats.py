@@ -35,8 +35,9 @@ READERS = (read_text, read_obsmat, read_cliff, read_qtm, read_tracklets, read_tr
 READERS += (read_columns, read_any, sniff)
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", SAMPLES)
 def test_each_is_known_by_its_content(tmp_path, kind):
+    assert {*SAMPLES, "bag"} == set(FORMATS), "bags are tested with ROS"
     path = tmp_path / "recording.dat"
     for mark in ("", "\ufeff"):
         path.write_text(mark + SAMPLES[kind])
@@ -67,7 +68,7 @@ def test_the_stride_of_eth_alone(tmp_path):
     assert steps == [[round(4 / 6, 9)], [0.4]]
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", SAMPLES)
 def test_units(tmp_path, kind):
     path = tmp_path / "a.txt"
     path.write_text(SAMPLES[kind])
@@ -82,7 +83,7 @@ def test_units(tmp_path, kind):
         read_any(path, ReadOptions(unit="ft"))  # pyright: ignore
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", SAMPLES)
 @pytest.mark.parametrize(
     "said",
     [
@@ -215,7 +216,7 @@ bits = st.one_of(
 )
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", SAMPLES)
 @settings(max_examples=25, deadline=None)
 @given(cuts=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 9), bits), max_size=4))
 def test_fuzz_damaged(kind, cuts, tmp_path_factory):
@@ -236,7 +237,7 @@ def test_fuzz_random(content, tmp_path_factory):
     survive(path)
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", SAMPLES)
 def test_truncated_anywhere_or_in_another_encoding(kind, tmp_path):
     path = tmp_path / "a.csv"
     for size in range(len(SAMPLES[kind])):

@@ -19,9 +19,9 @@ from neurosym_jax.data import ReadOptions, make_tracks, read_any, windows_from
 from neurosym_jax.data.formats import FORMATS, sniff
 from neurosym_jax.errors import InputError
 
-KINDS = tuple(FORMATS)
+KINDS = tuple(name for name in FORMATS if name != "bag")
 ALL = (*KINDS, "frames", "json", "lines")
-"""Formats, and forms of tables: with frame numbers, as a list of objects, an object a line."""
+"""Formats of text, and forms of tables: with frame numbers, a list of objects, an object a line."""
 TABLES = ("columns", "frames", "json", "lines")
 BARE = ("text", "obsmat", "cliff")
 HEADS = {

@@ -2,6 +2,7 @@
 
 import importlib
 import shutil
+import sqlite3
 import struct
 import subprocess
 import sys
@@ -19,19 +20,14 @@ from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.recordings import frames_of_tracks, tracks_of_frames
 from neurosym_jax.ros import messages
+from neurosym_jax.ros.bag_names import is_bag
 from neurosym_jax.ros.bags import BagWriter, read_messages, read_people
-from neurosym_jax.ros.definitions import HUMANS
+from neurosym_jax.ros.definitions import HUMANS, PEOPLE, typestore
 from neurosym_jax.ros.people import seconds_of, see
 from neurosym_jax.ros.recordings import read_frames
 from neurosym_jax.simulation.scenarios import simulate
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def registered():
-    """Bags as a format; not while tests are collected, of which some are of each format."""
-    importlib.import_module("neurosym_jax.ros.bag_format")
 
 
 KINDS = ["bag", "db3", "mcap"]
@@ -76,16 +72,113 @@ def test_people_and_forecasts_there_and_back(tmp_path, kind):
         BagWriter(tmp_path / f"run.{kind}")
 
 
+def content(path):
+    return [(frame.stamp, frame.ids.tolist(), frame.xy.tolist()) for frame in read_people(path)]
+
+
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_bag_cut_short_is_one_clear_line(tmp_path, kind):
-    path = write(tmp_path / f"run.{kind}", length=100)
+def test_a_bag_cut_short_is_read_as_far_as_it_goes(tmp_path, kind):
+    """Wherever it is cut, what is read is how the whole begins, and it is said."""
+    path = write(tmp_path / f"run.{kind}", length=200)
     file = path if path.is_file() else next(path.glob(f"*.{kind}"))
-    whole = file.read_bytes()
-    for part in (0.9, 0.5, 0.01, 0.0):
+    whole, wanted, longest = file.read_bytes(), content(path), 0
+    for size in np.random.default_rng(0).integers(len(whole) // 2, len(whole), 8):
+        file.write_bytes(whole[:size])
+        with pytest.warns(InputWarning, match=r"run.*cut short.*messages of .* s in"):
+            found = content(path)
+        assert found == wanted[: len(found)]
+        longest = max(longest, len(found))
+    assert longest > 0.8 * len(wanted)
+    for part in (0.01, 0.0):
         file.write_bytes(whole[: int(part * len(whole))])
         with pytest.raises(InputError, match=r"run.*cannot be read as a bag.*cut short") as error:
             list(read_people(path))
         assert "\n" not in str(error.value)
+
+
+KILLED = """
+import sys, time
+from pathlib import Path
+from neurosym_jax.ros import bags
+from tests.ros.test_bags import TOPIC, frames, messages
+bags.KEEP = 0.0
+bag = bags.BagWriter(Path(sys.argv[1]))
+for frame in frames():
+    bag.write(TOPIC, frame.stamp, messages.make_people(bag.types, frame))
+print("written", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_a_killed_writer_leaves_is_told_and_read(tmp_path, kind):
+    wanted, path = content(write(tmp_path / f"whole.{kind}")), tmp_path / f"run.{kind}"
+    with subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"written\n"
+        process.kill()
+    left = path.with_suffix(".bag.active" if kind == "bag" else "")
+    assert is_bag(left)
+    with pytest.warns(InputWarning, match="never finished"):
+        found = content(left)
+    assert len(found) >= len(wanted) - 1
+    assert found == wanted[: len(found)]
+    with pytest.warns(InputWarning, match="never finished"):
+        assert len(read_any(left)) == 1
+    with pytest.raises(InputError, match="already there"):
+        BagWriter(path)
+
+
+def test_what_a_recorder_left_in_a_databases_log_is_read(tmp_path):
+    """ROS 2's own may write ahead to a log, at which rosbags does not look."""
+    path = write(tmp_path / "run.db3")
+    whole = content(path)
+    base = sqlite3.connect(path / "run.db3")
+    base.execute("PRAGMA journal_mode=WAL")
+    base.execute("INSERT INTO messages SELECT 1000, topic_id, 2e18, data FROM messages LIMIT 1")
+    base.commit()
+    with pytest.warns(InputWarning, match="cut short"):
+        assert content(path) == [*whole, whole[0]]
+    base.close()
+
+
+@pytest.mark.parametrize("compression", ["none", "bz2", "lz4", "zstd"])
+def test_the_last_chunk_of_a_recorder_that_was_killed(tmp_path, compression):
+    """Compressed; of ROS 1 its sizes are zero until it is finished."""
+    rosbag1, rosbag2 = (importlib.import_module(f"rosbags.rosbag{n}") for n in (1, 2))
+    whole = frames(40)
+    store_2 = compression == "zstd"
+    if store_2:
+        store, path = typestore(2), tmp_path / "run"
+        writer = rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.MCAP)
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+    else:
+        store, path = typestore(1), tmp_path / "run.bag"
+        writer = rosbag1.Writer(path)
+        if compression != "none":
+            writer.set_compression(writer.CompressionFormat[compression.upper()])
+    writer.open()
+    topic = writer.add_connection(TOPIC, PEOPLE, typestore=store)
+    serialise = store.serialize_cdr if store_2 else store.serialize_ros1
+    for n, frame in enumerate(whole):
+        message = messages.make_people(store.types, frame)
+        writer.write(topic, round(1e9 * frame.stamp), serialise(message, PEOPLE))
+        if n == 20:
+            _ = writer.storage.close_chunk() if store_2 else writer.write_chunk(writer.chunks[-1])
+    writer.close()
+    file = path if path.is_file() else path / "run.mcap"
+    written = file.read_bytes()
+    # Of mcap the name of the compression is followed by 8 bytes of size, in the index by more.
+    begins = written.find(b"\4\0\0\0zstd", written.find(b"\4\0\0\0zstd") + 1) + 16
+    if path.is_file():
+        begins = written.rfind(b"size=") + 13
+        written = written[: begins - 8] + bytes(8) + written[begins:]
+    file.write_bytes(written[: begins + 600])
+    with pytest.warns(InputWarning, match="cut short"):
+        found = list(read_people(path))
+    assert len(found) >= 21
+    for a, b in zip(found, whole, strict=False):
+        assert_array_equal(a.xy, b.xy)
 
 
 @pytest.mark.parametrize("kind", KINDS)
