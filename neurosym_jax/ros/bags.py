@@ -121,7 +121,8 @@ def _reader(path: Path, store: Any) -> Iterator[Any]:
     with tempfile.TemporaryDirectory() as folder:
         ours = {file: CutBag(file, Path(folder)) for file in cut}
         # Recorders before ROS 2 Iron did not store what their types are.
-        paths: Any = [path] if whole else [_Unread(file) if file in ours else file for file in files]
+        mixed = [_Unread(file) if file in ours else file for file in files]
+        paths: Any = [path] if whole else mixed
         reader: Any = AnyReader(paths, default_typestore=store)
         if not whole:
             found = ", ".join(f"{bag.text} in {file.name}" for file, bag in ours.items())
