@@ -108,17 +108,12 @@ def run(options: Options) -> None:
         return
     config, given = _weighting(options, model)
     lengths = model.config if model is not None else options
-    source = open_source(options.data, options.dataset, read=options.read)
-    name = options.dataset or source.scenes[0]
-    windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
-    number = _chosen(windows, options.window)
+    name, title, windows, rows = _shown(options, lengths.obs_len, lengths.pred_len)
     observed = [(b.scene.observed, b.scene.valid) for b in make_batches(windows)]
     parameters = initial_parameters(config, observed) if given is None else given
-    rows = slice(*windows.bounds[number : number + 2])
     pairs = describe_pairs(config, parameters, windows.position[rows], windows.agent[rows])
     counts = count_states(config, observed)
 
-    title = f"{name}, window {number}"
     print(f"{title}: {len(pairs.people)} people, weighting {config.name}\n")
     print(format_pairs(pairs, windows.period))
     print(f"\n{counts.sum()} observed pair-steps of {windows.scenes} windows:")
@@ -148,18 +143,12 @@ def run(options: Options) -> None:
 
 def _forecast(options: Options, model: Model) -> None:
     """Tell, write and draw what the model makes of the window's observation."""
-    source = open_source(options.data, options.dataset, read=options.read)
-    name = options.dataset or source.scenes[0]
-    windows = cut_windows(source.recordings(name), model.config.obs_len, model.config.pred_len)
-    number = _chosen(windows, options.window)
-    rows = slice(*windows.bounds[number : number + 2])
+    _, title, windows, rows = _shown(options, model.config.obs_len, model.config.pred_len)
     observed, people = windows.position[rows, : windows.obs_len], windows.agent[rows]
     samples = predict(model, observed, samples=options.samples, seed=options.seed)
     how = {"calculus": options.calculus, "speed": options.speed, "period": windows.period}
     found = forecast_pairs(samples, observed, people, **how)
-    print(
-        f"{name}, window {number}: {len(people)} people, {len(samples)} samples of {model.name}\n"
-    )
+    print(f"{title}: {len(people)} people, {len(samples)} samples of {model.name}\n")
     print(format_forecast(found, options.at_least))
     lines = [json.dumps(row, allow_nan=False) for row in forecast_rows(found)]
     path = options.out / "forecast.jsonl"
@@ -168,7 +157,6 @@ def _forecast(options: Options, model: Model) -> None:
     from neurosym_jax.plotting import plot_symbol_forecast, save_figure
 
     fields = (found.pairs, found.states, found.texts, found.probability, found.seconds)
-    title = f"{name}, window {number}"
     figure = plot_symbol_forecast(
         observed, samples, people, *fields, found.events, title, windows.period
     )
@@ -201,6 +189,16 @@ def _weighting(
     if model.config.weighting is None:
         raise InputError(f"{options.model}: {model.name} weighs no pairs: name a --weighting")
     return model.config.weighting, model.params.get("weighting", {})
+
+
+def _shown(options: Options, obs_len: int, pred_len: int) -> tuple[str, str, Windows, slice]:
+    """Names of the dataset and of the window shown, all windows, and which agents' are its."""
+    source = open_source(options.data, options.dataset, read=options.read)
+    name = options.dataset or source.scenes[0]
+    windows = cut_windows(source.recordings(name), obs_len, pred_len)
+    number = _chosen(windows, options.window)
+    rows = slice(*windows.bounds[number : number + 2])
+    return name, f"{name}, window {number}", windows, rows
 
 
 def _chosen(windows: Windows, asked: int | None) -> int:

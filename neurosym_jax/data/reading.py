@@ -7,12 +7,13 @@ from typing import Literal
 from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.errors import InputError
 
-__all__ = ["AS_IT_SAYS", "ReadOptions", "TimeUnit", "Unit"]
+__all__ = ["AS_IT_SAYS", "METRES", "ReadOptions", "TimeUnit", "Unit"]
 
 Unit = Literal["m", "cm", "mm"]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
-_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""In each unit."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,9 +64,9 @@ class ReadOptions:
         Raises:
             InputError: for a unit that is not known.
         """
-        if self.unit not in _METRES:
-            raise InputError(f"{path}: the unit is one of {', '.join(_METRES)}, not {self.unit!r}")
-        return _METRES[self.unit]
+        if self.unit not in METRES:
+            raise InputError(f"{path}: the unit is one of {', '.join(METRES)}, not {self.unit!r}")
+        return METRES[self.unit]
 
 
 AS_IT_SAYS = ReadOptions()

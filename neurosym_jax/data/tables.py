@@ -11,9 +11,8 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["Rows", "read_table"]
 
-_WHOLE_JSON = (
-    40_000_000  # bytes of a document that is not an object a line; 25 times that in memory
-)
+_WHOLE_JSON = 40_000_000
+"""Bytes of a document that is not an object a line; 25 times that in memory."""
 
 Rows = tuple[list[str], Iterator[Sequence[Any]]]
 """Names of the columns, and the rows' fields."""

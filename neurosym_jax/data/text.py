@@ -26,6 +26,7 @@ __all__ = [
     "number",
     "read_head",
     "read_lines",
+    "read_number",
     "read_pieces",
     "separator_of",
     "split_row",
@@ -174,6 +175,18 @@ def number(value: Any) -> float:
     if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
         raise ValueError(f"{value!r} is not a number")
     return float(value)
+
+
+def read_number(path: Path, row: int, field: str) -> float:
+    """The number in a field of row `row` of a file.
+
+    Raises:
+        InputError: naming file, row and field, for anything else.
+    """
+    try:
+        return number(field)
+    except ValueError:
+        raise InputError(f"{path}: row {row}: {field[:60]!r} is not a number") from None
 
 
 class JsonNumber(str):

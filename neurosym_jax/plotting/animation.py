@@ -51,6 +51,7 @@ def animate_forecast(
     low = np.minimum(low, position.min(axis=(0, 1)))
     high = np.maximum(high, position.max(axis=(0, 1)))
     margin = 0.08 * (high - low).max() + 0.3
+    (left, bottom), (right, top) = low - margin, high + margin
     # Learned weights may be negative.
     weight = abs(alpha + alpha.swapaxes(0, 1)) * ~np.eye(len(position), dtype=bool)[..., None]
     weight = WIDEST * weight / max(float(weight.max()), 1e-12)
@@ -61,9 +62,7 @@ def animate_forecast(
         for step in [*range(steps), *[steps - 1] * HOLD]:
             axes.clear()
             # The limits that keep the aspect for all frames alike.
-            axes.set(xlim=(low[0] - margin, high[0] + margin))
-            axes.set(ylim=(low[1] - margin, high[1] + margin))
-            axes.set_aspect("equal", adjustable="box")
+            axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
             _links(axes, position[:, step], weight[..., min(step, obs_len - 1)], step >= obs_len)
             for agent, colour in enumerate(colours):
                 walked = position[agent, : min(step, obs_len - 1) + 1]

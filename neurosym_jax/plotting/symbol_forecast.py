@@ -3,20 +3,16 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from neurosym_jax.plotting.palette import INK, PALETTE
+from neurosym_jax.plotting.matrix import draw_matrix
+from neurosym_jax.plotting.palette import PALETTE
 from neurosym_jax.plotting.style import LABEL, SMALL, WIDTH, dress, new_figure
 
 __all__ = ["plot_symbol_forecast"]
 
 PAIRS = 10
 """That fit."""
-PALE = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
-"""So pale that dark letters can be read on it."""
 
 
 def plot_symbol_forecast(
@@ -66,7 +62,7 @@ def plot_symbol_forecast(
     share = np.array([states[pair].max(axis=1) for pair in chosen])
     steps = share.shape[1]
     cells = [[texts[row] for row in rows] for rows in best]
-    _matrix(when, share, cells)
+    draw_matrix(when, share, cells, SMALL - 1.5)
     when.set_xticks(range(steps), [f"{period * (step + 1):.1f}" for step in range(steps)])
     when.set_yticks(range(len(chosen)), [f"{people[i]} → {people[j]}" for i, j in chosen])
     dress(when, "seconds ahead", "", "most probable state")
@@ -76,7 +72,7 @@ def plot_symbol_forecast(
         [f"{100 * p:.0f}%\n{t:.1f} s" if p >= 0.2 and np.isfinite(t) else "" for p, t in zip(*both)]
         for both in zip(of_pairs, medians)
     ]
-    _matrix(what, of_pairs, cells, small=True)
+    draw_matrix(what, of_pairs, cells, SMALL - 2.5)
     names = [event.replace("_", "\n") for event in events]
     what.set_xticks(range(len(events)), names, rotation=60, ha="right", rotation_mode="anchor")
     what.set_yticks([])
@@ -84,12 +80,3 @@ def plot_symbol_forecast(
     for axes in (when, what):
         axes.grid(visible=False)
     return figure
-
-
-def _matrix(axes: Axes, share: np.ndarray, cells: list[list[str]], *, small: bool = False) -> None:
-    axes.imshow(share, cmap=PALE, vmin=0, vmax=1, aspect="auto")
-    for row, texts in enumerate(cells):
-        for column, text in enumerate(texts):
-            look = {"ha": "center", "va": "center", "color": INK}
-            font = {"family": "DejaVu Sans Mono", "fontsize": SMALL - (2.5 if small else 1.5)}
-            axes.text(column, row, text, linespacing=0.9, **look, **font)

@@ -1,10 +1,9 @@
 """Symbols and weights: a scene's pairs over time, the states of a data set."""
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from neurosym_jax.plotting.matrix import LETTERS, draw_matrix
 from neurosym_jax.plotting.palette import AMBER, BLUE, GREEN, INK, PALETTE, RED, SKY
 from neurosym_jax.plotting.style import LABEL, SMALL, WIDTH, add_legend, dress, new_figure
 
@@ -15,9 +14,6 @@ PAIRS = 12
 """Pairs that fit a heat map with their states written in."""
 STATES = 24
 """States in the histogram; the rest are summed up."""
-PALE_BLUES = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
-"""So pale that dark letters can be read on it."""
-LETTERS = {"family": "DejaVu Sans Mono", "color": INK}
 
 
 def plot_pairs(
@@ -63,13 +59,10 @@ def plot_pairs(
     # Learned weights may be negative.
     lowest = min(0.0, rows.min(initial=0.0))
     dress(when, "time [s]", "", f"alpha and QTC state: {title}")
-    image = when.imshow(rows, aspect="auto", cmap=PALE_BLUES, vmin=lowest, vmax=highest)
     # Four letters of 0.6 of their size each, and a margin, in a step's share of the width.
     size = min(SMALL, 0.58 * WIDTH * 72 / steps / 3)
-    for row, (i, j) in enumerate(pairs):
-        for step in range(1, steps):
-            text, place = texts[codes[i, j, step - 1]], {"ha": "center", "va": "center"}
-            when.text(step, row, text, fontsize=size, **place, **LETTERS)
+    cells = [["", *(texts[code] for code in codes[pair])] for pair in pairs]
+    image = draw_matrix(when, rows, cells, size, lowest, highest)
     arrow = "→" if both_ways else "–"
     when.set_yticks(range(len(pairs)), [f"{people[i]} {arrow} {people[j]}" for i, j in pairs])
     ticks = range(0, steps, 2)

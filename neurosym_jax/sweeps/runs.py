@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -123,10 +123,8 @@ def plan_runs(
     source = open_source(data, datasets[0] if datasets else None)
     if unknown := [name for name in datasets if name not in source.scenes]:
         raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
-    common = ["--recipe", recipe, "--obs-len", str(obs_len), "--resume"]
-    common += [] if steps is None else ["--steps", str(steps)]
-    common += [] if data is None else ["--data", str(data)]
-    common += ["--set", *changes] if changes else []
+    common = _options({"recipe": recipe, "obs-len": obs_len, "steps": steps, "data": data})
+    common += ["--resume", *(["--set", *changes] if changes else [])]
     common += [part for plugin in loaded() for part in ("--plugin", plugin)]
     runs: dict[Path, SweepRun] = {}
     # Seed by seed: whenever it is interrupted, all models have been trained as often; and what one
@@ -139,18 +137,16 @@ def plan_runs(
                     generator = named_generator(**named, obs_len=obs_len, pred_len=pred_len)
                     name = f"{model_name(generator)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
                     own = {"dataset": dataset, "pred-len": pred_len, "seed": seed}
-                    own |= named | {"out": out / name}
-                    pairs = [str(part) for name, v in own.items() for part in (f"--{name}", v)]
-                    runs[out / name] = SweepRun(
-                        generator,
-                        config,
-                        recipe,
-                        named.get("weighting"),
-                        dataset,
-                        out / name,
-                        (*pairs, *common),
-                    )
+                    arguments = (*_options(own | named | {"out": out / name}), *common)
+                    of = (recipe, named.get("weighting"), dataset, out / name, arguments)
+                    runs[out / name] = SweepRun(generator, config, *of)
     return list(runs.values())
+
+
+def _options(values: Mapping[str, Any]) -> list[str]:
+    """A command line's, of those that are given."""
+    given = {name: value for name, value in values.items() if value is not None}
+    return [str(part) for name, value in given.items() for part in (f"--{name}", value)]
 
 
 def _networks(models: Sequence[str], weightings: Sequence[str]) -> Iterator[dict[str, str]]:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data.formats import Format, register_format
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS, METRES, ReadOptions
 from neurosym_jax.data.rows import People, assemble, frame_step, refuse_unwhole
 from neurosym_jax.data.tables import read_table
 from neurosym_jax.data.text import number
@@ -44,8 +44,7 @@ _SECONDS = {
     **dict.fromkeys(("us", "usec", "micros", "microseconds"), 1e-6),
     **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), 1e-9),
 }
-_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_SUFFIX = re.compile(rf"(?:^|[ _.\[(-]+)({'|'.join([*_SECONDS, *_METRES])})[\])]?$")
+_SUFFIX = re.compile(rf"(?:^|[ _.\[(-]+)({'|'.join([*_SECONDS, *METRES])})[\])]?$")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,7 +175,7 @@ def _unit(name: str) -> tuple[str, str]:
 
 def _is_usual(key: str, name: str) -> bool:
     plain, unit = _unit(name)
-    units = {"time": _SECONDS, "x": _METRES, "y": _METRES}.get(key, {})
+    units = {"time": _SECONDS, "x": METRES, "y": METRES}.get(key, {})
     if unit and unit not in units:
         plain, unit = name.strip().lower(), ""
     return bool(plain or unit) and plain in _USUAL[key]
@@ -203,12 +202,12 @@ def _find(path: Path, names: Sequence[str], key: str, given: str) -> int:
 
 def _metres(path: Path, names: Sequence[str], options: ReadOptions) -> float:
     """Metres in the unit of two columns, as their names or the options say."""
-    units = {_unit(name)[1] for name in names} & _METRES.keys()
+    units = {_unit(name)[1] for name in names} & METRES.keys()
     if options.unit != AS_IT_SAYS.unit:
         units.add(options.unit)
     if len(units) > 1:
         raise InputError(f"{path}: {names[0]!r}, {names[1]!r} and --unit {options.unit} differ")
-    return _METRES[units.pop()] if units else options.metres(path)
+    return METRES[units.pop()] if units else options.metres(path)
 
 
 def _seconds(path: Path, name: str, options: ReadOptions, iso: bool) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 
 from neurosym_jax.data.formats import Format, register_format
 from neurosym_jax.data.rows import assemble
-from neurosym_jax.data.text import Head, number, read_lines
+from neurosym_jax.data.text import Head, number, read_lines, read_number
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
@@ -165,15 +165,8 @@ def _floats(
                 raise ValueError
             yield (row, *map(float, chosen))
         except ValueError:
-            yield (row, *(_number(path, row, field) for field in chosen))
-
-
-def _number(path: Path, row: int, field: str) -> float:
-    field = field.strip().strip('"')
-    try:
-        return number(field or "nan")
-    except ValueError:
-        raise InputError(f"{path}: row {row}: {field[:60]!r} is not a number") from None
+            plain = (field.strip().strip('"') for field in chosen)
+            yield (row, *(read_number(path, row, field or "nan") for field in plain))
 
 
 def _centres(points: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

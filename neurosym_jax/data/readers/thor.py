@@ -22,7 +22,7 @@ from neurosym_jax.data.rows import (
     refuse_unwhole,
 )
 from neurosym_jax.data.tables import read_table
-from neurosym_jax.data.text import Head, number
+from neurosym_jax.data.text import Head, read_number
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
 
@@ -54,7 +54,7 @@ def read_tracklets(path: Path) -> list[Tracks]:
     *places, helmet = (names.index(name) for name in TRACKLET_COLUMNS)
     numbers, codes, helmets = array("d"), array("q"), {}
     for at, fields in enumerate(rows, 1):
-        numbers.extend(_number(path, at, fields[place]) for place in places)
+        numbers.extend(read_number(path, at, fields[place]) for place in places)
         codes.append(helmets.setdefault(fields[helmet], (len(helmets), at))[0])
     if not codes:
         raise InputError(f"{path}: the file has no rows")
@@ -75,34 +75,27 @@ def read_tracklets(path: Path) -> list[Tracks]:
         at = max(rows[again[0]], rows[again[0] + 1])
         raise InputError(f"{path}: row {at} repeats a moment of tracklet {values[again[0], 3]:g}")
 
-    begins = np.flatnonzero(np.diff(values[:, 3], prepend=np.nan) != 0)
+    runs = _runs(values[:, 3], ids, values[:, 0])
+    name = printable(path.stem)
+    return [
+        assemble(path, values[at, 0], ids[at], values[at, 1:3], f"{name}_{run + 1}", row=rows[at])
+        for run in range(runs[-1] + 1)
+        for at in [runs == run]
+    ]
+
+
+def _runs(tracklet: np.ndarray, ids: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """[R] the number of each row's run, from 0; rows are in order of tracklet and time [R]."""
+    begins = np.flatnonzero(np.diff(tracklet, prepend=np.nan) != 0)
     ends = np.append(begins[1:], len(ids)) - 1
     run, latest, runs = 0, {}, np.empty(len(ids), int)
     for begin, end in zip(begins.tolist(), ends.tolist()):
         agent = int(ids[begin])
-        if values[begin, 0] <= latest.get(agent, -np.inf):
+        if time[begin] <= latest.get(agent, -np.inf):
             run, latest = run + 1, {}
-        latest[agent] = values[end, 0]
+        latest[agent] = time[end]
         runs[begin : end + 1] = run
-    return [
-        assemble(
-            path,
-            values[at, 0],
-            ids[at],
-            values[at, 1:3],
-            f"{printable(path.stem)}_{number_ + 1}",
-            row=rows[at],
-        )
-        for number_ in range(run + 1)
-        for at in [runs == number_]
-    ]
-
-
-def _number(path: Path, row: int, field: str) -> float:
-    try:
-        return number(field)
-    except ValueError:
-        raise InputError(f"{path}: row {row}: {field[:60]!r} is not a number") from None
+    return runs
 
 
 def read_cliff(path: Path) -> Tracks:
