@@ -44,7 +44,7 @@ class GeneratorConfig:
     mlp_dim: Count = 64
     pooling: str = "pool_net"
     """`none`, SGAN's `pool_net`, S-LSTM's grid `social`, NeuroSyM in its variants `as_described`,
-    `neurosym_ros` and `neurosym_ijcnn`; or what `models.register_pooling` was told."""
+    `neurosym_ros` and `neurosym_ijcnn`, `encounter`; or what `models.register_pooling` was told."""
     bottleneck_dim: Count = 8
     pool_hidden_dim: Count = 512
     pool_every_timestep: bool = False

@@ -29,7 +29,7 @@ class Options:
     model: Literal["sgan", "neurosym"] = "sgan"
     """SGAN with pooling, or NeuroSyM."""
     variant: str = "as_described"
-    """Of NeuroSyM: as_described, neurosym_ros, or what a plugin registers."""
+    """Of NeuroSyM: as_described, neurosym_ros, encounter, or what a plugin registers."""
     weighting: str = "cnd"
     """Of NeuroSyM: KIND[,FIELD=VALUE...], see docs/weightings.md; MODULE:KIND for one's own."""
     pooling: str = "pool_net"

@@ -39,6 +39,12 @@ def _neurosym_ijcnn(config: GeneratorConfig, h_dim: int):
     return IjcnnPooling(config.obs_len, *_sizes(config, h_dim))
 
 
+def _encounter(config: GeneratorConfig, h_dim: int):
+    from neurosym_jax.models.encounter_pooling import EncounterPooling
+
+    return EncounterPooling(config.pool_hidden_dim, config.bottleneck_dim)
+
+
 def _sizes(config: GeneratorConfig, h_dim: int) -> tuple[int, int, int, int]:
     return config.embedding_dim, h_dim, config.pool_hidden_dim, config.bottleneck_dim
 
@@ -54,6 +60,13 @@ register_pooling(
 )
 register_pooling("as_described", _as_described, label="NeuroSyM", symbolic=True)
 register_pooling("neurosym_ros", _neurosym_ros, label="NeuroSyM (robot package)", symbolic=True)
+register_pooling(
+    "encounter",
+    _encounter,
+    label="NeuroSyM, encounter pooling",
+    symbolic=True,
+    pair_numbers=lambda config: 3.0 * config.pool_hidden_dim,
+)
 register_pooling(
     "neurosym_ijcnn",
     _neurosym_ijcnn,

@@ -27,7 +27,7 @@ from neurosym_jax.symbolic.weighting_config import (
     WeightingKind,
 )
 
-__all__ = ["alpha_from_states", "table_of"]
+__all__ = ["alpha_from_states", "table_of", "to_the_wrong_pairs"]
 
 
 def table_of(config: WeightingConfig) -> np.ndarray:
@@ -63,7 +63,7 @@ def _shuffled(
     config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
 ) -> Array:
     observed = _by_state(config, parameters, positions, valid)[..., 1:]
-    return _after_first(_to_the_wrong_pairs(observed, positions[:, -1], valid), parameters)
+    return _after_first(to_the_wrong_pairs(observed, positions[:, -1], valid), parameters)
 
 
 def _after_first(observed: Array, parameters: Parameters) -> Array:
@@ -116,7 +116,7 @@ def _by_transitions(
     return alpha[..., : positions.shape[1]]  # A single step has neither.
 
 
-def _to_the_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -> Array:
+def to_the_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -> Array:
     """`observed [N, N, T-1]` of `shuffled`; nearness is that of the positions `last [N, 2]`.
 
     Each agent's weights are the same as before, in another order, which follows from the scene

@@ -72,7 +72,7 @@ def test_it_is_chosen_saved_loaded_and_forecasts(tmp_path, options, name):
 @pytest.mark.usefixtures("registered")
 def test_what_is_refused():
     assert pooling_names(symbolic=False) == ("none", "pool_net", "social", "mean")
-    assert pooling_names(symbolic=True) == ("as_described", "neurosym_ros", "weighted")
+    assert pooling_names(symbolic=True) == ("as_described", "neurosym_ros", "encounter", "weighted")
     for pooling in ("weighted", "neurosym_ros"):
         with pytest.raises(InputError, match="sgan has none, pool_net, social, mean"):
             named_generator(pooling=pooling)

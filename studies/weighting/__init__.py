@@ -1,0 +1,1 @@
+"""Does symbolic weighting help? `docs/weighting.md` and what it rests on."""

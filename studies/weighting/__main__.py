@@ -1,0 +1,113 @@
+"""Does symbolic weighting help? `docs/weighting.md`, its figure and its table, from nothing.
+
+NPROC=1 python -m studies.weighting DATA OUT [PART/PARTS]
+
+DATA holds HERMES's runs in `hermes` and ETH/UCY in `eth_ucy`, see `studies/weighting/data.py`.
+What is asked, and what would be an answer, was written before the first run:
+docs/weighting_protocol.md. A finished run lies in OUT/runs and is not done again; with PART/PARTS
+(1/2, 2/2) processes share the runs. OUT gets `weighting.md`, `weighting.csv` and `weighting.png`,
+of all runs that are there. With one thread a run gives the same bits again.
+"""
+
+import sys
+import warnings
+from pathlib import Path
+
+import jax
+import numpy as np
+from tqdm import tqdm
+
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.errors import InputWarning
+from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.runtime import enable_compilation_cache, tune
+from neurosym_jax.runtime.files import new_file
+from studies.weighting.arms import ARMS, RECIPE, SETS
+from studies.weighting.data import load
+from studies.weighting.scores import score
+from studies.weighting.training import train
+
+
+def runs() -> list[tuple[int, str, str]]:
+    """(Seed, set, arm) of every run: seed after seed, so that what is there can be compared."""
+    return [
+        (seed, name, arm)
+        for seed in range(max(max(arm.seeds.values()) for arm in ARMS.values()))
+        for name in SETS
+        for arm, how in ARMS.items()
+        if seed < how.seeds[name]
+    ]
+
+
+def path_of(out: Path, seed: int, name: str, arm: str) -> Path:
+    """Where the scores of a run are."""
+    return out / "runs" / f"{name}_{arm.replace(' ', '-').replace('/', '-')}_{seed}.npz"
+
+
+def run_all(data: Path, out: Path, part: int, parts: int) -> None:
+    """Do what is left of every `parts`-th set and arm."""
+    mine = [run for run in runs() if _share(run) % parts == part]
+    left = [run for run in mine if not path_of(out, *run).is_file()]
+    sets: dict[str, tuple[Windows, Windows]] = {}
+    for seed, name, arm in tqdm(left, unit="run"):
+        if name not in sets:
+            sets[name] = load(name, data)
+        learned, tested = sets[name]
+        generator = ARMS[arm].generator
+        params = jax.block_until_ready(train(generator, RECIPE, learned, seed))
+        errors = score(generator, params, tested)
+        with new_file(path_of(out, seed, name, arm)) as path, path.open("wb") as file:
+            np.savez_compressed(
+                file,
+                metrics=errors.metrics,
+                totals=errors.totals,
+                counts=errors.counts,
+                identity=errors.identity,
+                steps=errors.steps,
+            )
+
+
+def _share(run: tuple[int, str, str]) -> int:
+    """All seeds of a set and an arm go to one process, which compiles them once."""
+    _, name, arm = run
+    return list(ARMS).index(arm) + SETS.index(name)
+
+
+def read(path: Path) -> ErrorsByScene:
+    """A finished run."""
+    with np.load(path) as file:
+        return ErrorsByScene(
+            tuple(map(str, file["metrics"])),
+            file["totals"],
+            file["counts"],
+            file["identity"],
+            int(file["steps"]),
+        )
+
+
+def main(data: Path, out: Path, part: str = "1/1") -> None:
+    """Train and score what is left, and write the page of what is there."""
+    from studies.weighting.page import write
+
+    enable_compilation_cache()
+    tune()
+    number, parts = map(int, part.split("/"))
+    run_all(data, out, number - 1, parts)
+    found = {
+        name: {
+            arm: {
+                seed: read(path)
+                for seed in range(how.seeds[name])
+                if (path := path_of(out, seed, name, arm)).is_file()
+            }
+            for arm, how in ARMS.items()
+            if how.seeds[name]
+        }
+        for name in SETS
+    }
+    write(found, {name: load(name, data) for name in SETS}, out)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", InputWarning)
+    main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])

@@ -1,0 +1,99 @@
+"""The arms of the study: networks that differ in one thing, on every data set the same."""
+
+import dataclasses
+
+import jax.numpy as jnp
+from jax import Array
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.symbolic.built_in import alpha_from_states, to_the_wrong_pairs
+from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
+from neurosym_jax.symbolic.weighting_config import WeightingConfig, register_weighting
+from neurosym_jax.training.recipe import RECIPES
+from studies.weighting.control import LENGTHS, ON_ONES_PATH
+
+__all__ = ["ARMS", "RECIPE", "SETS", "Arm"]
+
+RECIPE = dataclasses.replace(
+    RECIPES["ours"],
+    steps=600,
+    batch_scenes=8,
+    max_agents=16,
+    best_k=10,
+    rotate=0.5,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Arm:
+    """A network, and how many seeds it is trained with on each data set."""
+
+    generator: GeneratorConfig
+    seeds: dict[str, int]
+    about: str
+
+
+def _right(positions: Array, valid: Array) -> Array:
+    """[N, N, T] 1 for who was last seen on one's path (see `control`), else 0."""
+    return _from_first(alpha_from_states(pairwise_qtc_c1(positions, valid), ON_ONES_PATH))
+
+
+def _wrong(positions: Array, valid: Array) -> Array:
+    """[N, N, T] the weights of `_right` with the wrong pairs, as `shuffled` has those of `cnd`."""
+    right = alpha_from_states(pairwise_qtc_c1(positions, valid), ON_ONES_PATH)
+    return _from_first(to_the_wrong_pairs(right, positions[:, -1], valid))
+
+
+def _from_first(observed: Array) -> Array:
+    return jnp.concatenate([jnp.zeros_like(observed[..., :1]), observed], axis=-1)
+
+
+def _constant(positions: Array, valid: Array) -> Array:
+    """[N, N, T] 1/15, what `cnd` is of real tracks, but at the first step, too."""
+    return jnp.full((len(positions), *positions.shape[:2]), 1 / 15, positions.dtype)
+
+
+for _name, _weigh in {
+    "on_ones_path": _right,
+    "on_ones_path_wrong_pairs": _wrong,
+    "fifteenth": _constant,
+}.items():
+    register_weighting(_name)(_weigh)
+
+
+def _network(pooling: str, weighting: str | None = None) -> GeneratorConfig:
+    network = GeneratorConfig(
+        obs_len=LENGTHS[0],
+        pred_len=LENGTHS[1],
+        pooling=pooling,
+        weighting=None if weighting is None else WeightingConfig(weighting),
+    )
+    if pooling != "encounter":
+        return network
+    return dataclasses.replace(network, bottleneck_dim=16, pool_hidden_dim=32)
+
+
+def _seeds(control: int, corridors: int, zara2: int) -> dict[str, int]:
+    return {"control": control, "corridors": corridors, "zara2": zara2}
+
+
+ARMS = {
+    "ones": Arm(_network("encounter", "ones"), _seeds(6, 12, 12), "encounter pooling alone"),
+    "quantised": Arm(_network("encounter", "quantised"), _seeds(0, 12, 12), "symbols, 5 cm a step"),
+    "shuffled": Arm(_network("encounter", "shuffled"), _seeds(0, 12, 12), "with the wrong pairs"),
+    "right": Arm(_network("encounter", "on_ones_path"), _seeds(6, 0, 0), "what the forces go by"),
+    "wrong": Arm(
+        _network("encounter", "on_ones_path_wrong_pairs"), _seeds(6, 0, 0), "with the wrong pairs"
+    ),
+    "no pooling": Arm(_network("none"), _seeds(4, 4, 4), "nobody looks at anybody"),
+    "SGAN": Arm(_network("pool_net"), _seeds(0, 4, 4), "SGAN's pooling"),
+    "learned": Arm(_network("encounter", "learned"), _seeds(4, 4, 4), "81 weights, from `cnd`"),
+    "NeuroSyM ones": Arm(_network("as_described", "ones"), _seeds(0, 4, 0), "the papers' pooling"),
+    "NeuroSyM 1/15": Arm(_network("as_described", "fifteenth"), _seeds(0, 4, 0), "a constant"),
+    "NeuroSyM quantised": Arm(
+        _network("as_described", "quantised"), _seeds(0, 4, 0), "symbols, 5 cm a step"
+    ),
+}
+"""By name."""
+
+SETS = ("control", "corridors", "zara2")

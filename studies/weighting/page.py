@@ -1,0 +1,191 @@
+"""The page, its figure and its table, of the runs that are there."""
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.plotting.style import save_figure
+from neurosym_jax.runtime.files import write_text
+from studies.weighting.alpha import interacting_share, spread
+from studies.weighting.arms import ARMS, RECIPE, SETS
+from studies.weighting.comparison import MARGIN, Comparison, adjusted, compare, verdict
+from studies.weighting.figure import forest
+from studies.weighting.text import ANSWER, TEXT, TITLES
+
+__all__ = ["write"]
+
+Runs = Mapping[str, Mapping[str, Mapping[int, ErrorsByScene]]]
+"""By set, arm and seed."""
+
+PRIMARY = ("interacting joint_ade", "interacting energy_score")
+SECONDARY = (
+    *("all joint_ade", "all energy_score", "interacting joint_fde", "interacting central_ade"),
+    "all excess_collisions",
+)
+CONTROL = (("right", "ones"), ("right", "wrong"), ("wrong", "ones"))
+REAL = (("quantised", "ones"), ("quantised", "shuffled"))
+FAITHFUL = (("NeuroSyM quantised", "NeuroSyM ones"), ("NeuroSyM 1/15", "NeuroSyM ones"))
+
+
+def write(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]], out: Path) -> None:
+    """Write `weighting.md`, `weighting.csv` and `weighting.png` to `out`."""
+    rows = {
+        name: [
+            compare(arm, "ones", arms, PRIMARY[0])
+            for arm in ARMS
+            if arm != "ones" and _seeds(arms, arm) > 1
+        ]
+        for name, arms in runs.items()
+    }
+    save_figure(forest(rows, TITLES), out / "weighting.png")
+    write_text(out / "weighting.csv", _table_of_runs(runs))
+    write_text(out / "weighting.md", _document(runs, windows))
+
+
+def _seeds(arms: Mapping[str, Mapping[int, ErrorsByScene]], arm: str) -> int:
+    return len(arms.get(arm, {}))
+
+
+def _table_of_runs(runs: Runs) -> str:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["set", "arm", "seed", "metric", "value", "counted"])
+    for name, arms in runs.items():
+        for arm, seeds in arms.items():
+            for seed, errors in seeds.items():
+                for metric, value, count in zip(
+                    errors.metrics, errors.mean, errors.counts.sum(axis=0)
+                ):
+                    table.writerow([name, arm, seed, metric, f"{value:.6f}", f"{count:.0f}"])
+    return text.getvalue()
+
+
+def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str:
+    primary = [
+        (name, compare(*pair, runs[name], metric))
+        for name in ("corridors", "zara2")
+        for metric in PRIMARY
+        for pair in REAL
+    ]
+    p, equivalent = adjusted([each for _, each in primary])
+    answers = {}
+    for name in ("corridors", "zara2"):
+        at = [
+            index
+            for index, (of, each) in enumerate(primary)
+            if of == name and each.metric == PRIMARY[0]
+        ]
+        answers[name] = verdict([primary[index][1] for index in at], p[at], equivalent[at])
+    control = [compare(*pair, runs["control"], PRIMARY[0]) for pair in CONTROL]
+    worth = {name: compare("ones", "no pooling", runs[name], PRIMARY[0]) for name in SETS}
+    return TEXT.format(
+        answer=ANSWER,
+        verdicts="; ".join(f"{name}: **{answer}**" for name, answer in answers.items()),
+        steps=RECIPE.steps,
+        scenes=RECIPE.batch_scenes,
+        margin=MARGIN,
+        control=_comparisons([("control", each) for each in control]),
+        primary=_comparisons(primary, p, equivalent),
+        worth=_worth(worth, windows),
+        secondary=_secondary(runs),
+        faithful=_comparisons(
+            [
+                ("corridors", compare(*pair, runs["corridors"], PRIMARY[0]))
+                for pair in FAITHFUL
+                if _seeds(runs["corridors"], pair[0]) > 1
+            ]
+        ),
+        errors=_errors(runs),
+    )
+
+
+def _comparisons(
+    found: list[tuple[str, Comparison]],
+    p: np.ndarray | None = None,
+    equivalent: np.ndarray | None = None,
+) -> str:
+    """A row a comparison; p values are adjusted ones, if they are given."""
+    rows = []
+    for index, (name, each) in enumerate(found):
+        rows.append(
+            [
+                name,
+                f"{each.arm} − {each.reference}",
+                _plain(each.metric),
+                str(each.seeds),
+                f"{each.percent:+.1f} % ({each.low:+.1f} to {each.high:+.1f})",
+                f"{each.wide_low:+.1f} to {each.wide_high:+.1f}",
+                _p(each.p if p is None else p[index]),
+                _p(each.p_equivalent if equivalent is None else equivalent[index]),
+                f"{each.reach:.1f} %",
+            ]
+        )
+    head = ["data", "arms", "error", "seeds", "difference (95 %)", "other scenes, too"]
+    head += ["p, different", f"p, within {MARGIN:g} %", "in reach"]
+    return markdown_table(head, rows, right=5).replace("-0.0", "−0.0")
+
+
+def _worth(worth: Mapping[str, Comparison], windows: Mapping[str, tuple[Windows, Windows]]) -> str:
+    rows = []
+    for name, each in worth.items():
+        learned, tested = windows[name]
+        between, in_time = spread(tested, "quantised")
+        constant = spread(tested, "cnd")
+        rows.append(
+            [
+                name,
+                f"{learned.scenes} / {tested.scenes}",
+                f"{100 * interacting_share(tested):.0f} %",
+                f"{between:.2f} / {in_time:.2f}",
+                f"{constant[0]:.2f} / {constant[1]:.2f}",
+                f"{each.percent:+.1f} % ({each.low:+.1f} to {each.high:+.1f})",
+            ]
+        )
+    head = ["data", "scenes learned / tested", "interacting", "`quantised`: pairs / time"]
+    return markdown_table([*head, "`cnd`: pairs / time", "pooling − none"], rows, right=5)
+
+
+def _secondary(runs: Runs) -> str:
+    rows = []
+    for name in ("corridors", "zara2"):
+        for metric in SECONDARY:
+            cells = []
+            for pair in REAL:
+                each = compare(*pair, runs[name], metric)
+                cells.append(f"{each.percent:+.1f} % ({each.low:+.1f} to {each.high:+.1f})")
+            rows.append([name, _plain(metric), *cells])
+    return markdown_table(["data", "error", *(f"{a} − {b}" for a, b in REAL)], rows, right=2)
+
+
+def _errors(runs: Runs) -> str:
+    rows = []
+    for arm, how in ARMS.items():
+        cells = []
+        for name in SETS:
+            seeds = list(runs[name].get(arm, {}).values())
+            cells.append(_mean(seeds, PRIMARY[0]) if seeds else "")
+        rows.append([arm, how.about, *cells])
+    return markdown_table(["arm", "", *SETS], rows, right=len(SETS))
+
+
+def _mean(seeds: list[ErrorsByScene], metric: str) -> str:
+    values = [run.mean[run.metrics.index(metric)] for run in seeds]
+    spread = f" ± {np.std(values, ddof=1):.3f}" if len(values) > 1 else ""
+    return f"{np.mean(values):.3f}{spread} ({len(values)})"
+
+
+def _plain(metric: str) -> str:
+    group, name = metric.split(" ")
+    words = {"central_ade": "k = 1 ADE", "excess_collisions": "excess collisions"}
+    name = words.get(name, name.replace("_", " ").replace("ade", "ADE").replace("fde", "FDE"))
+    return f"{name}, {group}"
+
+
+def _p(value: float) -> str:
+    return "< .001" if value < 0.001 else f"{value:.3f}".removeprefix("0")
