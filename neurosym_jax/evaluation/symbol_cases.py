@@ -16,13 +16,15 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.forecasting.batched import draw_noises, forecast_batches
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.symbolic.cnd import Rule, adjacency, states
+from neurosym_jax.symbolic.cnd import adjacency, states
 from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of
 
 __all__ = ["Answer", "Cases", "make_cases", "markov_chain", "model_answer", "persistence"]
 
 PART = 2048
 """Pairs looked at in one call, so that one program serves all."""
+NEAR = 8.0
+"""Metres up to which two people are near each other."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,7 +94,6 @@ def make_cases(
     settings: SymbolSettings,
     events: tuple[str, ...],
     *,
-    reach: float = 8.0,
     most: int = 20_000,
 ) -> Cases:
     """Ordered pairs that are near each other when they are observed last.
@@ -103,17 +104,16 @@ def make_cases(
         pred_len: steps that follow.
         settings: of the symbols.
         events: names.
-        reach: metres up to which two people are near.
         most: pairs, about; if there are more, a window starts at every n-th step only.
 
     Raises:
         InputError: for recordings without a single window.
     """
     windows = cut_windows(recordings, obs_len, pred_len)
-    rows, scene = _near(windows, reach)
+    rows, scene = _near(windows)
     if len(rows) > most:
         windows = cut_windows(recordings, obs_len, pred_len, skip=-(-len(rows) // most))
-        rows, scene = _near(windows, reach)
+        rows, scene = _near(windows)
     position = windows.position[None]
     seen, before = _observed(settings, events, position[:, :, :obs_len], rows)
     then, after = _observed(settings, events, position[:, :, obs_len - 1 :], rows)
@@ -151,7 +151,7 @@ def persistence(cases: Cases) -> Answer:
     return Answer(stays[None], cases.before[None])
 
 
-def markov_chain(cases: Cases, *, rule: Rule = "dominance", within: bool = False) -> Answer:
+def markov_chain(cases: Cases, *, within: bool = False) -> Answer:
     """A chain over states, learned from cases and smoothed by the neighbourhood diagram.
 
     After Hanheide, Peters and Bellotto, "Analysis of human-robot spatial behaviour applying a
@@ -162,14 +162,13 @@ def markov_chain(cases: Cases, *, rule: Rule = "dominance", within: bool = False
 
     Args:
         cases: of training scenes.
-        rule: of the diagram.
         within: count no transition that is not of the diagram, which sampled states often skip.
     """
     size, steps = len(states(cases.settings.calculus)), cases.states.shape[1]
     chain = np.concatenate([cases.start[:, None], cases.states], axis=1)
     keys = chain[:, :-1] * size + chain[:, 1:]
     counts = np.bincount(keys.ravel(), minlength=size * size).reshape(size, size).astype(float)
-    allowed = adjacency(cases.settings.calculus, rule) | np.eye(size, dtype=bool)
+    allowed = adjacency(cases.settings.calculus) | np.eye(size, dtype=bool)
     counts *= allowed if within else 1
     counts += allowed / allowed.sum(axis=1, keepdims=True) + 0.01 / size
     once = counts / counts.sum(axis=1, keepdims=True)
@@ -184,13 +183,13 @@ def markov_chain(cases: Cases, *, rule: Rule = "dominance", within: bool = False
     return Answer(table=np.stack(powers), event_table=(happened + share) / (seen + 1))
 
 
-def _near(windows: Windows, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """[P, 2] agent windows, and [P] scenes, of ordered pairs within `reach` metres."""
+def _near(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+    """[P, 2] agent windows, and [P] scenes, of ordered pairs that are near each other."""
     rows, scenes = [], []
     last = windows.position[:, windows.obs_len - 1]
     for scene, (first, end) in enumerate(zip(windows.bounds, windows.bounds[1:])):
         there = last[first:end]
-        near = np.linalg.norm(there[:, None] - there, axis=-1) <= reach
+        near = np.linalg.norm(there[:, None] - there, axis=-1) <= NEAR
         np.fill_diagonal(near, val=False)
         rows.append(first + np.argwhere(near))
         scenes.append(np.full(len(rows[-1]), scene))

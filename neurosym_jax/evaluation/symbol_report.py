@@ -13,16 +13,13 @@ REFERENCE = "Markov chain"
 """What the first forecaster is compared with."""
 
 
-def format_symbol_scores(
-    scores: Mapping[str, SymbolScores], steps: int, period: float, score: str = "log"
-) -> str:
-    """A line for states and symbols at the first, middle and last step, and for each event.
+def format_symbol_scores(scores: Mapping[str, SymbolScores], steps: int, period: float) -> str:
+    """Log scores, less is better: a line for each state, symbol and event, at up to three steps.
 
     Args:
         scores: by the forecaster's name; the first is compared with the Markov chain.
         steps: that were forecast.
         period: seconds between them.
-        score: `log` or `brier`; of both, less is better.
     """
     first = next(iter(scores))
     compared = paired_difference([scores[first].errors], [scores[REFERENCE].errors])
@@ -40,7 +37,7 @@ def format_symbol_scores(
         for *cells, words in zip(*names, less)
     ]
     for question in asked:
-        metric = question.metric(score)
+        metric = question.metric("log")
         if metric not in means[first]:
             continue
         when = f" at {period * question.step:.1f} s" if question.step else ""

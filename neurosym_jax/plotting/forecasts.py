@@ -3,7 +3,7 @@
 Observed paths are dark, what happened is a broad green band, a model has its own colour and line.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,17 +11,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import ArrayLike
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.plotting.palette import INK, TRUTH, line_styles, model_colours
 from neurosym_jax.plotting.style import (
     COLUMN,
-    SMALL,
     WIDTH,
     add_legend,
     checked,
     dress,
     new_figure,
-    plain,
 )
 
 __all__ = ["best_sample", "draw_paths", "draw_scene", "plot_fan", "plot_forecasts"]
@@ -32,7 +29,6 @@ def plot_forecasts(
     truth: ArrayLike | None,
     forecasts: Mapping[str, ArrayLike],
     title: str | None = None,
-    origin_labels: Sequence[str] | None = None,
 ) -> Figure:
     """One scene with the forecasts of several models.
 
@@ -41,7 +37,6 @@ def plot_forecasts(
         truth: [N, pred_len, 2] metres, or None where it is not known.
         forecasts: [N, pred_len, 2] metres by the model's name; may be empty.
         title: of the figure.
-        origin_labels: N short texts, such as ids, set beside the agents' first positions.
 
     Raises:
         InputError: for a wrong shape, or a coordinate that is not finite.
@@ -51,21 +46,11 @@ def plot_forecasts(
     for name, forecast in forecasts.items():
         paths[name] = checked(f"forecast {name!r}", forecast, shape)
         shape = paths[name].shape
-    if origin_labels is not None and len(origin_labels) != len(past):
-        raise InputError(f"origin_labels has {len(origin_labels)} texts for {len(past)} agents")
-
     figure, axes, weight = _map(title, past, future, *paths.values())
     colours, styles = model_colours(paths), line_styles(paths)
     for name, path in paths.items():
         look = {"color": colours[name], "linestyle": styles[name], "zorder": 4, "label": name}
         draw_paths(axes, path, past, linewidth=1.5 * weight, **look)
-    # Behind an agent's back its own trajectory does not run through the text; above, if it stands.
-    behind = past[:, 0] - past[:, -1] + [0, 0.02]
-    behind *= 8 / (np.linalg.norm(behind, axis=1, keepdims=True) + 1e-9)
-    place = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 6}
-    for agent, text in enumerate(origin_labels or ()):
-        look = {"color": INK, "fontsize": SMALL * weight}
-        axes.annotate(plain(text), past[agent, 0], behind[agent], **place, **look)
     add_legend(figure, axes)
     return figure
 
@@ -75,7 +60,6 @@ def plot_fan(
     truth: ArrayLike | None,
     samples: ArrayLike,
     title: str | None = None,
-    model: str | None = None,
 ) -> Figure:
     """One scene with k sampled futures, of which the nearest to the truth is emphasised.
 
@@ -85,8 +69,7 @@ def plot_fan(
         observed: [N, obs_len, 2] metres.
         truth: [N, pred_len, 2] metres, or None where it is not known.
         samples: [k, N, pred_len, 2] metres.
-        title: of the figure.
-        model: whose samples they are, by which they are coloured; else the title says it.
+        title: of the figure; what model it names they are coloured by.
 
     Raises:
         InputError: for a wrong shape, or a coordinate that is not finite.
@@ -101,7 +84,7 @@ def plot_fan(
         best = fan[errors.argmin()]
 
     figure, axes, weight = _map(title, past, future, fan)
-    (colour,) = model_colours([model or title or ""]).values()
+    (colour,) = model_colours([title or ""]).values()
     look = {"color": colour, "linewidth": 0.5 * weight, "alpha": 0.4, "zorder": 2.5}
     for sample in fan:
         draw_paths(axes, sample, past, label="samples", **look)

@@ -139,14 +139,14 @@ def append_text(path: Path | str, text: str) -> None:
         file.write(text)
 
 
-def write_json(path: Path | str, data: Any, *, indent: int | None = 1) -> None:
+def write_json(path: Path | str, data: Any) -> None:
     """Write `data` as JSON that every reader takes: a number that is none is an error of ours.
 
     Raises:
         InputError: naming `path`, where it cannot be written.
         ValueError: for a NaN or an infinity in `data`; nothing is written.
     """
-    write_text(path, json.dumps(data, indent=indent, allow_nan=False) + "\n")
+    write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
 def refuse_unwritable(path: Path | str) -> None:

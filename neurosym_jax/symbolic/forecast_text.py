@@ -77,14 +77,14 @@ def forecast_pairs(
     )
 
 
-def forecast_rows(found: PairForecasts, at_least: float = 0.01) -> list[dict[str, Any]]:
-    """A row for every ordered pair; states less probable than `at_least` are left out."""
+def forecast_rows(found: PairForecasts) -> list[dict[str, Any]]:
+    """A row for every ordered pair; states less probable than 1 % are left out."""
     texts, symbols = found.texts, CALCULI[found.calculus].symbols
     rows = []
     for i, j in found.pairs:
         steps = []
         for step, shares in enumerate(found.states[i, j]):
-            order = [int(row) for row in np.argsort(-shares) if shares[row] >= at_least]
+            order = [int(row) for row in np.argsort(-shares) if shares[row] >= 0.01]
             each = zip(symbols, found.symbols[i, j, step])
             steps.append(
                 {

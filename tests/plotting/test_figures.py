@@ -95,7 +95,7 @@ def test_a_model_has_one_colour_in_every_figure():
             plot_forecasts(observed, truth, dict.fromkeys(MODELS, truth)),
             plot_horizon_errors({model: [0.1, 0.2] for model in MODELS}),
             plot_horizon_errors({name: [0.3]}),
-            plot_fan(observed, truth, truth[None], "fan", name),
+            plot_fan(observed, truth, truth[None], name),
         ]
         found = {
             line.get_color()
@@ -137,17 +137,6 @@ def test_forecasts_without_truth_and_far_from_the_origin():
     assert not labelled(figure.axes[0], "ground truth")
     assert_neat(figure, [observed, truth])
     assert "e" not in "".join(t.get_text() for t in figure.axes[0].get_xticklabels())
-
-
-def test_origin_labels_stand_beside_the_first_positions():
-    observed, truth = walk(4)
-    observed[0] = observed[0, 0]
-    axes = plot_forecasts(observed, truth, {}, origin_labels=["a", "b", "$", "d$1$"]).axes[0]
-    assert len(axes.texts) == 4
-    np.testing.assert_array_equal([text.xy for text in axes.texts], observed[:, 0])
-    offsets = np.array([text.get_position() for text in axes.texts])
-    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), 8, rtol=1e-5)
-    np.testing.assert_allclose(offsets[0], [0, 8], atol=1e-4)
 
 
 def test_many_long_names_stay_in_the_figure():
@@ -273,7 +262,6 @@ GOOD, NEXT = walk(2)
         (lambda: plot_forecasts(GOOD, NEXT, {"m": NEXT[:, :3]}), r"forecast 'm' must be \[2, 8"),
         (lambda: plot_forecasts(GOOD, None, {"a": NEXT, "b": NEXT[:, 1:]}), "forecast 'b'"),
         (lambda: plot_forecasts(GOOD, NEXT, {"m": NEXT * np.nan}), "'m' holds .* not finite"),
-        (lambda: plot_forecasts(GOOD, NEXT, {}, origin_labels=["1"]), "1 texts for 2 agents"),
         (lambda: plot_fan(GOOD, NEXT, NEXT), "samples must be"),
         (lambda: plot_fan(GOOD, NEXT, np.zeros((0, *NEXT.shape))), "not empty"),
         (lambda: plot_horizon_errors({}), "at least one model"),
