@@ -124,26 +124,13 @@ def run(options: Options) -> list[Row]:
     start = time.perf_counter()
     source, models = _models(options)
     chosen = bool(options.checkpoint) or options.all
-    protocol = PROTOCOLS[options.protocol]
-    plan = make_plan(
-        source,
-        models,
-        dataset=options.dataset,
-        test_on=options.test_on,
-        obs_len=protocol.steps("obs_len", options.obs_len),
-        pred_len=protocol.steps("pred_len", options.pred_len),
-        baselines=_baselines(options),
-        # Of a folder, or of what ships, those that fit what is asked for.
-        as_far_as_they_fit=len(models) != len(options.checkpoint),
-    )
-    least = protocol.min_agents if options.min_agents is None else options.min_agents
-    tests = load_tests(source, plan, test_on=options.test_on, min_agents=least, start=start)
+    tests = _tests(options, source, models, start)
     settings = Settings(
         options.samples,
         options.seed,
         metric_names(options.metrics, costly=options.collisions),
         options.seeds,
-        protocol.scenes_alike,
+        PROTOCOLS[options.protocol].scenes_alike,
     )
     whole = chosen or bool(options.metrics)
     rows, results = evaluate_into(
@@ -205,17 +192,34 @@ def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
     source = open_source(options.data, options.dataset, own, options.read, options.period)
     if options.checkpoint or options.all:
         return source, models
+    return source, one_of_each(source, models, dataset=options.dataset, **_lengths(options))
+
+
+def _lengths(options: Options) -> dict[str, int | None]:
+    """The steps that are asked for, or that the protocol fixes."""
     protocol = PROTOCOLS[options.protocol]
-    lengths = {
-        name: protocol.steps(name, getattr(options, name)) for name in ("obs_len", "pred_len")
-    }
-    return source, one_of_each(source, models, dataset=options.dataset, **lengths)
+    return {name: protocol.steps(name, getattr(options, name)) for name in ("obs_len", "pred_len")}
 
 
-def _baselines(options: Options) -> tuple[str, ...]:
-    if options.baselines is not None:
-        return options.baselines
-    return BASELINES if options.checkpoint or options.all else BASELINES[:1]
+def _tests(
+    options: Options, source: Source, models: list[tuple[str, Model]], start: float
+) -> list[Test]:
+    """What is tested, read; the first test set's seconds count from `start`."""
+    baselines, least = options.baselines, options.min_agents
+    if baselines is None:
+        baselines = BASELINES if options.checkpoint or options.all else BASELINES[:1]
+    plan = make_plan(
+        source,
+        models,
+        dataset=options.dataset,
+        test_on=options.test_on,
+        **_lengths(options),
+        baselines=baselines,
+        # Of a folder, or of what ships, those that fit what is asked for.
+        as_far_as_they_fit=len(models) != len(options.checkpoint),
+    )
+    least = PROTOCOLS[options.protocol].min_agents if least is None else least
+    return load_tests(source, plan, test_on=options.test_on, min_agents=least, start=start)
 
 
 def _provenance(tests: list[Test]) -> dict[str, Any]:

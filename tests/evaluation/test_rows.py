@@ -2,10 +2,8 @@
 
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -101,23 +99,38 @@ def test_rows_of_another_evaluation_are_not_gone_on_with(tests, tmp_path, capsys
     assert f"replacing the report in {path}" in capsys.readouterr().out
 
 
+STOP = """
+import os, signal
+import numpy as np
+from neurosym_jax.evaluation import Metric, register_metric
+
+def stop(forecast, future, valid):
+    if os.path.exists(os.environ.get("STOP_AFTER", "")):
+        os.kill(os.getpid(), signal.SIGINT)
+    return np.zeros(len(valid)), valid.sum(axis=1)
+
+register_metric(Metric("stop", "stop", "m", stop, on_host=True))
+"""
+"""Ctrl-C, once a row is written."""
+
+
 @pytest.mark.slow
 def test_ctrl_c_is_one_line_and_resume_goes_on(tmp_path):
-    path = tmp_path / "rows.json"
+    path, plugin = tmp_path / "rows.json", tmp_path / "stop.py"
+    plugin.write_text(STOP)
     command = [sys.executable, ROOT / "evaluate.py", "--no-figures", "--json", path]
-    command += ["--samples", 2, "--scene", "cross-path", "--resume"]
+    command += ["--samples", 2, "--scene", "cross-path", "--resume", "--plugin", plugin]
     command += ["--baselines", "constant_velocity", "constant_velocity_sampled"]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(list(map(str, command)), env=os.environ, **pipes) as running:
-        while not path.exists() and running.poll() is None:
-            time.sleep(0.002)
-        running.send_signal(signal.SIGINT)
-        out, err = running.communicate(timeout=100)
-    assert (running.returncode, out) == (130, "")
-    assert [line for line in err.splitlines() if not line.startswith("[")] == ["interrupted"]
+    command = list(map(str, command))
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 100}
+    env = {**os.environ, "STOP_AFTER": str(path)}
+    stopped = subprocess.run(command, env=env, check=False, **pipes)
+    assert (stopped.returncode, stopped.stdout) == (130, "")
+    lines = stopped.stderr.splitlines()
+    assert [line for line in lines if not line.startswith("[")] == ["interrupted"]
     begun = read(path)
     assert not begun["complete"]
-    done = subprocess.run(list(map(str, command)), env=os.environ, check=True, **pipes)
+    done = subprocess.run(command, check=True, **pipes)
     found = read(path)
     assert found["complete"]
     assert found["rows"][: len(begun["rows"])] == begun["rows"]
