@@ -27,16 +27,19 @@ from studies.weighting.data import load
 from studies.weighting.scores import score
 from studies.weighting.training import train
 
+FIRST = 6
+"""Seeds of the arms that answer the questions, before any of the others."""
+
 
 def runs() -> list[tuple[int, str, str]]:
-    """(Seed, set, arm) of every run: seed after seed, so that what is there can be compared."""
-    return [
+    """(Seed, set, arm) of every run in their order: see the protocol."""
+    every = [
         (seed, name, arm)
-        for seed in range(max(max(arm.seeds.values()) for arm in ARMS.values()))
         for name in SETS
         for arm, how in ARMS.items()
-        if seed < how.seeds[name]
+        for seed in range(how.seeds[name])
     ]
+    return sorted(every, key=lambda run: run[0] + (0 if ARMS[run[2]].first else FIRST))
 
 
 def path_of(out: Path, seed: int, name: str, arm: str) -> Path:

@@ -11,7 +11,7 @@ import numpy as np
 
 from neurosym_jax.evaluation.paired import ErrorsByScene, holm, paired_difference
 
-__all__ = ["MARGIN", "Comparison", "adjusted", "compare", "verdict"]
+__all__ = ["LEVEL", "MARGIN", "Comparison", "adjusted", "compare", "verdict"]
 
 MARGIN = 2.0
 """Per cent: the smallest difference of interest."""
@@ -91,14 +91,17 @@ def adjusted(comparisons: Sequence[Comparison]) -> tuple[np.ndarray, np.ndarray]
     )
 
 
-def verdict(comparisons: Sequence[Comparison], p: np.ndarray, equivalent: np.ndarray) -> str:
+def verdict(
+    comparisons: Sequence[Comparison], p: np.ndarray, equivalent: np.ndarray, seen: bool
+) -> str:
     """What the primary comparisons of one data set say: `yes`, `no`, or `open`.
 
     Args:
         comparisons: `quantised` less each of its references, by joint ADE.
         p: adjusted, of no difference.
         equivalent: adjusted, of a difference of `MARGIN` or more.
+        seen: whether the control was; if not, nothing is a no.
     """
     if all(each.percent < 0 for each in comparisons) and (p < LEVEL).all():
         return "yes"
-    return "no" if (equivalent < LEVEL).all() else "open"
+    return "no" if seen and (equivalent < LEVEL).all() else "open"

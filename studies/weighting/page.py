@@ -14,7 +14,7 @@ from neurosym_jax.plotting.style import save_figure
 from neurosym_jax.runtime.files import write_text
 from studies.weighting.alpha import interacting_share, spread
 from studies.weighting.arms import ARMS, RECIPE, SETS
-from studies.weighting.comparison import MARGIN, Comparison, adjusted, compare, verdict
+from studies.weighting.comparison import LEVEL, MARGIN, Comparison, adjusted, compare, verdict
 from studies.weighting.figure import forest
 from studies.weighting.text import ANSWER, TEXT, TITLES
 
@@ -73,6 +73,8 @@ def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str
         for metric in PRIMARY
         for pair in REAL
     ]
+    control = [compare(*pair, runs["control"], PRIMARY[0]) for pair in CONTROL]
+    seen = all(each.percent < 0 and each.p < LEVEL for each in control[:2])
     p, equivalent = adjusted([each for _, each in primary])
     answers = {}
     for name in ("corridors", "zara2"):
@@ -81,8 +83,7 @@ def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str
             for index, (of, each) in enumerate(primary)
             if of == name and each.metric == PRIMARY[0]
         ]
-        answers[name] = verdict([primary[index][1] for index in at], p[at], equivalent[at])
-    control = [compare(*pair, runs["control"], PRIMARY[0]) for pair in CONTROL]
+        answers[name] = verdict([primary[index][1] for index in at], p[at], equivalent[at], seen)
     worth = {name: compare("ones", "no pooling", runs[name], PRIMARY[0]) for name in SETS}
     return TEXT.format(
         answer=ANSWER,

@@ -84,4 +84,5 @@ def test_verdicts(mean, scale, answer):
     assert [each.seeds for each in found] == [12, 11]
     assert found[0].percent == pytest.approx(100 * (mean / 0.5 - 1), abs=300 * scale)
     assert found[0].low < found[0].percent < found[0].high
-    assert verdict(found, *adjusted(found)) == answer
+    assert verdict(found, *adjusted(found), seen=True) == answer
+    assert verdict(found, *adjusted(found), seen=False) == answer.replace("no", "open")
