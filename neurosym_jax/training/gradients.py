@@ -96,15 +96,27 @@ def generator_gradient(
             _take_samples(noise, criterion_errors(config, scene, future).argmin(axis=-1))
             for noise, scene, future in zip(noises, groups, trials)
         ]
-        if config.adversarial_weight:
-            # The discriminator scores the last sample, as SGAN's generator step does.
-            chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
+        # The discriminator scores the last sample, as SGAN's generator step does.
+        scored = 1 if config.adversarial_weight else 0
+        best, drawn = len(chosen[0]), min(config.samples, len(noises[0]))
+        if drawn or scored:
+            chosen = [
+                jnp.concatenate([some, all_[:drawn], all_[len(all_) - scored :]])
+                for some, all_ in zip(chosen, noises)
+            ]
         futures = decode(params, contexts, groups, chosen)
         scores = None
-        if config.adversarial_weight:
+        if scored:
             last = [future[-1] for future in futures]
             scores = _slots(_scores(config, discriminator, groups, last))
-        total, terms = generator_loss(config, Forecasts(groups, futures, scores, label))
+        made = Forecasts(
+            groups,
+            [future[:best] for future in futures],
+            [future[best : best + drawn] for future in futures],
+            scores,
+            label,
+        )
+        total, terms = generator_loss(config, made)
         return total, {f"g_{name}": value for name, value in terms.items()} | {"g_loss": total}
 
     gradient, metrics = jax.grad(loss, has_aux=True)(generator)

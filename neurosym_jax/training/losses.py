@@ -12,11 +12,14 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
-from neurosym_jax.checks import Interval, NotNegative
+from neurosym_jax.checks import Count, Interval, NotNegative, Positive
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import AnyArray, Scene
+from neurosym_jax.symbolic.qtc import qtc_c1
+from neurosym_jax.symbolic.soft import soft_qtc_c1
 from neurosym_jax.training.groups import Groups
 
 __all__ = [
@@ -34,6 +37,7 @@ __all__ = [
     "refuse_no_loss",
     "safe_norm",
     "squared_displacement_errors",
+    "symbol_log_scores",
 ]
 
 
@@ -54,6 +58,21 @@ class LossOptions:
     label_real: Interval = (0.7, 1.2)
     """Range of the smoothed label of real trajectories, one draw a step."""
     label_fake: Interval = (0.0, 0.3)
+    symbols_weight: NotNegative = 0.0
+    """Of the log score of the symbols to come."""
+    symbols_samples: Count = 4
+    """Forecasts whose soft symbols make a probability."""
+    symbols_temperature: Positive = 0.05
+    """Metres a step, of the soft symbols."""
+    symbols_threshold: NotNegative = 0.05
+    """Metres a step up to which a movement is none."""
+    symbols_reach: Positive = 8.0
+    """Metres; pairs who are further apart when they are observed last are left out."""
+
+    @property
+    def samples(self) -> int:
+        """Forecasts besides the best that the loss looks at."""
+        return self.symbols_samples if self.symbols_weight else 0
 
 
 class Criterion(NamedTuple):
@@ -73,8 +92,10 @@ class Forecasts(NamedTuple):
 
     groups: Groups
     futures: list[Array]
-    """Of each group [C, scenes, slots, pred_len, 2] metres, the best by each row of the criterion;
-    with a discriminator one more, the one that it scores."""
+    """Of each group [C, scenes, slots, pred_len, 2] metres, the best by each row of the criterion.
+    """
+    samples: list[Array]
+    """Of each group [m, scenes, slots, pred_len, 2] metres, forecasts that nothing has chosen."""
     scores: Array | None
     """[A] logits of all slots; None without a discriminator."""
     label: Array | float
@@ -162,8 +183,7 @@ def variety_loss(options: LossOptions, made: Forecasts) -> Array:
     total = jnp.zeros(())
     by_agents = options.weigh_scenes == "by_agents"
     for scene, future in zip(made.groups, made.futures):
-        errors = criterion_errors(options, scene, future)[:, :, : len(weights)]
-        best = jnp.diagonal(errors, axis1=1, axis2=2)
+        best = jnp.diagonal(criterion_errors(options, scene, future), axis1=1, axis2=2)
         value = functools.reduce(operator.add, [w * best[:, c] for c, w in enumerate(weights)])
         agents = scene.valid.sum(axis=1).astype(value.dtype)
         share = agents if by_agents else (agents > 0).astype(value.dtype)
@@ -189,9 +209,57 @@ def _deceive(_: LossOptions, made: Forecasts) -> Array:
     return adversarial_loss(made.scores, made.label, valid)
 
 
+def symbol_log_scores(options: LossOptions, scene: Scene, samples: AnyArray) -> tuple[Array, Array]:
+    """How improbable the symbols to come are by m forecasts of one scene.
+
+    The probability of a symbol is the mean of its soft ones over the forecasts and of one uniform
+    vote more, as `symbolic.forecast` smooths counts.
+
+    Args:
+        options: `symbols_...`.
+        scene: with its future.
+        samples: [m, N, pred_len, 2] metres relative to the scene's origin.
+
+    Returns:
+        [P, pred_len, 4] nats of q1 to q4 (QTC_C1) of all P = N (N - 1) / 2 pairs, and [P] bool:
+        which of them are both valid and within reach.
+    """
+    first, second = np.triu_indices(scene.observed.shape[0], 1)
+    last = jnp.asarray(scene.observed)[:, -1:]
+    start = jnp.broadcast_to(last, (len(samples), *last.shape))
+    paths = jnp.concatenate([start, samples], axis=2)
+    truth = jnp.concatenate([last, scene.known_future], axis=1)
+    step = options.symbols_threshold
+    thresholds = {"quantisation_factor": step, "side_quantisation_factor": step}
+    soft = soft_qtc_c1(
+        paths[:, first],
+        paths[:, second],
+        temperature=options.symbols_temperature,
+        **thresholds,
+    )
+    found = qtc_c1(truth[first], truth[second], **thresholds)
+    forecast = jnp.take_along_axis(soft.sum(axis=0), found[..., None] + 1, axis=-1)[..., 0]
+    probability = (forecast + 1 / 3) / (len(samples) + 1)
+    near = safe_norm(last[first, 0] - last[second, 0]) <= options.symbols_reach
+    return -jnp.log(probability), scene.valid[first] & scene.valid[second] & near
+
+
+def _symbols(options: LossOptions, made: Forecasts) -> Array:
+    """[] nats: the mean log score of a symbol, of all pairs of a batch."""
+    total = count = jnp.zeros(())
+    of_scenes = jax.vmap(functools.partial(symbol_log_scores, options), in_axes=(0, 1))
+    for scene, samples in zip(made.groups, made.samples):
+        if samples.shape[2] > 1:
+            scores, there = of_scenes(jax.tree.map(jnp.asarray, scene), samples)
+            total = total + jnp.where(there[..., None, None], scores, 0).sum()
+            count = count + there.sum() * scores[0, 0].size
+    return total / jnp.maximum(count, 1)
+
+
 TERMS = {
     "variety": Term("l2_weight", variety_loss),
     "adversarial": Term("adversarial_weight", _deceive),
+    "symbols": Term("symbols_weight", _symbols),
 }
 
 

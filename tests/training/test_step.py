@@ -12,10 +12,12 @@ from neurosym_jax.training.rollout import decode_groups, draw_group_noise, encod
 from neurosym_jax.training.step import clip_gradient, initial_state, train_step, update_generator
 from neurosym_jax.training.stream import SceneStream
 
-ADVERSARIAL = {
+ALL_TERMS = {
     "adversarial_weight": 1.0,
     "criterion": "squared_displacement",
     "discriminator": DiscriminatorConfig("global", 4, 6, 8, 8),
+    "symbols_weight": 0.1,
+    "symbols_samples": 2,
 }
 
 
@@ -114,7 +116,7 @@ def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
     )
     generator = dataclasses.replace(run.generator, pooling="as_described", weighting="cnd")
     config, state, noises = start(
-        dataclasses.replace(run, generator=generator), groups, **ADVERSARIAL
+        dataclasses.replace(run, generator=generator), groups, **ALL_TERMS
     )
     fakes = draw_group_noise(generator, groups, jax.random.key(2), 1)
     both = state.generator, state.discriminator
@@ -131,7 +133,7 @@ def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
 
 
 def test_padding_and_empty_scenes_change_no_gradient(run, groups):
-    config, state, noises = start(run, groups, **ADVERSARIAL)
+    config, state, noises = start(run, groups, **ALL_TERMS)
     groups, noises = (groups[0], groups[2]), [noises[0], noises[2]]
     wild = tuple(
         scene.replace(
@@ -219,7 +221,7 @@ def test_clipping(run, groups):
 
 @pytest.mark.slow
 def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, windows):
-    config = dataclasses.replace(run.recipe, schedule="constant", **ADVERSARIAL)
+    config = dataclasses.replace(run.recipe, schedule="constant", **ALL_TERMS)
     batches = SceneStream(windows, 6, seed=0).steps(0, 2)
     example = jax.tree.map(lambda leaf: leaf[0, 0], batches[0])
     initial = jax.jit(initial_state, static_argnums=(0, 1))
@@ -229,7 +231,8 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, windo
     with jax.debug_key_reuse(True):
         step = jax.jit(lambda key: train_step(run.generator, config, state, batches, key))
         (one, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
-    assert set(metrics) == {"d_loss", "g_loss", "g_variety", "g_adversarial", "g_gradient_norm"}
+    terms = {"g_variety", "g_adversarial", "g_symbols"}
+    assert set(metrics) == {"d_loss", "g_loss", "g_gradient_norm", *terms}
     jax.tree.map(np.testing.assert_array_equal, one, again)
     assert int(one.step) == 1
     for name in ("generator", "discriminator"):
