@@ -1,4 +1,4 @@
-"""Train and test many models, a process each."""
+"""Train and test many models."""
 
 import dataclasses
 from pathlib import Path
@@ -14,7 +14,7 @@ __all__ = ["Options", "run"]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Train every model on every dataset with every seed, a process each; test them; one table."""
+    """Train every model on every dataset with every seed, test them, and make one table."""
 
     models: tuple[str, ...] = ("sgan", "neurosym")
     """sgan, neurosym (as described), neurosym_ros, or any other pooling's name."""

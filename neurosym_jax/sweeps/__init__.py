@@ -1,4 +1,4 @@
-"""Many trainings compared: a process each, errors scene by scene, intervals."""
+"""Many trainings compared: processes, errors scene by scene, intervals."""
 
 import lazy_loader
 

@@ -1,26 +1,65 @@
-"""A run of a sweep as a process: `neurosym train` with one thread, its words in a log."""
+"""Runs of a sweep in processes of one thread each, their words in a log of each run.
 
+A process trains one run after another (`worker`): it has its modules imported and the programs of a
+network compiled when the next seed begins. Where one dies, the run that it was at has failed, and
+another process goes on with the rest.
+"""
+
+import contextlib
+import json
 import os
+import selectors
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
 
 from neurosym_jax.sweeps.runs import SweepRun
 
-__all__ = ["last_line", "start"]
+__all__ = ["last_line", "start", "train_runs"]
 
 LOG = "train.log"
+ONE_THREAD = {"NPROC": "1"}
+"""As fast at these sizes, and the same bits wherever it runs."""
+
+
+def train_runs(runs: Sequence[SweepRun], at_once: int) -> Iterator[tuple[SweepRun, bool]]:
+    """Each run when it ends, with whether it came to its end; `at_once` are trained at a time."""
+    waiting = list(reversed(runs))
+    working = {_worker(): waiting.pop() for _ in range(min(at_once, len(waiting)))}
+    with selectors.DefaultSelector() as answers:
+        try:
+            for worker, run in working.items():
+                answers.register(worker.stdout, selectors.EVENT_READ, worker)
+                _send(worker, run)
+            while working:
+                for key, _ in answers.select():
+                    worker = key.data
+                    answer, run = worker.stdout.readline(), working.pop(worker)
+                    if not answer:
+                        _log(run, f"its process ended with status {worker.wait()}")
+                        answers.unregister(worker.stdout)
+                        if waiting:
+                            worker = _worker()
+                            answers.register(worker.stdout, selectors.EVENT_READ, worker)
+                    if waiting:
+                        working[worker] = waiting.pop()
+                        _send(worker, working[worker])
+                    yield run, answer == "0\n"
+        finally:
+            for key in list(answers.get_map().values()):
+                key.data.terminate()
+                key.data.communicate()
 
 
 def start(run: SweepRun) -> subprocess.Popen:
-    """Begin the run, or go on with it."""
+    """Begin the run in a process of its own, or go on with it."""
     run.folder.mkdir(parents=True, exist_ok=True)
     with (run.folder / LOG).open("a") as log:
         return subprocess.Popen(
             [sys.executable, "-m", "neurosym_jax", "train", *run.arguments],
             stdout=log,
             stderr=subprocess.STDOUT,
-            # One thread each: as fast at these sizes, and the same bits wherever it runs.
-            env={**os.environ, "NPROC": "1"},
+            env={**os.environ, **ONE_THREAD},
         )
 
 
@@ -28,3 +67,25 @@ def last_line(run: SweepRun) -> str:
     """Of the run's log: why it failed."""
     lines = (run.folder / LOG).read_text().split("\n")
     return next((line for line in reversed(lines) if line.strip()), "no word of why")
+
+
+def _worker() -> subprocess.Popen:
+    return subprocess.Popen(
+        [sys.executable, "-m", "neurosym_jax.sweeps.worker"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **ONE_THREAD},
+    )
+
+
+def _send(worker: subprocess.Popen, run: SweepRun) -> None:
+    run.folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(BrokenPipeError):  # It has died: there will be no answer.
+        worker.stdin.write(json.dumps([str(run.folder / LOG), *run.arguments]) + "\n")
+        worker.stdin.flush()
+
+
+def _log(run: SweepRun, words: str) -> None:
+    with (run.folder / LOG).open("a") as log:
+        log.write(f"{words}\n")

@@ -1,13 +1,11 @@
-"""Many trainings as independent single-threaded processes, then one test of all that they made.
+"""Many trainings in single-threaded processes, then one test of all that they made.
 
 A finished run is never trained again and an interrupted one goes on, so a sweep that is called once
 more does what is left to do.
 """
 
 import math
-import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -26,7 +24,7 @@ from neurosym_jax.runtime.progress import Progress
 from neurosym_jax.runtime.provenance import provenance
 from neurosym_jax.sweeps.errors import write_errors
 from neurosym_jax.sweeps.estimate import seconds_of_run
-from neurosym_jax.sweeps.processes import last_line, start
+from neurosym_jax.sweeps.processes import last_line, train_runs
 from neurosym_jax.sweeps.runs import SweepRun
 from neurosym_jax.sweeps.table import format_sweep
 from neurosym_jax.training.card import write_card
@@ -87,23 +85,12 @@ def plan_of(runs: Sequence[SweepRun], jobs: int | None = None) -> str:
 
 def _train_all(runs: Sequence[SweepRun], at_once: int) -> list[tuple[SweepRun, str]]:
     """Train `runs`, `at_once` at a time; returns those that failed and why."""
-    waiting, failed = list(reversed(runs)), []
-    running: dict[subprocess.Popen, SweepRun] = {}
-    try:
-        with Progress(len(runs), "training", "run") as progress:
-            while waiting or running:
-                while waiting and len(running) < at_once:
-                    run = waiting.pop()
-                    running[start(run)] = run
-                time.sleep(0.1)
-                for process in [process for process in running if process.poll() is not None]:
-                    run = running.pop(process)
-                    progress.step(run.folder.name)
-                    if process.returncode:
-                        failed.append((run, last_line(run)))
-    finally:
-        for process in running:
-            process.terminate()
+    failed = []
+    with Progress(len(runs), "training", "run") as progress:
+        for run, finished in train_runs(runs, at_once):
+            progress.step(run.folder.name)
+            if not finished:
+                failed.append((run, last_line(run)))
     return failed
 
 

@@ -1,3 +1,4 @@
+import dataclasses
 import json
 
 import pytest
@@ -6,7 +7,6 @@ import tyro
 from neurosym_jax.commands._running import with_plugins
 from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError
-from neurosym_jax.sweeps import sweep as module
 from neurosym_jax.sweeps.runs import plan_runs
 from neurosym_jax.sweeps.sweep import plan_of, run_sweep
 from neurosym_jax.sweeps.table import format_sweep
@@ -114,7 +114,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     assert "test on cross-path: this model" in (folder / "model" / "README.md").read_text()
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
 
-    monkeypatch.setattr(module, "start", None)  # Nothing is trained again.
+    monkeypatch.setattr("neurosym_jax.sweeps.processes._worker", None)  # Nothing is trained again.
     assert run_sweep(runs, out) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
     with pytest.raises(InputError, match="was trained with steps = 25, not 50"):
@@ -123,9 +123,14 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_failed_runs_are_told(tmp_path, capsys):
-    runs = plan_runs(tmp_path, **{**CHOSEN, "models": ("sgan",)}, seeds=2)
+    first, *runs = plan_runs(tmp_path, **{**CHOSEN, "models": ("sgan",)}, seeds=3)
+    deadly = tmp_path / "deadly.py"
+    deadly.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGKILL)")
+    first = dataclasses.replace(first, arguments=(*first.arguments, "--plugin", str(deadly)))
     for run in runs:
         run.model.mkdir(parents=True)  # A model of nobody knows what.
     with pytest.raises(InputError, match="no run was finished"):
-        run_sweep(runs, tmp_path, jobs=2)
-    assert capsys.readouterr().err.count("holds a finished model, and nothing is overwritten") == 2
+        run_sweep([first, *runs], tmp_path, jobs=1)
+    told = capsys.readouterr().err
+    assert told.count("its process ended with status -9") == 1
+    assert told.count("holds a finished model, and nothing is overwritten") == 2
