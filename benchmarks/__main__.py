@@ -22,7 +22,7 @@ from neurosym_jax.runtime.environment import cpu_cores, run_environment
 
 FORMAT = 1
 
-Name = Literal["zoo", "training", "symbols", "online", "cold", "reading", "growth"]
+Name = Literal["zoo", "training", "symbols", "online", "start", "cold", "reading", "growth"]
 NAMES: tuple[Name, ...] = get_args(Name)
 
 
@@ -32,7 +32,8 @@ class BenchmarkOptions:
 
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, a training iteration, QTC
-    and alpha of all pairs, online latency, a cold process, reading and windowing, growth."""
+    and alpha of all pairs, online latency, a robot's first forecasts, a cold process, reading and
+    windowing, growth."""
     data: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """ETH/UCY as SGAN arranges it; zoo, training and reading need it."""
     checkpoints: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None

@@ -15,6 +15,7 @@ from neurosym_jax.dashboard.moments import Moments
 from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
 from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
+from neurosym_jax.online.programs import When
 from neurosym_jax.ros.source import Source
 from neurosym_jax.tracking.linking import LinkOptions
 from neurosym_jax.tracking.live import OnlineStitcher
@@ -45,7 +46,7 @@ class ViewOptions:
         Raises:
             InputError: where the map cannot be read, or for a probability that is none.
         """
-        LikelyEvents.of(predictor, self.at_least)  # Compiled now, not at the first forecast.
+        LikelyEvents.of(predictor, self.at_least)  # Compiled before it is asked for.
         return Moments(
             predictor.models,
             predictor.window.period,
@@ -113,8 +114,8 @@ class LiveOptions:
         default_factory=ViewOptions
     )
 
-    def predictor(self) -> Predictor:
-        """Load the models and compile.
+    def predictor(self, compile: When = "meanwhile") -> Predictor:
+        """Load the models and begin to compile.
 
         Raises:
             InputError: as `load_models` and `Predictor` do.
@@ -128,6 +129,7 @@ class LiveOptions:
             hold=self.hold,
             far=self.far,
             max_speed=self.max_speed,
+            compile=compile,
             report=functools.partial(print, file=sys.stderr, flush=True),
         )
 

@@ -66,7 +66,7 @@ def run(options: Options) -> None:
         # Ended by others, too, it finishes what it writes.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         stack.callback(signal.signal, signal.SIGTERM, before)
-        predictor = options.predictor()
+        predictor = options.predictor("needed")
         files = stack.enter_context(contextlib.ExitStack())
         out = page = None
         if options.out is not None:

@@ -7,6 +7,7 @@ const REASONS = {
   short: "observed too briefly",
   unseen: "not seen at the last step",
   crowded: "too many; others are nearer",
+  compiling: "still compiling for so many; others are nearer",
   "future unknown": "forecasts without a known future",
 };
 const COLUMNS = 16; // of the chain of states, seen and ahead

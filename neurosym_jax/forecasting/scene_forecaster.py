@@ -55,14 +55,7 @@ class SceneForecaster:
         Raises:
             InputError: for more samples or people than there is memory for.
         """
-        slots = int(bucket_of(len(scene.valid)))
-        if slots > self._fits:
-            refuse_beyond_memory(
-                f"a forecast of {len(scene.valid)} people with {self.samples} samples",
-                self.forecaster.scene_bytes(self.samples, slots),
-                "ask for fewer samples, or forecast fewer people at once",
-            )
-            self._fits = slots
+        slots = self.fit(len(scene.valid))
         # The program sees neither the truth nor the host's float64 origin.
         padded = pad_scene(scene.replace(future=None), slots).replace(origin=None)
         spec = self.forecaster.noise
@@ -71,6 +64,22 @@ class SceneForecaster:
             agents = slots if spec.per_agent else 1
             noise = _noise(spec, self._key, padded.identity, self.samples, agents)
         return forecast_scene(self.forecaster, self._params, padded, noise)
+
+    def fit(self, people: int) -> int:
+        """Slots of the program that forecasts so many people.
+
+        Raises:
+            InputError: for more samples or people than there is memory for.
+        """
+        slots = int(bucket_of(people))
+        if slots > self._fits:
+            refuse_beyond_memory(
+                f"a forecast of {people} people with {self.samples} samples",
+                self.forecaster.scene_bytes(self.samples, slots),
+                "ask for fewer samples, or forecast fewer people at once",
+            )
+            self._fits = slots
+        return slots
 
     @staticmethod
     def finish(started: Array, scene: Scene) -> np.ndarray:

@@ -92,12 +92,16 @@ class Analytics:
 
     @classmethod
     def of(cls, predictor: Predictor) -> "Analytics":
-        """Analytics whose programs for the forecasts of `predictor` are compiled."""
-        for length in {model.config.pred_len for model in predictor.models.values()}:
-            for size in predictor.sizes():
+        """Analytics whose programs are compiled with those of `predictor`."""
+        lengths = {model.config.pred_len for model in predictor.models.values()}
+
+        def compile(size: int) -> None:
+            for length in lengths:
                 future = np.zeros((size, length, 2))
                 for samples in predictor.samples:
                     score(np.zeros((samples, *future.shape)), future)
+
+        predictor.programs.add(compile)
         return cls()
 
     def add(self, forecast: Forecast) -> list[Forecast]:

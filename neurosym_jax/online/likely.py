@@ -60,11 +60,16 @@ class LikelyEvents:
 
     @classmethod
     def of(cls, predictor: Predictor, at_least: float = AT_LEAST) -> "LikelyEvents":
-        """The list of what `predictor` forecasts, with its programs compiled."""
-        for steps in {model.config.pred_len for model in predictor.models.values()}:
-            for count in predictor.samples:
-                ways = np.zeros((count, 4 * PAIRS, steps, 2))
-                _events(ways, ways[0, :, :1], tuple(EVENTS), predictor.window.period)
+        """The list of what `predictor` forecasts, compiled with its programs."""
+        lengths = {model.config.pred_len for model in predictor.models.values()}
+
+        def compile(size: int) -> None:
+            for steps in lengths:
+                for count in predictor.samples:
+                    ways = np.zeros((count, 4 * PAIRS, steps, 2))
+                    _events(ways, ways[0, :, :1], tuple(EVENTS), predictor.window.period)
+
+        predictor.programs.add(compile, predictor.programs.sizes[:1])
         return cls(predictor.window.period, at_least)
 
     def __call__(self, forecast: Forecast, model: str) -> list[LikelyEvent]:

@@ -2,12 +2,12 @@
 
 It knows nothing of ROS, files or screens; those push frames and read `Forecast`s. A forecast is
 that of `neurosym_jax.predict` for the same window, recording name and grid index, whether frames
-came live or from a file. All programs are compiled at the start, for a few numbers of people.
+came live or from a file. Programs are compiled for a few numbers of people (`online.programs`).
 """
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +17,9 @@ from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
+from neurosym_jax.online.programs import Programs, When
 from neurosym_jax.online.window import Health, Window
-from neurosym_jax.scene import make_scene
+from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.tracking.motion import FAR, MAX_SPEED
 
 __all__ = ["Forecast", "ModelForecast", "Predictor"]
@@ -52,7 +53,8 @@ class Forecast:
     """By name of the model."""
     dropped: Mapping[int, str]
     """Who else is followed but has no forecast, and why: "short" of observations, "unseen" at the
-    last step, or "crowded" out by the nearest `max_people`."""
+    last step, "crowded" out by the nearest `max_people`, or "compiling": for so many nothing is
+    compiled yet, and the nearest are forecast."""
     latency: float
     """Seconds of this computer's clock, from the frame's arrival to this forecast."""
     extrapolated: np.ndarray
@@ -80,9 +82,10 @@ class Predictor:
         hold: float = 0.0,
         far: float = FAR,
         max_speed: float = MAX_SPEED,
+        compile: When = "start",
         report: Callable[[str], None] = lambda text: None,
     ):
-        """Compile everything that will be needed.
+        """Compile what will be needed, or begin to.
 
         Args:
             models: a model, called by its own name, or models by name.
@@ -98,6 +101,7 @@ class Predictor:
             hold: seconds for which somebody unseen is still forecast.
             far: metres.
             max_speed: metres per second.
+            compile: when the programs are, see `online.programs`.
             report: is told, in one line, of every program before it is compiled.
 
         Raises:
@@ -127,22 +131,19 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
-        sizes = list(self.sizes())
-        for n, size in enumerate(sizes, 1):
-            report(f"compiling for up to {size} people ({n} of {len(sizes)})")
-            self._forecast(np.zeros((size, self.window.steps, 2)), 0)
+        for forecaster in self._forecasters.values():
+            forecaster.fit(max_people)
+        sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
+        self.programs = Programs(sorted(sizes), compile, report)
+        """What is compiled for these forecasts, and what others add to it."""
+        self.programs.begin(
+            lambda size: self._forecast(np.zeros((1, self.window.steps, 2)), 0, size)
+        )
 
     @property
     def samples(self) -> set[int]:
         """The numbers of futures that the models draw."""
         return {forecaster.samples for forecaster in self._forecasters.values()}
-
-    def sizes(self) -> Iterator[int]:
-        """Numbers of people that have a program each; what lies between takes the next."""
-        size = 0
-        while size < int(bucket_of(self.max_people)):
-            size = int(bucket_of(size + 1))
-            yield size
 
     @property
     def health(self) -> Health:
@@ -171,15 +172,20 @@ class Predictor:
         if len(people) == 0:
             return None
         dropped = self.window.incomplete()
-        if len(people) > self.max_people:
+        asked = time.perf_counter()
+        slots = self.programs.fit(len(people))
+        arrived += time.perf_counter() - asked  # What is compiled now does not count.
+        most = min(slots, self.max_people)
+        if len(people) > most:
             last = observed[:, -1]
             centre = last.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
             order = np.argsort(np.linalg.norm(last - centre, axis=1), kind="stable")
+            dropped |= dict.fromkeys(people[order[most:]].tolist(), "compiling")
             dropped |= dict.fromkeys(people[order[self.max_people :]].tolist(), "crowded")
-            near = np.sort(order[: self.max_people])
+            near = np.sort(order[:most])
             people, observed, extrapolated = people[near], observed[near], extrapolated[near]
         index = self.window.index
-        forecasts = self._forecast(observed, index - self.window.steps + 1)
+        forecasts = self._forecast(observed, index - self.window.steps + 1, slots)
         assert self.window.start is not None
         return Forecast(
             stamp=self.window.start + index * self.window.period,
@@ -192,11 +198,12 @@ class Predictor:
             extrapolated=extrapolated,
         )
 
-    def _forecast(self, observed: np.ndarray, frame: int) -> dict[str, ModelForecast]:
-        """Of every model; the window of N people begins at grid point `frame`."""
+    def _forecast(self, observed: np.ndarray, frame: int, slots: int) -> dict[str, ModelForecast]:
+        """Of every model; the window of N people, in `slots`, begins at grid point `frame`."""
         scene = make_scene(observed, recording=self.recording, frame=frame)
+        padded = pad_scene(scene, slots)
         # All are begun before the first is waited for.
-        started = {name: each.start(scene) for name, each in self._forecasters.items()}
+        started = {name: each.start(padded) for name, each in self._forecasters.items()}
         return {
             name: _summary(SceneForecaster.finish(futures, scene))
             for name, futures in started.items()

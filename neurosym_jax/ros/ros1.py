@@ -99,7 +99,7 @@ class ForecastNode:
         """
         self.predictor, self.stitcher = predictor, stitcher
         self.analytics = Analytics.of(predictor)
-        LikelyEvents.of(predictor, at_least)  # Compiled now, not for the first message.
+        LikelyEvents.of(predictor, at_least)  # Compiled before it is asked for.
         self._make = makers(at_least)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""

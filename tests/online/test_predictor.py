@@ -1,6 +1,8 @@
 """Online is offline: the same windows, the same noise, the same forecasts."""
 
 import dataclasses
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -117,3 +119,49 @@ def test_the_models_steps_are_the_windows(model):
     assert Predictor(other, max_people=1, samples=1).window.period == 0.2
     with pytest.raises(InputError, match=r"steps of one length, not \[0\.2, 0\.4\] s"):
         Predictor({"one": one, "other": other})
+
+
+def test_programs_are_compiled_when_it_is_asked_for(model):
+    """Needed: each by the first who need it. Meanwhile: until then fewer are forecast, and said."""
+    said: list[str] = []
+    predictor = Predictor(model(), samples=2, max_people=40, compile="needed", report=said.append)
+    assert not said
+    ids = np.arange(10)
+    for n in range(4):
+        forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
+    assert forecast is not None
+    assert len(forecast.ids) == 10
+    assert said == ["compiling for up to 16 people (3 of 5)"]
+    assert forecast.latency < 0.5
+
+    begun, go = threading.Event(), threading.Event()
+
+    def report(text):
+        said.append(text)
+        if "up to 8 people" in text:
+            begun.set()
+            go.wait(20)
+
+    said.clear()
+    predictor = Predictor(model(), samples=2, max_people=12, compile="meanwhile", report=report)
+    begun.wait(20)
+    try:
+        for n in range(4):
+            forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
+        assert forecast is not None
+        assert len(forecast.ids) == 4
+        assert set(forecast.dropped.values()) == {"compiling"}
+        # The middle of all is at 4.5: these are the nearest.
+        assert forecast.ids.tolist() == [3, 4, 5, 6]
+    finally:
+        go.set()
+    for _ in range(200):
+        if said[-1] == "everything is compiled":
+            break
+        time.sleep(0.1)
+    forecast = predictor.push(1.6, ids, np.stack([ids, ids + 1.6], 1))
+    assert forecast is not None
+    assert len(forecast.ids) == 10
+    (result,) = forecast.models.values()
+    expected = predict(model(), forecast.observed, samples=2, frame=1)
+    assert_allclose(result.samples, expected, atol=1e-5)
