@@ -25,30 +25,35 @@ ONE_THREAD = {"NPROC": "1"}
 def train_runs(runs: Sequence[SweepRun], at_once: int) -> Iterator[tuple[SweepRun, bool]]:
     """Each run when it ends, with whether it came to its end; `at_once` are trained at a time."""
     waiting = list(reversed(runs))
-    working = {_worker(): waiting.pop() for _ in range(min(at_once, len(waiting)))}
+    working: dict[_Worker, SweepRun] = {}
     with selectors.DefaultSelector() as answers:
+
+        def begin(worker: _Worker | None) -> None:
+            """Train the next run, by a new process where there is none."""
+            if waiting:
+                if worker is None:
+                    worker = _Worker()
+                    answers.register(worker.answers, selectors.EVENT_READ, worker)
+                working[worker] = run = waiting.pop()
+                worker.train(run)
+
         try:
-            for worker, run in working.items():
-                answers.register(worker.stdout, selectors.EVENT_READ, worker)
-                _send(worker, run)
+            for _ in range(min(at_once, len(waiting))):
+                begin(None)
             while working:
                 for key, _ in answers.select():
                     worker = key.data
-                    answer, run = worker.stdout.readline(), working.pop(worker)
+                    answer, run = worker.answers.readline(), working.pop(worker)
                     if not answer:
-                        _log(run, f"its process ended with status {worker.wait()}")
-                        answers.unregister(worker.stdout)
-                        if waiting:
-                            worker = _worker()
-                            answers.register(worker.stdout, selectors.EVENT_READ, worker)
-                    if waiting:
-                        working[worker] = waiting.pop()
-                        _send(worker, working[worker])
+                        answers.unregister(worker.answers)
+                        status = worker.end()
+                        with (run.folder / LOG).open("a") as log:
+                            log.write(f"its process ended with status {status}\n")
+                    begin(worker if answer else None)
                     yield run, answer == "0\n"
         finally:
             for key in list(answers.get_map().values()):
-                key.data.terminate()
-                key.data.communicate()
+                key.data.end()
 
 
 def start(run: SweepRun) -> subprocess.Popen:
@@ -69,23 +74,29 @@ def last_line(run: SweepRun) -> str:
     return next((line for line in reversed(lines) if line.strip()), "no word of why")
 
 
-def _worker() -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", "neurosym_jax.sweeps.worker"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, **ONE_THREAD},
-    )
+class _Worker:
+    """A process that trains what it is sent, and answers each time."""
 
+    def __init__(self):
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "neurosym_jax.sweeps.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **ONE_THREAD},
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._runs, self.answers = self._process.stdin, self._process.stdout
 
-def _send(worker: subprocess.Popen, run: SweepRun) -> None:
-    run.folder.mkdir(parents=True, exist_ok=True)
-    with contextlib.suppress(BrokenPipeError):  # It has died: there will be no answer.
-        worker.stdin.write(json.dumps([str(run.folder / LOG), *run.arguments]) + "\n")
-        worker.stdin.flush()
+    def train(self, run: SweepRun) -> None:
+        run.folder.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(BrokenPipeError):  # It has died: there will be no answer.
+            self._runs.write(json.dumps([str(run.folder / LOG), *run.arguments]) + "\n")
+            self._runs.flush()
 
-
-def _log(run: SweepRun, words: str) -> None:
-    with (run.folder / LOG).open("a") as log:
-        log.write(f"{words}\n")
+    def end(self) -> int:
+        """Stop it, unless it has died; its exit status."""
+        self._process.terminate()
+        self._process.communicate()
+        return self._process.returncode

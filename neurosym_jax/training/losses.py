@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -230,7 +230,7 @@ def symbol_log_scores(options: LossOptions, scene: Scene, samples: AnyArray) -> 
     paths = jnp.concatenate([start, samples], axis=2)
     truth = jnp.concatenate([last, scene.known_future], axis=1)
     step = options.symbols_threshold
-    thresholds = {"quantisation_factor": step, "side_quantisation_factor": step}
+    thresholds: dict[str, Any] = {"quantisation_factor": step, "side_quantisation_factor": step}
     soft = soft_qtc_c1(
         paths[:, first],
         paths[:, second],
@@ -241,7 +241,7 @@ def symbol_log_scores(options: LossOptions, scene: Scene, samples: AnyArray) -> 
     forecast = jnp.take_along_axis(soft.sum(axis=0), found[..., None] + 1, axis=-1)[..., 0]
     probability = (forecast + 1 / 3) / (len(samples) + 1)
     near = safe_norm(last[first, 0] - last[second, 0]) <= options.symbols_reach
-    return -jnp.log(probability), scene.valid[first] & scene.valid[second] & near
+    return -jnp.log(probability), near & scene.valid[first] & scene.valid[second]
 
 
 def _symbols(options: LossOptions, made: Forecasts) -> Array:
