@@ -1,97 +1,168 @@
 """Which recipe is best in places that nobody has seen, judged for every scene by the other four.
 
-python -m studies.left_out DATA OUT RECIPE [RECIPE ...] > docs/left_out.md
+python -m studies.left_out DATA OUT RECIPE [RECIPE ...] [--seeds N] [--steps N] > docs/left_out.md
 
-A RECIPE is a list of changes to the recipe `ours` or to the network, such as
-`scale=0.3,noise_type=fixed`. Of every pair
-of ETH/UCY's five scenes, models are trained on the others, as `train.py --scene` would, and tested
-on both. The error by which a recipe is judged for a scene is the mean over its four pairs, always
-tested on the other scene of the pair: nothing of the scene itself is in it, neither as training nor
-as test. Runs are single-threaded, as many at once as there are cores; a finished run is never
-trained again.
+A RECIPE is `ours`, or a list of changes to it or to the network, such as
+`scale=0.3,noise_type=fixed`. Of every pair of ETH/UCY's five scenes, models are trained on the
+others, as `train.py --scene` would, and tested on both. The error by which a recipe is judged for a
+scene is the mean over its four pairs, always tested on the other scene of the pair: nothing of the
+scene itself is in it, neither as training nor as test. Runs are single-threaded, as many at once as
+there are cores; a finished run is never trained again, so that seeds can be added later.
 """
 
+import argparse
 import dataclasses
 import itertools
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import t
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.readers.eth_ucy import SCENES, text_files
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.runtime.environment import cpu_cores
 
-STEPS = 2000
-SEEDS = (0, 1)
 LENGTHS = ("--obs-len", "8", "--pred-len", "12")
+ERRORS = ("joint ADE", "joint FDE", "marginal ADE", "marginal FDE")
 ROOT = Path(__file__).resolve().parents[1]
 
-Errors = dict[str, dict[str, list[tuple[float, float]]]]
-"""(ADE, FDE) of every seed, by recipe and by the other scene that was left out."""
 
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """What is trained and tested."""
 
-def folder(out: Path, recipe: str, pair: tuple[str, str], seed: int) -> Path:
-    """Where the run of this recipe without this pair of scenes is."""
-    return out / recipe / f"{'_'.join(sorted(pair))}_{seed}"
+    data: Path
+    """ETH/UCY as SGAN has it: `train`, `val` and `all`."""
+    out: Path
+    """Of the runs and the evaluations."""
+    recipes: tuple[str, ...]
+    steps: int
+    seeds: tuple[int, ...]
 
+    def folder(self, recipe: str, pair: tuple[str, ...], seed: int) -> Path:
+        """Where the run of this recipe without this pair of scenes is."""
+        return self.out / recipe / f"{'_'.join(sorted(pair))}_{seed}"
 
-def train(data: Path, out: Path, recipe: str, pair: tuple[str, str], seed: int) -> None:
-    """Train SGAN with this recipe on all scenes but the pair, unless that is done."""
-    run = folder(out, recipe, pair, seed)
-    if (run / "model").is_dir():
-        return
-    left_out = {name for scene in pair for name in SCENES[scene]}
-    files = {
-        split: [
-            str(path)
-            for path in text_files(data / split)
-            if path.stem.removesuffix(f"_{split}") not in left_out
+    def train(self, recipe: str, pair: tuple[str, ...], seed: int) -> None:
+        """Train SGAN with this recipe on all scenes but the pair, unless that is done."""
+        run = self.folder(recipe, pair, seed)
+        if (run / "model").is_dir():
+            return
+        left_out = {name for scene in pair for name in SCENES[scene]}
+        files = {
+            split: [
+                str(path)
+                for path in text_files(self.data / split)
+                if path.stem.removesuffix(f"_{split}") not in left_out
+            ]
+            for split in ("train", "val")
+        }
+        call(
+            *("train.py", "--data", str(self.data), *LENGTHS, "--steps", str(self.steps)),
+            *("--seed", str(seed), "--out", str(run), "--resume", *changes(recipe)),
+            *("--train-on", *files["train"], "--validate-on", *files["val"]),
+        )
+
+    def test(self, scene: str) -> np.ndarray:
+        """Errors [recipes, 4 other scenes of the pair, seeds, `ERRORS`] on `scene`."""
+        others = [other for other in SCENES if other != scene]
+        runs = [
+            str(self.folder(recipe, (scene, other), seed) / "model")
+            for recipe, other, seed in itertools.product(self.recipes, others, self.seeds)
         ]
-        for split in ("train", "val")
-    }
-    call(
-        *("train.py", "--data", str(data), *LENGTHS, "--steps", str(STEPS), "--seed", str(seed)),
-        *("--out", str(run), "--resume", *changes(recipe)),
-        *("--train-on", *files["train"], "--validate-on", *files["val"]),
-    )
+        path = self.out / f"{scene}.json"
+        call(
+            *("evaluate.py", "--data", str(self.data), "--test-on", *SCENES[scene], *LENGTHS),
+            *("--checkpoint", *runs, "--no-figures", "--json", str(path)),
+        )
+        rows = {row["checkpoint"]: row for row in json.loads(path.read_text())["rows"]}
+        errors = [
+            [rows[run][by][error] for by in ("joint", "marginal") for error in ("ade", "fde")]
+            for run in runs
+        ]
+        shape = (len(self.recipes), len(others), len(self.seeds), len(ERRORS))
+        return np.array(errors).reshape(shape)
+
+    def page(self, errors: dict[str, np.ndarray]) -> str:
+        """The page, of `test`'s errors on each scene."""
+        seeds = "one seed" if len(self.seeds) == 1 else f"the mean of {len(self.seeds)} seeds"
+        judged = {
+            scene: np.stack(
+                [
+                    errors[other][:, [name for name in SCENES if name != other].index(scene)]
+                    for other in SCENES
+                    if other != scene
+                ]
+            ).mean(axis=(0, 2))
+            for scene in SCENES
+        }
+        tested = {scene: values.mean(axis=(1, 2)) for scene, values in errors.items()}
+        return "\n".join(
+            [
+                "# Recipes in places that nobody has seen",
+                "",
+                "Choose how to train for a place of which there is no data.",
+                "",
+                "Generated by `studies/left_out.py`, whose text says how. ADE / FDE in metres",
+                "of SGAN, 8 + 12 steps, the jointly best of 20 samples, after",
+                f"{self.steps} steps of training; {seeds}. Bold is the least of a column.",
+                "",
+                "Judged for each scene by the other four:",
+                "",
+                self.table(judged),
+                "",
+                "The same runs by the scene they were tested on, the mean over the other four:",
+                "",
+                self.table(tested),
+                "",
+                f"Change of the mean over scenes against `{self.recipes[0]}`, paired by seed, with",
+                "Student's 95 % interval over seeds where there are several:",
+                "",
+                self.changes_table(errors),
+            ]
+        )
+
+    def table(self, errors: dict[str, np.ndarray]) -> str:
+        """A row each recipe, of joint errors [recipes, `ERRORS`] by scene."""
+        columns = []
+        for values in errors.values():
+            texts = np.array([[f"{error:.3f}" for error in row[:2]] for row in values])
+            bold = np.where(texts == texts.min(axis=0), np.char.add("**", texts + "**"), texts)
+            columns.append([" / ".join(row) for row in bold])
+        names = [f"`{recipe.replace(',', ' ')}`" for recipe in self.recipes]
+        rows = [list(row) for row in zip(names, *columns)]
+        return markdown_table(["changes to the recipe", *errors], rows)
+
+    def changes_table(self, errors: dict[str, np.ndarray]) -> str:
+        """A row each recipe after the first, in per cent of the first."""
+        by_seed = np.mean([values.mean(axis=1) for values in errors.values()], axis=0)
+        percent = 100 * (by_seed[1:] / by_seed[0] - 1)
+        count = len(self.seeds)
+        rows = []
+        for recipe, values in zip(self.recipes[1:], percent):
+            cells = [f"{mean:+.1f} %" for mean in values.mean(axis=0)]
+            if count > 1:
+                half = t.ppf(0.975, count - 1) * values.std(axis=0, ddof=1) / np.sqrt(count)
+                cells = [f"{cell} ± {width:.1f}" for cell, width in zip(cells, half)]
+            rows.append([f"`{recipe.replace(',', ' ')}`", *cells])
+        return markdown_table(["changes to the recipe", *ERRORS], rows)
 
 
 def changes(recipe: str) -> list[str]:
     """The options of `train.py` that make these changes."""
+    if recipe == "ours":
+        return []
     known = {field.name for field in dataclasses.fields(GeneratorConfig)}
     options: dict[str, list[str]] = {"--set": [], "--network": []}
     for change in recipe.split(","):
         options["--network" if change.partition("=")[0] in known else "--set"].append(change)
     return [word for name, values in options.items() if values for word in (name, *values)]
-
-
-def test(data: Path, out: Path, recipes: list[str], scene: str) -> Errors:
-    """ADE and FDE on `scene`."""
-    runs = {
-        str(folder(out, recipe, (scene, other), seed) / "model"): (recipe, other)
-        for recipe in recipes
-        for other in SCENES
-        for seed in SEEDS
-        if other != scene
-    }
-    path = out / f"{scene}.json"
-    call(
-        *("evaluate.py", "--data", str(data), "--test-on", *SCENES[scene], *LENGTHS),
-        *("--checkpoint", *runs, "--no-figures", "--json", str(path)),
-    )
-    errors: Errors = {recipe: {} for recipe in recipes}
-    for row in json.loads(path.read_text())["rows"]:
-        if row["checkpoint"]:
-            recipe, other = runs[row["checkpoint"]]
-            errors[recipe].setdefault(other, []).append((row["joint"]["ade"], row["joint"]["fde"]))
-    return errors
 
 
 def call(*command: str) -> None:
@@ -102,65 +173,30 @@ def call(*command: str) -> None:
     )
 
 
-def document(errors: dict[str, Errors], recipes: list[str]) -> str:
-    """The page, of the errors on each scene."""
-    others = {scene: [other for other in SCENES if other != scene] for scene in SCENES}
-
-    def means(of: Callable[[str, str, str], list]) -> dict[str, dict[str, np.ndarray]]:
-        return {
-            recipe: {
-                scene: np.mean([of(recipe, scene, other) for other in others[scene]], axis=(0, 1))
-                for scene in SCENES
-            }
-            for recipe in recipes
-        }
-
-    return "\n".join(
-        [
-            "# Recipes in places that nobody has seen",
-            "",
-            "Choose how to train for a place of which there is no data.",
-            "",
-            "Generated by `studies/left_out.py`, whose text says how. ADE / FDE in metres of SGAN,",
-            f"8 + 12 steps, the jointly best of 20 samples, after {STEPS} steps of training; the",
-            f"mean of {len(SEEDS)} seeds. Bold is the least of a column.",
-            "",
-            "Judged for each scene by the other four:",
-            "",
-            table(means(lambda recipe, scene, other: errors[other][recipe][scene])),
-            "",
-            "The same runs by the scene that they were tested on, the mean over the other four:",
-            "",
-            table(means(lambda recipe, scene, other: errors[scene][recipe][other])),
-        ]
+def main() -> None:
+    """Train what is not trained yet, test all, print the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("recipes", nargs="+")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--steps", type=int, default=2000)
+    options = parser.parse_args()
+    study = Study(
+        options.data.resolve(),
+        options.out.resolve(),
+        tuple(options.recipes),
+        options.steps,
+        tuple(range(options.seeds)),
     )
-
-
-def table(cells: dict[str, dict[str, np.ndarray]]) -> str:
-    """A table, a recipe each row."""
-    least = {
-        (scene, part): min(f"{row[scene][part]:.3f}" for row in cells.values())
-        for scene in SCENES
-        for part in (0, 1)
-    }
-    rows = []
-    for recipe, row in cells.items():
-        texts = []
-        for scene in SCENES:
-            parts = [f"{error:.3f}" for error in row[scene]]
-            bold = [
-                f"**{text}**" if text == least[scene, part] else text
-                for part, text in enumerate(parts)
-            ]
-            texts.append(" / ".join(bold))
-        rows.append([f"`{recipe.replace(',', ' ')}`", *texts])
-    return markdown_table(["changes to the recipe", *SCENES], rows)
+    # Whole seeds first: an early look has all pairs.
+    runs = itertools.product(study.seeds, itertools.combinations(SCENES, 2), study.recipes)
+    with ThreadPoolExecutor(cpu_cores()) as pool:
+        jobs = [pool.submit(study.train, recipe, pair, seed) for seed, pair, recipe in runs]
+        for job in jobs:
+            job.result()
+    print(study.page({scene: study.test(scene) for scene in SCENES}))
 
 
 if __name__ == "__main__":
-    data, out, recipes = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve(), sys.argv[3:]
-    runs = list(itertools.product(recipes, itertools.combinations(SCENES, 2), SEEDS))
-    with ThreadPoolExecutor(cpu_cores()) as pool:
-        for job in [pool.submit(train, data, out, *run) for run in runs]:
-            job.result()
-    print(document({scene: test(data, out, recipes, scene) for scene in SCENES}, recipes))
+    main()
