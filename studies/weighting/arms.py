@@ -84,9 +84,9 @@ def _arm(about: str, seeds: tuple[int, int, int], *network: str, first: bool = F
 SETS = ("control", "corridors", "zara2")
 
 ARMS = {
-    "ones": _arm("encounter pooling", (4, 12, 12), "encounter", "ones", first=True),
-    "quantised": _arm("symbols, 5 cm a step", (0, 12, 12), "encounter", "quantised", first=True),
-    "shuffled": _arm("with the wrong pairs", (0, 12, 12), "encounter", "shuffled", first=True),
+    "ones": _arm("encounter pooling", (4, 24, 24), "encounter", "ones", first=True),
+    "quantised": _arm("symbols, 5 cm a step", (0, 24, 24), "encounter", "quantised", first=True),
+    "shuffled": _arm("with the wrong pairs", (0, 24, 24), "encounter", "shuffled", first=True),
     "right": _arm("what people go by", (4, 0, 0), "encounter", "on_ones_path", first=True),
     "wrong": _arm(
         "with the wrong pairs", (4, 0, 0), "encounter", "on_ones_path_wrong_pairs", first=True

@@ -22,9 +22,10 @@ def forest(found: Mapping[str, Sequence[Comparison]], titles: Mapping[str, str])
     tallest = max(len(comparisons) for comparisons in found.values())
     figure, grid = new_figure(WIDTH, 0.9 + 0.25 * tallest, 1, len(found))
     arms = list(dict.fromkeys(each.arm for some in found.values() for each in some))
-    colours = model_colours(arms)
+    # Those that have a colour of their own first, or others would take it.
+    colours = model_colours(("quantised", "shuffled", "learned", "SGAN", *arms))
     for axes, (name, comparisons) in zip(grid[0], found.items()):
-        dress(axes, "per cent of the error of `ones`; left: better")
+        dress(axes)
         axes.set_title(titles[name], fontsize=LABEL, color=INK, loc="left")
         axes.axvspan(-MARGIN, MARGIN, color="#EEEEEE", lw=0, zorder=0)
         axes.axvline(0, color="#888888", lw=0.8, zorder=1)
@@ -37,5 +38,7 @@ def forest(found: Mapping[str, Sequence[Comparison]], titles: Mapping[str, str])
         axes.set_ylim(tallest - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
         axes.spines["left"].set_visible(False)
-        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+    words = "difference from `ones` in per cent of its error; left: better"
+    figure.supxlabel(words, fontsize=LABEL, color=INK)
     return figure

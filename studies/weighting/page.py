@@ -69,7 +69,7 @@ def _table_of_runs(runs: Runs) -> str:
 def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str:
     primary = [
         (name, compare(*pair, runs[name], metric))
-        for name in ("corridors", "zara2")
+        for name in SETS[1:]
         for metric in PRIMARY
         for pair in REAL
     ]
@@ -77,14 +77,13 @@ def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str
     seen = all(each.percent < 0 and each.p < LEVEL for each in control[:2])
     p, equivalent = adjusted([each for _, each in primary])
     answers = {}
-    for name in ("corridors", "zara2"):
+    for name in SETS[1:]:
         at = [
             index
             for index, (of, each) in enumerate(primary)
             if of == name and each.metric == PRIMARY[0]
         ]
         answers[name] = verdict([primary[index][1] for index in at], p[at], equivalent[at], seen)
-    worth = {name: compare("ones", "no pooling", runs[name], PRIMARY[0]) for name in SETS}
     return TEXT.format(
         answer=ANSWER,
         verdicts="; ".join(f"{name}: **{answer}**" for name, answer in answers.items()),
@@ -93,7 +92,7 @@ def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str
         margin=MARGIN,
         control=_comparisons([("control", each) for each in control]),
         primary=_comparisons(primary, p, equivalent),
-        worth=_worth(worth, windows),
+        worth=_worth(runs, windows),
         secondary=_secondary(runs),
         faithful=_comparisons(
             [
@@ -112,56 +111,64 @@ def _comparisons(
     equivalent: np.ndarray | None = None,
 ) -> str:
     """A row a comparison; p values are adjusted ones, if they are given."""
-    rows = []
-    for index, (name, each) in enumerate(found):
-        rows.append(
-            [
-                name,
-                f"{each.arm} − {each.reference}",
-                _plain(each.metric),
-                str(each.seeds),
-                f"{each.percent:+.1f} % ({each.low:+.1f} to {each.high:+.1f})",
-                f"{each.wide_low:+.1f} to {each.wide_high:+.1f}",
-                _p(each.p if p is None else p[index]),
-                _p(each.p_equivalent if equivalent is None else equivalent[index]),
-                f"{each.reach:.1f} %",
-            ]
-        )
+    rows = [
+        [
+            name,
+            f"{each.arm} less {each.reference}",
+            _plain(each.metric).removesuffix(", interacting"),
+            str(each.seeds),
+            f"{_percent(each.percent)} % ({_percent(each.low)} to {_percent(each.high)})",
+            f"{_percent(each.wide_low)} to {_percent(each.wide_high)}",
+            _p(each.p if p is None else p[index]),
+            _p(each.p_equivalent if equivalent is None else equivalent[index]),
+            f"{each.reach:.1f} %",
+        ]
+        for index, (name, each) in enumerate(found)
+    ]
     head = ["data", "arms", "error", "seeds", "difference (95 %)", "other scenes, too"]
     head += ["p, different", f"p, within {MARGIN:g} %", "in reach"]
-    return markdown_table(head, rows, right=5).replace("-0.0", "−0.0")
+    return markdown_table(head, rows, right=5)
 
 
-def _worth(worth: Mapping[str, Comparison], windows: Mapping[str, tuple[Windows, Windows]]) -> str:
+def _worth(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str:
     rows = []
-    for name, each in worth.items():
-        learned, tested = windows[name]
-        between, in_time = spread(tested, "quantised")
-        constant = spread(tested, "cnd")
+    for name, (learned, tested) in windows.items():
+        varies = [
+            " / ".join(f"{100 * part:.0f} %" for part in spread(tested, weighting))
+            for weighting in ("cnd", "quantised")
+        ]
         rows.append(
             [
                 name,
                 f"{learned.scenes} / {tested.scenes}",
                 f"{100 * interacting_share(tested):.0f} %",
-                f"{between:.2f} / {in_time:.2f}",
-                f"{constant[0]:.2f} / {constant[1]:.2f}",
-                f"{each.percent:+.1f} % ({each.low:+.1f} to {each.high:+.1f})",
+                *varies,
+                *(_difference(runs[name], (arm, "no pooling")) for arm in ("SGAN", "ones")),
             ]
         )
-    head = ["data", "scenes learned / tested", "interacting", "`quantised`: pairs / time"]
-    return markdown_table([*head, "`cnd`: pairs / time", "pooling − none"], rows, right=5)
+    head = ["data", "scenes learned / tested", "interacting", "`cnd`", "`quantised`"]
+    return markdown_table([*head, "SGAN's pooling", "`encounter`"], rows, right=6)
 
 
 def _secondary(runs: Runs) -> str:
-    rows = []
-    for name in ("corridors", "zara2"):
-        for metric in SECONDARY:
-            cells = []
-            for pair in REAL:
-                each = compare(*pair, runs[name], metric)
-                cells.append(f"{each.percent:+.1f} % ({each.low:+.1f} to {each.high:+.1f})")
-            rows.append([name, _plain(metric), *cells])
-    return markdown_table(["data", "error", *(f"{a} − {b}" for a, b in REAL)], rows, right=2)
+    rows = [
+        [name, _plain(metric), *(_difference(runs[name], pair, metric) for pair in REAL)]
+        for name in SETS[1:]
+        for metric in SECONDARY
+    ]
+    return markdown_table(["data", "error", *(f"{a} less {b}" for a, b in REAL)], rows, right=2)
+
+
+def _difference(
+    arms: Mapping[str, Mapping[int, ErrorsByScene]],
+    pair: tuple[str, str],
+    metric: str = PRIMARY[0],
+) -> str:
+    """Per cent and interval, or nothing where an arm has less than two runs."""
+    if min(_seeds(arms, arm) for arm in pair) < 2:
+        return ""
+    each = compare(*pair, arms, metric)
+    return f"{_percent(each.percent)} % ({_percent(each.low)} to {_percent(each.high)})"
 
 
 def _errors(runs: Runs) -> str:
@@ -179,6 +186,10 @@ def _mean(seeds: list[ErrorsByScene], metric: str) -> str:
     values = [run.mean[run.metrics.index(metric)] for run in seeds]
     spread = f" ± {np.std(values, ddof=1):.3f}" if len(values) > 1 else ""
     return f"{np.mean(values):.3f}{spread} ({len(values)})"
+
+
+def _percent(value: float) -> str:
+    return f"{value:+.1f}".replace("-", "−")
 
 
 def _plain(metric: str) -> str:

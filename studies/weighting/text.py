@@ -38,8 +38,10 @@ corrected for all of these comparisons (Holm):
 "Other scenes, too" is the interval over seeds and test scenes. "In reach" is the least margin
 within which equivalence would be shown, without correction, in nine of ten such studies.
 
-How much weights vary (coefficient of variation between one's neighbours at the last observed step,
-and from step to step), and what looking at neighbours is worth:
+How much alpha varies, and what looking at neighbours is worth. Interacting are those with a
+neighbour within 2 m who comes nearer. Of alpha: standard deviation in per cent of the mean, between
+one's neighbours at the last observed step / of a pair from step to step. Of a pooling: joint ADE
+of the interacting less that without pooling.
 
 {worth}
 
