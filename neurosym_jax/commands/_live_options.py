@@ -79,10 +79,13 @@ class SourceOptions:
     message, and those in another are left out."""
     several_publishers: bool = False
     """Take in all publishers of the topic; else those beside the first are left out."""
+    robot_frame: str = ""
+    """The robot's own frame, such as base_link: by /tf it is drawn, and of more people than are
+    forecast those who are nearest to it go first."""
 
     def source(self, report: Callable[[str], None]) -> Source:
         """What takes in the messages, and tells `report` of those it leaves out."""
-        return Source(self.fixed_frame, self.several_publishers, report)
+        return Source(self.fixed_frame, self.several_publishers, report, self.robot_frame)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -94,7 +97,7 @@ class LiveOptions:
     period: float | None = None
     """Seconds between steps; default: those that the models were trained on."""
     max_people: int = 64
-    """In a forecast; of more, the nearest to the middle are taken."""
+    """In a forecast; of more, the nearest to the robot (--robot-frame) or to the middle."""
     samples: int = 20
     """Futures that each model draws."""
     seed: int = 0

@@ -86,13 +86,14 @@ def run(options: Options) -> None:
             analytics,
             rate=math.inf if rate == "max" else rate,
             stitcher=options.stitcher(),
+            robot=source.robot,
         )
         try:
             for event in events:
                 if out is not None:
                     out.add(event)
                 for view in views:
-                    view.show(event.frame, event.forecast, analytics.summary())
+                    view.show(event.frame, event.forecast, analytics.summary(), event.robot)
         except KeyboardInterrupt:
             print("interrupted; until then:")
         for done in analytics.finish():

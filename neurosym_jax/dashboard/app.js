@@ -29,11 +29,12 @@ class App {
     this.heard = performance.now();
     const gone = this.recording.add(line);
     if (!this.recording.length) return;
-    const { step, at } = this.recording.moments.at(-1);
+    const { step, at, robot } = this.recording.moments.at(-1);
     // The view follows those who are forecast: a tracker's ghosts may be anywhere.
     const { view } = this.stage;
     if (step) view.include(this.places(step));
     else if (!view.bounds) view.include(at.values());
+    if (robot) view.include([robot]);
     if (step && this.ages === undefined) this.offerAges(step);
     this.player.grew(gone);
     this.redraw();
@@ -135,7 +136,7 @@ class App {
     this.updatePair(step);
     const places = player.places();
     this.stage.draw({
-      places, latest, step, pair: this.pair, shown: this.layers.shown, style: this.style,
+      places, latest, step, robot: moment?.robot, pair: this.pair, shown: this.layers.shown, style: this.style,
       truth: step ? recording.truth(step) : new Map(), current: step === latest,
     });
     this.panels.show({ moment, step, latest, pair: this.pair });

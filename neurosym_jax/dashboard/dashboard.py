@@ -4,6 +4,8 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from neurosym_jax.dashboard.moments import Moments
 from neurosym_jax.dashboard.page import page_parts
 from neurosym_jax.dashboard.server import PageServer
@@ -54,15 +56,22 @@ class Dashboard:
             raise InputError(f"cannot serve at {host}, port {port} ({reason})") from None
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
-    def show(self, frame: Frame, forecast: Forecast | None, summary: Mapping[str, Any]) -> None:
+    def show(
+        self,
+        frame: Frame,
+        forecast: Forecast | None,
+        summary: Mapping[str, Any],
+        robot: np.ndarray | None = None,
+    ) -> None:
         """What a frame led to.
 
         Args:
             frame: as the predictor saw it.
             forecast: where it completed a step.
             summary: `Analytics.summary()` then.
+            robot: [3] metres, metres, radians, where that is known.
         """
-        line = self._moments.moment(frame, forecast, summary)
+        line = self._moments.moment(frame, forecast, summary, robot)
         if line is not None:
             self._stream.append(line.encode())
 

@@ -12,6 +12,7 @@ A moment has
 - `t`: seconds since the first frame; never falls, even where the stream's clock is set back;
 - `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
 - `more`: how many others were seen;
+- `robot`: x, y [m] and heading [rad] of the robot, or null;
 - `step`, where a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres, of
   which the last `extrapolated` [N] steps were not;
   `models`: by name `central` and `samples` [N][k][pred_len * 2] whole centimetres from the
@@ -104,9 +105,16 @@ class Moments:
         """The first line."""
 
     def moment(
-        self, frame: Frame, forecast: Forecast | None, summary: Mapping[str, Any]
+        self,
+        frame: Frame,
+        forecast: Forecast | None,
+        summary: Mapping[str, Any],
+        robot: np.ndarray | None = None,
     ) -> str | None:
-        """The line of a frame; None where its stamp is refused, as by the predictor."""
+        """The line of a frame; None where its stamp is refused, as by the predictor.
+
+        `robot` [3] is where it is: metres, metres, radians.
+        """
         if not self._accept(float(frame.stamp)):
             return None
         xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
@@ -118,6 +126,7 @@ class Moments:
                 "ids": [str(id) for id in np.asarray(frame.ids)[near].tolist()],
                 "xy": np.round(xy[near], 3).ravel().tolist(),
                 "more": len(kept) - len(near),
+                "robot": None if robot is None else np.round(robot, 3).tolist(),
                 "step": None if forecast is None else self._step(forecast, summary),
             }
         )

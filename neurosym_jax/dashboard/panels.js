@@ -58,12 +58,17 @@ class Panels {
     const best = all.map((values) => shown(Math.min(...values)));
     // A tie, as far as it is shown, has no best.
     const alone = (n) => all[n].length > 1 && all[n].filter((value) => shown(value) === best[n]).length === 1;
-    const rows = this.recording.models.map((name) => {
+    const names = [...this.recording.models];
+    names.push(...Object.keys(models).filter((name) => !names.includes(name))); // constant velocity
+    const rows = names.map((name) => {
       const row = make("tr");
       const head = make("th", "", { scope: "row", title: name });
       const swatch = make("span", "", { className: "swatch" });
-      swatch.style.background = `var(--model-${this.style.get(name)})`;
-      head.append(swatch, name);
+      const look = this.style.get(name);
+      if (look === undefined) head.className = "plain";
+      else head.append(swatch);
+      swatch.style.background = `var(--model-${look})`;
+      head.append(name);
       row.append(head);
       keys.forEach((key, n) => {
         const value = models[name]?.[key] ?? null;

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from neurosym_jax.dashboard.moments import Moments
 from neurosym_jax.dashboard.page import page_parts
 from neurosym_jax.errors import InputError
@@ -30,9 +32,15 @@ class ReplayFile:
         self._file = GrowingFile(path)
         self._file.write(f"{before}\n{moments.introduction}\n")
 
-    def show(self, frame: Frame, forecast: Forecast | None, summary: Mapping[str, Any]) -> None:
-        """What a frame led to; see `Dashboard.show`."""
-        line = self._moments.moment(frame, forecast, summary)
+    def show(
+        self,
+        frame: Frame,
+        forecast: Forecast | None,
+        summary: Mapping[str, Any],
+        robot: np.ndarray | None = None,
+    ) -> None:
+        """What a frame led to, with the `robot` [3]; see `Dashboard.show`."""
+        line = self._moments.moment(frame, forecast, summary, robot)
         if line is not None:
             self._file.write(line + "\n")
 
@@ -46,7 +54,7 @@ class ReplayFile:
 
 
 def write_replay(
-    events: Iterable[tuple[Frame, Forecast | None, Mapping[str, Any]]],
+    events: Iterable[tuple[Any, ...]],
     path: Path,
     moments: Moments,
 ) -> None:

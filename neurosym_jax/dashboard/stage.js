@@ -76,6 +76,7 @@ class Stage {
       if (what.shown.has("observed")) this.drawObserved(step, what);
     }
     if (what.shown.has("pair")) this.drawPair(what);
+    if (what.robot) this.drawRobot(what.robot);
     this.drawPeople(what);
     this.drawScale();
   }
@@ -224,6 +225,27 @@ class Stage {
         if (t >= seen) pen.stroke();
       });
     });
+  }
+
+  // A square, whose corner in front says where it looks.
+  drawRobot([x, y, yaw]) {
+    const { pen } = this;
+    pen.save();
+    pen.translate(...this.view.toScreen([x, y]));
+    pen.rotate(-yaw);
+    pen.scale(this.em, this.em);
+    pen.beginPath();
+    for (const [along, across] of [[-0.55, -0.55], [0.35, -0.55], [1, 0], [0.35, 0.55], [-0.55, 0.55]]) {
+      pen.lineTo(along, across);
+    }
+    pen.closePath();
+    Object.assign(pen, { fillStyle: this.colour.floor, strokeStyle: this.colour.ink, lineWidth: 0.16 });
+    pen.fill();
+    pen.stroke();
+    pen.restore();
+    Object.assign(pen, { font: this.font(0.85), textAlign: "center", textBaseline: "top", fillStyle: this.colour.quiet });
+    const [left, top] = this.view.toScreen([x, y]);
+    this.write("robot", left, top + 0.9 * this.em);
   }
 
   drawPair({ places, pair: [k, l] }) {

@@ -17,7 +17,10 @@ from neurosym_jax.evaluation.metrics import metric_names
 from neurosym_jax.evaluation.scene_scores import Scores, score
 from neurosym_jax.online.predictor import Forecast, Predictor
 
-__all__ = ["Analytics", "Score"]
+__all__ = ["STRAIGHT", "Analytics", "Score", "straight"]
+
+STRAIGHT = "constant velocity"
+"""What is scored beside the models, for whoever wants to know what they are worth."""
 
 LATENCIES = 4096
 """The newest so many are kept for the percentiles."""
@@ -82,6 +85,7 @@ class Analytics:
             raise InputError(f"grace must not be negative, not {grace}")
         self.grace = grace
         self.scores: dict[str, Score] = {}
+        """By name of the model, and of `STRAIGHT`."""
         self.forecasts = 0
         self.dropped: collections.Counter[str] = collections.Counter()
         """People without a forecast by reason, once for each forecast that they are missing in;
@@ -163,12 +167,16 @@ class Analytics:
             for n, id in enumerate(ids):
                 future[n, step] = seen.get(id, np.nan)
         known = np.all(np.isfinite(future), axis=2)
-        for name, result in forecast.models.items():
-            length = result.mean.shape[1]
+        samples = {name: result.samples for name, result in forecast.models.items()}
+        # As many as a model's, all alike, so that the same program scores them.
+        going_on = straight(forecast.observed, future.shape[1])
+        samples[STRAIGHT] = np.repeat(going_on[None], len(next(iter(samples.values()))), axis=0)
+        for name, each in samples.items():
+            length = each.shape[2]
             running = self.scores.setdefault(name, Score())
             there = np.all(known[:, :length], axis=1)
             if there.any():
-                running.add(score(result.samples, future[:, :length], there), int(there.sum()))
+                running.add(score(each, future[:, :length], there), int(there.sum()))
         unknown = len(ids) - int(np.all(known, axis=1).sum())
         if unknown:
             self.dropped["future unknown"] += unknown
@@ -177,6 +185,12 @@ class Analytics:
 
 def _horizon(forecast: Forecast) -> int:
     return max(result.mean.shape[1] for result in forecast.models.values())
+
+
+def straight(observed: np.ndarray, steps: int) -> np.ndarray:
+    """[N, steps, 2] of people `observed` [N, T, 2] who go on as between their last two steps."""
+    step = np.diff(observed[:, -2:], axis=1).sum(axis=1, keepdims=True)
+    return observed[:, -1:] + np.arange(1, steps + 1)[:, None] * step
 
 
 def _so_far(latencies: Collection[float], scores: Mapping[str, Score]) -> dict[str, Any]:

@@ -6,8 +6,10 @@ elsewhere (`online.recordings`, `online.forecast_files`), the command is `comman
 
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
+
+import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.online.analytics import Analytics
@@ -30,6 +32,8 @@ class Event(NamedTuple):
     """Where the frame completed a step."""
     scored: list[Forecast]
     """Those whose future is known now."""
+    robot: np.ndarray | None = None
+    """[3] metres, metres, radians: where the robot is, if that is known."""
 
 
 def advance(
@@ -37,14 +41,16 @@ def advance(
     predictor: Predictor,
     analytics: Analytics,
     stitcher: OnlineStitcher | None = None,
+    robot: np.ndarray | None = None,
 ) -> Event:
-    """Push one frame through everything."""
+    """Push one frame through everything; who is nearest to the `robot` [3] goes first."""
     if stitcher is not None:
         ids = stitcher.push(*frame)
         somebody = ids != NOBODY
         frame = Frame(frame.stamp, ids[somebody], frame.xy[somebody])
-    forecast = predictor.push(*frame)
-    return Event(frame, forecast, [] if forecast is None else analytics.add(forecast))
+    forecast = predictor.push(*frame, focus=None if robot is None else robot[:2])
+    scored = [] if forecast is None else analytics.add(forecast)
+    return Event(frame, forecast, scored, robot)
 
 
 def replay(
@@ -54,6 +60,7 @@ def replay(
     *,
     rate: float = math.inf,
     stitcher: OnlineStitcher | None = None,
+    robot: Callable[[float], np.ndarray | None] = lambda stamp: None,
 ) -> Iterator[Event]:
     """Push frames one by one; an event for each.
 
@@ -65,6 +72,7 @@ def replay(
         analytics: their score.
         rate: speed, 1 is that of the stamps; infinite does not wait.
         stitcher: mends ids first, if given.
+        robot: where it is [3] at a stamp, if that is known.
 
     Raises:
         InputError: for a rate that is not positive.
@@ -77,4 +85,4 @@ def replay(
             due += min(max(frame.stamp - last, 0.0), LONGEST) / rate
             time.sleep(max(0.0, due - time.monotonic()))
             last = frame.stamp
-        yield advance(frame, predictor, analytics, stitcher)
+        yield advance(frame, predictor, analytics, stitcher, robot(frame.stamp))

@@ -18,7 +18,7 @@ from neurosym_jax.online.frame import Frame
 from neurosym_jax.ros.bag_integrity import counted, refuse_damaged
 from neurosym_jax.ros.bag_names import ACTIVE, SUFFIXES, files_of, tool_for
 from neurosym_jax.ros.cut_bags import CutBag, is_cut
-from neurosym_jax.ros.definitions import typestore
+from neurosym_jax.ros.definitions import blank, typestore
 from neurosym_jax.ros.messages import PEOPLE_TOPICS
 from neurosym_jax.ros.people import KINDS, POSES
 from neurosym_jax.ros.source import Source
@@ -48,7 +48,7 @@ def read_people(
     source = source or Source(report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3))
 
     def choose(topics: dict[str, str]) -> list[str]:
-        return [_choose(path, topics, topic), *(TF_TOPICS if source.fixed_frame else ())]
+        return [_choose(path, topics, topic), *(TF_TOPICS if source.needs_transforms else ())]
 
     for name, message, publisher, received in _read(path, choose):
         if name in TF_TOPICS:
@@ -219,6 +219,10 @@ class BagWriter:
             self._writer.open()
         except OSError as error:
             raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
+
+    def new(self, kind: str) -> Any:
+        """An empty message, by its type."""
+        return blank(self._store, kind)
 
     def write(self, topic: str, stamp: float, message: Any) -> None:
         """Append a message, received at `stamp` seconds.

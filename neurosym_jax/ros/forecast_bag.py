@@ -6,8 +6,10 @@ from typing import Any
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.replay import Event
 from neurosym_jax.ros.bags import BagWriter
+from neurosym_jax.ros.definitions import FORECAST
 from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
 from neurosym_jax.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
+from neurosym_jax.ros.outgoing import ENDINGS, samples_message
 
 __all__ = ["ForecastBag"]
 
@@ -29,11 +31,7 @@ class ForecastBag:
         self._bag = BagWriter(path)
         self.path = self._bag.path
         self._stamp = 0.0
-        self._common: dict[str, Any] = {
-            "types": self._bag.types,
-            "period": period,
-            "frame_id": frame_id,
-        }
+        self._common: dict[str, Any] = {"period": period, "frame_id": frame_id}
 
     def add(self, event: Event) -> None:
         """Write what an event brought."""
@@ -43,14 +41,17 @@ class ForecastBag:
         forecast = event.forecast
         if forecast is not None:
             for name in forecast.models:
-                message = forecast_message(forecast=forecast, model=name, **self._common)
-                self._bag.write(forecast_topic(name), self._stamp, message)
+                told: dict[str, Any] = {"forecast": forecast, "model": name, **self._common}
+                topic = forecast_topic(name)
+                self._bag.write(topic, self._stamp, forecast_message(self._bag.types, **told))
+                samples = samples_message(self._bag.new, **told)
+                self._bag.write(topic + ENDINGS[FORECAST], self._stamp, samples)
         for done in event.scored:
             self.score(done)
 
     def score(self, forecast: Forecast) -> None:
         """Write what happened after one forecast whose future is known."""
-        message = truth_message(forecast=forecast, **self._common)
+        message = truth_message(self._bag.types, forecast, **self._common)
         if message is not None:
             self._bag.write(TRUTH_TOPIC, self._stamp, message)
 

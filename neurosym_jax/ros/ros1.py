@@ -128,7 +128,7 @@ class ForecastNode:
         self._mended = advertise(self._topic(filtered, PEOPLE)) if stitcher else None
         subscriber = self.node.subscribe(people, self.hear, self._decoder.refuse)
         self.source.is_there = subscriber.hears
-        if self.source.fixed_frame:
+        if self.source.needs_transforms:
             kind = self._topic(TF_TOPICS[0], TRANSFORMS)
             for name in TF_TOPICS:
                 self.node.subscribe(
@@ -187,7 +187,8 @@ class ForecastNode:
         if self.stitcher is not None and self._mended is not None:
             frame = self._mend(self.stitcher, self._mended, frame, kind, message)
         self.status.heard()
-        event = advance(frame, self.predictor, self.analytics)
+        robot = self.source.robot(frame.stamp)
+        event = advance(frame, self.predictor, self.analytics, robot=robot)
         common: dict[str, Any] = {
             "period": self.predictor.window.period,
             "frame_id": self.source.frame_id,
@@ -206,7 +207,7 @@ class ForecastNode:
             ):
                 self._send(self._truth, truth)
         if self.dashboard is not None:
-            self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
+            self.dashboard.show(event.frame, event.forecast, self.analytics.summary(), robot)
 
     def _counts(self) -> dict[str, int]:
         joined = self.stitcher.joined if self.stitcher else 0

@@ -105,7 +105,7 @@ class ForecastNode:
         heard = self.node.create_subscription(people, topic, self.hear, quality)
         self.topic = heard.topic_name
         """Of the people, after remapping."""
-        if self.source.fixed_frame:
+        if self.source.needs_transforms:
             latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
             for name, quality in zip(TF_TOPICS, (QoSProfile(depth=100), latched)):
                 hear = functools.partial(self.source.transforms.hear, static=name == TF_TOPICS[1])
@@ -118,7 +118,8 @@ class ForecastNode:
         if frame is None:
             return
         self.status.heard()
-        event = advance(frame, self.predictor, self.analytics, self.stitcher)
+        robot = self.source.robot(frame.stamp)
+        event = advance(frame, self.predictor, self.analytics, self.stitcher, robot)
         period, frame_id = self.predictor.window.period, self.source.frame_id or ""
         for (name, kind), publisher in self._forecasts.items():
             if event.forecast is not None and publisher.get_subscription_count():
@@ -134,7 +135,7 @@ class ForecastNode:
             path = np.concatenate([done.observed[:, -1:], done.future], axis=1)[seen]
             self._truth.publish(_poses(path, done.stamp, frame_id))
         if self.dashboard is not None:
-            self.dashboard.show(event.frame, event.forecast, self.analytics.summary())
+            self.dashboard.show(event.frame, event.forecast, self.analytics.summary(), robot)
 
     def _publisher(self, kind: str, topic: str) -> Any:
         return self.node.create_publisher(message_type(kind), topic, 10)

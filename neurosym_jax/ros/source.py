@@ -32,6 +32,7 @@ class Source:
         fixed_frame: str = "",
         several: bool = False,
         report: Callable[[str], None] = print,
+        robot_frame: str = "",
     ):
         """Nothing heard yet.
 
@@ -40,12 +41,14 @@ class Source:
                 the frame of the first message, and others are refused.
             several: take in several publishers side by side; their ids are kept apart.
             report: is told, in one line, what begins to be refused.
+            robot_frame: the robot's own, such as base_link, where it is to be known where it is.
         """
         self.fixed_frame, self.several, self._report = fixed_frame, several, report
+        self.robot_frame = robot_frame
         self.frame_id: str | None = fixed_frame or None
         """Of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
-        """What is told of frames, for `fixed_frame`."""
+        """What is told of frames, for `fixed_frame` and `robot_frame`."""
         self.refused: collections.Counter[str] = collections.Counter()
         """Messages left out, by reason."""
         self.is_there: Callable[[str], bool] = lambda publisher: True
@@ -54,6 +57,21 @@ class Source:
         self._heard = -np.inf
         self._said: set[str] = set()
         self._nearest: dict[str, NearestIds] = {}
+
+    @property
+    def needs_transforms(self) -> bool:
+        """Whether somebody is to tell `transforms`."""
+        return bool(self.fixed_frame or self.robot_frame)
+
+    def robot(self, stamp: float) -> np.ndarray | None:
+        """[3] metres, metres, radians: where the robot is among the people, as far as is known."""
+        if not (self.robot_frame and self.frame_id):
+            return None
+        try:
+            matrix = self.transforms.matrix(self.robot_frame, self.frame_id, stamp)
+        except LookupError as error:
+            return self._refuse("no_robot", "it is not known where the robot is", str(error))
+        return np.array([*matrix[:2, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
 
     def take(
         self, kind: str, message: Any, publisher: str = "", received: float = 0.0

@@ -15,7 +15,7 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import shipped_models
-from neurosym_jax.online.analytics import Analytics
+from neurosym_jax.online.analytics import STRAIGHT, Analytics
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.models import load_models
 from neurosym_jax.online.predictor import Predictor
@@ -136,7 +136,7 @@ def _forecast(
         done = [each for event in events for each in event.scored] + analytics.finish()
         summaries.append(analytics.summary())
     scores = {name: score(done, name) for name in models}
-    scores["constant velocity"] = score(done, None)
+    scores[STRAIGHT] = score(done, None)
     unstitched, summary = summaries
     return Recording(
         scenario, number, bag, frames, mended, people, done, summary, unstitched, scores

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neurosym_jax.online.analytics import STRAIGHT
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.recordings import tracks_of_frames
@@ -26,7 +27,7 @@ def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) 
     from neurosym_jax.plotting.tracks import plot_tracks
 
     first = recordings[0]
-    names = list(first.summary["models"])
+    names = [name for name in first.summary["models"] if name != STRAIGHT]
 
     def add(kind: str, figure, caption: str) -> None:
         path = out / "figures" / f"experiment_{first.scenario}_{kind}.png"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neurosym_jax.online.analytics import STRAIGHT
 from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.simulation.scenarios import Scenario
@@ -96,9 +97,7 @@ def _error_table(document: Document, caption: str, recordings: Sequence[Recordin
                     name,
                     str(score.sequences),
                     f"{score.ade:.2f} / {score.fde:.2f}",
-                    f"{score.best_ade:.2f} / {score.best_fde:.2f}"
-                    if name in recording.summary["models"]
-                    else "–",
+                    f"{score.best_ade:.2f} / {score.best_fde:.2f}" if name != STRAIGHT else "–",
                     f"{score.sum_ade:.2f} / {score.sum_fde:.2f}",
                 ]
             )

@@ -9,6 +9,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scene_scores import score as score_scene
+from neurosym_jax.online.analytics import straight
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.simulation.scenarios import Scenario
@@ -101,9 +102,7 @@ def published(forecast: Forecast, model: str | None) -> np.ndarray:
         result = forecast.models[model]
         return result.samples[result.central]
     assert forecast.future is not None
-    steps = np.arange(1, forecast.future.shape[1] + 1)[:, None]
-    last, step = forecast.observed[:, -1:], np.diff(forecast.observed[:, -2:], axis=1)
-    return last + steps * step
+    return straight(forecast.observed, forecast.future.shape[1])
 
 
 def score(forecasts: list[Forecast], model: str | None) -> Score:

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.dashboard import Dashboard, write_replay
+from neurosym_jax.online.analytics import STRAIGHT
 from neurosym_jax.online.likely import LikelyEvents
 from neurosym_jax.online.predictor import ModelForecast
 from neurosym_jax.symbolic import symbolic_forecast
@@ -91,6 +92,21 @@ def test_live(page, live, stream):
     drawn(page)
     assert page.locator("#status").inner_text() == "live"
     assert seconds(page) > clock
+
+
+def test_the_robot_is_drawn_and_constant_velocity_told(page, moments, stream, tmp_path):
+    events = list(stream(8))
+    pictures = []
+    for robot in (None, np.array([0.5, -1.0, 0.8])):
+        path = tmp_path / f"{robot is None}.html"
+        write_replay(((*event, robot) for event in events), path, moments)
+        page.goto(path.as_uri())
+        press(page, "End")
+        drawn(page)
+        pictures.append(page.locator("#scene").screenshot())
+    assert pictures[0] != pictures[1]
+    score = events[-1][2]["models"][STRAIGHT]
+    assert page.locator(ADE.format(STRAIGHT)).inner_text() == f"{score['joint_ade']:.2f}"
 
 
 def test_what_is_old_is_not_called_live(page, moments, stream):

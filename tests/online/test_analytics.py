@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scene_scores import score
-from neurosym_jax.online.analytics import LATENCIES, Analytics
+from neurosym_jax.online.analytics import STRAIGHT, Analytics
 from neurosym_jax.online.predictor import Forecast, ModelForecast
 
 K, OBS, PRED = 4, 3, 5
@@ -57,6 +57,14 @@ def test_equals_the_offline_errors():
             expected = np.mean([each[metric].mean for each in alone], axis=0)
             assert result[metric] == pytest.approx(expected, rel=1e-6)
     assert analytics.dropped == {"future unknown": 3 * PRED}
+    # Beside them whoever goes on as before, once and not best of several.
+    off = []
+    for f in scored:
+        last, before = f.observed[:, -1], f.observed[:, -2]
+        for t in range(1, PRED + 1):
+            off.append(np.linalg.norm(last + t * (last - before) - path[:, f.index + t], axis=-1))
+    result = analytics.summary()["models"][STRAIGHT]
+    assert result["joint_ade"] == pytest.approx(np.mean(off), rel=1e-5)
 
 
 def test_a_person_lost_for_a_moment_counts_and_one_gone_does_not():
@@ -99,18 +107,19 @@ def test_gaps_between_forecasts_and_a_clock_set_back():
     assert analytics.dropped == {"future unknown": 14}
 
 
-def test_memory_is_bounded():
-    length = LATENCIES + 400
+def test_memory_is_bounded(monkeypatch):
+    monkeypatch.setattr("neurosym_jax.online.analytics.LATENCIES", latencies := 200)
+    length = latencies + 400
     path = walk(length, 2)
     analytics = Analytics()
     for n in range(2, length):
         analytics.add(forecast(path, n, [0, 1], names=("a",)))
     assert len(analytics._pending) <= PRED + 2
     assert len(analytics._truth) <= PRED + 2
-    assert len(analytics._latency) == LATENCIES
+    assert len(analytics._latency) == latencies
     summary = json.loads(json.dumps(analytics.summary()))
     assert summary["forecasts"] == length - 2
-    assert summary["latency_ms"]["p50"] == pytest.approx(length - 1 - LATENCIES / 2, abs=2)
+    assert summary["latency_ms"]["p50"] == pytest.approx(length - 1 - latencies / 2, abs=2)
 
 
 def test_nothing_yet():

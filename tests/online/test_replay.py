@@ -40,7 +40,7 @@ FAULTS = TrackerFaults(dropout=0.01, id_switch=1.0)
 class Still:
     """A predictor that forecasts nothing."""
 
-    def push(self, stamp, ids, xy):
+    def push(self, stamp, ids, xy, focus=None):
         return None
 
 
@@ -98,6 +98,10 @@ def test_the_whole_way_and_back(recording, tmp_path, capsys):
         assert a.stamp == pytest.approx(b.stamp, abs=1e-6)
     for name, topic in (("NeuroSyM", "neurosym"), ("SGAN", "baseline")):
         forecasts = got[f"/hri/human_poses_prediction_{topic}"]
+        for row, message in zip(rows, got[f"/hri/human_poses_prediction_{topic}/samples"]):
+            futures = message.futures.reshape(message.samples, -1, message.steps, 2)
+            samples = futures + message.position.reshape(-1, 1, 2)
+            assert_allclose(samples, row["models"][name]["samples"], atol=6e-4)
         assert len(forecasts) == len(rows)
         for row, message in zip(rows, forecasts):
             steps = [see(HUMANS, step) for step in message.trajs]

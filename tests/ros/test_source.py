@@ -91,6 +91,22 @@ def test_coordinates_are_taken_to_the_fixed_frame():
     assert source.frame_id == "map"
 
 
+def test_where_the_robot_is_among_the_people():
+    said = []
+    source = Source(report=said.append, robot_frame="base")
+    assert source.needs_transforms
+    assert source.robot(10.0) is None  # Nothing is known of the stream yet.
+    assert source.take(PEOPLE, people(10.0)) is not None
+    assert source.robot(10.0) is None
+    assert source.refused == {"no_robot": 1}
+    source.transforms.hear(transform(10.0, "map", "base", 0.0))
+    source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
+    for at, place in ((10.2, [2, 0, np.pi / 2]), (10.1, [1, 0, np.pi / 4])):
+        robot = source.robot(at)
+        assert robot is not None
+        assert_allclose(robot, place)
+
+
 def test_transforms_lie_between_their_moments():
     known = Transforms()
     for at, turn in ((0.0, 0.0), (1.0, 0.2)):
