@@ -1,5 +1,8 @@
 import dataclasses
 import json
+import re
+import subprocess
+import sys
 
 import pytest
 import tyro
@@ -7,6 +10,7 @@ import tyro
 from neurosym_jax.commands._running import with_plugins
 from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError
+from neurosym_jax.sweeps import estimate
 from neurosym_jax.sweeps.runs import plan_runs
 from neurosym_jax.sweeps.sweep import plan_of, run_sweep
 from neurosym_jax.sweeps.table import format_sweep
@@ -86,20 +90,42 @@ def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
         assert described.dataset == run.dataset
 
 
+TRIAL = """
+import sys, time
+for step in range(3):
+    time.sleep(0.1)
+    with open(sys.argv[1] + "/metrics.jsonl", "a") as file:
+        file.write('{"step": %d}\\n' % (10 * step))
+time.sleep(100)
+"""
+"""Ten steps in a tenth of a second, after another one."""
+
+
+def test_a_plan_says_how_long_it_takes(tmp_path, monkeypatch):
+    def start(run):
+        return subprocess.Popen([sys.executable, "-c", TRIAL, run.arguments[-1]])
+
+    monkeypatch.setattr(estimate, "start", start)
+    runs = plan_runs(tmp_path / "sweep", **CHOSEN, steps=1000)
+    plan = plan_of(runs, jobs=1)
+    assert plan.count("left  ") == 3
+    assert "3 runs, 3 of them left" in plan
+    seconds = re.search(r"_seed0 alone takes about (\d+) s; all that is left, 1 at once, ", plan)
+    assert seconds is not None
+    assert 9 <= int(seconds[1]) <= 40
+    assert not (tmp_path / "sweep").exists()
+
+
 @pytest.mark.slow
 def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     out = tmp_path / "sweep"
     chosen = {
         **CHOSEN,
-        "models": ("sgan",),
+        "models": ("none",),  # The least to compile.
         "seeds": 2,
         "changes": ("batch_scenes=4", "best_k=2", "max_agents=4"),
     }
     runs = plan_runs(out, **chosen, steps=25)
-    plan = plan_of(runs, jobs=1)
-    assert plan.count("left  ") == 2
-    assert "2 runs, 2 of them left" in plan
-    assert not out.exists()
     # One job, so that the second run finds the first one's compiled programs.
     assert run_sweep(runs, out, jobs=1) == 0
     rows = json.loads((out / "sweep.json").read_text())["rows"]
@@ -110,7 +136,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     assert len({row["joint"]["ade"] for row in trained}) == 2
     table = (out / "sweep.md").read_text()
     assert "| 20 | 2 |" in table
-    folder = out / "sgan_pool_net_cross-path_8_8_seed1"
+    folder = out / "sgan_none_cross-path_8_8_seed1"
     assert "test on cross-path: this model" in (folder / "model" / "README.md").read_text()
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
 
