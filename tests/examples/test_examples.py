@@ -14,7 +14,7 @@ from neurosym_jax.symbolic.weighting_config import WEIGHTINGS
 FOLDER = Path(__file__).resolve().parents[2] / "examples"
 TESTED = {
     *("which_pair_matters", "learn_weights", "own_weighting", "closest"),
-    *("evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
+    *("costmap", "evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
 }
 
 
@@ -122,3 +122,38 @@ def test_a_metric_of_ones_own():
     assert (float(total), int(count)) == (4.0, 2)
     total, count = compute(forecast[:, :1], forecast[0, :1], np.array([True]))
     assert (float(total), int(count)) == (0.0, 0)
+
+
+def test_forecasts_become_a_costmap(tmp_path):
+    """Where somebody surely is is full, where half of the samples are half, elsewhere nothing."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    from neurosym_jax.online.predictor import Forecast, ModelForecast
+    from neurosym_jax.ros.bags import BagWriter, read_messages
+    from neurosym_jax.ros.outgoing import samples_message
+
+    costmap = example("costmap")
+    observed = np.array([[[0.0, 0], [1, 0]], [[9, 5], [9, 5]]])
+    samples = np.zeros((2, 2, 1, 2)) + observed[:, -1:]
+    samples[0, 0, 0] += [1, 1]  # The first may turn to the left or to the right; the other stands.
+    samples[1, 0, 0] += [1, -1]
+    model = ModelForecast(samples, samples.mean(axis=0), 0)
+    forecast = Forecast(
+        1e9, 1, np.arange(2), observed, {"NeuroSyM": model}, {}, 0.0, np.zeros(2, int)
+    )
+    with BagWriter(tmp_path / "forecasts.db3") as bag:
+        message = samples_message(bag.new, forecast, "NeuroSyM", 0.4, "odom")
+        bag.write(costmap.TOPIC, 1e9, message)
+    assert len(costmap.of_bag(bag.path, tmp_path / "costmap.bag")) == 1
+    ((_, grid),) = read_messages(tmp_path / "costmap.bag")
+    assert grid.header.frame_id == "odom"
+    per_cent = grid.data.reshape(grid.info.height, grid.info.width)
+    corner = grid.info.origin.position
+
+    def at(x, y):
+        column, row = int((x - corner.x) / costmap.CELL), int((y - corner.y) / costmap.CELL)
+        return per_cent[row, column]
+
+    later = 50 * np.exp(-0.4 / costmap.FADE)
+    assert at(1, 0) == at(1, 0.3) == at(9, 5) == 100
+    assert at(2, 1) == at(2, -1) == round(later)
+    assert at(2, 0) == at(5, 3) == at(9, 4) == 0
