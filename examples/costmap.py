@@ -6,6 +6,7 @@ python examples/costmap.py ros1|ros2 [SAMPLES-TOPIC]    on a robot, beside its n
 Needs numpy and, on a robot, its own ROS with `ros/neurosym_msgs` built; JAX is not needed there.
 """
 
+import array
 import sys
 import time
 
@@ -111,6 +112,7 @@ def on_ros2(topic):
     def hear(forecast):
         grid = OccupancyGrid()
         if fill(grid, forecast):
+            grid.data = array.array("b", grid.data.tobytes())
             publisher.publish(grid)
 
     rclpy.init()

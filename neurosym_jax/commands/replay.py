@@ -93,7 +93,8 @@ def run(options: Options) -> None:
                 if out is not None:
                     out.add(event)
                 for view in views:
-                    view.show(event.frame, event.forecast, analytics.summary(), event.robot)
+                    robot = source.robot(event.frame.stamp)
+                    view.show(event.frame, event.forecast, analytics.summary(), robot)
         except KeyboardInterrupt:
             print("interrupted; until then:")
         for done in analytics.finish():

@@ -32,8 +32,6 @@ class Event(NamedTuple):
     """Where the frame completed a step."""
     scored: list[Forecast]
     """Those whose future is known now."""
-    robot: np.ndarray | None = None
-    """[3] metres, metres, radians: where the robot is, if that is known."""
 
 
 def advance(
@@ -50,7 +48,7 @@ def advance(
         frame = Frame(frame.stamp, ids[somebody], frame.xy[somebody])
     forecast = predictor.push(*frame, focus=None if robot is None else robot[:2])
     scored = [] if forecast is None else analytics.add(forecast)
-    return Event(frame, forecast, scored, robot)
+    return Event(frame, forecast, scored)
 
 
 def replay(
