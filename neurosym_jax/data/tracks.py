@@ -166,33 +166,10 @@ def resample(
         raise InputError(f"{name}: the start of the grid must be finite, not {start}")
 
     stamp, position = tracks.stamp, tracks.position
-    nearest = np.rint((stamp - start) / period)
-    on_grid = np.abs(stamp - (start + nearest * period)) <= SNAP
-    place = np.where(on_grid, nearest, (stamp - start) / period)
-
-    # Row i serves the grid points from its own place up to, not including, the next row's; where
-    # no next row follows closely enough it serves only the point that it lies on.
-    step = np.diff(stamp)
-    same = np.diff(tracks.id) == 0
+    step, same = np.diff(stamp), np.diff(tracks.id) == 0
     joined = np.append(same & (step <= max_gap + 2 * SNAP), False)
-    first = np.ceil(place)
-    last = np.where(joined, np.append(first[1:], 0.0), np.floor(place) + 1)
-    first, last = np.maximum(first, 0), np.maximum(last, 0)
-    wanted = float(np.sum(last - first))
-    if wanted > DENSE * len(stamp):
-        raise InputError(
-            f"{name}: a period of {period:g} s makes {wanted:,.0f} points of {len(stamp):,}, more "
-            f"than {DENSE} of each: a longer one does"
-        )
-    count = (last - first).astype(np.int64)
-    if not wanted:
-        raise InputError(f"{name}: no point lies on or between the points of the grid")
-
-    row = np.repeat(np.arange(len(stamp)), count)
-    before = np.cumsum(count) - count
-    grid = first[row] + (np.arange(len(row)) - before[row])
+    row, grid, exact = _grid_points(tracks, period, start, joined)
     grid_stamp = start + grid * period
-    exact = grid == place[row]
     after = np.where(exact, row, row + 1)
 
     span = np.where(exact, 1.0, stamp[after] - stamp[row])
@@ -214,6 +191,36 @@ def resample(
         period=period,
         reading=tracks.reading,
     )
+
+
+def _grid_points(
+    tracks: Tracks, period: float, start: float, joined: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """[G] rows, the numbers of the grid points that they serve, and whether they lie on them.
+
+    Row i serves the grid points from its own place up to, not including, the next row's; where the
+    next row does not follow (`joined [R]`) it serves only the point that it lies on.
+    """
+    name, stamp = tracks.recording, tracks.stamp
+    nearest = np.rint((stamp - start) / period)
+    snaps = np.abs(stamp - (start + nearest * period)) <= SNAP
+    place = np.where(snaps, nearest, (stamp - start) / period)
+    first = np.ceil(place)
+    last = np.where(joined, np.append(first[1:], 0.0), np.floor(place) + 1)
+    first, last = np.maximum(first, 0), np.maximum(last, 0)
+    wanted = float(np.sum(last - first))
+    if wanted > DENSE * len(stamp):
+        raise InputError(
+            f"{name}: a period of {period:g} s makes {wanted:,.0f} points of {len(stamp):,}, more "
+            f"than {DENSE} of each: a longer one does"
+        )
+    if not wanted:
+        raise InputError(f"{name}: no point lies on or between the points of the grid")
+    count = (last - first).astype(np.int64)
+    row = np.repeat(np.arange(len(stamp)), count)
+    before = np.cumsum(count) - count
+    grid = first[row] + (np.arange(len(row)) - before[row])
+    return row, grid, grid == place[row]
 
 
 def on_grid(tracks: Tracks, period: float = PERIOD) -> Tracks:

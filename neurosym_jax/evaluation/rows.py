@@ -56,12 +56,7 @@ def evaluate_into(
             written; and as `evaluate_tests`.
     """
     inputs = _digest(tests, settings)
-    rows: list[Row] = []
-    if is_first() and check_replaceable(path):
-        if resume:
-            rows = _kept(path, inputs)
-        else:
-            print(f"replacing the report in {path}")
+    rows = _begun(path, inputs, resume=resume) if is_first() else []
     # Where there are other processes, they may not see the file.
     kept = int(sum_over_processes(np.array([len(rows)]))[0])
     total = sum(len(test.entries) for test in tests)
@@ -93,12 +88,17 @@ def _test_set(row: Row) -> TestSet:
     return TestSet(row["scene"], row["obs_len"], row["pred_len"])
 
 
-def _kept(path: Path, inputs: str) -> list[Row]:
-    """The rows of the file.
+def _begun(path: Path, inputs: str, *, resume: bool) -> list[Row]:
+    """The rows that are kept of a file that is there.
 
     Raises:
-        InputError: for a file that another evaluation left.
+        InputError: for a file that is no report, or is to be resumed and another evaluation's.
     """
+    if not check_replaceable(path):
+        return []
+    if not resume:
+        print(f"replacing the report in {path}")
+        return []
     data = json.loads(path.read_text())
     if data.get("inputs") != inputs:
         raise InputError(

@@ -45,13 +45,7 @@ def animate_forecast(
     """
     steps, obs_len = position.shape[1], alpha.shape[-1]
     figure, ((axes,),) = new_figure(5.6, 5.0)
-    everything = np.concatenate([position.reshape(-1, 2), forecast.reshape(-1, 2)])
-    # Samples that go far would make everything else small.
-    low, high = np.percentile(everything, [1, 99], axis=0)
-    low = np.minimum(low, position.min(axis=(0, 1)))
-    high = np.maximum(high, position.max(axis=(0, 1)))
-    margin = 0.08 * (high - low).max() + 0.3
-    (left, bottom), (right, top) = low - margin, high + margin
+    (left, bottom), (right, top) = _view(position, forecast)
     # Learned weights may be negative.
     weight = abs(alpha + alpha.swapaxes(0, 1)) * ~np.eye(len(position), dtype=bool)[..., None]
     weight = WIDEST * weight / max(float(weight.max()), 1e-12)
@@ -81,6 +75,17 @@ def animate_forecast(
             axes.text(0.01, 0.99, seconds, transform=axes.transAxes, va="top", fontsize=9)
             writer.grab_frame()
         writer.finish()
+
+
+def _view(position: np.ndarray, forecast: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of what is shown: all positions, and forecasts but for the few that go far."""
+    everything = np.concatenate([position.reshape(-1, 2), forecast.reshape(-1, 2)])
+    # Samples that go far would make everything else small.
+    low, high = np.percentile(everything, [1, 99], axis=0)
+    low = np.minimum(low, position.min(axis=(0, 1)))
+    high = np.maximum(high, position.max(axis=(0, 1)))
+    margin = 0.08 * (high - low).max() + 0.3
+    return low - margin, high + margin
 
 
 def _links(axes: Axes, place: np.ndarray, width: np.ndarray, pale: bool) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from neurosym_jax.plotting.matrix import draw_matrix
@@ -46,17 +47,7 @@ def plot_symbol_forecast(
     chosen = list(pairs)[:PAIRS]
     height = max(2.4, 1.0 + 0.2 * len(chosen))
     figure, ((where, when, what),) = new_figure(WIDTH, height, 1, 3, width_ratios=(1.1, 1.9, 1.5))
-    for i, (person, colour) in enumerate(zip(people, PALETTE * len(people))):
-        for sample in samples[:, i]:
-            where.plot(
-                *np.concatenate([observed[i, -1:], sample]).T, color=colour, lw=0.5, alpha=0.3
-            )
-        where.plot(*observed[i].T, "-", color=colour, lw=1.6)
-        where.plot(*observed[i, -1], "o", color=colour, ms=4)
-        look = {"textcoords": "offset points", "color": colour, "fontsize": LABEL}
-        where.annotate(f"{person}", observed[i, -1], (4, 4), **look)
-    where.set_aspect("equal", adjustable="datalim")
-    where.margins(0.1)
+    _draw_samples(where, observed, samples, people)
     dress(where, "x [m]", "y [m]", title)
     best = np.array([states[pair].argmax(axis=1) for pair in chosen])
     share = np.array([states[pair].max(axis=1) for pair in chosen])
@@ -80,3 +71,18 @@ def plot_symbol_forecast(
     for axes in (when, what):
         axes.grid(visible=False)
     return figure
+
+
+def _draw_samples(
+    axes: Axes, observed: np.ndarray, samples: np.ndarray, people: np.ndarray
+) -> None:
+    for i, (person, colour) in enumerate(zip(people, PALETTE * len(people))):
+        last = observed[i, -1:]
+        for sample in samples[:, i]:
+            axes.plot(*np.concatenate([last, sample]).T, color=colour, lw=0.5, alpha=0.3)
+        axes.plot(*observed[i].T, "-", color=colour, lw=1.6)
+        axes.plot(*last[0], "o", color=colour, ms=4)
+        look = {"textcoords": "offset points", "color": colour, "fontsize": LABEL}
+        axes.annotate(f"{person}", last[0], (4, 4), **look)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.1)
