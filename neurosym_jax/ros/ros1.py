@@ -14,37 +14,17 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.errors import InputError
-from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.frame import Frame
-from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
+from neurosym_jax.online.likely import AT_LEAST
 from neurosym_jax.online.predictor import Predictor
-from neurosym_jax.online.replay import advance
-from neurosym_jax.online.status import Status
 from neurosym_jax.ros.bags import TF_TOPICS
 from neurosym_jax.ros.decoding import Decoder
-from neurosym_jax.ros.definitions import (
-    HUMANS_TRAJS,
-    PEOPLE,
-    TRANSFORMS,
-    blank,
-    ros1_name,
-)
+from neurosym_jax.ros.definitions import HUMANS_TRAJS, PEOPLE, TRANSFORMS, blank, ros1_name
 from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
-from neurosym_jax.ros.messages import (
-    PEOPLE_TOPICS,
-    TRUTH_TOPIC,
-    WAITING,
-    forecast_topic,
-    make_people,
-)
-from neurosym_jax.ros.outgoing import (
-    DIAGNOSTICS,
-    ENDINGS,
-    diagnostics_message,
-    makers,
-)
+from neurosym_jax.ros.forecasting_node import DIAGNOSE, ForecastingNode
+from neurosym_jax.ros.messages import PEOPLE_TOPICS, WAITING, make_people
+from neurosym_jax.ros.outgoing import DIAGNOSTICS, diagnostics_message
 from neurosym_jax.ros.source import Source
 from neurosym_jax.ros.tcpros import Node, Publisher, Topic
 from neurosym_jax.tracking.live import NOBODY, OnlineStitcher
@@ -54,15 +34,11 @@ __all__ = ["ForecastNode"]
 LAST = 2.0**31 - 1000
 """Seconds; rosbags counts ROS 1's in 32 bits with a sign, and forecasts lie ahead."""
 
-FORECAST_TOPICS = {HUMANS_TRAJS: "", **ENDINGS}
-"""How the topics end that a forecast goes to, by type."""
-DIAGNOSE = 1.0
-"""Seconds between messages on /diagnostics."""
 Heard = tuple[bytes, Mapping[str, str] | None, float]
 """A message, its publisher's header, and when it came."""
 
 
-class ForecastNode:
+class ForecastNode(ForecastingNode):
     """A predictor in a ROS 1 graph; `run` it, and `close` it whatever happens."""
 
     def __init__(
@@ -97,19 +73,16 @@ class ForecastNode:
         Raises:
             InputError: for a topic, name or URI that is none, or if rosbags is not installed.
         """
-        self.predictor, self.stitcher = predictor, stitcher
-        self.analytics = Analytics.of(predictor)
-        LikelyEvents.of(predictor, at_least)  # Compiled before it is asked for.
-        self._make = makers(at_least)
-        self.dashboard: Dashboard | None = None
-        """Shown every frame, where there is one."""
         self.malformed = self.late = 0
         """Messages that could not be read; that came faster than they could be worked on."""
-        self.source = source or Source(report=report)
+        source = source or Source(report=report)
+        super().__init__(predictor, source, stitcher, at_least, status, report)
         self._decoder = Decoder()
         self._store = self._decoder.store
         self._waiting: queue.Queue[Heard] = queue.Queue(WAITING)
-        self.status = Status(predictor, self.analytics, report, status, self._counts)
+        self._make[HUMANS_TRAJS] = lambda new, *told, **common: forecast_message(
+            self._store.types, *told, **common
+        )
         self._diagnosed = 0.0
         filtered, raw = PEOPLE_TOPICS
         self.node = Node(name, master, report, remaps)
@@ -117,15 +90,10 @@ class ForecastNode:
         if stitcher and people.name == self.node.names(filtered):
             self.node.close()
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
-        advertise = self.node.advertise
-        self._forecasts = {
-            (name, kind): advertise(self._topic(forecast_topic(name) + end, kind))
-            for name in predictor.models
-            for kind, end in FORECAST_TOPICS.items()
-        }
-        self._diagnostics = advertise(self._topic("/diagnostics", DIAGNOSTICS))
-        self._truth = advertise(self._topic(TRUTH_TOPIC, HUMANS_TRAJS))
-        self._mended = advertise(self._topic(filtered, PEOPLE)) if stitcher else None
+        advertise = self._advertise
+        self.publish_on(HUMANS_TRAJS, advertise)
+        self._diagnostics = advertise("/diagnostics", DIAGNOSTICS)
+        self._mended = advertise(filtered, PEOPLE) if stitcher else None
         subscriber = self.node.subscribe(people, self.hear, self._decoder.refuse)
         self.source.is_there = subscriber.hears
         if self.source.needs_transforms:
@@ -145,10 +113,8 @@ class ForecastNode:
             self.status.look()
             if time.monotonic() - self._diagnosed >= DIAGNOSE and self._diagnostics.subscribers:
                 self._diagnosed = time.monotonic()
-                self._send(
-                    self._diagnostics,
-                    diagnostics_message(self._new, self.status, self.node.name, time.time()),
-                )
+                message = diagnostics_message(self._new, self.status, self.node.name, time.time())
+                self._send(self._diagnostics, message)
 
     def hear(self, data: bytes, header: Mapping[str, str] | None = None) -> None:
         """Queue serialised people; where there are too many the oldest are left out."""
@@ -186,36 +152,19 @@ class ForecastNode:
             return
         if self.stitcher is not None and self._mended is not None:
             frame = self._mend(self.stitcher, self._mended, frame, kind, message)
-        self.status.heard()
-        robot = self.source.robot(frame.stamp)
-        event = advance(frame, self.predictor, self.analytics, robot=robot)
-        common: dict[str, Any] = {
-            "period": self.predictor.window.period,
-            "frame_id": self.source.frame_id,
-        }
-        for (name, kind), publisher in self._forecasts.items():
-            if event.forecast is not None and publisher.subscribers:
-                told = {"forecast": event.forecast, "model": name, **common}
-                if kind == HUMANS_TRAJS:
-                    message = forecast_message(types=self._store.types, **told)
-                else:
-                    message = self._make[kind](self._new, **told)
-                self._send(publisher, message)
-        for done in event.scored:
-            if self._truth.subscribers and (
-                truth := truth_message(self._store.types, done, **common)
-            ):
-                self._send(self._truth, truth)
-        if self.dashboard is not None:
-            self.dashboard.show(event.frame, event.forecast, self.analytics.summary(), robot)
+        self.forecast(frame)
 
     def _counts(self) -> dict[str, int]:
-        joined = self.stitcher.joined if self.stitcher else 0
-        own = {"tracks_joined": joined, "malformed": self.malformed, "late": self.late}
-        return {**self.source.refused, **own}
+        return {**super()._counts(), "malformed": self.malformed, "late": self.late}
 
     def _new(self, kind: str) -> Any:
         return blank(self._store, kind)
+
+    def _is_heard(self, publisher: Publisher) -> bool:
+        return bool(publisher.subscribers)
+
+    def _happened(self, *done: Any, **common: Any) -> Any:
+        return truth_message(self._store.types, *done, **common)
 
     def _mend(
         self, stitcher: OnlineStitcher, to: Publisher, frame: Frame, kind: str, message: Any
@@ -249,6 +198,9 @@ class ForecastNode:
     def _topic(self, name: str, kind: str) -> Topic:
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)
         return Topic(self.node.names(name), ros1_name(kind), md5, definition)
+
+    def _advertise(self, name: str, kind: str) -> Publisher:
+        return self.node.advertise(self._topic(name, kind))
 
     def _send(self, publisher: Publisher, message: Any) -> None:
         publisher.publish(bytes(self._store.serialize_ros1(message, message.__msgtype__)))

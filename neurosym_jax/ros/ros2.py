@@ -15,37 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.errors import InputError
-from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
-from neurosym_jax.online.predictor import Predictor
-from neurosym_jax.online.replay import advance
-from neurosym_jax.online.status import Status
+from neurosym_jax.online.likely import AT_LEAST
+from neurosym_jax.online.predictor import Forecast, Predictor
 from neurosym_jax.ros.bags import TF_TOPICS
 from neurosym_jax.ros.definitions import PEOPLE, TRANSFORMS
-from neurosym_jax.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, WAITING, forecast_topic
-from neurosym_jax.ros.outgoing import (
-    DIAGNOSTICS,
-    ENDINGS,
-    central_path,
-    diagnostics_message,
-    makers,
-    put_stamp,
-)
+from neurosym_jax.ros.forecasting_node import DIAGNOSE, ForecastingNode
+from neurosym_jax.ros.messages import PEOPLE_TOPICS, WAITING
+from neurosym_jax.ros.outgoing import DIAGNOSTICS, central_path, diagnostics_message, put_stamp
 from neurosym_jax.ros.people import POSES
 from neurosym_jax.ros.source import Source
 from neurosym_jax.tracking.live import OnlineStitcher
 
 __all__ = ["ForecastNode", "has", "message_type"]
 
-FORECAST_TOPICS = {POSES: "", **ENDINGS}
-"""How the topics end that a forecast goes to, by type; where ROS 2 has the type."""
-DIAGNOSE = 1.0
-"""Seconds between messages on /diagnostics."""
 
-
-class ForecastNode:
+class ForecastNode(ForecastingNode):
     """A predictor in a ROS 2 graph; rclpy must have been initialised."""
 
     def __init__(
@@ -79,27 +64,13 @@ class ForecastNode:
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
         people = message_type(kind)
-        self.kind, self.source = kind, source or Source()
-        self.predictor, self.stitcher = predictor, stitcher
-        self.analytics = Analytics.of(predictor)
-        LikelyEvents.of(predictor, at_least)  # Compiled before it is asked for.
-        self._make = makers(at_least)
-        self.dashboard: Dashboard | None = None
-        """Shown every frame, where there is one."""
-        self.node = rclpy.create_node(name)
-        kinds = {kind: end for kind, end in FORECAST_TOPICS.items() if has(kind)}
-        self._forecasts = {
-            (name, kind): self._publisher(kind, forecast_topic(name) + end)
-            for name in predictor.models
-            for kind, end in kinds.items()
-        }
-        self._truth = self._publisher(POSES, TRUTH_TOPIC)
-        logger = self.node.get_logger()
-        self.status = Status(predictor, self.analytics, logger.info, status, self._counts)
+        self.kind, self.node = kind, rclpy.create_node(name)
+        report = self.node.get_logger().info
+        super().__init__(predictor, source or Source(), stitcher, at_least, status, report)
+        self._make[POSES] = _path
+        self.publish_on(POSES, self._advertise)
         self.node.create_timer(DIAGNOSE, self._look)
-        self._diagnostics = (
-            self._publisher(DIAGNOSTICS, "/diagnostics") if has(DIAGNOSTICS) else None
-        )
+        self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
         # Best effort hears publishers of either kind.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
         heard = self.node.create_subscription(people, topic, self.hear, quality)
@@ -115,30 +86,26 @@ class ForecastNode:
         """Take in a message of people, and publish what it leads to."""
         publisher = (info.get("publisher_gid") or {}).get("data", b"")
         frame = self.source.take(self.kind, message, bytes(publisher).hex(), time.monotonic())
-        if frame is None:
-            return
-        self.status.heard()
-        robot = self.source.robot(frame.stamp)
-        event = advance(frame, self.predictor, self.analytics, self.stitcher, robot)
-        period, frame_id = self.predictor.window.period, self.source.frame_id or ""
-        for (name, kind), publisher in self._forecasts.items():
-            if event.forecast is not None and publisher.get_subscription_count():
-                if kind == POSES:
-                    path = central_path(event.forecast, name)
-                    message = _poses(path, event.forecast.stamp, frame_id)
-                else:
-                    message = self._make[kind](_new, event.forecast, name, period, frame_id)
-                publisher.publish(message)
-        for done in event.scored:
-            assert done.future is not None
-            seen = np.isfinite(done.future).all(axis=(1, 2))
-            path = np.concatenate([done.observed[:, -1:], done.future], axis=1)[seen]
-            self._truth.publish(_poses(path, done.stamp, frame_id))
-        if self.dashboard is not None:
-            self.dashboard.show(event.frame, event.forecast, self.analytics.summary(), robot)
+        if frame is not None:
+            self.forecast(frame, self.stitcher)
 
-    def _publisher(self, kind: str, topic: str) -> Any:
-        return self.node.create_publisher(message_type(kind), topic, 10)
+    def _advertise(self, topic: str, kind: str) -> Any:
+        return self.node.create_publisher(message_type(kind), topic, 10) if has(kind) else None
+
+    def _is_heard(self, publisher: Any) -> bool:
+        return publisher.get_subscription_count() > 0
+
+    def _send(self, publisher: Any, message: Any) -> None:
+        publisher.publish(message)
+
+    def _new(self, kind: str) -> Any:
+        return _new(kind)
+
+    def _happened(self, done: Forecast, period: float, frame_id: str) -> Any:
+        assert done.future is not None
+        seen = np.isfinite(done.future).all(axis=(1, 2))
+        path = np.concatenate([done.observed[:, -1:], done.future], axis=1)[seen]
+        return _poses(path, done.stamp, frame_id)
 
     def _look(self) -> None:
         self.status.look()
@@ -146,9 +113,9 @@ class ForecastNode:
             now, name = time.time(), self.node.get_fully_qualified_name()
             self._diagnostics.publish(diagnostics_message(_new, self.status, name, now))
 
-    def _counts(self) -> dict[str, int]:
-        joined = self.stitcher.joined if self.stitcher else 0
-        return {**self.source.refused, "tracks_joined": joined}
+
+def _path(new: Any, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
+    return _poses(central_path(forecast, model), forecast.stamp, frame_id)
 
 
 def _poses(path: np.ndarray, stamp: float, frame_id: str) -> Any:
