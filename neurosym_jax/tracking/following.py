@@ -65,9 +65,15 @@ class Follower:
     """Tracks of everybody, frame by frame."""
 
     def __init__(
-        self, forget: float, max_tracks: int, far: float = FAR, max_speed: float = MAX_SPEED
+        self,
+        forget: float,
+        max_tracks: int,
+        far: float = FAR,
+        max_speed: float = MAX_SPEED,
+        recent: float = RECENT,
     ):
         """Nobody seen yet."""
+        self.recent = recent
         self.forget, self.max_tracks, self.far, self.max_speed = forget, max_tracks, far, max_speed
         self.tracks: list[Track] = []
         self.stamp = -np.inf
@@ -92,7 +98,9 @@ class Follower:
                 found[n] = free.pop(id(track))
             else:
                 waiting.append(n)
-        recent = [each for each in free.values() if stamp - each.stamp <= RECENT or each.id in ids]
+        recent = [
+            each for each in free.values() if stamp - each.stamp <= self.recent or each.id in ids
+        ]
         for n, track in self._assign(waiting[: self.max_tracks], recent, ids, xy):
             found[n] = track
         for n in near:
@@ -123,7 +131,7 @@ class Follower:
         allowed = np.where(
             same,
             ~is_jump(moved, gap[:, None], self.max_speed),
-            (off <= REACH) & (gap[:, None] <= RECENT),
+            (off <= REACH) & (gap[:, None] <= self.recent),
         )
         cost = np.where(
             allowed, np.where(same, np.minimum(off, REACH + OTHER_ID), off + OTHER_ID), 1e6

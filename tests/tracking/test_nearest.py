@@ -40,5 +40,5 @@ def test_nonsense_is_nobody_and_memory_is_bounded():
     for n in range(20):
         ids = nearest.push(0.3 + n / 10, np.random.default_rng(n).uniform(0, 1000, (3000, 2)))
         assert len(np.unique(ids)) == 3000
-    assert len(nearest._id) <= MOST
+    assert len(nearest._follower.tracks) <= MOST
     assert len(nearest.push(np.nan, [[0.0, 0.0]])) == 1
