@@ -125,7 +125,7 @@ def test_ctrl_c_is_one_line_and_resume_goes_on(tmp_path):
     command += ["--samples", 2, "--scene", "cross-path", "--resume", "--plugin", plugin]
     command += ["--baselines", "constant_velocity", "constant_velocity_sampled"]
     command = list(map(str, command))
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 100}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "timeout": 300}
     env = {**os.environ, "STOP_AFTER": str(path)}
     stopped = subprocess.run(command, env=env, check=False, **pipes)
     assert (stopped.returncode, stopped.stdout) == (130, "")
