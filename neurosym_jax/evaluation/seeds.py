@@ -26,14 +26,7 @@ def score_seeds(
 ) -> tuple[Evaluation, dict[str, float] | None]:
     """As `score_forecaster`, the mean of `seeds`; one is enough where nothing is drawn.
 
-    Args:
-        forecaster: what forecasts.
-        params: its parameters.
-        batches: see `make_batches`.
-        samples: k.
-        seeds: of the noise.
-        metrics: names; default: those of every table.
-        scenes_alike: give each scene its mean in place of its sum, so that all weigh the same.
+    With `scenes_alike` each scene has its mean in place of its sum, so that all weigh the same.
 
     Returns:
         Scores, with the seconds of one seed; and by metric the standard deviation between the means

@@ -1,12 +1,10 @@
 """Lines of an evaluation as tables: for a terminal, and as CSV, Markdown and LaTeX for a paper."""
 
-import csv
-import io
 import os
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Literal
 
-from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.markdown import csv_text, markdown_table
 from neurosym_jax.evaluation.metrics import Metric, known_metric
 from neurosym_jax.evaluation.paired import Interval
 from neurosym_jax.evaluation.summary import Line, Value
@@ -99,21 +97,18 @@ def csv_table(lines: Sequence[Line]) -> str:
     head = ["dataset", "obs_len", "pred_len", "model", "checkpoint", "trainings", "samples"]
     head += ["seeds", "scenes", "agents", "blocks"]
     head += [f"{metric.name}{part}" for metric in metrics for part in ("", "_low", "_high", "_std")]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
+    rows = [head]
     for line in lines:
         row, test = line.rows[0], line.test_set
-        counts = (
-            [row["scenes"], row["agents"], row.get("blocks")] if line.datasets == 1 else [""] * 3
-        )
+        counts = [row["scenes"], row["agents"], row.get("blocks")]
+        counts = counts if line.datasets == 1 else [None] * 3
         cells = [test.dataset, test.obs_len, test.pred_len, line.model, line.checkpoint]
         cells += [line.trainings, row["samples"], row.get("seeds", 1), *counts]
         for metric in metrics:
             value = line.values.get(metric.name, Value(None))
-            cells += [value.mean, *(value.interval or ("", "")), value.spread]
-        writer.writerow("" if cell is None else cell for cell in cells)
-    return text.getvalue()
+            cells += [value.mean, *(value.interval or (None, None)), value.spread]
+        rows.append(cells)
+    return csv_text(rows)
 
 
 def paper_markdown(lines: Sequence[Line]) -> str:

@@ -1,7 +1,5 @@
 """A report's JSON as a page that says what its intervals allow to be said, and as CSV."""
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.config import from_json, to_json
-from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.markdown import csv_text, markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.sweeps.learned_tables import agreement
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
@@ -66,9 +64,7 @@ def format_differences(data: dict[str, Any]) -> str:
         for one in data["comparisons"]
         for metric in data["metrics"]
     ]
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([head, *rows])
-    return text.getvalue()
+    return csv_text([head, *rows])
 
 
 def _setting(data: dict[str, Any], command: str) -> str:
