@@ -4,6 +4,7 @@ Importing this registers it, and imports nothing of ROS. A live stream out of a 
 `ros.recordings`, which keeps its frames.
 """
 
+import dataclasses
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputWarning, printable
@@ -31,18 +33,22 @@ def read_bag(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
     Raises:
         InputError: as `bags.read_people` does, or where nobody is left.
 
-    Warns:
-        InputWarning: of what was left out.
+    What was left out, and where the bag was cut short, stands in the warnings of `reading`.
     """
     from neurosym_jax.ros.bags import read_people
 
-    frames = [frame for frame in read_people(path, options.topic) if np.isfinite(frame.stamp)]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", InputWarning)
+        frames = [frame for frame in read_people(path, options.topic) if np.isfinite(frame.stamp)]
+    said = [str(each.message).removeprefix(f"{path}: ") for each in caught]
     kept = list(_sound(frames))
     lost = sum(len(frame.ids) for frame in frames) - sum(len(frame.ids) for frame in kept)
     if lost:
-        text = f"{lost} positions are left out: nowhere, far away, twice, or out of order"
-        warnings.warn(f"{path}: {text}", InputWarning, stacklevel=3)
-    return [tracks_of_frames(iter(kept), printable(path.stem))]
+        said.append(f"{lost} positions are left out: nowhere, far away, twice, or out of order")
+    tracks = tracks_of_frames(iter(kept), printable(path.stem))
+    where = printable(str(path))
+    how = Reading(tracks.recording, where, rows=len(tracks.id), warnings=tuple(said))
+    return [dataclasses.replace(tracks, reading=how)]
 
 
 def _sound(frames: list[Frame]) -> Iterator[Frame]:
