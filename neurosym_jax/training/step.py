@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax import Array
+from jax.core import Tracer
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models import Discriminator, Generator
@@ -96,7 +97,9 @@ def _initial(network: Generator | Discriminator, key: Array, *inputs: Any) -> An
     def init(key: Array) -> Any:
         return network.init(key, *jax.tree.map(jnp.zeros_like, inputs))
 
-    return jax.jit(init, compiler_options=COMPILED_QUICKLY)(key)
+    # Within another program it is that one's business how it is compiled.
+    alone = not isinstance(key, Tracer)
+    return jax.jit(init, compiler_options=COMPILED_QUICKLY if alone else None)(key)
 
 
 def train_step(
