@@ -105,6 +105,8 @@ bags.KEEP = 0.0
 bag = bags.BagWriter(Path(sys.argv[1]))
 for frame in frames():
     bag.write(TOPIC, frame.stamp, messages.make_people(bag.types, frame))
+bags.KEEP = 60.0
+bag.write(TOPIC, frame.stamp + 1, messages.make_people(bag.types, frame))  # Lost.
 print("written", flush=True)
 time.sleep(60)
 """
@@ -118,6 +120,8 @@ def test_what_a_killed_writer_leaves_is_told_and_read(tmp_path, kind):
         assert process.stdout.readline() == b"written\n"
         process.kill()
     left = path.with_suffix(".bag.active" if kind == "bag" else "")
+    if kind == "db3":  # Of a transaction that is to be undone.
+        assert (left / "run.db3-journal").stat().st_size
     assert is_bag(left)
     with pytest.warns(InputWarning, match="never finished"):
         found = content(left)
