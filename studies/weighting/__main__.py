@@ -1,16 +1,18 @@
 """Does symbolic weighting help? `docs/weighting.md`, its figure and its table, from nothing.
 
-NPROC=1 python -m studies.weighting DATA OUT [PART/PARTS]
+NPROC=1 python -m studies.weighting DATA OUT [SET ...]
 
 DATA holds HERMES's runs in `hermes` and ETH/UCY in `eth_ucy`, see `studies/weighting/data.py`.
 What is asked, and what would be an answer, was written before the first run:
-docs/weighting_protocol.md. A finished run lies in OUT/runs and is not done again; with PART/PARTS
-(1/2, 2/2) processes share the runs. OUT gets `weighting.md`, `weighting.csv` and `weighting.png`,
-of all runs that are there. With one thread a run gives the same bits again.
+docs/weighting_protocol.md. A finished run lies in OUT/runs and is not done again; with names of
+sets only theirs are done, so that processes can share them. OUT gets `weighting.md`,
+`weighting.csv` and `weighting.png`, of all runs that are there. With one thread a run gives the
+same bits again.
 """
 
 import sys
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import jax
@@ -27,7 +29,7 @@ from studies.weighting.data import load
 from studies.weighting.scores import score
 from studies.weighting.training import train
 
-FIRST = 6
+FIRST = 12
 """Seeds of the arms that answer the questions, before any of the others."""
 
 
@@ -47,10 +49,9 @@ def path_of(out: Path, seed: int, name: str, arm: str) -> Path:
     return out / "runs" / f"{name}_{arm.replace(' ', '-').replace('/', '-')}_{seed}.npz"
 
 
-def run_all(data: Path, out: Path, part: int, parts: int) -> None:
-    """Do what is left of every `parts`-th set and arm."""
-    mine = [run for run in runs() if _share(run) % parts == part]
-    left = [run for run in mine if not path_of(out, *run).is_file()]
+def run_all(data: Path, out: Path, names: Sequence[str]) -> None:
+    """Do what is left of these sets."""
+    left = [run for run in runs() if run[1] in names and not path_of(out, *run).is_file()]
     sets: dict[str, tuple[Windows, Windows]] = {}
     for seed, name, arm in tqdm(left, unit="run"):
         if name not in sets:
@@ -70,12 +71,6 @@ def run_all(data: Path, out: Path, part: int, parts: int) -> None:
             )
 
 
-def _share(run: tuple[int, str, str]) -> int:
-    """All seeds of a set and an arm go to one process, which compiles them once."""
-    _, name, arm = run
-    return list(ARMS).index(arm) + SETS.index(name)
-
-
 def read(path: Path) -> ErrorsByScene:
     """A finished run."""
     with np.load(path) as file:
@@ -88,14 +83,13 @@ def read(path: Path) -> ErrorsByScene:
         )
 
 
-def main(data: Path, out: Path, part: str = "1/1") -> None:
+def main(data: Path, out: Path, names: Sequence[str] = SETS) -> None:
     """Train and score what is left, and write the page of what is there."""
     from studies.weighting.page import write
 
     enable_compilation_cache()
     tune()
-    number, parts = map(int, part.split("/"))
-    run_all(data, out, number - 1, parts)
+    run_all(data, out, names)
     found = {
         name: {
             arm: {
@@ -113,4 +107,4 @@ def main(data: Path, out: Path, part: str = "1/1") -> None:
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", InputWarning)
-    main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])
+    main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:] or SETS)
