@@ -91,7 +91,7 @@ ARMS = {
     "wrong": _arm(
         "with the wrong pairs", (4, 0, 0), "encounter", "on_ones_path_wrong_pairs", first=True
     ),
-    "no pooling": _arm("nobody looks at anybody", (4, 4, 4), "none"),
+    "no pooling": _arm("nobody looks at anybody", (4, 4, 12), "none"),
     "SGAN": _arm("SGAN's pooling", (0, 4, 4), "pool_net"),
     "learned": _arm("81 weights, from `cnd`", (4, 4, 4), "encounter", "learned"),
     "NeuroSyM ones": _arm("the papers' pooling", (0, 4, 0), "as_described", "ones"),
