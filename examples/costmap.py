@@ -6,6 +6,9 @@ python examples/costmap.py ros1|ros2 [SAMPLES-TOPIC]    on a robot, beside its n
 Needs numpy and, on a robot, its own ROS with `ros/neurosym_msgs` built; JAX is not needed there.
 """
 
+# pyright: reportMissingImports=false
+# ROS has its own installer; where the linters run there is none.
+
 import array
 import sys
 import time
