@@ -121,7 +121,6 @@ def _comparisons(
             name,
             f"{each.arm} less {each.reference}",
             _plain(each.metric).removesuffix(", interacting"),
-            str(each.seeds),
             f"{_percent(each.percent)} % ({_percent(each.low)} to {_percent(each.high)})",
             f"{_percent(each.wide_low)} to {_percent(each.wide_high)}",
             _p(each.p if p is None else p[index]),
@@ -130,8 +129,8 @@ def _comparisons(
         ]
         for index, (name, each) in enumerate(found)
     ]
-    head = ["data", "arms", "error", "seeds", "difference (95 %)", "other scenes, too"]
-    head += ["p, different", f"p, within {MARGIN:g} %", "in reach"]
+    head = ["data", "arms", "error", "difference (95 %)", "wider", "p, different"]
+    head += [f"p, within {MARGIN:g} %", "in reach"]
     return markdown_table(head, rows, right=5)
 
 

@@ -44,8 +44,9 @@ corrected for all of these comparisons (Holm):
 
 {primary}
 
-"Other scenes, too" is the interval over seeds and test scenes. "In reach" is the least margin
-within which equivalence would be shown, without correction, in nine of ten such studies.
+The interval is that over seeds, on these test scenes; the wider one is over seeds and test scenes.
+"In reach" is the least margin within which equivalence would be shown, without correction, in nine
+of ten such studies.
 
 How much alpha varies, and what looking at neighbours is worth. Interacting are those with a
 neighbour within 2 m who comes nearer. Of alpha: standard deviation in per cent of the mean,
@@ -79,16 +80,15 @@ Joint ADE of the interacting in metres, mean and standard deviation over seeds (
 - **Symbols of predicted steps.** Here the state observed last weighs a pair for the whole
   forecast. With `pool_every_timestep` every predicted step has its own; that was too dear to be
   trained here.
-- **zara2** holds fewer people who interact, and looking at neighbours is worth less there; what it
-  says weighs less than what the corridors say.
+- **zara2** holds fewer people who interact, and looking at neighbours is worth a third as much
+  there; what it says weighs less than what the corridors say.
 - **Other budgets.** Runs are short (600 steps) and learn from ten runs of an experiment, or four
   scenes. Symbols might be worth more where there is less to learn from.
 - **Smaller effects in the control.** It shows that a large effect is seen, in either direction.
   How small a one can be seen follows from the spread of seeds alone ("in reach").
 
-Tried and left: the papers' pooling is worth nothing on the corridors, with weights or without, so
-no weights can be told from others in it; and the poolings in the
-[protocol](weighting_protocol.md).
+Tried and left: the papers' pooling brings no gain on the corridors, with weights or without, so no
+weights can be told from others in it; and the poolings in the [protocol](weighting_protocol.md).
 
 ## How it was made
 
