@@ -4,8 +4,9 @@ PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpo
 
 python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_* PUBLISHED --seeds 5 \\
     --metrics truth_collision_rate energy_score --json docs/results.json
-python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_12 PUBLISHED --seeds 5 \\
-    --protocol joint-metrics --metrics truth_collision_rate --json docs/results_joint_metrics.json
+python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_12 sgan-20v*/*_12_model.pt \\
+    --seeds 5 --protocol joint-metrics --metrics truth_collision_rate \\
+    --json docs/results_joint_metrics.json
 python -m studies.results docs/results.json docs/results_joint_metrics.json > docs/results.md
 """
 
