@@ -12,7 +12,7 @@ from neurosym_jax.symbolic.weighting_config import WeightingConfig, register_wei
 from neurosym_jax.training.recipe import RECIPES
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
 
-__all__ = ["ARMS", "RECIPE", "SETS", "Arm"]
+__all__ = ["ARMS", "RECIPE", "SETS", "Arm", "register"]
 
 RECIPE = dataclasses.replace(
     RECIPES["ours"],
@@ -57,12 +57,14 @@ def _constant(positions: Array, valid: Array) -> Array:
     return jnp.full((len(positions), *positions.shape[:2]), 1 / 15, positions.dtype)
 
 
-for _name, _weigh in {
-    "on_ones_path": _right,
-    "on_ones_path_wrong_pairs": _wrong,
-    "fifteenth": _constant,
-}.items():
-    register_weighting(_name)(_weigh)
+def register() -> None:
+    """Make the weightings of this study known by name; done again, they replace themselves."""
+    register_weighting("on_ones_path", replace=True)(_right)
+    register_weighting("on_ones_path_wrong_pairs", replace=True)(_wrong)
+    register_weighting("fifteenth", replace=True)(_constant)
+
+
+register()
 
 
 def _network(pooling: str, weighting: str | None = None) -> GeneratorConfig:

@@ -21,7 +21,8 @@ def _weightings_of_the_study():
     """Registered for these tests alone."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
-        importlib.import_module("studies.weighting.arms")
+        # Again, where it was imported before: these tests need not follow one another.
+        importlib.import_module("studies.weighting.arms").register()
         yield
 
 
