@@ -86,7 +86,7 @@ def run_of(params, monkeypatch):
 
     state = TrainState(np.int32(0), params, (), (), (), ())
     monkeypatch.setattr(loop, "initial_state", lambda *_: state)
-    monkeypatch.setattr(loop, "_advance", advance)
+    monkeypatch.setattr(loop, "train_steps", advance)
     values = {"val_ade": 1.0, "val_fde": 1.0, "val_score": 2.0}
     monkeypatch.setattr(loop, "_validate", lambda *_: dict(values))
     # As figures are written, but drawn in no time.

@@ -22,7 +22,7 @@ __all__ = [
 _LEVEL = "xla_backend_optimization_level"
 COMPILED_QUICKLY = {} if _LEVEL in os.environ.get("XLA_FLAGS", "") else {_LEVEL: 1}
 """`compiler_options` of programs that take longer to compile than to run, as random numbers do:
-half the time, the same bits. None where `XLA_FLAGS` says how much is to be optimised."""
+sooner, with the same bits. None where `XLA_FLAGS` says how much is to be optimised."""
 
 _VECTORS = "--xla_cpu_prefer_vector_width"
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8

@@ -6,7 +6,6 @@ Everything random follows from (seed, step), so a resumed run continues bit for 
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
 from neurosym_jax.training.run import Run, refuse_other_run
-from neurosym_jax.training.step import TrainState, initial_state, train_step
+from neurosym_jax.training.step import TrainState, initial_state, train_steps
 from neurosym_jax.training.stream import SceneStream
 
 __all__ = ["CHUNK", "train", "train_run"]
@@ -147,7 +146,7 @@ def _train(
                 lambda leaf, count=count: leaf.reshape(count, networks, *leaf.shape[1:]),
                 stream.steps(done * networks, count * networks),
             )
-            state, metrics = _advance(run.generator, config, steps_key, state, groups)
+            state, metrics = train_steps(run.generator, config, steps_key, state, groups)
             row: dict[str, Any] = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
             _refuse_not_finite(row, folder, done, validations)
@@ -233,19 +232,6 @@ def _progress(row: dict[str, Any], validations: list[dict[str, Any]]) -> dict[st
     if validations:
         values |= {"val_ade": validations[-1]["val_ade"], "val_fde": validations[-1]["val_fde"]}
     return {name: f"{value:.3f}" for name, value in values.items()}
-
-
-@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
-def _advance(
-    generator: GeneratorConfig, config: TrainConfig, key: jax.Array, state: TrainState, groups: Any
-) -> tuple[TrainState, dict[str, jax.Array]]:
-    """One step for each of `groups [steps, batches, ...]`; metrics `[steps]`."""
-
-    def step(state: TrainState, batches: Any):
-        # The key follows from the step, not from where the run was interrupted.
-        return train_step(generator, config, state, batches, jax.random.fold_in(key, state.step))
-
-    return jax.lax.scan(step, state, groups)
 
 
 def _validated(config: TrainConfig, state: TrainState) -> Any:

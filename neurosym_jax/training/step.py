@@ -1,5 +1,6 @@
 """One training step as a pure function `(state, batch, key) -> (state, metrics)`."""
 
+import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -29,6 +30,7 @@ __all__ = [
     "clip_gradient",
     "initial_state",
     "train_step",
+    "train_steps",
     "update_discriminator",
     "update_generator",
 ]
@@ -100,6 +102,35 @@ def _initial(network: Generator | Discriminator, key: Array, *inputs: Any) -> An
     # Within another program it is that one's business how it is compiled.
     alone = not isinstance(key, Tracer)
     return jax.jit(init, compiler_options=COMPILED_QUICKLY if alone else None)(key)
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
+def train_steps(
+    generator_config: GeneratorConfig,
+    config: TrainConfig,
+    key: Array,
+    state: TrainState,
+    batches: Groups,
+) -> tuple[TrainState, Metrics]:
+    """One compiled call of many steps.
+
+    Args:
+        generator_config: the generator.
+        config: the recipe.
+        key: the run's, the same for all its steps and not consumed.
+        state: before the first step; its buffers are taken over.
+        batches: groups `[steps, batches, ...]`, see `train_step` for the batches of a step.
+
+    Returns:
+        The state after the last step, and metrics `[steps]`.
+    """
+
+    def step(state: TrainState, batches: Groups):
+        # The key follows from the step, not from where the run was interrupted.
+        key_of_step = jax.random.fold_in(key, state.step)
+        return train_step(generator_config, config, state, batches, key_of_step)
+
+    return jax.lax.scan(step, state, batches)
 
 
 def train_step(

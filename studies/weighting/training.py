@@ -6,7 +6,6 @@ program, which a run of its own would trace for each.
 """
 
 import dataclasses
-import functools
 from typing import Any
 
 import jax
@@ -16,7 +15,7 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.recipe import TrainConfig
-from neurosym_jax.training.step import TrainState, initial_state, train_step
+from neurosym_jax.training.step import initial_state, train_steps
 from neurosym_jax.training.stream import SceneStream
 
 __all__ = ["train"]
@@ -44,17 +43,5 @@ def train(generator: GeneratorConfig, recipe: TrainConfig, windows: Windows, see
     of_steps = jax.random.fold_in(key, 1)
     for done in range(0, recipe.steps, CHUNK):
         groups = jax.tree.map(lambda leaf: leaf[:, None], stream.steps(done, CHUNK))
-        state, _ = _advance(generator, recipe, of_steps, state, groups)
+        state, _ = train_steps(generator, recipe, of_steps, state, groups)
     return state.generator
-
-
-@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
-def _advance(
-    generator: GeneratorConfig, recipe: TrainConfig, key: jax.Array, state: TrainState, groups: Any
-) -> tuple[TrainState, dict[str, jax.Array]]:
-    """A step for each of `groups [steps, 1, ...]`."""
-
-    def step(state: TrainState, batches: Any):
-        return train_step(generator, recipe, state, batches, jax.random.fold_in(key, state.step))
-
-    return jax.lax.scan(step, state, groups)

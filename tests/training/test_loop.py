@@ -220,7 +220,7 @@ def test_validations_come_when_they_are_due_and_at_the_end(with_recipe, tmp_path
         count = len(groups[0].valid)
         return state._replace(step=state.step + count), {"g_loss": np.ones(count)}
 
-    monkeypatch.setattr(loop, "_advance", advance)
+    monkeypatch.setattr(loop, "train_steps", advance)
     train_run(with_recipe(steps=65, validate_every=30), tmp_path)
     rows = MetricsLog(tmp_path / "metrics.jsonl", 1000).rows()
     steps = [(row["step"], "val_ade" in row) for row in rows]
