@@ -48,6 +48,12 @@ class Encounter:
         """
         return self.states[..., 2 + "kl".index(who)]
 
+    @property
+    def order(self) -> Array:
+        """[..., T] int8 -1 where k goes after l, who goes away, 1 where l goes after k, else 0."""
+        after, ahead = self.towards("k") & self.away("l"), self.away("k") & self.towards("l")
+        return ahead.astype(jnp.int8) - after.astype(jnp.int8)
+
     def place(self, who: str) -> tuple[Array, Array]:
         """Where the other is at the end of each step, seen from `who`'s way.
 
@@ -201,6 +207,12 @@ for _name, _sentence, _happens, *_more in (
         lambda e: e.lasting(
             e.towards("k") & e.away("l") & e.angle_between(0, 45) & e.within(4), 1.2
         ),
+    ),
+    (
+        "overtakes",
+        "k, who went after l, has l go after k, in directions less than 45 degrees apart and "
+        "within 3 m",
+        lambda e: e.turns(e.order) & (e.order > 0) & e.angle_between(0, 45) & e.within(3),
     ),
     (
         "meets",

@@ -2,9 +2,9 @@
 
 python -m studies.symbolic_forecast DATA OUT
 
-DATA holds ETH/UCY in `eth_ucy` and a folder `thor` of THÖR's tracks, see docs/data.md. OUT gets
-`scores.json`, `symbolic_forecast.md` and `symbolic_forecast.png`; with `scores.json` in place of
-DATA the last two are made of it.
+DATA holds ETH/UCY in `eth_ucy`, THÖR's tracks in `thor`, see docs/data.md, and HERMES's runs in
+`hermes`, see studies/weighting/data.py. OUT gets `scores.json`, `symbolic_forecast.md` and
+`symbolic_forecast.png`; with `scores.json` in place of DATA the last two are made of it.
 """
 
 import json
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.sources import Source, Split, open_source
+from neurosym_jax.data.sources import Split
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.paired import Difference, mean_difference, paired_difference
 from neurosym_jax.evaluation.plan import baseline
@@ -28,16 +28,11 @@ from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.futures import SymbolSettings
 from studies.symbolic_forecast.page import document, figure
+from studies.symbolic_forecast.sets import TestSet, sets_of
 
 LENGTH, SAMPLES, SEED = 8, 20, 0
-MOST: dict[Split, int] = {"train": 20_000, "val": 8_000, "test": 12_000}
+MOST: dict[Split, int] = {"train": 20_000, "val": 8_000, "test": 30_000}
 """Pairs of each split, about."""
-THOR = {
-    "CLiFF-LHMP_thor1_exp-1-run-2": "thor-1",
-    "CLiFF-LHMP_thor3_exp-3-run-2": "thor-3",
-    "THOR-MAGNI_Scenario_5": "thor-magni",
-}
-"""Recordings, and the part of a model's name that says it was not trained on it."""
 AGAINST = ("Markov chain", "constant velocity", "SGAN")
 """What NeuroSyM is compared with."""
 
@@ -48,27 +43,20 @@ def main(data: Path, out: Path) -> None:
     if data.suffix == ".json":
         found = json.loads(data.read_text(encoding="utf-8"))
     else:
-        thor = open_source(data / "thor")
-        sets = {"ETH/UCY": {name: (open_source(data / "eth_ucy"), name) for name in _eth_ucy()}}
-        sets["THÖR"] = {name: (thor, name) for name in THOR}
-        found: dict[str, Any] = {group: _group(members) for group, members in sets.items()}
+        found: dict[str, Any] = {name: _group(each) for name, each in sets_of(data).items()}
         found["seconds"] = time.perf_counter() - start
         write_json(out / "scores.json", found)
     write_text(out / "symbolic_forecast.md", document(found))
     print(save_figure(figure(found), out / "symbolic_forecast.png"))
 
 
-def _eth_ucy() -> tuple[str, ...]:
-    return ("eth", "hotel", "univ", "zara1", "zara2")
-
-
-def _group(members: dict[str, tuple[Source, str]]) -> dict[str, Any]:
+def _group(members: list[TestSet]) -> dict[str, Any]:
     """The mean over test sets, each of which weighs the same."""
     scores, sizes = [], {}
-    for name, (source, scene) in members.items():
-        found, sizes[name] = _of_set(source, scene)
+    for each in members:
+        found, sizes[each.scene] = _of_set(each)
         scores.append(found)
-        print(name, *sizes[name].values(), flush=True)
+        print(each.scene, *sizes[each.scene].values(), flush=True)
     metrics = scores[0]["NeuroSyM"].errors.metrics
     return {
         "sets": sizes,
@@ -108,17 +96,18 @@ def _intervals(difference: Difference, metrics: tuple[str, ...]) -> dict[str, li
     return found
 
 
-def _of_set(source: Source, scene: str) -> tuple[dict[str, SymbolScores], dict[str, Any]]:
+def _of_set(which: TestSet) -> tuple[dict[str, SymbolScores], dict[str, Any]]:
     settings, events = SymbolSettings(), tuple(EVENTS)
     train, tune, test = (
-        make_cases(source.recordings(scene, split), LENGTH, LENGTH, settings, events, most=most)
+        make_cases(
+            which.source.recordings(which.scene, split), LENGTH, LENGTH, settings, events, most=most
+        )
         for split, most in MOST.items()
     )
-    part = THOR.get(scene, scene)
     folder = Path(__file__).resolve().parents[2] / "checkpoints"
     models = {
-        "NeuroSyM": load_model(folder / f"neurosym_{part}_8_8"),
-        "SGAN": load_model(folder / f"sgan_{part}_8_8"),
+        "NeuroSyM": load_model(folder / f"neurosym_{which.models}_8_8"),
+        "SGAN": load_model(folder / f"sgan_{which.models}_8_8"),
         "constant velocity": baseline("constant_velocity", LENGTH, LENGTH),
         "constant velocity, sampled": baseline("constant_velocity_sampled", LENGTH, LENGTH),
     }
