@@ -32,6 +32,7 @@ WALKS = {
     "crosses_before": (((-1.5, 0), (1, 0)), ((0.2, -3.2), (0, 0.7))),
     "crosses_behind": (((-1.5, 0), (1, 0)), ((0, 0.4), (0, 0.8))),
     "follows": (((0, 0), (1, 0)), ((1.4, 0.3), (1, 0))),
+    "overtakes": (((0, 0), (1.5, 0)), ((0.6, 0.7), (0.8, 0))),
     "meets": (((0, 0), (0.9, 0.1)), ((4.6, 0.6), (-0.9, 0))),
 }
 """(Start in metres, velocity in m/s) of k and of l who do it."""
@@ -39,8 +40,8 @@ WALKS = {
 
 def draw_events(path: Path) -> None:
     """Write the figure of all events, each with two who do it."""
-    figure = Figure(figsize=(12.4, 6.6), dpi=130, facecolor="white", layout="constrained")
-    panels = figure.subplots(2, 4).ravel()
+    figure = Figure(figsize=(9.6, 9.6), dpi=130, facecolor="white", layout="constrained")
+    panels = figure.subplots(3, 3).ravel()
     t = 0.4 * np.arange(9)[:, None]
     for axes, (name, walks) in zip(panels, WALKS.items()):
         paths = np.stack([np.array(start) + t * np.array(speed) for start, speed in walks])

@@ -122,4 +122,4 @@ def _open(path: Path, period: float, options: Options) -> ForecastBag | Forecast
     frame_id = options.frame_id or options.stream.fixed_frame
     if not frame_id and is_bag(options.recording):
         frame_id = frame_id_of(options.recording, options.read.topic)
-    return ForecastBag(path, period, frame_id or "map")
+    return ForecastBag(path, period, frame_id or "map", options.view.at_least)

@@ -14,7 +14,7 @@ from neurosym_jax.online.predictor import Forecast, Predictor
 from neurosym_jax.symbolic.events import EVENTS, in_short
 from neurosym_jax.symbolic.forecast import EventForecast, symbolic_events
 
-__all__ = ["AT_LEAST", "LikelyEvent", "LikelyEvents"]
+__all__ = ["AT_LEAST", "PAIRS", "LikelyEvent", "LikelyEvents", "nearest_pairs"]
 
 AT_LEAST = 0.5
 """Probability from which on an event is told."""
@@ -75,7 +75,7 @@ class LikelyEvents:
     def __call__(self, forecast: Forecast, model: str) -> list[LikelyEvent]:
         """What `model` makes of the pairs that come nearest to each other."""
         result = forecast.models[model]
-        near = _nearest(result.mean)
+        near = nearest_pairs(result.mean)
         if not len(near):
             return []
         # Both ways round; always as many, so that one program serves all.
@@ -105,7 +105,7 @@ def _events(
     return symbolic_events(samples, last, events=names, pairs=pairs, period=period)
 
 
-def _nearest(mean: np.ndarray) -> np.ndarray:
+def nearest_pairs(mean: np.ndarray) -> np.ndarray:
     """[P, 2] the pairs i < j whose ways [N, T, 2] come nearest to each other, nearest first."""
     i, j = np.triu_indices(len(mean), 1)
     least = np.square(mean[i] - mean[j]).sum(axis=-1).min(axis=-1)

@@ -16,7 +16,9 @@ __all__ = [
     "FORECAST",
     "HUMANS",
     "HUMANS_TRAJS",
+    "PAIR_STATES",
     "PEOPLE",
+    "STATES",
     "TRANSFORMS",
     "blank",
     "ros1_name",
@@ -29,6 +31,8 @@ HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
 FORECAST = "neurosym_msgs/msg/Forecast"
 EVENT = "neurosym_msgs/msg/Event"
 EVENTS = "neurosym_msgs/msg/Events"
+PAIR_STATES = "neurosym_msgs/msg/PairStates"
+STATES = "neurosym_msgs/msg/States"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 DEFINITIONS = {
@@ -119,6 +123,31 @@ float32 seconds
 std_msgs/Header header
 string model
 Event[] events
+""",
+    PAIR_STATES: """\
+# How a pair of people will probably move relative to each other.
+# Ids of the two.
+int64 k
+int64 l
+# [T] the most probable state of each step, q1 q2 q3 q4 such as -+0+, and its probability.
+string[] states
+float32[] probability
+# [T, 4, 3] of each step, that q1 to q4 are -, 0 and +.
+float32[] symbols
+""",
+    STATES: """\
+# What one model makes of the pairs who come nearest to each other, nearest first, 16 at most.
+# A pair is there one way round: of (l, k), q1 and q2 change places, and q3 and q4.
+# Of the last observed step, and the coordinates' frame.
+std_msgs/Header header
+string model
+# Of the states: c1, in which q1 is - where k moves towards l, q3 - where it moves to the left.
+string calculus
+# Seconds between steps: step t ends (t + 1) periods after the header's stamp.
+float64 period
+# Metres per second up to which a movement is 0.
+float32 speed
+PairStates[] pairs
 """,
     TRANSFORMS: """\
 geometry_msgs/TransformStamped[] transforms

@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+from neurosym_jax.online.likely import AT_LEAST
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.replay import Event
 from neurosym_jax.ros.bags import BagWriter
-from neurosym_jax.ros.definitions import FORECAST
+from neurosym_jax.ros.definitions import EVENTS, FORECAST, STATES
 from neurosym_jax.ros.forecast_messages import forecast_message, truth_message
 from neurosym_jax.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
-from neurosym_jax.ros.outgoing import ENDINGS, samples_message
+from neurosym_jax.ros.outgoing import ENDINGS, makers
 
 __all__ = ["ForecastBag"]
 
@@ -17,13 +18,16 @@ __all__ = ["ForecastBag"]
 class ForecastBag:
     """People, forecasts of every model and what happened, on the robot experiment's topics."""
 
-    def __init__(self, path: Path, period: float, frame_id: str = "map"):
+    def __init__(
+        self, path: Path, period: float, frame_id: str = "map", at_least: float = AT_LEAST
+    ):
         """Begin the bag.
 
         Args:
             path: see `BagWriter`.
             period: seconds between the models' steps.
             frame_id: of the coordinates.
+            at_least: probability from which on an event of a pair is told.
 
         Raises:
             InputError: as `BagWriter` does.
@@ -32,6 +36,7 @@ class ForecastBag:
         self.path = self._bag.path
         self._stamp = 0.0
         self._common: dict[str, Any] = {"period": period, "frame_id": frame_id}
+        self._make = makers(at_least)
 
     def add(self, event: Event) -> None:
         """Write what an event brought."""
@@ -44,8 +49,9 @@ class ForecastBag:
                 told: dict[str, Any] = {"forecast": forecast, "model": name, **self._common}
                 topic = forecast_topic(name)
                 self._bag.write(topic, self._stamp, forecast_message(self._bag.types, **told))
-                samples = samples_message(self._bag.new, **told)
-                self._bag.write(topic + ENDINGS[FORECAST], self._stamp, samples)
+                for kind in (FORECAST, EVENTS, STATES):
+                    message = self._make[kind](self._bag.new, **told)
+                    self._bag.write(topic + ENDINGS[kind], self._stamp, message)
         for done in event.scored:
             self.score(done)
 

@@ -7,6 +7,7 @@ from neurosym_jax.dashboard import Dashboard
 from neurosym_jax.online.analytics import Analytics
 from neurosym_jax.online.frame import Frame
 from neurosym_jax.online.likely import LikelyEvents
+from neurosym_jax.online.pair_states import PairStates
 from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.online.replay import advance
 from neurosym_jax.online.status import Status
@@ -45,7 +46,8 @@ class ForecastingNode:
         """Not in the graph yet; what is given is what the subclasses are given."""
         self.predictor, self.source, self.stitcher = predictor, source, stitcher
         self.analytics = Analytics.of(predictor)
-        LikelyEvents.of(predictor, at_least)  # Compiled before it is asked for.
+        LikelyEvents.of(predictor, at_least)  # Compiled before they are asked for.
+        PairStates.of(predictor)
         self.status = Status(predictor, self.analytics, report, status, self._counts)
         self.dashboard: Dashboard | None = None
         """Shown every frame, where there is one."""

@@ -1,4 +1,4 @@
-"""What ROS 1 and ROS 2 are told alike: all samples, lines for RViz, and how the stream is.
+"""What ROS 1 and ROS 2 are told alike: samples, what pairs will do, lines for RViz, the status.
 
 Messages come from `new(type)`, which gives empty ones: rclpy's own, or `definitions.blank`.
 """
@@ -10,9 +10,12 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.online.likely import AT_LEAST, LikelyEvents
+from neurosym_jax.online.pair_states import PairStates
 from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.online.status import Status
-from neurosym_jax.ros.definitions import EVENT, EVENTS, FORECAST
+from neurosym_jax.ros.definitions import EVENT, EVENTS, FORECAST, PAIR_STATES, STATES
+from neurosym_jax.symbolic.cnd import states
+from neurosym_jax.symbolic.states import format_state
 
 __all__ = [
     "DIAGNOSTICS",
@@ -25,13 +28,14 @@ __all__ = [
     "markers_message",
     "put_stamp",
     "samples_message",
+    "states_message",
 ]
 
 New = Callable[[str], Any]
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
-ENDINGS = {FORECAST: "/samples", EVENTS: "/events", MARKERS: "/markers"}
+ENDINGS = {FORECAST: "/samples", EVENTS: "/events", STATES: "/states", MARKERS: "/markers"}
 """How the topics end that a forecast goes to on either ROS, by type; `makers` has what they say."""
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
 """Of the people's lines, after Okabe and Ito."""
@@ -112,10 +116,32 @@ def events_message(
     return message
 
 
+def states_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
+    """The neurosym_msgs/States of one model: how the nearest pairs will move, step by step."""
+    message, of = new(STATES), PairStates(period)
+    put_stamp(message.header, forecast.stamp, frame_id)
+    message.model, message.period, message.pairs = model, period, []
+    message.calculus, message.speed = of.settings.calculus, of.settings.speed
+    texts = [format_state(state, "") for state in states(message.calculus)]
+    near, found = of(forecast, model)
+    for (k, l), shares, symbols in zip(near.tolist(), *found):  # noqa: E741
+        pair = new(PAIR_STATES)
+        pair.k, pair.l = int(forecast.ids[k]), int(forecast.ids[l])
+        pair.states = [texts[row] for row in shares.argmax(axis=1)]
+        pair.probability, pair.symbols = shares.max(axis=1), symbols.ravel()
+        message.pairs.append(pair)
+    return message
+
+
 def makers(at_least: float = AT_LEAST) -> dict[str, Callable[..., Any]]:
     """What makes the messages of `ENDINGS`, by type."""
     told = functools.partial(events_message, at_least=at_least)
-    return {FORECAST: samples_message, EVENTS: told, MARKERS: markers_message}
+    return {
+        FORECAST: samples_message,
+        EVENTS: told,
+        STATES: states_message,
+        MARKERS: markers_message,
+    }
 
 
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:

@@ -50,7 +50,7 @@ class Encounter:
 
     @property
     def order(self) -> Array:
-        """[..., T] int8 -1 where k goes after l, who goes away, 1 where l goes after k, else 0."""
+        """[..., T] int8 -1 where k walks behind l, towards l who walks away, 1 where ahead, else 0."""
         after, ahead = self.towards("k") & self.away("l"), self.away("k") & self.towards("l")
         return ahead.astype(jnp.int8) - after.astype(jnp.int8)
 
@@ -210,7 +210,7 @@ for _name, _sentence, _happens, *_more in (
     ),
     (
         "overtakes",
-        "k, who went after l, has l go after k, in directions less than 45 degrees apart and "
+        "k, who walked behind l, walks ahead of l, in directions less than 45 degrees apart and "
         "within 3 m",
         lambda e: e.turns(e.order) & (e.order > 0) & e.angle_between(0, 45) & e.within(3),
     ),

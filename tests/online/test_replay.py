@@ -102,6 +102,16 @@ def test_the_whole_way_and_back(recording, tmp_path, capsys):
             futures = message.futures.reshape(message.samples, -1, message.steps, 2)
             samples = futures + message.position.reshape(-1, 1, 2)
             assert_allclose(samples, row["models"][name]["samples"], atol=6e-4)
+        for row, events, states in zip(
+            rows,
+            got[f"/hri/human_poses_prediction_{topic}/events"],
+            got[f"/hri/human_poses_prediction_{topic}/states"],
+            strict=True,
+        ):
+            told = [(each.name, each.k, each.l) for each in events.events]
+            assert told == [(e["event"], e["k"], e["l"]) for e in row["models"][name]["events"]]
+            assert len(states.pairs) == len(row["ids"]) * (len(row["ids"]) - 1) // 2
+            assert all(len(pair.states) == 8 for pair in states.pairs)
         assert len(forecasts) == len(rows)
         for row, message in zip(rows, forecasts):
             steps = [see(HUMANS, step) for step in message.trajs]

@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.online.likely import LikelyEvents
+from neurosym_jax.online.likely import PAIRS, LikelyEvents
 from neurosym_jax.online.predictor import Forecast, ModelForecast
-from neurosym_jax.ros.definitions import EVENTS, blank, typestore
+from neurosym_jax.ros.definitions import EVENTS, STATES, blank, typestore
 from neurosym_jax.ros.outgoing import (
     MARKERS,
     events_message,
     markers_message,
     samples_message,
+    states_message,
 )
+from neurosym_jax.symbolic.cnd import states
+from neurosym_jax.symbolic.forecast import symbolic_forecast
+from neurosym_jax.symbolic.states import format_state
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -71,6 +75,37 @@ def test_events_in_words_and_numbers(store, forecast):
         assert event.k == forecast.ids[each.k]
         assert_allclose([event.probability, event.seconds], each[3:], rtol=1e-6)
     assert received(store, events_message(new, forecast, "SGAN", 0.4, "map", 1.0)).events == []
+
+
+def test_states_of_pairs_step_by_step(store, forecast):
+    new = functools.partial(blank, store)
+    message = received(store, states_message(new, forecast, "SGAN", 0.4, "map"))
+    assert (message.__msgtype__, message.model, message.header.frame_id) == (STATES, "SGAN", "map")
+    assert (message.calculus, message.period) == ("c1", 0.4)
+    (pair,) = message.pairs
+    # The place is far from the origin; the library is asked near to it.
+    samples, observed = forecast.models["SGAN"].samples - 5e5, forecast.observed - 5e5
+    found = symbolic_forecast(samples, observed, period=0.4, speed=message.speed)
+    assert (pair.k, pair.l) == (4, -8)
+    assert_allclose(pair.symbols.reshape(4, 4, 3), found.symbols[0, 1], atol=1e-6)
+    shares = np.asarray(found.states[0, 1])
+    assert_allclose(pair.probability, shares.max(axis=1), atol=1e-6)
+    likeliest = [format_state(states("c1")[row], "") for row in shares.argmax(axis=1)]
+    assert pair.states == likeliest
+
+
+def test_states_of_nobody_and_of_a_crowd(store):
+    new, rng = functools.partial(blank, store), np.random.default_rng(1)
+    for people in (1, 40):
+        observed, ids = rng.uniform(-9, 9, (people, 3, 2)), np.arange(people)
+        samples = observed[:, -1:] + rng.normal(size=(6, people, 4, 2))
+        models = {"SGAN": ModelForecast(samples, samples.mean(axis=0), 0)}
+        many = Forecast(0.0, 9, ids, observed, models, {}, 0.0, np.zeros(people, int))
+        message = received(store, states_message(new, many, "SGAN", 0.4, "map"))
+        assert len(message.pairs) == min(PAIRS, people * (people - 1) // 2)
+        of_all = symbolic_forecast(samples, observed)
+        for pair in message.pairs:
+            assert_allclose(pair.symbols, of_all.symbols[pair.k, pair.l].ravel(), atol=1e-6)
 
 
 def test_lines_for_rviz(store, forecast):

@@ -34,6 +34,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PEER = Path(__file__).with_name("rospy_peer.py")
 SYSTEM = "/usr/bin/python3"
 FORECASTS = ("/hri/human_poses_prediction_neurosym", "/hri/human_poses_prediction_baseline")
+STATES = f"{FORECASTS[0]}/states"
+TELL = """
+import rosbag, sys
+for _, m, _ in rosbag.Bag(sys.argv[1]).read_messages(sys.argv[2]):
+    for p in m.pairs:
+        print(m.header.frame_id, m.calculus, p.k, p.l, len(p.states), *map(len, p.states))
+"""
+"""The states of a bag as ROS's own Python reads them."""
 PACKAGES = "python3-rospy python3-roslaunch python3-rosbag"
 
 
@@ -260,9 +268,9 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
             people = messages.make_people(bag.types, frame, "odom")
             bag.write("/people", frame.stamp, people)
     listener = graph.listener()
-    recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS)
+    recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS, STATES)
     uri = call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
-    wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 2)
+    wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 3)
     done = subprocess.run(
         ["rosbag", "play", "--quiet", "--rate", "4", "--delay", "0.5", path],
         env=graph.env,
@@ -282,6 +290,11 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
         if topic in FORECASTS
     }
     assert len(heard & there) > 10
+    told = subprocess.run([SYSTEM, "-c", TELL, recorded, STATES], capture_output=True, text=True)
+    pairs = [line.split() for line in told.stdout.splitlines()]
+    assert len(pairs) > 10, told.stderr
+    assert {(frame, calculus) for frame, calculus, *_ in pairs} == {("odom", "c1")}
+    assert all(sizes == ["3", "4", "4", "4"] for _, _, _, _, *sizes in pairs)
     assert 40 < len(list(read_people(recorded, "/people"))) <= 81
 
 
