@@ -50,7 +50,7 @@ class Encounter:
 
     @property
     def order(self) -> Array:
-        """[..., T] int8 -1 where k walks behind l, towards l who walks away, 1 where ahead, else 0."""
+        """[..., T] int8 -1 where k walks towards l, who walks away, 1 where l does so, else 0."""
         after, ahead = self.towards("k") & self.away("l"), self.away("k") & self.towards("l")
         return ahead.astype(jnp.int8) - after.astype(jnp.int8)
 

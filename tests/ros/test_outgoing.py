@@ -1,5 +1,6 @@
 """What is told of a forecast arrives whole, on ROS 1 and on ROS 2."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -77,35 +78,44 @@ def test_events_in_words_and_numbers(store, forecast):
     assert received(store, events_message(new, forecast, "SGAN", 0.4, "map", 1.0)).events == []
 
 
-def test_states_of_pairs_step_by_step(store, forecast):
-    new = functools.partial(blank, store)
-    message = received(store, states_message(new, forecast, "SGAN", 0.4, "map"))
+@pytest.fixture(scope="module")
+def crowd():
+    """A forecast of 24 people, and the states of all their pairs."""
+    rng = np.random.default_rng(1)
+    observed = rng.uniform(-9, 9, (24, 3, 2))
+    samples = observed[:, -1:] + rng.normal(size=(6, 24, 4, 2))
+    models = {"SGAN": ModelForecast(samples, samples.mean(axis=0), 0)}
+    ids, nobody = 7 * np.arange(24) - 21, np.zeros(24, int)
+    many = Forecast(100.5, 9, ids, observed, models, {}, 0.0, nobody)
+    return many, symbolic_forecast(samples, observed, period=0.4)
+
+
+def test_states_of_the_nearest_pairs_step_by_step(store, crowd):
+    new, (many, found) = functools.partial(blank, store), crowd
+    message = received(store, states_message(new, many, "SGAN", 0.4, "map"))
     assert (message.__msgtype__, message.model, message.header.frame_id) == (STATES, "SGAN", "map")
-    assert (message.calculus, message.period) == ("c1", 0.4)
-    (pair,) = message.pairs
-    # The place is far from the origin; the library is asked near to it.
-    samples, observed = forecast.models["SGAN"].samples - 5e5, forecast.observed - 5e5
-    found = symbolic_forecast(samples, observed, period=0.4, speed=message.speed)
-    assert (pair.k, pair.l) == (4, -8)
-    assert_allclose(pair.symbols.reshape(4, 4, 3), found.symbols[0, 1], atol=1e-6)
-    shares = np.asarray(found.states[0, 1])
-    assert_allclose(pair.probability, shares.max(axis=1), atol=1e-6)
-    likeliest = [format_state(states("c1")[row], "") for row in shares.argmax(axis=1)]
-    assert pair.states == likeliest
+    assert (message.calculus, message.period, message.header.stamp.sec) == ("c1", 0.4, 100)
+    assert message.speed == pytest.approx(0.125)
+    mean = many.models["SGAN"].mean
+    least = np.linalg.norm(mean[:, None] - mean, axis=-1).min(axis=-1)
+    nearest = np.sort(least[np.triu_indices(24, 1)])[:PAIRS]
+    rows = [(pair.k // 7 + 3, pair.l // 7 + 3) for pair in message.pairs]
+    assert_allclose([least[row] for row in rows], nearest)
+    for pair, row in zip(message.pairs, rows):
+        assert_allclose(pair.symbols.reshape(4, 4, 3), found.symbols[row], atol=1e-6)
+        shares = np.asarray(found.states[row])
+        assert_allclose(pair.probability, shares.max(axis=1), atol=1e-6)
+        likeliest = [format_state(states("c1")[each], "") for each in shares.argmax(axis=1)]
+        assert pair.states == likeliest
 
 
-def test_states_of_nobody_and_of_a_crowd(store):
-    new, rng = functools.partial(blank, store), np.random.default_rng(1)
-    for people in (1, 40):
-        observed, ids = rng.uniform(-9, 9, (people, 3, 2)), np.arange(people)
-        samples = observed[:, -1:] + rng.normal(size=(6, people, 4, 2))
-        models = {"SGAN": ModelForecast(samples, samples.mean(axis=0), 0)}
-        many = Forecast(0.0, 9, ids, observed, models, {}, 0.0, np.zeros(people, int))
-        message = received(store, states_message(new, many, "SGAN", 0.4, "map"))
-        assert len(message.pairs) == min(PAIRS, people * (people - 1) // 2)
-        of_all = symbolic_forecast(samples, observed)
-        for pair in message.pairs:
-            assert_allclose(pair.symbols, of_all.symbols[pair.k, pair.l].ravel(), atol=1e-6)
+def test_somebody_alone_has_no_states(store, crowd):
+    many, result = crowd[0], crowd[0].models["SGAN"]
+    one = ModelForecast(result.samples[:, :1], result.mean[:1], 0)
+    alone = dataclasses.replace(many, ids=many.ids[:1], observed=many.observed[:1])
+    alone = dataclasses.replace(alone, models={"SGAN": one})
+    new = functools.partial(blank, store)
+    assert received(store, states_message(new, alone, "SGAN", 0.4, "map")).pairs == []
 
 
 def test_lines_for_rviz(store, forecast):
