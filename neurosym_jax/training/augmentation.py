@@ -27,6 +27,8 @@ class AugmentationOptions:
     """Stretch each training scene by a random factor within 1 +- scale."""
     jitter: NotNegative = 0.0
     """Largest standard deviation, in metres, of errors added to a scene's observed positions."""
+    alone: Share = 0.0
+    """Share of the training scenes of which one person is kept, as if nobody else were there."""
 
 
 def _move(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
@@ -85,7 +87,29 @@ def _jitter(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
     )
 
 
-AUGMENTATIONS = (_move, _jitter)
+def _alone(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
+    """Scenes some of which are one person's: training windows hold two people or more."""
+    if not options.alone:
+        return groups
+    choose, who = jax.random.split(key)
+    counts = [scene.valid.shape[0] for scene in groups]
+    sizes = [scene.valid.size for scene in groups]
+    alone = jax.random.uniform(choose, (sum(counts),)) < options.alone
+    lots = jax.random.uniform(who, (sum(sizes),))
+
+    def left(scene: Scene, alone: Array, lots: Array) -> Scene:
+        valid = jnp.asarray(scene.valid)
+        lot = jnp.where(valid, lots.reshape(valid.shape), -1)
+        drawn = jnp.arange(valid.shape[1]) == lot.argmax(axis=1)[:, None]
+        return scene.replace(valid=valid & (drawn | ~alone[:, None]))
+
+    return tuple(
+        left(*parts)
+        for parts in zip(groups, jnp.split(alone, cuts(counts)), jnp.split(lots, cuts(sizes)))
+    )
+
+
+AUGMENTATIONS = (_move, _jitter, _alone)
 """`(groups, key, options) -> groups`, applied in this order; the key is consumed."""
 
 

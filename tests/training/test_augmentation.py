@@ -74,3 +74,24 @@ def test_observed_positions_err_by_as_much_as_their_scene_does(groups):
     assert 0.03 < np.mean(deviations) < 0.07
     assert np.std(deviations) > 0.015
     assert max(deviations) < 0.13
+
+
+def test_a_share_of_the_scenes_is_one_persons(groups):
+    alone = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, alone=0.5))
+    kept, first = [], []
+    for before, after in zip(groups, alone):
+        np.testing.assert_array_equal(before.observed, after.observed)
+        left = np.asarray(after.valid)
+        assert not (left & ~np.asarray(before.valid)).any()
+        one = left.sum(axis=1) == 1
+        np.testing.assert_array_equal(left[~one], before.valid[~one])
+        kept += list(one)
+        first += list(left[one, 0])
+    assert 0.25 < np.mean(kept) < 0.75
+    assert 0 < np.mean(first) < 1  # It is not always the same person.
+
+
+def test_nobody_is_made_up_where_there_is_nobody(groups):
+    empty = tuple(scene.replace(valid=np.zeros_like(scene.valid)) for scene in groups)
+    alone = augment(empty, jax.random.key(0), TrainConfig(rotate=0.0, alone=1.0))
+    assert not any(np.asarray(scene.valid).any() for scene in alone)
