@@ -52,6 +52,9 @@ class GeneratorConfig:
     last `obs_len` steps, seen or predicted, of each sample its own."""
     neighborhood_size: Positive = 2.0
     grid_size: Count = 8
+    beside_velocity: bool = False
+    """Forecast how people deviate from constant velocity, which is itself the first sample: that of
+    a noise of 0, and never learned from. Needs `noise_type` fixed."""
     noise_dim: Whole = 8
     noise_type: Literal["gaussian", "uniform", "fixed"] = "gaussian"
     """Drawn anew for each scene, or `fixed`: k vectors that are the same in every scene, which a
@@ -72,6 +75,8 @@ class GeneratorConfig:
             )
         if self.noise_type == "fixed" and self.noise_mix_type == "ped":
             raise InputError("noise_type fixed needs noise_mix_type global: agents have no order")
+        if self.beside_velocity and not (self.noise_type == "fixed" and self.noise_dim):
+            raise InputError("beside_velocity needs noise_type fixed and a noise_dim above 0")
         pooling = POOLINGS[self.pooling]
         if self.pool_every_timestep and (pooling.module is None or not pooling.of_pairs):
             raise InputError(f"pool_every_timestep needs a pooling other than {self.pooling!r}")

@@ -40,7 +40,10 @@ class GeneratorForecaster(TwoStageForecaster):
     def noise(self) -> NoiseSpec:
         """As the config says."""
         config = self.config
-        return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
+        per_agent = config.noise_mix_type == "ped"
+        return NoiseSpec(
+            config.noise_dim, per_agent, config.noise_type, first_zero=config.beside_velocity
+        )
 
     def scene_bytes(self, samples: int, slots: int) -> float:
         """See `Forecaster.scene_bytes`; symbols and what a pooling keeps are of pairs."""
@@ -115,4 +118,9 @@ def decode_scene(
         )
 
     displacement: Any = jax.vmap(decode)(noise)
+    if config.beside_velocity:
+        # The sample that does not deviate is known by a noise of 0, which nobody draws.
+        straight = (noise == 0).all(axis=-1).reshape(len(noise), -1, 1, 1)
+        last = jnp.asarray(scene.displacement)[:, -1:]
+        displacement = jnp.where(straight, last, displacement)
     return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)

@@ -36,6 +36,8 @@ class NoiseSpec:
     per_agent: bool = False
     distribution: Literal["gaussian", "uniform", "fixed"] = "gaussian"
     """Standard normal, uniform on [-1, 1), or standard normal and the same in every scene."""
+    first_zero: bool = False
+    """Of fixed noise: 0 in the place of the first sample."""
 
 
 def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
@@ -84,15 +86,19 @@ def draw_noise(
     return noise.reshape(shape)
 
 
-def fixed_noise(samples: int, dim: int) -> Array:
-    """[k, dim] standard normal numbers, always the same; more samples begin with those of fewer."""
-    return jax.random.normal(jax.random.key(0), (samples, dim), jnp.float32)
+def fixed_noise(samples: int, dim: int, *, first_zero: bool = False) -> Array:
+    """[k, dim] standard normal numbers, always the same; more samples begin with those of fewer.
+
+    `first_zero` puts 0 in the place of the first.
+    """
+    noise = jax.random.normal(jax.random.key(0), (samples, dim), jnp.float32)
+    return noise.at[0].set(0) if first_zero else noise
 
 
 def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:
     """[k, dim] numbers of one stream."""
     if spec.distribution == "fixed":
-        return fixed_noise(samples, spec.dim)
+        return fixed_noise(samples, spec.dim, first_zero=spec.first_zero)
     for part in (identity[0], identity[1], slot):
         key = jax.random.fold_in(key, part)
     # Always float32: under x64 the default type would be float64, which has other numbers.

@@ -65,15 +65,18 @@ class Decoder(nn.Module):
         Returns:
             [N, pred_len, 2] displacements, metres.
         """
+        base = displacement if self.config.beside_velocity else None
         if self.config.pool_every_timestep:
-            return self._pooled(hidden, observed, displacement, valid, weigh)
-        return self._folded(hidden, displacement)
+            return self._pooled(hidden, observed, displacement, base, valid, weigh)
+        return self._folded(hidden, displacement, base)
 
-    def _folded(self, hidden: Array, displacement: Array) -> Array:
+    def _folded(self, hidden: Array, displacement: Array, base: Array | None) -> Array:
         kernel, bias = self.lstm.after(self.spatial_embedding)
         recurrent = self.lstm.recurrent_kernel
         feedback = recurrent + self.hidden2pos.kernel @ kernel
         feedback_bias = bias + self.hidden2pos.bias @ kernel
+        if base is not None:
+            feedback_bias = feedback_bias + base @ kernel
 
         def step(state, _):
             gates, cell = state
@@ -85,18 +88,20 @@ class Decoder(nn.Module):
         gates = displacement @ kernel + bias + hidden @ recurrent
         state = (gates, jnp.zeros_like(hidden))
         _, displacements = jax.lax.scan(step, state, length=self.config.pred_len)
-        return jnp.moveaxis(displacements, 0, 1)
+        displacements = jnp.moveaxis(displacements, 0, 1)
+        return displacements if base is None else displacements + base[:, None]
 
     def _pooled(
         self,
         hidden: Array,
         observed: Array,
         displacement: Array,
+        base: Array | None,
         valid: Array,
         weigh: Weigh | None,
     ) -> Array:
         unroll = nn.scan(
-            lambda decoder, state, valid: decoder._pooled_step(state, valid, weigh),
+            lambda decoder, state, valid: decoder._pooled_step(state, base, valid, weigh),
             variable_broadcast="params",
             split_rngs={"params": False},
             in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
@@ -107,12 +112,20 @@ class Decoder(nn.Module):
         _, displacements = unroll(self, state, valid)
         return jnp.moveaxis(displacements, 0, 1)
 
-    def _pooled_step(self, state: tuple[Array, ...], valid: Array, weigh: Weigh | None):
+    def _pooled_step(
+        self,
+        state: tuple[Array, ...],
+        base: Array | None,
+        valid: Array,
+        weigh: Weigh | None,
+    ):
         hidden, cell, track, displacement = state
         kernel, bias = self.lstm.after(self.spatial_embedding)
         gates = displacement @ kernel + bias + hidden @ self.lstm.recurrent_kernel
         hidden, cell = lstm_update(gates, cell)
         displacement = self.hidden2pos(hidden)
+        if base is not None:
+            displacement = displacement + base
         position = track[:, -1] + displacement
         track = jnp.concatenate([track[:, 1:], position[:, None]], axis=1)
         pooling = POOLINGS[self.config.pooling]

@@ -33,7 +33,8 @@ def draw_group_noise(
     shape = (samples, sum(sizes), config.noise_dim)
     # One draw for all groups: each draw adds a second of compiling to the step.
     if config.noise_type == "fixed":
-        noise = jnp.broadcast_to(fixed_noise(samples, config.noise_dim)[:, None], shape)
+        fixed = fixed_noise(samples, config.noise_dim, first_zero=config.beside_velocity)
+        noise = jnp.broadcast_to(fixed[:, None], shape)
     elif config.noise_type == "gaussian":
         noise = jax.random.normal(key, shape)
     else:

@@ -1,3 +1,5 @@
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -73,6 +75,12 @@ def test_fixed_noise_is_one_for_all_scenes_and_seeds():
     assert len(np.unique(drawn[:, 0], axis=0)) == 500
     assert abs(drawn.mean()) < 0.1
     assert abs(drawn.std() - 1) < 0.1
+
+
+def test_zero_takes_the_place_of_the_first():
+    noise = draw_noise(dataclasses.replace(FIXED, first_zero=True), 0, IDENTITY, 5, 1)
+    assert not noise[0].any()
+    assert_array_equal(noise[1:], draw_noise(FIXED, 0, IDENTITY, 5, 1)[1:])
 
 
 def test_distributions():

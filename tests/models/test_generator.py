@@ -38,6 +38,17 @@ CONFIGS = {
     "history, every step": GeneratorConfig(
         pooling="neurosym_ros", pool_every_timestep=True, pool_hidden_dim=16, obs_len=5, pred_len=7
     ),
+    "beside velocity": GeneratorConfig(
+        pooling="none", pred_len=4, noise_type="fixed", beside_velocity=True
+    ),
+    "beside velocity, every step": GeneratorConfig(
+        pool_every_timestep=True,
+        pool_hidden_dim=16,
+        obs_len=3,
+        pred_len=4,
+        noise_type="fixed",
+        beside_velocity=True,
+    ),
     "one step": GeneratorConfig(pool_hidden_dim=16, pred_len=1, obs_len=1),
 }
 EACH = pytest.mark.parametrize("config", CONFIGS.values(), ids=list(CONFIGS))
@@ -115,6 +126,8 @@ def unfolded(config, params, scene, noise):
         cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
         hidden = sigmoid(o) * np.tanh(cell)
         step = dense(hidden, decoder["hidden2pos"])
+        if config.beside_velocity:
+            step = step + np.asarray(scene.displacement)[:, -1]
         track = np.concatenate([track, track[:, -1:] + step[:, None]], axis=1)
         steps.append(step)
         if config.pool_every_timestep:

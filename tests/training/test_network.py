@@ -26,6 +26,8 @@ def test_changes():
             named_generator(changes=[change])
     with pytest.raises(InputError, match="fixed needs noise_mix_type global"):
         named_generator(changes=["noise_type=fixed", "noise_mix_type=ped"])
+    with pytest.raises(InputError, match="beside_velocity needs noise_type fixed"):
+        named_generator(changes=["beside_velocity=true"])
 
 
 def test_names():
