@@ -30,7 +30,8 @@ from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.runtime.environment import cpu_cores
 
 LENGTHS = ("--obs-len", "8", "--pred-len", "12")
-ERRORS = ("joint ADE", "joint FDE", "marginal ADE", "marginal FDE")
+ERRORS = ("joint ADE", "joint FDE", "marginal ADE", "marginal FDE", "all ADE", "all FDE")
+"""The last two are joint, with windows of one person, as means over windows (`joint-metrics`)."""
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -86,16 +87,20 @@ class Study:
             str(self.folder(recipe, (scene, other), seed) / "model")
             for recipe, other, seed in itertools.product(self.recipes, others, self.seeds)
         ]
-        path = self.out / f"{scene}.json"
-        call(
-            *("evaluate.py", "--data", str(self.data), "--test-on", *SCENES[scene], *LENGTHS),
-            *("--checkpoint", *runs, "--no-figures", "--json", str(path)),
-        )
-        rows = {row["checkpoint"]: row for row in json.loads(path.read_text())["rows"]}
-        errors = [
-            [rows[run][by][error] for by in ("joint", "marginal") for error in ("ade", "fde")]
-            for run in runs
-        ]
+        found: dict[str, list[float]] = {run: [] for run in runs}
+        for protocol, kinds in (("sgan", ("joint", "marginal")), ("joint-metrics", ("joint",))):
+            path = self.out / f"{scene}_{protocol}.json"
+            call(
+                *("evaluate.py", "--data", str(self.data), "--test-on", *SCENES[scene], *LENGTHS),
+                *("--checkpoint", *runs, "--no-figures", "--protocol", protocol),
+                *("--json", str(path)),
+            )
+            for row in json.loads(path.read_text())["rows"]:
+                if row["checkpoint"] in found:
+                    found[row["checkpoint"]] += [
+                        row[kind][error] for kind in kinds for error in ("ade", "fde")
+                    ]
+        errors = [found[run] for run in runs]
         shape = (len(self.recipes), len(others), len(self.seeds), len(ERRORS))
         return np.array(errors).reshape(shape)
 

@@ -1,9 +1,10 @@
 """Ship finished runs: their models to `checkpoints/`, with cards that hold the test numbers.
 
-python -m studies.ship RUNS                         # copies RUNS/*/model to checkpoints/*
-python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_* \\
-    --json docs/results.json
+python -m studies.ship RUNS                         # copies RUNS/*_seed0/model to checkpoints/*
 python -m studies.ship RUNS docs/results.json ...   # writes the cards again, tested
+
+The first of several trainings ships; `studies.results` has the mean of all. Its evaluation names
+either `checkpoints/NAME` or `RUNS/NAME_seed0/model`.
 """
 
 import json
@@ -15,15 +16,17 @@ from typing import Any
 from neurosym_jax.training.card import write_card
 
 CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"
+FIRST = "_seed0"
 
 
 def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
     """Copy the models of all finished runs that do not ship yet, and write every card."""
-    for run in sorted(path.parent for path in runs.glob("*/run.json")):
-        folder = CHECKPOINTS / run.name
+    for run in sorted(path.parent for path in runs.glob(f"*{FIRST}/run.json")):
+        folder = CHECKPOINTS / run.name.removesuffix(FIRST)
         if not folder.exists():
             shutil.copytree(run / "model", folder)
-        tested = [row for row in rows if Path(row["checkpoint"] or "").name == run.name]
+        names = {folder.name, run.name}
+        tested = [row for row in rows if names & set(Path(row["checkpoint"] or "").parts)]
         tests = {(row["scene"], row["pred_len"]) for row in tested}
         baselines = [
             row
