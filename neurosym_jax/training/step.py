@@ -1,6 +1,7 @@
 """One training step as a pure function `(state, batch, key) -> (state, metrics)`."""
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -83,12 +84,14 @@ def initial_state(
     return TrainState(
         step=jnp.zeros((), jnp.int32),
         generator=generator,
-        generator_optimizer=_generator_optimizer(config).init(generator),
+        generator_optimizer=_compiled(_generator_optimizer(config).init, generator),
         # A copy: the loop donates the state's buffers, each of them once.
-        average=jax.tree.map(jnp.copy, generator) if config.ema else (),
+        average=_compiled(functools.partial(jax.tree.map, jnp.copy), generator)
+        if config.ema
+        else (),
         discriminator=discriminator,
         discriminator_optimizer=(
-            _discriminator_optimizer(config).init(discriminator) if discriminator else ()
+            _compiled(_discriminator_optimizer(config).init, discriminator) if discriminator else ()
         ),
     )
 
@@ -99,9 +102,14 @@ def _initial(network: Generator | Discriminator, key: Array, *inputs: Any) -> An
     def init(key: Array) -> Any:
         return network.init(key, *jax.tree.map(jnp.zeros_like, inputs))
 
+    return _compiled(init, key)
+
+
+def _compiled(make: Callable[[Any], Any], argument: Any) -> Any:
+    """`make(argument)` by one program, where each operation would else be one of its own."""
     # Within another program it is that one's business how it is compiled.
-    alone = not isinstance(key, Tracer)
-    return jax.jit(init, compiler_options=COMPILED_QUICKLY if alone else None)(key)
+    alone = not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(argument))
+    return jax.jit(make, compiler_options=COMPILED_QUICKLY if alone else None)(argument)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
