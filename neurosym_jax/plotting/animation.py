@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from PIL import Image
 
 from neurosym_jax.plotting.palette import PALETTE
 from neurosym_jax.plotting.style import dress, new_figure
@@ -14,8 +15,8 @@ __all__ = ["animate_forecast"]
 
 WIDEST = 7.0
 """Points, of the line of the largest weight in the scene."""
-HOLD = 4
-"""Frames for which the end stays."""
+HOLD = 5
+"""Steps for which the end stays."""
 
 
 def animate_forecast(
@@ -50,42 +51,47 @@ def animate_forecast(
     weight = abs(alpha + alpha.swapaxes(0, 1)) * ~np.eye(len(position), dtype=bool)[..., None]
     weight = WIDEST * weight / max(float(weight.max()), 1e-12)
     colours = [PALETTE[agent % len(PALETTE)] for agent in range(len(position))]
-    writer = PillowWriter(fps=1 / period)  # pyright: ignore[reportArgumentType]
+    figure.set_dpi(100)
+    canvas, frames = FigureCanvasAgg(figure), []
+    for step in range(steps):
+        axes.clear()
+        # The limits that keep the aspect for all frames alike.
+        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+        _links(axes, position[:, step], weight[..., min(step, obs_len - 1)], step >= obs_len)
+        for agent, colour in enumerate(colours):
+            walked = position[agent, : min(step, obs_len - 1) + 1]
+            axes.plot(*walked.T, color=colour, lw=1.6)
+            axes.plot(*position[agent, step], "o", color=colour, ms=7, zorder=5)
+            if step >= obs_len:
+                last = position[agent, obs_len - 1 : obs_len]
+                for sample in forecast[:, agent, : step - obs_len + 1]:
+                    line = np.concatenate([last, sample])
+                    axes.plot(*line.T, color=colour, lw=0.6, alpha=0.35)
+                happened = position[agent, obs_len - 1 : step + 1]
+                axes.plot(*happened.T, ":", color=colour, lw=1.6)
+        state = "observed" if step < obs_len else f"forecast, {len(forecast)} samples"
+        dress(axes, "x [m]", "y [m]", title)
+        seconds = f"{period * (step - obs_len + 1):+.1f} s: {state}"
+        axes.text(0.01, 0.99, seconds, transform=axes.transAxes, va="top", fontsize=9)
+        canvas.draw()
+        figure.set_layout_engine("none")  # It is found once, for half of a frame's time.
+        frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+    shown = [round(1000 * period)] * (steps - 1) + [round(1000 * period * HOLD)]
     with new_file(path) as beside:
-        writer.setup(figure, str(beside), dpi=100)
-        for step in [*range(steps), *[steps - 1] * HOLD]:
-            axes.clear()
-            # The limits that keep the aspect for all frames alike.
-            axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-            _links(axes, position[:, step], weight[..., min(step, obs_len - 1)], step >= obs_len)
-            for agent, colour in enumerate(colours):
-                walked = position[agent, : min(step, obs_len - 1) + 1]
-                axes.plot(*walked.T, color=colour, lw=1.6)
-                axes.plot(*position[agent, step], "o", color=colour, ms=7, zorder=5)
-                if step >= obs_len:
-                    last = position[agent, obs_len - 1 : obs_len]
-                    for sample in forecast[:, agent, : step - obs_len + 1]:
-                        line = np.concatenate([last, sample])
-                        axes.plot(*line.T, color=colour, lw=0.6, alpha=0.35)
-                    happened = position[agent, obs_len - 1 : step + 1]
-                    axes.plot(*happened.T, ":", color=colour, lw=1.6)
-            state = "observed" if step < obs_len else f"forecast, {len(forecast)} samples"
-            dress(axes, "x [m]", "y [m]", title)
-            seconds = f"{period * (step - obs_len + 1):+.1f} s: {state}"
-            axes.text(0.01, 0.99, seconds, transform=axes.transAxes, va="top", fontsize=9)
-            writer.grab_frame()
-        writer.finish()
+        frames[0].save(
+            beside, format="GIF", save_all=True, append_images=frames[1:], duration=shown, loop=0
+        )
 
 
 def _view(position: np.ndarray, forecast: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of what is shown: all positions, and forecasts but for the few that go far."""
+    """Corners of the square that shows all positions, and forecasts but for the few that go far."""
     everything = np.concatenate([position.reshape(-1, 2), forecast.reshape(-1, 2)])
     # Samples that go far would make everything else small.
     low, high = np.percentile(everything, [1, 99], axis=0)
     low = np.minimum(low, position.min(axis=(0, 1)))
     high = np.maximum(high, position.max(axis=(0, 1)))
-    margin = 0.08 * (high - low).max() + 0.3
-    return low - margin, high + margin
+    centre, reach = (low + high) / 2, 0.58 * (high - low).max() + 0.3
+    return centre - reach, centre + reach
 
 
 def _links(axes: Axes, place: np.ndarray, width: np.ndarray, pale: bool) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.states import decode_state, format_state
@@ -49,9 +50,14 @@ def describe_pairs(
         people: [N] ids.
     """
     scene = make_scene(position)
-    codes = np.asarray(pair_codes(config, scene.observed, scene.valid))
-    weigh = jax.jit(lambda positions: scene_alpha(config, parameters, positions))
-    return ScenePairs(position, people, codes, np.asarray(weigh(scene.observed)))
+
+    @jax.jit
+    def describe(positions: Any, valid: Any) -> tuple[Array, Array]:
+        codes = pair_codes(config, positions, valid)
+        return codes, scene_alpha(config, parameters, positions)
+
+    codes, alpha = map(np.asarray, describe(scene.observed, scene.valid))
+    return ScenePairs(position, people, codes, alpha)
 
 
 @functools.cache
