@@ -106,6 +106,7 @@ def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, crite
 
 @pytest.mark.slow
 def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
+    groups = groups[:1]
     still = tuple(
         scene.replace(
             observed=np.zeros_like(scene.observed),
@@ -220,12 +221,10 @@ def test_clipping(run, groups):
 
 
 @pytest.mark.slow
-def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, windows):
-    config = dataclasses.replace(run.recipe, schedule="constant", **ALL_TERMS)
-    batches = SceneStream(windows, 6, seed=0).steps(0, 2)
-    example = jax.tree.map(lambda leaf: leaf[0, 0], batches[0])
-    initial = jax.jit(initial_state, static_argnums=(0, 1))
-    state = initial(run.generator, config, example, jax.random.key(0))
+def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_windows):
+    batches = SceneStream(make_windows([3] * 6), 6, seed=0).steps(0, 2)  # One class to compile.
+    groups = jax.tree.map(lambda leaf: leaf[0], batches)
+    config, state, _ = start(run, groups, schedule="constant", **ALL_TERMS)
     # Scores end in a ReLU, which may be shut at first; a shut one teaches nothing.
     state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
     with jax.debug_key_reuse(True):
