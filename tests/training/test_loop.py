@@ -250,8 +250,9 @@ def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-def test_what_a_weighting_estimates_is_kept_as_it_was_counted(with_recipe, tmp_path):
-    run = with_recipe(steps=25, ema=0.0)
+def test_what_a_weighting_estimates_is_kept_as_it_was_counted(with_recipe, make_windows, tmp_path):
+    same = make_windows([3] * 13)  # One class to compile.
+    run = dataclasses.replace(with_recipe(steps=25, ema=0.0), training=same, validation=same)
     weighting = WeightingConfig("transition")
     network = dataclasses.replace(run.generator, pooling="as_described", weighting=weighting)
     train_run(dataclasses.replace(run, generator=network), tmp_path / "run")
