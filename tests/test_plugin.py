@@ -77,21 +77,35 @@ register_format("barred", Format("rows between bars", lambda head: head.first[:1
 """
 
 
+COMMANDS = """
+import json
+import sys
+from neurosym_jax.__main__ import main
+for command in json.loads(sys.argv[1]):
+    try:
+        main(command)
+    except SystemExit as end:
+        assert not end.code
+    print("\\f")
+"""
+
+
 @pytest.fixture
 def call(tmp_path):
-    """Runs a command with the plugin, in a process of its own."""
+    """Runs commands with the plugin, one after the other in one process; what each prints."""
     (tmp_path / "mine.py").write_text(PLUGIN)
 
-    def run(*arguments: object) -> str:
+    def run(*commands: tuple[object, ...]) -> list[str]:
+        lines = [[*map(str, command), "--plugin", "mine.py"] for command in commands]
         done = subprocess.run(
-            [sys.executable, "-m", "neurosym_jax", *map(str, arguments), "--plugin", "mine.py"],
+            [sys.executable, "-c", COMMANDS, json.dumps(lines)],
             cwd=tmp_path,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
             capture_output=True,
             text=True,
         )
         assert done.returncode == 0, done.stderr
-        return done.stdout
+        return done.stdout.split("\f")[:-1]
 
     return run
 
@@ -103,29 +117,28 @@ def test_every_seam_from_one_file(call, tmp_path):
     rows = [(n, id, *walks[id, n]) for n in range(40) for id in range(3)]
     data = tmp_path / "walks.txt"
     data.write_text("".join("|" + "|".join(map(str, row)) + "\n" for row in rows))
+    (tmp_path / "out").mkdir()
 
-    sweep = ("sweep", "--models", "none", "mean", "--weightings", "halves", "--out", "sweep")
-    sweep += ("--datasets", "cross-path", "--seeds", 1, "--steps", 1)
-    call(*sweep, "--set", "batch_scenes=2", "best_k=1", "max_agents=4")
+    sweep = ("sweep", "--models", "mean", "--weightings", "halves", "--out", "sweep")
+    sweep += ("--datasets", "cross-path", "--seeds", 1, "--steps", 1, "--jobs", 1)
     model = ("sweep/neurosym_mean_halves_cross-path_8_8_seed0/model",)
-    assert "| plugins | mine.py |" in (tmp_path / model[0] / "README.md").read_text()
-    assert "halves" in call("report", "sweep", "--against", "SGAN, no pooling")
-    printed = call(
-        *("evaluate", "--data", data, "--checkpoint", *model, "--samples", 2, "--no-figures"),
-        *("--baselines", "standing", "--json", "rows.json"),
+    evaluate = ("evaluate", "--data", data, "--checkpoint", *model, "--samples", 2)
+    swept, printed, replayed, shown = call(
+        (*sweep, "--set", "batch_scenes=2", "best_k=1", "max_agents=4"),
+        (*evaluate, "--no-figures", "--baselines", "standing", "--json", "rows.json"),
+        ("replay", data, "--model", *model, "--samples", 2),
+        ("symbols", data, "--model", *model, "--out", "out"),
     )
+    assert "| plugins | mine.py |" in (tmp_path / model[0] / "README.md").read_text()
+    assert "halves" in swept
     for seen in ("reach", "standing", "Mean of neighbours, halves", "walks"):
         assert seen in printed
     standing, ours = json.loads((tmp_path / "rows.json").read_text())["rows"]
     assert standing["model"] == "standing"
     assert ours["metrics"]["reach"] > 0
-
-    replayed = call("replay", data, "--model", *model, "--samples", 2)
     assert "reach" in replayed
     assert "Mean of neighbours" in replayed
-
-    (tmp_path / "out").mkdir()
-    assert "weighting halves" in call("symbols", data, "--model", *model, "--out", "out")
+    assert "weighting halves" in shown
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"pairs.png", "forecast.gif"}
 
 
