@@ -116,6 +116,9 @@ def export_torch_checkpoint(
             parameter is missing, unexpected or misshapen; when SGAN's arguments cannot express
             the configuration; for `as_described` and learned weightings, which torch does not have.
     """
+    if config.noise_type == "fixed":
+        # Nor is there any sample beside constant velocity, which has fixed noise.
+        raise InputError("noise_type fixed has no counterpart in torch, which draws noise anew")
     arguments: dict[str, Any] = {
         **EXPORTED_ARGUMENTS,
         **{name: getattr(config, name) for name in SAME_NAME_ARGUMENTS},

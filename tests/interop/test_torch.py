@@ -282,6 +282,9 @@ def test_export_refuses_what_sgan_cannot_build(tmp_path):
     narrow = GeneratorConfig(pool_hidden_dim=64)
     with pytest.raises(InputError, match="fixed at 512, not 64"):
         export_torch_checkpoint(tmp_path / "a.pt", narrow, random_params(narrow))
+    fixed = GeneratorConfig(noise_type="fixed", beside_velocity=True)
+    with pytest.raises(InputError, match="noise_type fixed has no counterpart in torch"):
+        export_torch_checkpoint(tmp_path / "a.pt", fixed, {})
     d_config = DiscriminatorConfig(kind="local", mlp_dim=7)
     state = random_state(d_config)
     discriminator = d_config, params_from_torch(state, d_config)
