@@ -119,8 +119,8 @@ def one_of_each(
         if (model.config.obs_len, model.config.pred_len) == lengths
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
-    # NeuroSyM as the papers describe it goes before variants of it.
-    fitting.sort(key=lambda each: getattr(each[1].config, "pooling", None) != "as_described")
+    # The papers' networks go before variants of them.
+    fitting.sort(key=lambda each: _is_variant(each[1]))
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
@@ -129,6 +129,12 @@ def one_of_each(
         of = model.dataset if own else None
         chosen.setdefault((of, model.weighting is None), (path, model))
     return sorted(chosen.values(), key=lambda each: each[1].weighting is not None)
+
+
+def _is_variant(model: Model) -> tuple[bool, bool]:
+    """By what a model departs from the papers: another pooling, another forecast."""
+    pooling = getattr(model.config, "pooling", None)
+    return pooling != "as_described", getattr(model.config, "beside_velocity", False)
 
 
 def baseline(name: str, obs_len: int, pred_len: int) -> Model:

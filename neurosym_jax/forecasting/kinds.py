@@ -105,9 +105,10 @@ def _is_frozen(config: Any) -> bool:
 
 def _generator_title(config: GeneratorConfig) -> str:
     pooling, weighting = POOLINGS[config.pooling], config.weighting
-    if weighting is None or not pooling.of_pairs:
-        return pooling.label
-    return f"{pooling.label}, {weighting.name}"
+    title = pooling.label
+    if weighting is not None and pooling.of_pairs:
+        title += f", {weighting.name}"
+    return f"{title}, beside constant velocity" if config.beside_velocity else title
 
 
 def _generator_shapes(config: GeneratorConfig) -> Mapping[str, tuple[int, ...]]:
