@@ -1,22 +1,28 @@
 """`docs/results.md` from two evaluations of what ships and of the published networks.
 
-PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpoints` put them.
+PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpoints` put them, and
+`runs` has the trainings of docs/training.md, such as `runs/beside_encounter_eth_8_12_seed0`.
 
-python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_* PUBLISHED --seeds 5 \\
-    --metrics truth_collision_rate energy_score --json docs/results.json
-python evaluate.py --data DATA --checkpoint checkpoints/*_[ehuz]*_8_12 sgan-20v*/*_12_model.pt \\
-    --seeds 5 --protocol joint-metrics --metrics truth_collision_rate \\
+python evaluate.py --data DATA --seeds 5 --metrics truth_collision_rate energy_score \\
+    --checkpoint checkpoints/[ns]*_[ehuz]*_8_* runs/*_seed*/model PUBLISHED \\
+    --json docs/results.json
+python evaluate.py --data DATA --seeds 5 --metrics truth_collision_rate --protocol joint-metrics \\
+    --checkpoint checkpoints/[ns]*_[ehuz]*_8_12 runs/*_8_12_seed*/model sgan-20v*/*_12_model.pt \\
     --json docs/results_joint_metrics.json
 python -m studies.results docs/results.json docs/results_joint_metrics.json > docs/results.md
 """
 
 import json
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.paired import student_half
 from neurosym_jax.evaluation.summary import Line, Value, lines_of, means_of
 from studies.published import NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
 
@@ -50,6 +56,13 @@ CHOSEN = (
         "each its own",
     ),
     (
+        "what is beside constant velocity: pooling `encounter`, fixed noise, `beside_velocity`, "
+        "`alone=0.2`, 2,000 steps",
+        "pairs eth + hotel and univ + zara1 left out: their whole test recordings, 8 + 12, one "
+        "seed ([training.md](training.md#beside-constant-velocity))",
+        "all, these four's too",
+    ),
+    (
         "that errors of position and differences of speed need an ingredient at all",
         "statistics of all recordings, tests included (`studies.position_errors`, "
         "`studies.speeds`)",
@@ -68,23 +81,29 @@ leave-one-out test splits, best of {samples} samples. *Joint* takes one sample f
 (SGAN's protocol, the only one the published rows are in); *marginal* takes each agent's own best,
 as most later papers do. Constant velocity is a single forecast.
 
-Rows are means over {seeds} seeds of the noise, of **one training seed**: how much another training
-would differ is not in them. After ± stands half of the 95 % interval over the scenes of the test,
-drawn in blocks that do not overlap ({blocks});
-a mean over scenes takes them as independent. Bold is what lies beyond the intervals of all other
-rows that have one. Rows "as printed" are the papers' numbers, one run each, without an interval;
-"published networks" are the same files, evaluated here. Models trained on THÖR, and all of them on
-other people than those they learned from, are in [cross_domain.md](cross_domain.md).
+Rows are means over {seeds} seeds of the noise. Rows "beside constant velocity"
+([Train](training.md#beside-constant-velocity)) have the same noise in every scene, and are means of
+{trainings} trainings. All others are of **one training seed**: how much another training would
+differ is not in them. After ± stands half of the 95 % interval over the scenes of the test, drawn
+in blocks that do not overlap ({blocks}), and over
+the trainings where there are several (Student's t), in quadrature; a mean over scenes takes them as
+independent. Bold is what lies beyond the intervals of all other rows that have one. Rows "as
+printed" are the papers' numbers, one run each, without an interval; "published networks" are the
+same files, evaluated here. Models trained on THÖR, and all of them on other people than those they
+learned from, are in [cross_domain.md](cross_domain.md).
 
 In short, joint 8 + 12, mean of the five scenes:
 
 {means}
 
-These are means, and of one training: most of the lead over the published networks comes from hotel
-and eth, and eth's interval is wide. On univ no joint ADE is below constant velocity's. SGAN-20V has
-the least marginal errors on univ and zara1, and the least joint ones on eth with windows of one
-person too; of these only univ's marginal FDE of 8 + 8 lies beyond all other intervals. Forecast
-people collide more often than real ones do, everywhere.
+Most of the lead over the published networks comes from hotel and eth, and eth's interval is wide.
+At 8 + 12 no scene has a joint error of either network beside constant velocity behind constant
+velocity's or a published one; which pooling they have makes no difference that intervals tell.
+With windows of one person too, the pooling `encounter` has the least errors of all networks on
+every scene, and SGAN's is level with the published networks on eth. Both were trained for 8 + 12
+only. At 8 + 8 no joint ADE on univ is below constant velocity's, and SGAN-20V has the least marginal
+errors on univ and zara1, of which only univ's FDE lies beyond all other intervals. Forecast people
+collide more often than real ones do, everywhere.
 
 ## What was chosen on what
 
@@ -110,6 +129,7 @@ NAMES = {
     "sgan-20v/": "SGAN-20V, published networks",
     "sgan-20vp/": "SGAN-20VP, published networks",
     "checkpoints/": "{model}, ours",
+    "runs/": "{model}, ours",
 }
 """What a line is called, by where its model lies."""
 
@@ -121,6 +141,7 @@ Cells = dict[str, str]
 
 def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> str:
     """The whole page."""
+    rows, all_windows = _of_trainings(rows), _of_trainings(all_windows)
     head = ("what was chosen", "on what", "for which cells")
     blocks = {row["scene"]: row["blocks"] for row in rows if row["pred_len"] == 12}
     facts = {
@@ -129,6 +150,7 @@ def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> s
         "blocks": "8 + 12: " + ", ".join(f"{name} {count}" for name, count in blocks.items()),
         "chosen": markdown_table(head, CHOSEN),
         "means": _means([row for row in rows if row["pred_len"] == 12]),
+        "trainings": _trainings(rows),
     }
     parts = [HEAD.format(**facts)]
     for pred_len in (8, 12):
@@ -148,6 +170,44 @@ def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> s
     parts.append(f"{ALL.format(sizes=sizes)}\n{_errors(all_windows, 'joint')}\n")
     parts.append(f"{COLLISIONS}\n{_collisions(all_windows)}")
     return "\n".join(parts)
+
+
+def _of_trainings(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """`rows`, those that differ in the seed of their training as one."""
+    groups: dict[tuple, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        family = re.sub(r"_seed\d+", "", row["checkpoint"] or "") or None
+        key = (family, row["model"], row["scene"], row["obs_len"], row["pred_len"])
+        groups.setdefault(key, []).append(row)
+    return [
+        {**members[0], "checkpoint": key[0], "trainings": len(members), **_mean_of(members)}
+        for key, members in groups.items()
+    ]
+
+
+def _mean_of(members: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Metrics and intervals of one model's trainings on one test."""
+    metrics, intervals = {}, {}
+    for name in members[0]["metrics"]:
+        values = [row["metrics"][name] for row in members]
+        if None in values:
+            metrics[name] = None
+            continue
+        metrics[name] = mean = float(np.mean(values))
+        if all(name in row["intervals"] for row in members):
+            widths = [np.diff(row["intervals"][name])[0] / 2 for row in members]
+            seeds = student_half(values) if len(values) > 1 else 0.0
+            half = float(np.hypot(np.mean(widths), seeds))
+            # Of one training the interval is as it was, which need not be symmetric.
+            several = [mean - half, mean + half]
+            intervals[name] = several if len(values) > 1 else members[0]["intervals"][name]
+    return {"metrics": metrics, "intervals": intervals}
+
+
+def _trainings(rows: Sequence[Mapping[str, Any]]) -> str:
+    """How many trainings each row beside constant velocity is of."""
+    counts = {row["trainings"] for row in rows if (row["checkpoint"] or "").startswith("runs/")}
+    return " to ".join(str(count) for count in sorted({min(counts), max(counts)}))
 
 
 def _means(rows: Sequence[Mapping[str, Any]]) -> str:
