@@ -101,9 +101,9 @@ At 8 + 12 no scene has a joint error of either network beside constant velocity 
 velocity's or a published one; which pooling they have makes no difference that intervals tell.
 With windows of one person too, the pooling `encounter` has the least errors of all networks on
 every scene, and SGAN's is level with the published networks on eth. Both were trained for 8 + 12
-only. At 8 + 8 no joint ADE on univ is below constant velocity's, and SGAN-20V has the least marginal
-errors on univ and zara1, of which only univ's FDE lies beyond all other intervals. Forecast people
-collide more often than real ones do, everywhere.
+only. At 8 + 8 no joint ADE on univ is below constant velocity's, and SGAN-20V has the least
+marginal errors on univ and zara1, of which only univ's FDE lies beyond all other intervals.
+Forecast people collide more often than real ones do, everywhere.
 
 ## What was chosen on what
 
