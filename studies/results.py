@@ -13,18 +13,15 @@ python -m studies.results docs/results.json docs/results_joint_metrics.json > do
 """
 
 import json
-import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.paired import student_half
 from neurosym_jax.evaluation.summary import Line, Value, lines_of, means_of
 from studies.published import NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
+from studies.trainings import of_trainings
 
 PUBLISHED = {
     "SGAN-20V, as printed": SGAN_20V,
@@ -141,7 +138,7 @@ Cells = dict[str, str]
 
 def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> str:
     """The whole page."""
-    rows, all_windows = _of_trainings(rows), _of_trainings(all_windows)
+    rows, all_windows = of_trainings(rows), of_trainings(all_windows)
     head = ("what was chosen", "on what", "for which cells")
     blocks = {row["scene"]: row["blocks"] for row in rows if row["pred_len"] == 12}
     facts = {
@@ -170,38 +167,6 @@ def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> s
     parts.append(f"{ALL.format(sizes=sizes)}\n{_errors(all_windows, 'joint')}\n")
     parts.append(f"{COLLISIONS}\n{_collisions(all_windows)}")
     return "\n".join(parts)
-
-
-def _of_trainings(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """`rows`, those that differ in the seed of their training as one."""
-    groups: dict[tuple, list[Mapping[str, Any]]] = {}
-    for row in rows:
-        family = re.sub(r"_seed\d+", "", row["checkpoint"] or "") or None
-        key = (family, row["model"], row["scene"], row["obs_len"], row["pred_len"])
-        groups.setdefault(key, []).append(row)
-    return [
-        {**members[0], "checkpoint": key[0], "trainings": len(members), **_mean_of(members)}
-        for key, members in groups.items()
-    ]
-
-
-def _mean_of(members: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Metrics and intervals of one model's trainings on one test."""
-    metrics, intervals = {}, {}
-    for name in members[0]["metrics"]:
-        values = [row["metrics"][name] for row in members]
-        if None in values:
-            metrics[name] = None
-            continue
-        metrics[name] = mean = float(np.mean(values))
-        if all(name in row["intervals"] for row in members):
-            widths = [np.diff(row["intervals"][name])[0] / 2 for row in members]
-            seeds = student_half(values) if len(values) > 1 else 0.0
-            half = float(np.hypot(np.mean(widths), seeds))
-            # Of one training the interval is as it was, which need not be symmetric.
-            several = [mean - half, mean + half]
-            intervals[name] = several if len(values) > 1 else members[0]["intervals"][name]
-    return {"metrics": metrics, "intervals": intervals}
 
 
 def _trainings(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from studies.results import _of_trainings
+from studies.trainings import of_trainings
 
 
 def row(checkpoint, ade, half):
@@ -22,7 +22,7 @@ def row(checkpoint, ade, half):
 def test_trainings_are_one_row_whose_interval_is_of_both_scenes_and_trainings():
     alone = row("checkpoints/a_eth_8_12", 0.4, 0.1)
     several = [row(f"runs/a_eth_8_12_seed{n}/model", 0.5 + n / 10, 0.2) for n in range(3)]
-    first, second = _of_trainings([alone, *several])
+    first, second = of_trainings([alone, *several])
     assert (first["trainings"], second["trainings"]) == (1, 3)
     assert first["metrics"] == alone["metrics"]
     assert first["intervals"] == alone["intervals"]
