@@ -1,12 +1,12 @@
 """Several trainings of one model as one row, with an interval over scenes and over trainings."""
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from neurosym_jax.evaluation.paired import student_half
+from neurosym_jax.evaluation.summary import family_of
 
 __all__ = ["of_trainings"]
 
@@ -15,7 +15,7 @@ def of_trainings(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """`rows`, those that differ in the seed of their training as one."""
     groups: dict[tuple, list[Mapping[str, Any]]] = {}
     for row in rows:
-        family = re.sub(r"_seed\d+", "", row["checkpoint"] or "") or None
+        family, _ = family_of(row["checkpoint"])
         key = (family, row["model"], row["scene"], row["obs_len"], row["pred_len"])
         groups.setdefault(key, []).append(row)
     return [

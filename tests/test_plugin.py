@@ -119,18 +119,19 @@ def test_every_seam_from_one_file(call, tmp_path):
     data.write_text("".join("|" + "|".join(map(str, row)) + "\n" for row in rows))
     (tmp_path / "out").mkdir()
 
-    sweep = ("sweep", "--models", "mean", "--weightings", "halves", "--out", "sweep")
+    sweep = ("sweep", "--models", "none", "mean", "--weightings", "halves", "--out", "sweep")
     sweep += ("--datasets", "cross-path", "--seeds", 1, "--steps", 1, "--jobs", 1)
     model = ("sweep/neurosym_mean_halves_cross-path_8_8_seed0/model",)
     evaluate = ("evaluate", "--data", data, "--checkpoint", *model, "--samples", 2)
-    swept, printed, replayed, shown = call(
+    _, reported, printed, replayed, shown = call(
         (*sweep, "--set", "batch_scenes=2", "best_k=1", "max_agents=4"),
+        ("report", "sweep", "--against", "SGAN, no pooling"),
         (*evaluate, "--no-figures", "--baselines", "standing", "--json", "rows.json"),
         ("replay", data, "--model", *model, "--samples", 2),
         ("symbols", data, "--model", *model, "--out", "out"),
     )
     assert "| plugins | mine.py |" in (tmp_path / model[0] / "README.md").read_text()
-    assert "halves" in swept
+    assert "halves" in reported
     for seen in ("reach", "standing", "Mean of neighbours, halves", "walks"):
         assert seen in printed
     standing, ours = json.loads((tmp_path / "rows.json").read_text())["rows"]

@@ -120,7 +120,7 @@ def one_of_each(
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
     # The papers' networks go before variants of them.
-    fitting.sort(key=lambda each: _is_variant(each[1]))
+    fitting.sort(key=lambda each: _departures(each[1]))
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
@@ -131,8 +131,8 @@ def one_of_each(
     return sorted(chosen.values(), key=lambda each: each[1].weighting is not None)
 
 
-def _is_variant(model: Model) -> tuple[bool, bool]:
-    """By what a model departs from the papers: another pooling, another forecast."""
+def _departures(model: Model) -> tuple[bool, bool]:
+    """In what a model departs from the papers: another pooling, another forecast."""
     pooling = getattr(model.config, "pooling", None)
     return pooling != "as_described", getattr(model.config, "beside_velocity", False)
 

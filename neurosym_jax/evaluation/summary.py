@@ -19,7 +19,7 @@ from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.paired import Interval, student_half
 from neurosym_jax.evaluation.plan import TestSet
 
-__all__ = ["Line", "Value", "lines_of", "means_of"]
+__all__ = ["Line", "Value", "family_of", "lines_of", "means_of"]
 
 Row = Mapping[str, Any]
 """Of the JSON."""
@@ -68,7 +68,7 @@ def lines_of(rows: Iterable[Row]) -> list[Line]:
     """A line for each model on each test set, in order; runs that differ in their seed are one."""
     groups: dict[tuple[TestSet, str, str | None, int | None], list[tuple[int | None, Row]]] = {}
     for at, row in enumerate(rows):
-        family, seed = _family(row["checkpoint"])
+        family, seed = family_of(row["checkpoint"])
         test_set = TestSet(row["scene"], row["obs_len"], row["pred_len"])
         key = (test_set, row["model"], family, at if seed is None else None)
         groups.setdefault(key, []).append((seed, row))
@@ -112,8 +112,8 @@ def _lengths(line: Line) -> tuple[int, int]:
     return line.test_set.obs_len, line.test_set.pred_len
 
 
-def _family(checkpoint: str | None) -> tuple[str | None, int | None]:
-    """A checkpoint's path without its seed, and that."""
+def family_of(checkpoint: str | None) -> tuple[str | None, int | None]:
+    """A checkpoint's path without its seed, and that; None for which it has not."""
     found = SEED.search(checkpoint or "")
     if checkpoint is None or found is None:
         return checkpoint, None

@@ -1,6 +1,6 @@
 """An hour on a robot: nothing grows, nothing is compiled on the way, nobody is forgotten.
 
-It is six minutes by default, and the whole hour where NEUROSYM_HOUR is set.
+It is a quarter of an hour by default, and the whole hour where NEUROSYM_HOUR is set.
 """
 
 import gc
@@ -15,7 +15,7 @@ from neurosym_jax.online.predictor import Predictor
 from neurosym_jax.runtime.process import compile_seconds
 
 WHOLE = bool(os.environ.get("NEUROSYM_HOUR"))
-RATE, HOUR, PEOPLE, OBS = 10, 3600 if WHOLE else 360, 12, 4
+RATE, HOUR, PEOPLE, OBS = 10, 3600 if WHOLE else 900, 12, 4
 MEMORY = Path("/proc/self/statm")
 
 
