@@ -1,8 +1,7 @@
 """Every measurement by its name: `python -m benchmarks [NAME ...]`; all of them without a name.
 
 The opponents are torch where it is installed and, with `--reference`, the original code. Numbers
-are printed and, with `--json`, written in one form (`timing.row`), which `benchmarks/page.py` makes
-a page of.
+are printed and, with `--json`, written in one form (`timing.row`), of which `--page` makes a page.
 """
 
 import dataclasses
@@ -14,11 +13,13 @@ from typing import Annotated, Literal, get_args
 
 import tyro
 
+from benchmarks.page import document
 from benchmarks.timing import text
 from neurosym_jax.checks import refuse_below
 from neurosym_jax.commands._running import run_command
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.environment import cpu_cores, run_environment
+from neurosym_jax.runtime.files import write_text
 
 FORMAT = 1
 
@@ -46,6 +47,8 @@ class BenchmarkOptions:
     """Rounds that count."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for the numbers; those of other names in it are kept."""
+    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Markdown page of all numbers in the file of `--json`."""
 
     @property
     def torch(self) -> bool:
@@ -63,6 +66,8 @@ class BenchmarkOptions:
 def run(options: BenchmarkOptions) -> None:
     """Measure, print, write."""
     refuse_below(1, {"--repeats": options.repeats})
+    if options.page and not options.json:
+        raise InputError("--page shows the numbers of a file: --json")
     if (options.reference or options.neurosym_reference) and not options.torch:
         raise InputError("the original code needs torch, which is not installed")
     needs = {"zoo": ("data", "checkpoints")}
@@ -75,14 +80,16 @@ def run(options: BenchmarkOptions) -> None:
         print(f"{name}: {text(result)}\n", flush=True)
         if options.json:
             machine = {**run_environment(), "cores": cpu_cores()}
-            _write(options.json, name, {**result, "machine": machine})
+            numbers = _write(options.json, name, {**result, "machine": machine})
+            if options.page:
+                write_text(options.page, document(numbers))
 
 
-def _write(path: Path, name: str, result: dict) -> None:
+def _write(path: Path, name: str, result: dict) -> dict:
     data = json.loads(path.read_text()) if path.exists() else {"format": FORMAT, "benchmarks": {}}
     data["benchmarks"][name] = result
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(data, indent=1) + "\n")
+    write_text(path, json.dumps(data, indent=1) + "\n")
+    return data["benchmarks"]
 
 
 if __name__ == "__main__":

@@ -24,8 +24,13 @@ FLOPS_OF_AN_OPERATION = 50
 
 
 def counts() -> dict[str, float]:
-    """Programs compiled by each command, FLOPs and bytes of a forecast, the share of collisions."""
-    return {**_programs(), **_costs(), "collisions of a crowd's forecast": collision_share()}
+    """Programs of each command, FLOPs and bytes of a forecast and a training step, collisions."""
+    return {
+        **_programs(),
+        **_costs(),
+        **_training_costs(),
+        "collisions of a crowd's forecast": collision_share(),
+    }
 
 
 def _programs() -> dict[str, float]:
@@ -33,9 +38,11 @@ def _programs() -> dict[str, float]:
     import numpy as np
 
     from neurosym_jax.commands.evaluate import Options, run
+    from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.forecasting.model import predict
     from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.online.predictor import Predictor
+    from neurosym_jax.training.loop import train
 
     compiled = 0
 
@@ -61,6 +68,50 @@ def _programs() -> dict[str, float]:
         options = {"json": Path(folder) / "rows.json", "figures": False, "collisions": False}
         run(Options(checkpoint=names, dataset="cross-path", **options))
     done("the evaluation of two models on a scene")
+    windows = _windows()
+    with tempfile.TemporaryDirectory() as folder:
+        how = {"generator": GeneratorConfig(pooling="none"), "recipe": _recipe("ours")}
+        train(windows, windows, Path(folder) / "run", **how)
+    done("a training run")
+    return found
+
+
+def _windows() -> Any:
+    """Those of a simulation."""
+    from neurosym_jax.data.sources import Synthetic
+    from neurosym_jax.data.windows import cut_windows
+
+    return cut_windows(Synthetic().recordings("cross-path", "val"), 8, 8)
+
+
+def _recipe(name: str) -> Any:
+    """A step on one class of scenes, the least to compile."""
+    from neurosym_jax.training.recipe import make_recipe
+
+    return make_recipe(name, steps=1, changes=["batch_scenes=4", "best_k=2", "max_agents=2"])
+
+
+def _training_costs() -> dict[str, float]:
+    import jax
+
+    from neurosym_jax.training.network import named_generator
+    from neurosym_jax.training.step import initial_state, train_steps
+    from neurosym_jax.training.stream import SceneStream
+
+    found: dict[str, float] = {}
+    key = jax.eval_shape(lambda: jax.random.key(0))
+    # SGAN with its discriminator, which takes a batch of its own.
+    for model, recipe in (("sgan", _recipe("sgan")), ("neurosym", _recipe("ours"))):
+        config = named_generator(model)
+        batches = 2 if recipe.adversarial_weight else 1
+        stream = SceneStream(_windows(), recipe.batch_scenes, recipe.seed, recipe.max_agents)
+        groups = stream.steps(0, batches)
+        scene = jax.tree.map(lambda leaf: leaf[0, 0], groups[0])
+        state = jax.eval_shape(lambda key: initial_state(config, recipe, scene, key), key)  # noqa: B023
+        step = jax.tree.map(lambda leaf: leaf[None], groups)
+        cost: Any = train_steps.lower(config, recipe, key, state, step).cost_analysis()
+        found[f"MFLOP: a training step, {config.pooling}"] = round(cost["flops"] / 1e6, 3)
+        found[f"MB: a training step, {config.pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
     return found
 
 

@@ -37,7 +37,7 @@ def measure(options: Any) -> dict[str, Any]:
 
 
 def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
-    """Of one network's step; a gradient costs twice what its forward pass does."""
+    """Of one network's step."""
     from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 
     config, scores = GeneratorConfig(), DiscriminatorConfig()
@@ -49,10 +49,15 @@ def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
     judged += Work(agents * 2 * scores.mlp_dim * (width + 1), 0)
     context = encoding(config, agents, pairs)
     if discriminator:
-        return context + decoding(config, agents, 1) + judged * (2 * 3)
+        return context + decoding(config, agents, 1) + _with_gradient(judged) * 2
     # All 20 are decoded; the best and the one that is judged once more, with a gradient.
-    decoded = decoding(config, agents, 20) + decoding(config, agents, 2) * 3
-    return context * 3 + decoded + judged * 3
+    decoded = decoding(config, agents, 20) + _with_gradient(decoding(config, agents, 2))
+    return _with_gradient(context) + decoded + _with_gradient(judged)
+
+
+def _with_gradient(forward: Work) -> Work:
+    """A product has two in its gradient; tanh and sigmoid need only what they gave."""
+    return forward._replace(flops=3 * forward.flops)
 
 
 def read_batches(data: Path):
