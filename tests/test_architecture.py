@@ -9,6 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "neurosym_jax"
 LIBRARIES = {
     # library: who may import it, by the beginning of the path in the package
+    "distributed": ("runtime/cluster.py",),
     "flax": ("models/", "scene.py"),
     "matplotlib": ("plotting/",),
     "orbax": ("training/",),
@@ -18,7 +19,7 @@ LIBRARIES = {
     "torch": (),
     "tyro": ("commands/",),
 }
-ON_DEMAND = {"matplotlib", "orbax", "rclpy", "rosbags", "safetensors"}
+ON_DEMAND = {"distributed", "matplotlib", "orbax", "rclpy", "rosbags", "safetensors"}
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
 WAY_OF_THE_DATA = ("data", "symbolic", "models", "forecasting", "evaluation")
 """None imports one to its right."""

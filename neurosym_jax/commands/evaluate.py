@@ -19,6 +19,7 @@ from neurosym_jax.data.published import data_folder
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.cluster import evaluator
 from neurosym_jax.evaluation.conclusion import conclusion
 from neurosym_jax.evaluation.load import Test, files_read, load_tests
 from neurosym_jax.evaluation.metrics import metric_names
@@ -44,8 +45,7 @@ from neurosym_jax.symbolic.futures import SymbolSettings
 __all__ = ["Options", "run"]
 
 
-def _named(metavar: str, **more: Any) -> Any:
-    """How `--help` shows an option whose text says what happens without it."""
+def _named(metavar: str, **more: Any) -> Any:  # Its text says what happens without it.
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="", **more)
 
 
@@ -109,8 +109,10 @@ class Options:
     """Compute the collision rate, and what else is quadratic in people."""
     symbols: bool = False
     """Score forecasts of symbols and events, too; see docs/symbolic_forecast.md."""
+    cluster: Annotated[str | None, _named("ADDRESS")] = None
+    """A Dask scheduler whose workers take a test set each; see docs/scaling.md."""
     processes: Processes = ALONE
-    """Several processes that share the work, on one machine or many; see docs/scaling.md."""
+    """Several processes that share each test set; see docs/scaling.md."""
 
 
 def run(options: Options) -> list[Row]:
@@ -138,6 +140,7 @@ def run(options: Options) -> list[Row]:
         tests,
         settings,
         resume=options.resume,
+        each=evaluator(options.cluster),
         facts={"protocol": options.protocol, "provenance": _provenance(tests)},
         show=functools.partial(_show, about="" if chosen else source.about, whole=whole)
         if options.table == "text"
@@ -284,8 +287,8 @@ def _validate(options: Options) -> None:
     """Refuse, before the work and not after it, what cannot be evaluated or written."""
     counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len")
     refuse_below(1, {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts})
-    refuse_seed(options.seed, "--seed")
-    refuse_seed(options.seed + options.seeds - 1, "--seed and --seeds: the last seed")
+    for seed, of in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
+        refuse_seed(options.seed + seed, of)
     if not (options.checkpoint or options.baselines or options.baselines is None):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
     if options.symbols and options.test_on:

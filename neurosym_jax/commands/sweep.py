@@ -40,6 +40,8 @@ class Options:
     """Folder of the runs, of sweep.json and of sweep.md."""
     jobs: int | None = None
     """Trainings at once; default: one for each core."""
+    cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """A Dask scheduler whose workers train and test, and see this folder; docs/scaling.md."""
     dry_run: bool = False
     """Train nothing: list the runs, and say how long they will take."""
 
@@ -66,4 +68,5 @@ def run(options: Options) -> int:
     if options.dry_run:
         print(plan_of(runs, options.jobs))
         return 0
-    return run_sweep(runs, options.out, data=options.data, jobs=options.jobs)
+    where = {"jobs": options.jobs, "cluster": options.cluster}
+    return run_sweep(runs, options.out, data=options.data, **where)

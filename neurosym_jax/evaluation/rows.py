@@ -6,7 +6,7 @@ What is in a row is `evaluation.run`'s; how rows look to people is `evaluation.r
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ def evaluate_into(
     settings: Settings,
     *,
     resume: bool = False,
+    each: Callable[[Sequence[Test], Settings], Iterable[Result]] = each_result,
     facts: Mapping[str, Any] | None = None,
     show: Callable[[list[Row], bool], None] | None = None,
 ) -> tuple[list[Row], list[Result]]:
@@ -43,6 +44,7 @@ def evaluate_into(
         tests: what is evaluated.
         settings: how.
         resume: whether rows that are there are kept.
+        each: what evaluates.
         facts: what else the file is to say; JSON-able.
         show: is given the rows of a test set as soon as all are there, in the first process, and
             whether it is the first one.
@@ -73,7 +75,7 @@ def evaluate_into(
 
     if is_first():
         tell()
-    for result in each_result(todo, settings):
+    for result in each(todo, settings):
         rows.append(result.row)
         if result.test_set in whole:
             results.append(result)

@@ -12,12 +12,15 @@ import selectors
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from neurosym_jax.sweeps.runs import SweepRun
 
-__all__ = ["last_line", "start", "train_runs"]
+__all__ = ["LOG", "TrainingProcess", "last_line", "start", "train_runs"]
 
 LOG = "train.log"
+FINISHED = "0\n"
+"""The answer to a run that came to its end."""
 ONE_THREAD = {"NPROC": "1"}
 """As fast at these sizes, and the same bits wherever it runs."""
 
@@ -25,14 +28,14 @@ ONE_THREAD = {"NPROC": "1"}
 def train_runs(runs: Sequence[SweepRun], at_once: int) -> Iterator[tuple[SweepRun, bool]]:
     """Each run when it ends, with whether it came to its end; `at_once` are trained at a time."""
     waiting = list(reversed(runs))
-    working: dict[_Worker, SweepRun] = {}
+    working: dict[TrainingProcess, SweepRun] = {}
     with selectors.DefaultSelector() as answers:
 
-        def begin(worker: _Worker | None) -> None:
+        def begin(worker: TrainingProcess | None) -> None:
             """Train the next run, by a new process where there is none."""
             if waiting:
                 if worker is None:
-                    worker = _Worker()
+                    worker = TrainingProcess()
                     answers.register(worker.answers, selectors.EVENT_READ, worker)
                 working[worker] = run = waiting.pop()
                 worker.train(run)
@@ -46,11 +49,9 @@ def train_runs(runs: Sequence[SweepRun], at_once: int) -> Iterator[tuple[SweepRu
                     answer, run = worker.answers.readline(), working.pop(worker)
                     if not answer:
                         answers.unregister(worker.answers)
-                        status = worker.end()
-                        with (run.folder / LOG).open("a") as log:
-                            log.write(f"its process ended with status {status}\n")
+                        worker.tell_its_end(run)
                     begin(worker if answer else None)
-                    yield run, answer == "0\n"
+                    yield run, answer == FINISHED
         finally:
             for key in list(answers.get_map().values()):
                 key.data.end()
@@ -70,33 +71,59 @@ def start(run: SweepRun) -> subprocess.Popen:
 
 def last_line(run: SweepRun) -> str:
     """Of the run's log: why it failed."""
-    lines = (run.folder / LOG).read_text().split("\n")
+    log = run.folder / LOG
+    if not log.exists():
+        return f"there is no {log}: do all that train see this folder?"
+    lines = log.read_text().split("\n")
     return next((line for line in reversed(lines) if line.strip()), "no word of why")
 
 
-class _Worker:
-    """A process that trains what it is sent, and answers each time."""
+class TrainingProcess:
+    """A process that trains what it is sent, one run after another, and answers each time."""
 
-    def __init__(self):
+    def __init__(self, folder: Path | None = None):
+        """Start it, in the working folder of the sweep where that is not this process's."""
+        self._folder = folder or Path()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "neurosym_jax.sweeps.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             env={**os.environ, **ONE_THREAD},
+            cwd=folder,
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._runs, self.answers = self._process.stdin, self._process.stdout
 
     def train(self, run: SweepRun) -> None:
-        run.folder.mkdir(parents=True, exist_ok=True)
+        """Begin `run`; when it ends there is a line in `answers`, nothing if the process dies."""
+        log = self._log(run)
+        log.parent.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(BrokenPipeError):  # It has died: there will be no answer.
-            self._runs.write(json.dumps([str(run.folder / LOG), *run.arguments]) + "\n")
+            self._runs.write(json.dumps([str(log), *run.arguments]) + "\n")
             self._runs.flush()
+
+    def train_to_the_end(self, run: SweepRun) -> bool | None:
+        """Whether it came to its end; None where the process has died, which the log is told."""
+        self.train(run)
+        answer = self.answers.readline()
+        if not answer:
+            self.tell_its_end(run)
+            return None
+        return answer == FINISHED
+
+    def tell_its_end(self, run: SweepRun) -> None:
+        """Tell the log of `run` how the process ended."""
+        status = self.end()
+        with self._log(run).open("a") as log:
+            log.write(f"its process ended with status {status}\n")
 
     def end(self) -> int:
         """Stop it, unless it has died; its exit status."""
         self._process.terminate()
         self._process.communicate()
         return self._process.returncode
+
+    def _log(self, run: SweepRun) -> Path:
+        return self._folder / run.folder / LOG

@@ -1,4 +1,4 @@
-"""Many trainings in single-threaded processes, then one test of all that they made.
+"""Many trainings in single-threaded processes, here or on a cluster, then one test of all.
 
 A finished run is never trained again and an interrupted one goes on, so a sweep that is called once
 more does what is left to do.
@@ -6,22 +6,24 @@ more does what is left to do.
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from neurosym_jax.checks import refuse_below
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.cluster import evaluator
 from neurosym_jax.evaluation.load import files_read, load_tests
 from neurosym_jax.evaluation.plan import make_plan
 from neurosym_jax.evaluation.report import FORMAT, write_json
-from neurosym_jax.evaluation.run import Settings, evaluate_tests
+from neurosym_jax.evaluation.run import Settings
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.runtime.progress import Progress
 from neurosym_jax.runtime.provenance import provenance
+from neurosym_jax.sweeps.cluster import train_over_cluster
 from neurosym_jax.sweeps.errors import write_errors
 from neurosym_jax.sweeps.estimate import seconds_of_run
 from neurosym_jax.sweeps.processes import last_line, train_runs
@@ -33,7 +35,12 @@ __all__ = ["plan_of", "run_sweep"]
 
 
 def run_sweep(
-    runs: Sequence[SweepRun], out: Path, *, data: Path | None = None, jobs: int | None = None
+    runs: Sequence[SweepRun],
+    out: Path,
+    *,
+    data: Path | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
 ) -> int:
     """Train what is left, test all, write `sweep.json` and `sweep.md`; 1 if a training failed.
 
@@ -42,21 +49,29 @@ def run_sweep(
         out: folder of what is written.
         data: that of the runs.
         jobs: trainings at once; None for one a core.
+        cluster: address of a Dask scheduler, whose workers train and test.
 
     Raises:
-        InputError: for a finished run of another recipe, or where nothing was finished.
+        InputError: for a finished run of another recipe, or where nothing was finished; as
+            `over_cluster`.
     """
     refuse_below(1, {"--jobs": jobs})
+    if jobs and cluster:
+        raise InputError("--jobs: a cluster trains as many at once as its workers have threads")
     refuse_unwritable(out / "sweep.json")
     left = [run for run in runs if not run.finished()]
     print(f"{len(runs)} runs, {len(runs) - len(left)} of them finished before")
-    failed = _train_all(left, jobs or cpu_cores())
+    if cluster:
+        each = train_over_cluster(left, cluster) if left else iter(())
+    else:
+        each = train_runs(left, jobs or cpu_cores())
+    failed = _failed(each, len(left))
     for run, reason in failed:
         print(f"failed: {run.folder}: {reason}", file=sys.stderr)
     done = [run for run in runs if run.finished()]
     if not done:
         raise InputError(f"{out}: no run was finished, so there is nothing to test")
-    rows = _test(done, out, data)
+    rows = _test(done, out, data, cluster)
     table = format_sweep(rows)
     write_text(out / "sweep.md", table)
     print(f"\n{table}\nrows: {out / 'sweep.json'}")
@@ -83,24 +98,26 @@ def plan_of(runs: Sequence[SweepRun], jobs: int | None = None) -> str:
     return "\n".join(lines)
 
 
-def _train_all(runs: Sequence[SweepRun], at_once: int) -> list[tuple[SweepRun, str]]:
-    """Train `runs`, `at_once` at a time; returns those that failed and why."""
+def _failed(each: Iterator[tuple[SweepRun, bool]], count: int) -> list[tuple[SweepRun, str]]:
+    """Train `count` runs; those that failed and why."""
     failed = []
-    with Progress(len(runs), "training", "run") as progress:
-        for run, finished in train_runs(runs, at_once):
+    with Progress(count, "training", "run") as progress:
+        for run, finished in each:
             progress.step(run.folder.name)
             if not finished:
                 failed.append((run, last_line(run)))
     return failed
 
 
-def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[str, Any]]:
+def _test(
+    runs: Sequence[SweepRun], out: Path, data: Path | None, cluster: str | None
+) -> list[dict[str, Any]]:
     """Evaluate the models on their own test splits; rows as evaluate's, with `run`."""
     of_path = {str(run.model): run for run in runs}
     models = [(path, load_model(path)) for path in of_path]
     source = open_source(data, model_scene=models[0][1].dataset)
     tests = load_tests(source, make_plan(source, models))
-    results = evaluate_tests(tests, Settings())
+    results = list(evaluator(cluster)(tests, Settings()))
     rows = [result.row for result in results]
     for row in rows:
         run = of_path.get(row["checkpoint"])

@@ -1,13 +1,14 @@
 """One process at a time trains in a folder."""
 
 import contextlib
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import refuse_unwritable
 
-__all__ = ["sole_writer"]
+__all__ = ["sole_writer", "wait_for_others"]
 
 
 @contextlib.contextmanager
@@ -30,3 +31,12 @@ def sole_writer(folder: Path) -> Iterator[None]:
         except BlockingIOError:
             raise InputError(f"{folder}: another process is training there") from None
         yield
+
+
+def wait_for_others(folder: Path, *, seconds: float) -> None:
+    """Wait until no other process trains in `folder`, so long at most."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        with contextlib.suppress(InputError), sole_writer(folder):
+            return
+        time.sleep(0.1)

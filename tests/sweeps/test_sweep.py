@@ -141,7 +141,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
 
     monkeypatch.setattr(
-        "neurosym_jax.sweeps.processes._Worker.__init__", None
+        "neurosym_jax.sweeps.processes.TrainingProcess.__init__", None
     )  # Nothing is trained again.
     assert run_sweep(runs, out) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
