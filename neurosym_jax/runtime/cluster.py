@@ -51,7 +51,7 @@ def over_cluster(
     # A plugin's classes can be unpickled only where it was loaded, so items travel as bytes.
     plugins = [os.path.abspath(each) if each.endswith(".py") else each for each in loaded()]
     with client:
-        threads = client.nthreads()
+        threads: Any = client.nthreads()
         of = f"{len(threads)} workers, {sum(threads.values())} threads"
         print(f"cluster: {of if threads else 'no worker yet'}", file=sys.stderr)
         try:

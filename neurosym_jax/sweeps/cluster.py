@@ -20,6 +20,8 @@ __all__ = ["train_over_cluster"]
 
 _processes: dict[tuple[str, int], TrainingProcess] = {}
 """Of a worker, by sweep and thread."""
+_ended: set[str] = set()
+"""Sweeps of which nothing more is to begin on a worker."""
 
 _Item = tuple[str, Path, SweepRun]
 
@@ -49,15 +51,18 @@ def _train(item: _Item) -> bool:
     # The process of a worker that has just died may not have.
     wait_for_others(folder / run.folder, seconds=10)
     key = sweep, threading.get_ident()
+    if sweep in _ended:
+        return False
     if key not in _processes:
         _processes[key] = TrainingProcess(folder)
     finished = _processes[key].train_to_the_end(run)
     if finished is None:
-        del _processes[key]
+        _processes.pop(key, None)
     return bool(finished)
 
 
 def _end(sweep: str) -> None:
     """On a worker: what it has begun for the sweep."""
+    _ended.add(sweep)
     for key in [key for key in _processes if key[0] == sweep]:
-        _processes.pop(key).end()
+        _processes.pop(key).stop()

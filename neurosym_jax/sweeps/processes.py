@@ -121,9 +121,16 @@ class TrainingProcess:
 
     def end(self) -> int:
         """Stop it, unless it has died; its exit status."""
-        self._process.terminate()
-        self._process.communicate()
+        self.stop()
+        for pipe in (self._runs, self.answers):
+            with contextlib.suppress(BrokenPipeError):
+                pipe.close()
         return self._process.returncode
+
+    def stop(self) -> None:
+        """Stop it, whoever waits for its answer."""
+        self._process.terminate()
+        self._process.wait()
 
     def _log(self, run: SweepRun) -> Path:
         return self._folder / run.folder / LOG
