@@ -33,13 +33,16 @@ TITLES = {
 }
 
 
+_NO_GPU = "; no GPU was at hand, so nothing is known of how fast one is"
+
+
 def document(benchmarks: dict[str, Any]) -> str:
     """The whole page."""
     machine = next(iter(benchmarks.values()))["machine"]
     parts = [
         HEAD,
         f"Machine: {machine['cores']} cores, {machine['cpu']}; Python {machine['python']}, "
-        f"jax {machine['jax']}.\n",
+        f"jax {machine['jax']}" + _NO_GPU * (machine["platform"] == "cpu") + ".\n",
     ]
     for name, title in TITLES.items():
         if name in benchmarks:

@@ -20,7 +20,7 @@ from typing import Any
 
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.summary import Line, Value, lines_of, means_of
-from studies.published import NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
+from studies.published import ALL_WINDOWS, NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
 from studies.trainings import of_trainings
 
 PUBLISHED = {
@@ -89,18 +89,17 @@ printed" are the papers' numbers, one run each, without an interval; "published 
 same files, evaluated here. Models trained on THÖR, and all of them on other people than those they
 learned from, are in [cross_domain.md](cross_domain.md).
 
-In short, joint 8 + 12, mean of the five scenes:
+In short, joint, mean of the five scenes:
 
 {means}
 
 Most of the lead over the published networks comes from hotel and eth, and eth's interval is wide.
-At 8 + 12 no scene has a joint error of either network beside constant velocity behind constant
-velocity's or a published one; which pooling they have makes no difference that intervals tell.
-With windows of one person too, the pooling `encounter` has the least errors of all networks on
-every scene, and SGAN's is level with the published networks on eth. Both were trained for 8 + 12
-only. At 8 + 8 no joint ADE on univ is below constant velocity's, and SGAN-20V has the least
-marginal errors on univ and zara1, of which only univ's FDE lies beyond all other intervals.
-Forecast people collide more often than real ones do, everywhere.
+No scene has a joint error of either network beside constant velocity behind constant velocity's or
+a published one, at either length; which pooling they have makes no difference that intervals tell.
+At 8 + 8 SGAN-20V has the least marginal FDE on univ, within the intervals. With windows of one
+person too, the pooling `encounter` has the least errors of all networks here on every scene, and
+SGAN's is level with the published networks on eth. Forecast people collide more often than real
+ones do, everywhere.
 
 ## What was chosen on what
 
@@ -114,7 +113,8 @@ ALL = """## Windows of one person too
 
 Scenes of fewer than two people are left out above, as SGAN does: 183 of eth's 253 windows of 8 + 12
 steps. Joint Metrics Matter (Weng et al., ICCV 2023) keeps them, and takes means over scenes and
-not over agents (`--protocol joint-metrics`): {sizes} windows.
+not over agents (`--protocol joint-metrics`): {sizes} windows. Figures of AgentFormer (Yuan et al.,
+ICCV 2021) by this protocol are quoted second hand, without an interval.
 
 Joint:
 """
@@ -146,7 +146,7 @@ def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> s
         "seeds": max(row["seeds"] for row in rows),
         "blocks": "8 + 12: " + ", ".join(f"{name} {count}" for name, count in blocks.items()),
         "chosen": markdown_table(head, CHOSEN),
-        "means": _means([row for row in rows if row["pred_len"] == 12]),
+        "means": _means(rows),
         "trainings": _trainings(rows),
     }
     parts = [HEAD.format(**facts)]
@@ -164,7 +164,7 @@ def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> s
     sizes = "/".join(
         str(row["scenes"]) for row in all_windows if row["model"] == _first(all_windows)
     )
-    parts.append(f"{ALL.format(sizes=sizes)}\n{_errors(all_windows, 'joint')}\n")
+    parts.append(f"{ALL.format(sizes=sizes)}\n{_errors(all_windows, 'joint', ALL_WINDOWS)}\n")
     parts.append(f"{COLLISIONS}\n{_collisions(all_windows)}")
     return "\n".join(parts)
 
@@ -176,12 +176,20 @@ def _trainings(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _means(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Joint ADE / FDE of each model, over the scenes."""
-    return "\n".join(
-        f"- {name}: " + " / ".join(f"{of_scene['mean'].values[error].mean:.3f}" for error in JOINT)
-        for name, of_scene in _lines(rows).items()
-        if "mean" in of_scene
-    )
+    """Joint ADE / FDE of each model, over the scenes, by forecast steps."""
+    lines = {
+        pred_len: _lines([row for row in rows if row["pred_len"] == pred_len])
+        for pred_len in (8, 12)
+    }
+    table = [
+        [name, *(_mean(of_name.get(name, {})) for of_name in lines.values())] for name in lines[12]
+    ]
+    return markdown_table(["", *(f"8 + {pred_len}" for pred_len in lines)], table)
+
+
+def _mean(of_scene: Mapping[str, Line]) -> str:
+    errors = (f"{of_scene['mean'].values[error].mean:.3f}" for error in JOINT)
+    return " / ".join(errors) if "mean" in of_scene else "-"
 
 
 def _first(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -227,7 +235,11 @@ def _errors(
 
 
 def _printed(cells: Mapping[str, Any]) -> Cells:
-    texts = {scene: f"{of[0]:.2f} / {of[1]:.2f}" for scene, of in cells.items() if of is not None}
+    texts = {
+        scene: " / ".join(f"{error:.3f}".removesuffix("0") for error in of)
+        for scene, of in cells.items()
+        if of is not None
+    }
     if len(texts) == len(cells):
         means = [sum(of[part] for of in cells.values()) / len(cells) for part in (0, 1)]
         texts["mean"] = f"{means[0]:.3f} / {means[1]:.3f}"
