@@ -88,10 +88,10 @@ def _rate(program: Callable[[Any], Any], argument: Any, work: float) -> float:
     return best
 
 
-def limit(work: Work, rates: dict[str, float], seconds: float) -> dict[str, float]:
-    """The least seconds of `work`, and the fraction of that speed that `seconds` is."""
+def limit(work: Work, rates: dict[str, float], seconds: float) -> dict[str, Any]:
+    """The least seconds of `work` at these rates, and the fraction of that that `seconds` is."""
     least = work.flops / rates["flops"] + work.transcendentals / rates["transcendentals"]
-    return {**work._asdict(), "seconds": least, "fraction": least / seconds}
+    return {**work._asdict(), "rates": rates, "seconds": least, "fraction": least / seconds}
 
 
 def lstm(agents: float, steps: int, width: int, inputs: int = 2) -> Work:
