@@ -19,9 +19,8 @@ round; a ratio is that of the medians, in brackets the least and the most that t
 torch peer is SGAN written as batched as torch allows (encoding and pooling once, samples together,
 no loop over scenes), so that a ratio to it speaks of design; the original is the released code.
 *Speed of light* is the work's arithmetic at the rates that the machine showed in the same run for
-the LSTM decoder's own matrix products and gates (`benchmarks/light.py`). The machine shares its
-host, and is up to three times slower at some hours than at others: compare within a table, not
-between pages.
+the LSTM decoder's own matrix products and gates (`benchmarks/light.py`). The machine is some
+three times slower at some hours than at others: compare within a table, not between pages.
 """
 
 TITLES = {

@@ -5,11 +5,13 @@ installed. Whoever reaches a Dask scheduler can run any code on its workers: kee
 may.
 """
 
+import contextlib
 import os
 import pickle
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from typing import Any
 
 from neurosym_jax.errors import InputError
@@ -38,7 +40,7 @@ def over_cluster(
         Place among the items, what `work` gave, and why it failed, empty where it did not.
 
     Raises:
-        InputError: where Dask is not installed, or no scheduler answers.
+        InputError: where Dask is not installed, no scheduler answers, or it goes away.
     """
     try:
         from distributed import Client, as_completed
@@ -64,9 +66,14 @@ def over_cluster(
             for future in as_completed(list(places), loop=client.loop):
                 error: Any = future.exception()
                 yield places.pop(future), None if error else future.result(), _reason(error)
+        except (CancelledError, OSError):
+            raise InputError(
+                f"--cluster {address}: the scheduler went away; what was finished is kept"
+            ) from None
         finally:
             if afterwards:
-                client.run(afterwards)
+                with contextlib.suppress(OSError):  # Where there is no scheduler any more.
+                    client.run(afterwards)
 
 
 def _do(plugins: Sequence[str], work: Callable[[Any], Any], item: bytes) -> Any:

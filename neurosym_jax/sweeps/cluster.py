@@ -48,7 +48,7 @@ def _train(item: _Item) -> bool:
     """On a worker."""
     sweep, folder, run = item
     os.stat(folder)  # What is not there is told by its name.
-    # The process of a worker that has just died may not have.
+    # A worker that has just died may have left a process that has not ended yet.
     wait_for_others(folder / run.folder, seconds=10)
     key = sweep, threading.get_ident()
     if sweep in _ended:

@@ -11,12 +11,11 @@ import pytest
 
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation import rows as module
 from neurosym_jax.evaluation.load import make_test
 from neurosym_jax.evaluation.plan import TestSet as Case
 from neurosym_jax.evaluation.plan import baseline
 from neurosym_jax.evaluation.rows import evaluate_into
-from neurosym_jax.evaluation.run import Settings
+from neurosym_jax.evaluation.run import Settings, each_result
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = Settings(samples=2)
@@ -56,9 +55,8 @@ def whole(tests, tmp_path_factory):
 
 
 @pytest.mark.parametrize("after", range(5))
-def test_interrupted_after_any_row(tests, whole, tmp_path, monkeypatch, after):
+def test_interrupted_after_any_row(tests, whole, tmp_path, after):
     path = tmp_path / "rows.json"
-    each_result = module.each_result
 
     def interrupted(*arguments):
         for number, result in enumerate(each_result(*arguments)):
@@ -66,13 +64,11 @@ def test_interrupted_after_any_row(tests, whole, tmp_path, monkeypatch, after):
                 raise KeyboardInterrupt
             yield result
 
-    with monkeypatch.context() as patch:
-        patch.setattr(module, "each_result", interrupted)
-        if after < 4:
-            with pytest.raises(KeyboardInterrupt):
-                evaluate_into(path, tests, SETTINGS)
-        else:
-            evaluate_into(path, tests, SETTINGS)
+    if after < 4:
+        with pytest.raises(KeyboardInterrupt):
+            evaluate_into(path, tests, SETTINGS, each=interrupted)
+    else:
+        evaluate_into(path, tests, SETTINGS, each=interrupted)
     if after:
         assert read(path) == whole | {"complete": after == 4, "rows": whole["rows"][:after]}
     rows, results = evaluate_into(path, tests, SETTINGS, resume=True)

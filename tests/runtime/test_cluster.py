@@ -110,18 +110,17 @@ def test_a_killed_worker_loses_nothing(tmp_path, monkeypatch):
     starts = [(run.folder / "train.log").read_text().count("to train on") for run in runs]
     assert starts == [2, 1]
 
-    assert run_sweep(plan_runs(Path("alone"), **chosen), Path("alone"), jobs=1) == 0
-    for run in runs:
-        mine, alone = (
-            flat_parameters(load_model(Path(at, run.folder.name, "model")).params)
-            for at in ("sweep", "alone")
-        )
-        assert all(np.array_equal(value, alone[name]) for name, value in mine.items())
+    assert run_sweep(plan_runs(Path("alone"), **chosen | {"seeds": 1}), Path("alone")) == 0
+    mine, alone = (
+        flat_parameters(load_model(Path(at, runs[0].folder.name, "model")).params)
+        for at in ("sweep", "alone")
+    )
+    assert all(np.array_equal(value, alone[name]) for name, value in mine.items())
     mine, alone = (
         [row["metrics"] for row in json.loads(Path(at, "sweep.json").read_text())["rows"]]
         for at in ("sweep", "alone")
     )
-    assert mine == alone
+    assert mine[: len(alone)] == alone
 
 
 def constant_velocity_on(*datasets):
