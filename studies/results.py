@@ -56,8 +56,9 @@ CHOSEN = (
         "what is beside constant velocity: pooling `encounter`, fixed noise, `beside_velocity`, "
         "`alone=0.2`, 2,000 steps",
         "pairs eth + hotel and univ + zara1 left out: their whole test recordings, 8 + 12, one "
-        "seed ([training.md](training.md#beside-constant-velocity))",
-        "all, these four's too",
+        "seed ([training.md](training.md#beside-constant-velocity)); with SGAN's pooling only "
+        "after all its trainings",
+        "all, these four's and 8 + 8 too",
     ),
     (
         "that errors of position and differences of speed need an ingredient at all",
