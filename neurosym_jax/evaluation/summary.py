@@ -11,6 +11,7 @@ Made of rows alone, as the JSON has them. The 95 % interval of a line is
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import PurePath
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.paired import Interval, student_half
 from neurosym_jax.evaluation.plan import TestSet
 
-__all__ = ["Line", "Value", "family_of", "lines_of", "means_of"]
+__all__ = ["Line", "Value", "family_of", "lines_of", "means_of", "told_apart"]
 
 Row = Mapping[str, Any]
 """Of the JSON."""
@@ -118,6 +119,15 @@ def family_of(checkpoint: str | None) -> tuple[str | None, int | None]:
     if checkpoint is None or found is None:
         return checkpoint, None
     return checkpoint[: found.start()] + checkpoint[found.end() :], int(found[1])
+
+
+def told_apart(checkpoints: Iterable[str]) -> dict[str, str]:
+    """By path, the last part in which all of them differ; the path itself where there is none."""
+    parts = {path: PurePath(path).parts for path in checkpoints}
+    for back in range(1, min(map(len, parts.values()), default=0) + 1):
+        if len({part[-back] for part in parts.values()}) == len(parts):
+            return {path: part[-back] for path, part in parts.items()}
+    return {path: path for path in parts}
 
 
 def _values(rows: Sequence[Row]) -> dict[str, Value]:

@@ -1,13 +1,12 @@
 """Lines of an evaluation as tables: for a terminal, and as CSV, Markdown and LaTeX for a paper."""
 
-import os
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Literal
 
 from neurosym_jax.evaluation.markdown import csv_text, markdown_table
 from neurosym_jax.evaluation.metrics import Metric, known_metric
 from neurosym_jax.evaluation.paired import Interval
-from neurosym_jax.evaluation.summary import Line, Value
+from neurosym_jax.evaluation.summary import Line, Value, told_apart
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -190,14 +189,12 @@ def notes(lines: Sequence[Line], *, paper: bool = False, bold: bool = True) -> l
 def labels(lines: Sequence[Line]) -> list[str]:
     """The models of one test set by name and, where several have one name, by checkpoint."""
     names = [line.model for line in lines]
-    paths = {line.checkpoint: line.checkpoint for line in lines if line.checkpoint}
-    if len({os.path.basename(path) for path in paths}) == len(paths):
-        paths = {path: os.path.basename(path) for path in paths}
+    short = told_apart(line.checkpoint for line in lines if line.checkpoint)
     found = []
     for line in lines:
         label = line.model
         if line.checkpoint and names.count(line.model) > 1:
-            label += f" {paths[line.checkpoint]}"
+            label += f" {short[line.checkpoint]}"
         if line.trainings > 1:
             label += f" ({line.trainings} trainings)"
         found.append(label)

@@ -8,6 +8,7 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.run import Result
+from neurosym_jax.evaluation.summary import told_apart
 from neurosym_jax.scene import to_world
 
 __all__ = ["check_figures", "draw_figures", "draw_overview", "figure_path"]
@@ -127,9 +128,19 @@ def _drawn(members: Sequence[Result]) -> dict[str, Result]:
             model if len(items) == 1 else f"{model}, first of {len(items)} models": items[0]
             for model, items in alike.items()
         }
+    paths = [item.row.get("checkpoint") for item in members]
+    short = told_apart(path for path in paths if path)
+    several = {name for name, items in alike.items() if len(items) > 1}
     return {
-        item.name
-        if len(alike[item.name]) == 1
-        else f"{item.row['model']} ({alike[item.row['model']].index(item) + 1})": item
+        f"{item.name} {_which(item, alike, short)}" if item.name in several else item.name: item
         for item in members
     }
+
+
+def _which(item: Result, alike: dict[str, list[Result]], short: dict[str, str]) -> str:
+    """Its checkpoint, or a number where models of one name are not of different checkpoints."""
+    same = alike[item.name]
+    paths = {other.row.get("checkpoint") for other in same}
+    if None in paths or len(paths) < len(same):
+        return f"({same.index(item) + 1})"
+    return short[item.row["checkpoint"]]

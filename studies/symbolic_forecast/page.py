@@ -1,5 +1,6 @@
 """The page and the figure of what `__main__` scored."""
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -81,7 +82,8 @@ def document(found: dict[str, Any]) -> str:
         f"{name}: {', '.join(map(_short, group['sets']))}" for name, group in groups.items()
     )
     runs = {"learned": ", ".join(LEARNED), "choosing": " and ".join(CHOOSING)}
-    parts = [HEAD.format(minutes=found["seconds"] / 60, sets=sets, **runs)]
+    head = HEAD.format(minutes=found["seconds"] / 60, sets=sets, **runs)
+    parts = ["\n\n".join(map(_wrapped, head.split("\n\n")))]
     for name, group in groups.items():
         parts += [f"## {name}", _states(group), _symbols(group), _events(group), _compared(group)]
         sizes = group["sets"].items()
@@ -119,6 +121,13 @@ def figure(found: dict[str, Any]) -> Figure:
             dress(axes, "probability said", "share that happened", title)
     add_legend(drawn, panels[0][0])
     return drawn
+
+
+def _wrapped(paragraph: str) -> str:
+    """A paragraph with what was filled in broken into lines."""
+    if max(map(len, paragraph.splitlines()), default=0) <= 100:
+        return paragraph
+    return textwrap.fill(paragraph, 100, break_on_hyphens=False, break_long_words=False)
 
 
 def _reliability(axes: Axes, parts: list[list[list[float]]], colour: str) -> None:

@@ -116,7 +116,8 @@ def test_markdown_marks_the_best():
 @pytest.mark.parametrize(
     ("paths", "shown"),
     [
-        (["a/x/1.pt", "a/y/1.pt"], ["a/x/1.pt", "a/y/1.pt"]),
+        (["a/x/1.pt", "a/y/1.pt"], ["x", "y"]),
+        (["a/1.pt", "b/1.pt", "b/2.pt"], ["a/1.pt", "b/1.pt", "b/2.pt"]),
         (["m/1.pt", "a/2.pt"], ["1.pt", "2.pt"]),
         (["m/1.pt"], [""]),
     ],
