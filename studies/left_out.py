@@ -1,14 +1,15 @@
 """Which recipe is best in places that nobody has seen, judged for every scene by the other four.
 
 python -m studies.left_out DATA OUT RECIPE [RECIPE ...] [--seeds N] [--steps N] \\
-    [--pairs eth+hotel ...] > docs/left_out.md
+    [--pairs eth+hotel ...] [--more FOLDER] > docs/left_out.md
 
 A RECIPE is `ours`, or a list of changes to it or to the network, such as
-`scale=0.3,noise_type=fixed`. Of every pair of ETH/UCY's five scenes, models are trained on the
+`scale=0.3,noise_type=fixed`; with `more=NAME+NAME` it learns from these folders of `--more` besides
+(`studies.more_data` makes them). Of every pair of ETH/UCY's five scenes, models are trained on the
 others, as `train.py --scene` would, and tested on both. The error by which a recipe is judged for a
-scene is the mean over its pairs, always tested on the other scene of the pair: nothing of the
-scene itself is in it, neither as training nor as test. Runs are single-threaded, as many at once as
-there are cores; a finished run is never trained again, so that seeds can be added later.
+scene is the mean over its pairs, always tested on the other scene of the pair: nothing of the scene
+itself is in it, neither as training nor as test. Runs are single-threaded, as many at once as there
+are cores; a finished run is never trained again, so that seeds can be added later.
 """
 
 import argparse
@@ -32,6 +33,8 @@ from neurosym_jax.runtime.environment import cpu_cores
 LENGTHS = ("--obs-len", "8", "--pred-len", "12")
 ERRORS = ("joint ADE", "joint FDE", "marginal ADE", "marginal FDE", "all ADE", "all FDE")
 """The last two are joint, with windows of one person, as means over windows (`joint-metrics`)."""
+MORE = "more="
+"""The change to a recipe that is neither of the training's options nor of the network's."""
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -47,6 +50,8 @@ class Study:
     steps: int
     seeds: tuple[int, ...]
     pairs: tuple[tuple[str, ...], ...] = tuple(itertools.combinations(SCENES, 2))
+    more: Path = Path()
+    """Of recordings that some recipes learn from besides."""
 
     def others(self) -> dict[str, list[str]]:
         """By scene, the others that it is left out with."""
@@ -74,10 +79,13 @@ class Study:
             ]
             for split in ("train", "val")
         }
+        besides = recipe.partition(MORE)[2].partition(",")[0]
+        more = [str(self.more / folder) for folder in besides.split("+") if folder]
         call(
             *("train.py", "--data", str(self.data), *LENGTHS, "--steps", str(self.steps)),
             *("--seed", str(seed), "--out", str(run), "--resume", *changes(recipe)),
             *("--train-on", *files["train"], "--validate-on", *files["val"]),
+            *(("--train-also", *more) if more else ()),
         )
 
     def test(self, scene: str) -> np.ndarray:
@@ -176,6 +184,8 @@ def changes(recipe: str) -> list[str]:
     known = {field.name for field in dataclasses.fields(GeneratorConfig)}
     options: dict[str, list[str]] = {"--set": [], "--network": []}
     for change in recipe.split(","):
+        if change.startswith(MORE):
+            continue
         options["--network" if change.partition("=")[0] in known else "--set"].append(change)
     return [word for name, values in options.items() if values for word in (name, *values)]
 
@@ -196,6 +206,7 @@ def main() -> None:
     parser.add_argument("recipes", nargs="+")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--steps", type=int, default=2000)
+    parser.add_argument("--more", type=Path, default=Path())
     parser.add_argument("--pairs", nargs="+", default=["+".join(p) for p in Study.pairs])
     options = parser.parse_args()
     study = Study(
@@ -205,6 +216,7 @@ def main() -> None:
         options.steps,
         tuple(range(options.seeds)),
         tuple(tuple(pair.split("+")) for pair in options.pairs),
+        options.more.resolve(),
     )
     # Whole seeds first: an early look has all pairs.
     runs = itertools.product(study.seeds, study.pairs, study.recipes)

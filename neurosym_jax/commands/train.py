@@ -9,8 +9,8 @@ import tyro
 
 from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import Source, Synthetic, open_source
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.sources import Source, Synthetic, open_source, recordings_in
+from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.training.loop import train_run
@@ -60,6 +60,8 @@ class Options:
     """Recordings by file name to train on, instead of a leave-one-out split."""
     validate_on: tuple[str, ...] = ()
     """Recordings by file name to validate on; needed with --train-on."""
+    train_also: tuple[Path, ...] = ()
+    """Recordings to train on besides, each a file or a folder of them."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How files are read."""
     out: Path | None = None
@@ -115,9 +117,10 @@ def make_run(options: Options) -> Run:
         options.recipe, seed=options.seed, steps=options.steps, changes=options.set
     )
     source = open_source(options.data, options.dataset, read=options.read, period=options.period)
+    learned, validated = _recordings(options, source)
+    learned += _besides(options, source)
     training, validation = (
-        cut_windows(tracks, options.obs_len, options.pred_len)
-        for tracks in _recordings(options, source)
+        cut_windows(tracks, options.obs_len, options.pred_len) for tracks in (learned, validated)
     )
     return Run(
         generator=dataclasses.replace(generator, period=training.period),
@@ -144,9 +147,30 @@ def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
     ]
 
 
+def _besides(options: Options, source: Source) -> list[Tracks]:
+    """Those of `--train-also`.
+
+    Raises:
+        InputError: for one that the model is to be tested on.
+    """
+    found = [
+        on_grid(tracks, options.period)
+        for place in options.train_also
+        for tracks in recordings_in(place, options.read)
+    ]
+    if found and options.dataset is not None and not isinstance(source, Synthetic):
+        tested = {tracks.recording for tracks in source.recordings(options.dataset)}
+        for name in sorted(tested & {tracks.recording for tracks in found}):
+            raise InputError(
+                f"--train-also has {name}, which a model for {options.dataset} is tested on"
+            )
+    return found
+
+
 def _data_name(options: Options, source: Source) -> str:
+    also = "".join(f", and on {place.stem}" for place in options.train_also)
     if options.train_on:
-        return f"trained on {', '.join(Path(name).stem for name in options.train_on)}"
+        return f"trained on {', '.join(Path(name).stem for name in options.train_on)}{also}"
     if isinstance(source, Synthetic):
-        return f"trained on simulations ({options.dataset or 'all'})"
-    return f"trained without {options.dataset}"
+        return f"trained on simulations ({options.dataset or 'all'}){also}"
+    return f"trained without {options.dataset}{also}"

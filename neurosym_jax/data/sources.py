@@ -17,7 +17,10 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, printable
 from neurosym_jax.simulation import scenarios as synthetic
 
-__all__ = ["EthUcy", "Files", "Source", "Split", "Synthetic", "open_source", "windows_from"]
+__all__ = [
+    *("EthUcy", "Files", "Source", "Split", "Synthetic"),
+    *("open_source", "recordings_in", "windows_from"),
+]
 
 Split = Literal["train", "val", "test"]
 
@@ -209,6 +212,16 @@ def _downloaded(scene: str | None) -> Path | None:
     return folder if known and folder.is_dir() else None
 
 
+def recordings_in(place: Path, read: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
+    """The recordings of a file of any known format or of a folder of them, on their own clocks.
+
+    Raises:
+        InputError: for files that cannot be read.
+    """
+    paths = formats.data_files(place, read) if formats.is_folder(place) else [place]
+    return [tracks for path in paths for tracks in formats.read_any(path, read)]
+
+
 def windows_from(
     data: Path | str | Tracks | Iterable[Path | str | Tracks],
     obs_len: int,
@@ -242,7 +255,6 @@ def windows_from(
         if isinstance(one, Tracks):
             recordings.append(one)
             continue
-        paths = formats.data_files(path, read) if formats.is_folder(path := Path(one)) else [path]
-        recordings += [tracks for path in paths for tracks in formats.read_any(path, read)]
+        recordings += recordings_in(Path(one), read)
     grid = [on_grid(tracks, period) for tracks in recordings]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

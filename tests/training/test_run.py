@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shutil
 import subprocess
 import sys
 import time
@@ -143,6 +144,22 @@ def test_one_recording_of_thor_left_out(shared, model):
     assert run.data_name == f"trained without {name}"
     counts = [(part.scenes, part.agents) for part in (run.training, run.validation)]
     assert counts == [(2237, 7656), (496, 1699)]
+
+
+def test_recordings_besides(files, tmp_path):
+    (more := tmp_path / "more").mkdir()
+    shutil.copy(files / "walk.txt", more / "other.txt")
+    lengths = {"obs_len": 4, "pred_len": 4}
+    alone = make_run(Options(data=files, dataset="check", **lengths))
+    run = make_run(Options(data=files, dataset="check", train_also=(more,), **lengths))
+    whole = make_run(
+        Options(train_on=(str(more / "other.txt"),), validate_on=("check",), data=files, **lengths)
+    )
+    assert run.training.scenes == alone.training.scenes + whole.training.scenes
+    assert run.validation.scenes == alone.validation.scenes
+    assert run.data_name == "trained without check, and on more"
+    with pytest.raises(InputError, match="has check, which a model for check is tested on"):
+        make_run(Options(data=files, dataset="check", train_also=(files,), **lengths))
 
 
 def test_data(files):

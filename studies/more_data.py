@@ -1,0 +1,49 @@
+"""Recordings beyond ETH/UCY, written as text files with steps of 0.4 s, to train on and to test on.
+
+python -m studies.more_data OPENTRAJ OUT
+
+OPENTRAJ is the public repository crowdbotp/OpenTraj. Of it are read the Stanford drone scenes, as
+the TrajNet challenge gives them (metres, every person for 20 steps), and HERMES's corridors, split
+as in `studies.weighting.data`. OUT gets a folder each for training, and `tests`. What is in
+`KEPT_BACK` is for later judgements: it is not read.
+"""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from neurosym_jax.data.tracks import PERIOD
+from studies.weighting.data import LEARNED, TESTED, read_corridor
+
+STANFORD = Path("datasets/TrajNet/Train/stanford")
+HERMES = Path("datasets/HERMES/Corridor-2D")
+KEPT_BACK = ("bookstore_0", "bookstore_2", "deathCircle_0", "gates_1", "hyang_5")
+"""Of Stanford; those of HERMES are in neither of its two lists."""
+STANFORD_TESTED = ("coupa_3", "hyang_6", "nexus_9")
+"""Nothing of the place coupa is in training; of the other two, other recordings are."""
+
+
+def write(opentraj: Path, out: Path) -> None:
+    """Write all files of both data sets.
+
+    Raises:
+        InputError: for a recording that is missing.
+    """
+    stanford, hermes, tests = (out / name for name in ("stanford", "hermes", "tests"))
+    for folder in (stanford, hermes, tests):
+        folder.mkdir(parents=True, exist_ok=True)
+    for path in sorted((opentraj / STANFORD).glob("*.txt")):
+        if path.stem not in KEPT_BACK:
+            shutil.copy(path, tests if path.stem in STANFORD_TESTED else stanford)
+    for names, folder in ((LEARNED, hermes), (TESTED, tests)):
+        for name in names:
+            tracks = read_corridor(opentraj / HERMES / f"{name}.txt")
+            step = np.rint((tracks.stamp - tracks.stamp.min()) / PERIOD)
+            rows = np.column_stack([step, tracks.id, tracks.position])
+            np.savetxt(folder / f"{name}.txt", rows, fmt=("%d", "%d", "%.4f", "%.4f"))
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]), Path(sys.argv[2]))
