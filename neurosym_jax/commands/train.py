@@ -9,7 +9,14 @@ import tyro
 
 from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import Source, Synthetic, open_source, recordings_in
+from neurosym_jax.data.sources import (
+    ELSEWHERE,
+    EthUcy,
+    Source,
+    Synthetic,
+    open_source,
+    recordings_in,
+)
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
@@ -35,8 +42,8 @@ class Options:
     pooling: str = "pool_net"
     """Of SGAN: none, pool_net, social, or what a plugin registers."""
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--scene"])] = None
-    """The one of ETH/UCY left out of training (eth, hotel, ...); of the simulations, the one
-    trained on (default: all of them)."""
+    """The one of ETH/UCY left out of training (eth, hotel, ...), or `elsewhere`: none is, for other
+    people than these; of the simulations, the one trained on (default: all of them)."""
     obs_len: int = 8
     """Observed steps."""
     pred_len: int = 8
@@ -93,7 +100,9 @@ def run(options: Options) -> None:
 def _test_of(options: Options, folder: Path) -> str:
     """The command that tests the model in `folder` on what was left out of its training."""
     where = [] if options.data is None else ["--data", str(options.data)]
-    if options.dataset is not None:
+    if options.dataset == ELSEWHERE:
+        where = ["--data", "RECORDINGS"]
+    elif options.dataset is not None:
         where += ["--dataset", options.dataset]
     return shlex.join(["neurosym", "evaluate", "--checkpoint", str(folder / "model"), *where])
 
@@ -139,7 +148,8 @@ def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
     if options.train_on:
         return [source.files(names) for names in (options.train_on, options.validate_on)]
     if options.dataset is None and options.data is not None:
-        raise InputError(f"--dataset is needed: one of {', '.join(source.scenes)}")
+        names = ", ".join(source.scenes)
+        raise InputError(f"--dataset is needed: one of {names}, or {ELSEWHERE}")
     names = source.scenes if options.dataset is None else (options.dataset,)
     return [
         [tracks for name in names for tracks in source.recordings(name, split)]
@@ -158,7 +168,7 @@ def _besides(options: Options, source: Source) -> list[Tracks]:
         for place in options.train_also
         for tracks in recordings_in(place, options.read)
     ]
-    if found and options.dataset is not None and not isinstance(source, Synthetic):
+    if found and options.dataset in source.scenes and not isinstance(source, Synthetic):
         tested = {tracks.recording for tracks in source.recordings(options.dataset)}
         for name in sorted(tested & {tracks.recording for tracks in found}):
             raise InputError(
@@ -171,6 +181,9 @@ def _data_name(options: Options, source: Source) -> str:
     also = "".join(f", and on {place.stem}" for place in options.train_also)
     if options.train_on:
         return f"trained on {', '.join(Path(name).stem for name in options.train_on)}{also}"
+    if options.dataset == ELSEWHERE:
+        of = "ETH/UCY" if isinstance(source, EthUcy) else str(options.data)
+        return f"trained on all of {of}{also}"
     if isinstance(source, Synthetic):
         return f"trained on simulations ({options.dataset or 'all'}){also}"
     return f"trained without {options.dataset}{also}"

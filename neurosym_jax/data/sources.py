@@ -18,11 +18,14 @@ from neurosym_jax.errors import InputError, printable
 from neurosym_jax.simulation import scenarios as synthetic
 
 __all__ = [
-    *("EthUcy", "Files", "Source", "Split", "Synthetic"),
+    *("ELSEWHERE", "EthUcy", "Files", "Source", "Split", "Synthetic"),
     *("open_source", "recordings_in", "windows_from"),
 ]
 
 Split = Literal["train", "val", "test"]
+
+ELSEWHERE = "elsewhere"
+"""In the place of a scene that is left out: nothing is, and a model is tested on other people."""
 
 TRAIN_SHARE = 0.8
 """Of the duration of a recording of `Files`; the rest is for validation."""
@@ -43,12 +46,12 @@ class Source:
     """What is in it, for people who did not ask for it by name."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
-        """Recordings of one split of `scene`.
+        """Recordings of one split of `scene`, or of all for `ELSEWHERE`, which has no test.
 
         Raises:
             InputError: for a scene that the source does not have, or files that cannot be read.
         """
-        if scene not in self.scenes:
+        if scene not in self.scenes and (scene != ELSEWHERE or split == "test"):
             raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
         return self._on_grid(self._read(scene, split))
 
@@ -90,6 +93,8 @@ class Synthetic(Source):
     about: str = "Simulated people who walk together (all-forward) and cross (cross-path)."
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
+        if scene == ELSEWHERE:
+            raise InputError(f"{scene} is for models of real people: say of whom with --data")
         seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
         scenario = cast(synthetic.Scenario, scene)
         return [synthetic.synthetic_tracks(scenario, seed) for seed in seeds]
@@ -103,7 +108,10 @@ class EthUcy(Source):
     scenes: tuple[str, ...] = tuple(eth_ucy.SCENES)
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        paths = eth_ucy.split_files(self.folder, scene, split)
+        if scene == ELSEWHERE:
+            paths = eth_ucy.text_files(self.folder / split)
+        else:
+            paths = eth_ucy.split_files(self.folder, scene, split)
         return [tracks for path in paths for tracks in self._read_file(path)]
 
     def _paths(self) -> Iterable[Path]:

@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.data.sources import Source, Synthetic
+from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Source, Synthetic
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.kinds import FORECASTERS
 from neurosym_jax.forecasting.model import Model
@@ -68,7 +68,7 @@ def make_plan(
     everywhere = ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
-        if reason := _contradiction(model, source, dataset, obs_len, pred_len):
+        if reason := _contradiction(model, source, dataset, obs_len, pred_len, bool(test_on)):
             if as_far_as_they_fit:
                 continue
             raise InputError(f"{path}: {reason}")
@@ -103,7 +103,8 @@ def one_of_each(
     """Of `models`, for each dataset the first one without symbols and the first one with them.
 
     They are those that were trained to be tested there; where none was, as on a user's own
-    recordings, those that were trained on other people, whoever they are.
+    recordings, those that were trained to be tested elsewhere, else those trained on other people,
+    whoever they are.
 
     Args:
         source: of the recordings.
@@ -119,8 +120,8 @@ def one_of_each(
         if (model.config.obs_len, model.config.pred_len) == lengths
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
-    # The papers' networks go before variants of them.
-    fitting.sort(key=lambda each: _departures(each[1]))
+    # What is for other people than it learned from; the papers' networks before variants of them.
+    fitting.sort(key=lambda each: (each[1].dataset != ELSEWHERE, _departures(each[1])))
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
@@ -154,7 +155,12 @@ def baseline(name: str, obs_len: int, pred_len: int) -> Model:
 
 
 def _contradiction(
-    model: Model, source: Source, dataset: str | None, obs_len: int | None, pred_len: int | None
+    model: Model,
+    source: Source,
+    dataset: str | None,
+    obs_len: int | None,
+    pred_len: int | None,
+    named: bool = False,
 ) -> str | None:
     config = model.config
     if isinstance(config, GeneratorConfig) and not POOLINGS[config.pooling].of_pairs:
@@ -163,6 +169,11 @@ def _contradiction(
         has = getattr(config, name)
         if asked is not None and asked != has:
             return f"has {name} {has}, but --{name.replace('_', '-')} {asked} is asked for"
+    if model.dataset == ELSEWHERE and isinstance(source, EthUcy) and not named:
+        return (
+            "learned from all of ETH/UCY, so it would be tested on what it was trained on "
+            "(--test-on with file names does so all the same)"
+        )
     if dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
         return (
             f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it on "

@@ -1,7 +1,7 @@
 import pytest
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.data.sources import EthUcy, Files, Synthetic
+from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Files, Synthetic
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
 from neurosym_jax.evaluation.plan import make_plan, one_of_each
@@ -72,6 +72,14 @@ def test_baselines_have_the_lengths_of_their_test_set():
 def test_contradictions(asked, message):
     with pytest.raises(InputError, match=message):
         make_plan(EthUcy(), [("m/zara1_12", MODELS["zara1_12"])], **asked)
+
+
+def test_what_learned_from_all_is_tested_elsewhere():
+    everybody = ("m/all", Model(GeneratorConfig(), {}, ELSEWHERE))
+    with pytest.raises(InputError, match="m/all: learned from all of ETH/UCY"):
+        make_plan(EthUcy(), [everybody])
+    assert list(make_plan(EthUcy(), [everybody], test_on=["mine"])) == [Case("mine", 8, 8)]
+    assert list(make_plan(Files(("mine",)), [everybody])) == [Case("mine", 8, 8)]
 
 
 def test_as_far_as_they_fit():

@@ -162,6 +162,17 @@ def test_recordings_besides(files, tmp_path):
         make_run(Options(data=files, dataset="check", train_also=(files,), **lengths))
 
 
+def test_nothing_left_out(files):
+    lengths = {"obs_len": 4, "pred_len": 4}
+    run = make_run(Options(data=files, dataset="elsewhere", **lengths))
+    without = make_run(Options(data=files, dataset="check", **lengths))
+    assert run.dataset == "elsewhere"
+    assert run.data_name == f"trained on all of {files}"
+    assert run.training.scenes > without.training.scenes
+    with pytest.raises(InputError, match="elsewhere is for models of real people"):
+        make_run(Options(dataset="elsewhere"))
+
+
 def test_data(files):
     options = Options(train_on=(str(files / "walk.txt"),), obs_len=4, pred_len=4)
     with pytest.raises(InputError, match="go together"):
