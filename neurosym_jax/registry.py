@@ -4,6 +4,7 @@ There is a registry for each of them: metrics, forecasters, poolings, weightings
 package brings is registered in the same way as what a plugin adds (see `plugins`).
 """
 
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from typing import Generic, TypeVar
 
@@ -25,8 +26,10 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
             load: registers what the package brings; called before anything is looked up.
         """
         self.kind = kind
-        self._load: Callable[[], object] | None = load
+        self._load = load
         self._things: dict[str, Thing] = {}
+        self._ready = self._loading = False
+        self._lock = threading.RLock()
 
     def register(self, name: str, thing: Thing, *, replace: bool = False) -> None:
         """Add `thing` by this name.
@@ -42,7 +45,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         """
         if not name.isidentifier():
             raise InputError(f"{name!r} cannot name a {self.kind}: letters, digits, underscores")
-        self._built_in()
+        self._built_in(registering=True)
         if name in self._things and self._things[name] != thing:
             if not replace:
                 raise InputError(
@@ -81,8 +84,22 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._built_in()
         return len(self._things)
 
-    def _built_in(self) -> None:
-        """Register what the package brings, once; not while that is going on."""
-        load, self._load = self._load, None
-        if load is not None:
-            load()
+    def _built_in(self, *, registering: bool = False) -> None:
+        """Register what the package brings, once; who looks something up waits for that.
+
+        Who registers does not: it may be a module that the thread which loads waits for.
+        """
+        if self._ready or not self._lock.acquire(blocking=not registering):
+            return
+        try:
+            if self._loading:
+                return
+            self._loading = True
+            try:
+                self._load()
+            finally:
+                self._loading = False
+            # A module that registers is not all there yet.
+            self._ready = not registering
+        finally:
+            self._lock.release()

@@ -1,3 +1,7 @@
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 from neurosym_jax.errors import InputError
@@ -27,6 +31,35 @@ def test_what_the_package_brings_is_there_before_anything_is_asked():
         registry.register("built_in", 1)
     assert "built_in" in registry
     assert len(registry) == 1
+
+
+def test_threads_wait_for_what_the_package_brings():
+    def load():
+        time.sleep(0.05)
+        registry.register("built_in", 0)
+
+    registry: Registry[int] = Registry("number", load)
+    with ThreadPoolExecutor(4) as pool:
+        found = [pool.submit(registry.__getitem__, "built_in") for _ in range(4)]
+        assert [each.result(timeout=10) for each in found] == [0] * 4
+
+
+def test_who_loads_may_wait_for_who_registers():
+    importing, registers = threading.Lock(), threading.Event()
+
+    def load():
+        registers.set()
+        with importing:
+            registry.register("one", 1)
+
+    registry: Registry[int] = Registry("number", load)
+    with ThreadPoolExecutor(1) as pool:
+        with importing:  # As a module that is being imported.
+            looks = pool.submit(registry.__getitem__, "one")
+            assert registers.wait(timeout=10)
+            registry.register("two", 2)
+        assert looks.result(timeout=10) == 1
+    assert dict(registry) == {"two": 2, "one": 1}
 
 
 def test_a_plugin_is_imported_once(tmp_path, capsys):
