@@ -178,7 +178,8 @@ def _besides(options: Options, source: Source) -> list[Tracks]:
 
 
 def _data_name(options: Options, source: Source) -> str:
-    also = "".join(f", and on {place.stem}" for place in options.train_also)
+    besides = " and ".join(place.stem for place in options.train_also)
+    also = f", and on {besides}" if besides else ""
     if options.train_on:
         return f"trained on {', '.join(Path(name).stem for name in options.train_on)}{also}"
     if options.dataset == ELSEWHERE:

@@ -18,8 +18,15 @@ from neurosym_jax.errors import InputError, printable
 from neurosym_jax.simulation import scenarios as synthetic
 
 __all__ = [
-    *("ELSEWHERE", "EthUcy", "Files", "Source", "Split", "Synthetic"),
-    *("open_source", "recordings_in", "windows_from"),
+    "ELSEWHERE",
+    "EthUcy",
+    "Files",
+    "Source",
+    "Split",
+    "Synthetic",
+    "open_source",
+    "recordings_in",
+    "windows_from",
 ]
 
 Split = Literal["train", "val", "test"]

@@ -100,14 +100,16 @@ def test_of_what_ships_one_of_each_kind_where_it_belongs():
         return sorted(name for name, _ in one_of_each(source, ships, **asked))
 
     assert chosen(Synthetic()) == ["neurosym_simulations_8_8", "sgan_simulations_8_8"]
-    assert chosen(Synthetic(), pred_len=12) == ["neurosym_eth_8_12", "sgan_eth_8_12"]
+    for_others = ["beside_encounter_elsewhere_8_12", "beside_sgan_elsewhere_8_12"]
+    assert chosen(Synthetic(), pred_len=12) == for_others
     assert chosen(EthUcy(), dataset="zara1") == ["neurosym_zara1_8_8", "sgan_zara1_8_8"]
     scenes = EthUcy().scenes
     assert chosen(EthUcy(), pred_len=12) == sorted(
         f"{kind}_{scene}_8_12" for kind in ("neurosym", "sgan") for scene in scenes
     )
-    # Of people whom no model knows: those that were trained on real ones.
-    assert chosen(Files(("mine",))) == ["neurosym_eth_8_8", "sgan_eth_8_8"]
+    # Of people whom no model knows: those that were trained for others.
+    for_others = ["beside_encounter_elsewhere_8_8", "beside_sgan_elsewhere_8_8"]
+    assert chosen(Files(("mine",))) == for_others
 
 
 def test_a_model_for_all_simulations_is_tested_on_each():
