@@ -23,7 +23,8 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
 
         Args:
             kind: what the things are, in one word, for people.
-            load: registers what the package brings; called before anything is looked up.
+            load: imports what registers what the package brings, before anything is looked up;
+                called again, it changes nothing.
         """
         self.kind = kind
         self._load = load

@@ -26,12 +26,12 @@ classical answers? Generated with its figure by
     python -m studies.symbolic_forecast DATA OUT   # {minutes:.0f} minutes on two busy cores, seed 0
 
 where DATA holds ETH/UCY in `eth_ucy`, THÖR's tracks in `thor` and runs of HERMES's corridors, in
-which people walk against each other, in `hermes`. Forecast are the QTC_C1 states of
-ordered pairs who are within 8 m when they are observed last, 8 + 8 steps of 0.4 s, threshold 0.125
-m/s, and the events of [Symbols](symbols.md#events); 20 samples of the models that ship, none of
-which was trained on what it is tested on: HERMES, which none has seen, is forecast by those named
-zara1. Numbers are means over test sets, each weighing the same ({sets}); of crowds a window starts
-at every n-th step only. What the chain and the smoothing below take from training and validation
+which people walk against each other, in `hermes`. Forecast are the QTC_C1 states of ordered pairs
+who are within 8 m when they are observed last, 8 + 8 steps of 0.4 s, threshold 0.125 m/s, and the
+events of [Symbols](symbols.md#events); 20 samples of the models that ship, none of which was
+trained on what it is tested on: HERMES is forecast by those named zara1, which have not seen it.
+Numbers are means over test sets, each weighing the same ({sets}); of crowds a window starts at
+every n-th step only. What the chain and the smoothing below take from training and validation
 scenes, they take of HERMES from {learned}, and from {choosing}.
 
 What comes out:
