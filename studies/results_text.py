@@ -33,7 +33,8 @@ CHOSEN = (
     ),
     (
         "that rows with more data learn from Stanford's drone scenes, not from HERMES's corridors",
-        "the same two pairs left out, 8 + 12, one seed ([training.md](training.md#more-data))",
+        "the same two pairs left out, 8 + 12, one seed, two more after all trainings "
+        "([training.md](training.md#more-data))",
         "all, these four's too",
     ),
     (
