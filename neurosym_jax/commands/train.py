@@ -1,10 +1,12 @@
 """Train a model."""
 
 import dataclasses
+import itertools
 import shlex
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import tyro
 
 from neurosym_jax.data.inspection import describe_readings
@@ -127,7 +129,7 @@ def make_run(options: Options) -> Run:
     )
     source = open_source(options.data, options.dataset, read=options.read, period=options.period)
     learned, validated = _recordings(options, source)
-    learned += _besides(options, source)
+    learned += _besides(options, source, validated)
     training, validation = (
         cut_windows(tracks, options.obs_len, options.pred_len) for tracks in (learned, validated)
     )
@@ -157,23 +159,28 @@ def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
     ]
 
 
-def _besides(options: Options, source: Source) -> list[Tracks]:
+def _besides(options: Options, source: Source, validated: list[Tracks]) -> list[Tracks]:
     """Those of `--train-also`.
 
     Raises:
-        InputError: for one that the model is to be tested on.
+        InputError: for one that the model is to be validated or tested on, by what is in it.
     """
     found = [
         on_grid(tracks, options.period)
         for place in options.train_also
         for tracks in recordings_in(place, options.read)
     ]
-    if found and options.dataset in source.scenes and not isinstance(source, Synthetic):
-        tested = {tracks.recording for tracks in source.recordings(options.dataset)}
-        for name in sorted(tested & {tracks.recording for tracks in found}):
-            raise InputError(
-                f"--train-also has {name}, which a model for {options.dataset} is tested on"
-            )
+    real = options.dataset in source.scenes and not isinstance(source, Synthetic)
+    tested = source.recordings(str(options.dataset)) if found and real else []
+    for use, recordings in (("tested", tested), ("validated", validated)):
+        for ours, theirs in itertools.product(found, recordings):
+            # By exactly the same places: a part of a recording is found, whatever its name.
+            here, there = (tracks.position @ (1, 1j) for tracks in (ours, theirs))
+            if max(np.isin(here, there).mean(), np.isin(there, here).mean()) > 0.5:
+                raise InputError(
+                    f"--train-also has {ours.recording}, which is (of) {theirs.recording}, and "
+                    f"that is what the model is {use} on"
+                )
     return found
 
 

@@ -206,6 +206,10 @@ def open_source(
     names = [printable(path.stem) for path in paths]
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
+    if ELSEWHERE in names:
+        raise InputError(
+            f"{data}: no recording can be called {ELSEWHERE}, which means none of them"
+        )
     return Files(scenes=tuple(names), paths=paths, **how)
 
 

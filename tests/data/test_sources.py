@@ -31,6 +31,12 @@ def test_each_file_is_a_scene(tmp_path):
         source.files(["a", "c"])
 
 
+def test_a_recording_called_elsewhere_would_mean_none(tmp_path):
+    (tmp_path / "elsewhere.txt").write_text("0 1 2 3\n")
+    with pytest.raises(InputError, match="no recording can be called elsewhere"):
+        open_source(tmp_path)
+
+
 def test_one_file(tmp_path):
     (tmp_path / "walk.txt").write_text("0 1 2 3\n")
     source = open_source(tmp_path / "walk.txt")

@@ -3,7 +3,6 @@
 import json
 import os
 import random
-import shutil
 import subprocess
 import sys
 import time
@@ -148,7 +147,8 @@ def test_one_recording_of_thor_left_out(shared, model):
 
 def test_recordings_besides(files, tmp_path):
     (more := tmp_path / "more").mkdir()
-    shutil.copy(files / "walk.txt", more / "other.txt")
+    rows = np.loadtxt(files / "walk.txt")
+    np.savetxt(more / "other.txt", rows[:, [0, 1, 3, 2]], fmt="%g")
     lengths = {"obs_len": 4, "pred_len": 4}
     alone = make_run(Options(data=files, dataset="check", **lengths))
     run = make_run(Options(data=files, dataset="check", train_also=(more,), **lengths))
@@ -158,8 +158,15 @@ def test_recordings_besides(files, tmp_path):
     assert run.training.scenes == alone.training.scenes + whole.training.scenes
     assert run.validation.scenes == alone.validation.scenes
     assert run.data_name == "trained without check, and on more"
-    with pytest.raises(InputError, match="has check, which a model for check is tested on"):
+    with pytest.raises(InputError, match=r"has check, which is .* what the model is tested on"):
         make_run(Options(data=files, dataset="check", train_also=(files,), **lengths))
+    (renamed := tmp_path / "part.txt").write_text(
+        "".join((files / "check.txt").read_text().splitlines(keepends=True)[:40])
+    )
+    with pytest.raises(InputError, match=r"has part, which is \(of\) check"):
+        make_run(Options(data=files, dataset="check", train_also=(renamed,), **lengths))
+    with pytest.raises(InputError, match="what the model is validated on"):
+        make_run(Options(data=files, dataset="elsewhere", train_also=(files,), **lengths))
 
 
 def test_nothing_left_out(files):
