@@ -20,7 +20,6 @@ class BoundedServer(socketserver.TCPServer):
     def start(self) -> None:
         """Serve from now on."""
         self._open: dict[threading.Thread, socket.socket] = {}
-        self._lock = threading.Lock()
         self._serving = threading.Thread(
             target=self.serve_forever, args=(0.1,), daemon=True, name=type(self).__name__
         )
@@ -31,9 +30,7 @@ class BoundedServer(socketserver.TCPServer):
         self.shutdown()
         self._serving.join()
         self.server_close()
-        with self._lock:
-            left = dict(self._open)
-        for thread, connection in left.items():
+        for thread, connection in self._open.items():
             with contextlib.suppress(OSError):  # It may have been closed in between.
                 connection.shutdown(socket.SHUT_RDWR)
             thread.join(1.0)
@@ -41,14 +38,15 @@ class BoundedServer(socketserver.TCPServer):
     def process_request(self, request: Any, client_address: Any) -> None:
         """Serve a connection in a thread of its own."""
         thread = threading.Thread(target=self._serve, args=(request, client_address), daemon=True)
-        with self._lock:
-            free = len(self._open) < self.most
-            if free:
-                self._open[thread] = request
-        if free:
+        if len(self._open) < self.most:
+            self._open[thread] = request
             thread.start()
         else:
             self.shutdown_request(request)
+
+    def service_actions(self) -> None:
+        """Forget threads that have ended, on a busy machine long after their connection."""
+        self._open = {one: request for one, request in self._open.items() if one.is_alive()}
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A stranger's nonsense is not worth a traceback."""
@@ -60,8 +58,6 @@ class BoundedServer(socketserver.TCPServer):
             self.handle_error(request, client_address)
         finally:
             self.shutdown_request(request)
-            with self._lock:
-                del self._open[threading.current_thread()]
 
 
 class ConnectionServer(BoundedServer):

@@ -97,7 +97,7 @@ def test_more_connections_than_there_is_room_for(graph, wait, monkeypatch):
     with contextlib.ExitStack() as idle:
         for _ in range(200):
             idle.enter_context(socket.create_connection(address))
-        # The master's and those that are just ending come and go besides.
+        # The master's come and go besides.
         assert threading.active_count() <= threads + talker._data.most + 8
         # Those that say nothing are sent away, so that there is room again.
         graph("listener").subscribe(CHATTER, lambda data, uri: None)
