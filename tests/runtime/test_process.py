@@ -9,7 +9,8 @@ import pytest
 from neurosym_jax.runtime.process import cache_folder
 
 # A program with 80 MB of buffers of its own, so 20,000 pages that a call touches anew or not. At
-# some calls aligned memory that is free does not fit and new pages are taken, so the least counts.
+# first aligned memory that is free often does not fit and new pages are taken, in 4 of 50 processes
+# at each of the first 8 calls. Later it nearly always fits, so the median of later calls counts.
 SCRIPT = """
 import resource, sys
 import jax, jax.numpy as jnp
@@ -19,11 +20,11 @@ if sys.argv[1] == "tuned":
 program = jax.jit(lambda x: (x + 1).T @ x[:, :8])
 x = jnp.ones((2500, 8000))
 faults = []
-for _ in range(8):
+for _ in range(41):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     program(x).block_until_ready()
     faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
-print(min(faults[1:]))
+print(sorted(faults[20:])[10])
 """
 
 
