@@ -81,11 +81,11 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     finally:
         node.send_signal(signal.SIGINT)
         try:
-            said, errors = node.communicate(timeout=60)
+            said, errors = node.communicate(timeout=30)
         except subprocess.TimeoutExpired:
             # Seen once, on a busy machine: faulthandler says where all its threads are.
             node.send_signal(signal.SIGABRT)
-            said, errors = node.communicate(timeout=60)
+            said, errors = node.communicate(timeout=30)
     assert peer.returncode == 0, peer.stderr
     assert node.returncode == 0, errors
     assert f"{len(frames)} frames" in said

@@ -9,8 +9,8 @@ import pytest
 from neurosym_jax.runtime.process import cache_folder
 
 # A program with 80 MB of buffers of its own, so 20,000 pages that a call touches anew or not. At
-# first aligned memory that is free often does not fit and new pages are taken, in 4 of 50 processes
-# at each of the first 8 calls. Later it nearly always fits, so the median of later calls counts.
+# first aligned memory that is free often does not fit and new pages are taken; later it nearly
+# always does, so the median of later calls counts.
 SCRIPT = """
 import resource, sys
 import jax, jax.numpy as jnp
