@@ -60,7 +60,7 @@ def executor(jobs: int | None = None, cluster: str | None = None) -> Iterator[Ex
 class _WithPlugins(Executor):
     """An executor whose tasks load the plugins of this process first.
 
-    Tasks travel as bytes: an object of a plugin's class is unpickled only after the plugin is there.
+    Tasks travel as bytes: objects of a plugin's classes can be unpickled once it is loaded only.
     """
 
     def __init__(self, inner: Executor):
