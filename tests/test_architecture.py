@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "neurosym_jax"
 LIBRARIES = {
     # library: who may import it, by the beginning of the path in the package
-    "distributed": ("runtime/cluster.py",),
+    "distributed": ("runtime/",),
     "flax": ("models/", "scene.py"),
     "matplotlib": ("plotting/",),
     "orbax": ("training/",),
