@@ -46,7 +46,7 @@ def main() -> None:
     source = open_source(options.data)
     scene = options.scene or source.scenes[0]
     windows = cut_windows(source.recordings(scene), 8, 8)
-    scenes = [b.scene.replace(future=None, origin=None) for b in make_batches(windows)]
+    scenes = [b.scene.bare() for b in make_batches(windows)]
 
     contestants = {"forecast": forecast(scenes)}
     configs = [*map(WeightingConfig, WEIGHTINGS), WeightingConfig("soft", learned=True)]

@@ -11,12 +11,15 @@ numbers, and ties (a neighbour on a grid line, somebody standing) stay ties.
 """
 
 import zlib
-from typing import TypeAlias
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import struct
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
@@ -56,12 +59,19 @@ class Scene(struct.PyTreeNode):
     """[2] float64 metres, the centre in the caller's frame; the host's, None inside a model."""
     future: AnyArray | None = None
     """[N, pred_len, 2] positions in metres relative to `origin`, where known; never a model's."""
+    extras: Mapping[str, AnyArray] = struct.field(default_factory=dict)
+    """[N, ...] further numbers of every agent by name, zeros in padding; for metrics, never a
+    model's."""
 
     @property
     def known_future(self) -> AnyArray:
         """[N, pred_len, 2] `future`, of a scene that has one."""
         assert self.future is not None
         return self.future
+
+    def bare(self) -> Self:
+        """What a forecaster sees: neither the future, nor the host's origin, nor extras."""
+        return self.replace(future=None, origin=None, extras={})
 
 
 def scene_identity(recording: str, frame: int | np.ndarray) -> np.ndarray:
@@ -80,18 +90,25 @@ def make_scene(
     *,
     recording: str = "",
     frame: int = 0,
+    extras: Mapping[str, ArrayLike] = MappingProxyType({}),
 ) -> Scene:
     """A scene from world positions.
+
+    Under `jax.jit`, `jax.vmap` or `jax.grad` nothing is checked or rounded, and all is computed at
+    the precision of `observed`: subtract an origin from map coordinates first.
 
     Args:
         observed: [N, obs_len, 2] metres in any frame.
         future: [N, pred_len, 2] metres in the same frame, where known.
         recording: name of the recording, part of the scene's identity.
         frame: index of the first step within the recording, the rest of its identity.
+        extras: [N, ...] further numbers of every agent, by name.
 
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.
     """
+    if isinstance(observed, Tracer) or isinstance(future, Tracer):
+        return _traced_scene(observed, future, scene_identity(recording, frame), extras)
     observed = checked_positions("observed", observed)
     origin = centre(observed[:, -1])
     dtype = model_dtype()
@@ -100,6 +117,10 @@ def make_scene(
         if len(future) != len(observed):
             raise InputError(f"future has {len(future)} agents but observed has {len(observed)}")
         future = relative_positions(future, origin).astype(dtype)
+    others = {name: np.asarray(values) for name, values in extras.items()}
+    for name, values in others.items():
+        if values.shape[:1] != observed.shape[:1]:
+            raise InputError(f"{name} has {list(values.shape)}, not one for {len(observed)} agents")
     return Scene(
         observed=relative_positions(observed, origin).astype(dtype),
         displacement=displacements(observed).astype(dtype),
@@ -107,6 +128,23 @@ def make_scene(
         identity=scene_identity(recording, frame),
         origin=origin,
         future=future,
+        extras=others,
+    )
+
+
+def _traced_scene(
+    observed: Any, future: Any, identity: np.ndarray, extras: Mapping[str, Any]
+) -> Scene:
+    observed = jnp.asarray(observed)
+    origin = jax.lax.stop_gradient(centre(observed[:, -1]))
+    return Scene(
+        observed=observed - origin,
+        displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
+        valid=jnp.ones(len(observed), bool),
+        identity=identity,
+        origin=origin,
+        future=None if future is None else future - origin,
+        extras={name: jnp.asarray(values) for name, values in extras.items()},
     )
 
 
@@ -115,7 +153,7 @@ def model_dtype() -> np.dtype:
     return np.dtype(jnp.result_type(float))
 
 
-def centre(positions: np.ndarray) -> np.ndarray:
+def centre(positions: Any) -> Any:
     """Centre of the bounding box of `positions [N, 2]`: the same for any order of the agents."""
     return (positions.min(axis=0) + positions.max(axis=0)) / 2
 
@@ -151,6 +189,7 @@ def pad_scene(scene: Scene, agents: int) -> Scene:
         displacement=pad(scene.displacement),
         valid=pad(scene.valid),
         future=None if scene.future is None else pad(scene.future),
+        extras={name: pad(values) for name, values in scene.extras.items()},
     )
 
 

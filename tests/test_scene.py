@@ -96,3 +96,28 @@ def test_a_scene_is_a_pytree():
     scene = jax.tree.map(lambda array: np.stack([array, array]), make_scene(WORLD))
     assert scene.observed.shape == (2, 3, 8, 2)
     assert jax.vmap(lambda one: one.valid.sum())(scene.replace(origin=None)).tolist() == [3, 3]
+
+
+def test_a_forecaster_sees_no_future_origin_or_extras():
+    scene = make_scene(WORLD, FUTURE, extras={"group": [1, 1, 2]})
+    assert pad_scene(scene, 4).extras["group"].tolist() == [1, 1, 2, 0]
+    bare = scene.bare()
+    assert (bare.future, bare.origin, bare.extras) == (None, None, {})
+    assert_array_equal(bare.observed, scene.observed)
+    with pytest.raises(InputError, match=r"group has \[2\], not one for 3 agents"):
+        make_scene(WORLD, extras={"group": [1, 1]})
+
+
+def test_made_inside_a_transformation():
+    def total(observed):
+        scene = make_scene(observed, FUTURE, recording="walk", extras={"group": [1, 1, 2]})
+        return (scene.displacement**2).sum() + scene.observed.sum(), scene
+
+    here = make_scene(WORLD, FUTURE, recording="walk", extras={"group": [1, 1, 2]})
+    (_, traced), gradient = jax.jit(jax.value_and_grad(total, has_aux=True))(np.float32(WORLD))
+    for name in ("observed", "displacement", "future", "origin", "valid", "identity"):
+        assert_allclose(getattr(traced, name), getattr(here, name), atol=2e-6, err_msg=name)
+    assert_array_equal(traced.extras["group"], [1, 1, 2])
+    assert np.abs(gradient).min(axis=(0, 2)).all()
+    batch = jax.vmap(lambda observed: make_scene(observed))(np.float32([WORLD, WORLD + 1]))
+    assert_allclose(batch.observed[1], here.observed, atol=2e-6)

@@ -95,8 +95,8 @@ def gather_scenes(
     step = displacements(position[:, : windows.obs_len])
     position = relative_positions(position, origin[scene, None])
 
-    def padded(rows: np.ndarray) -> np.ndarray:
-        out = np.zeros((count, slots, *rows.shape[1:]), model_dtype())
+    def padded(rows: np.ndarray, dtype: np.dtype | None = None) -> np.ndarray:
+        out = np.zeros((count, slots, *rows.shape[1:]), dtype or model_dtype())
         out[scene, slot] = rows
         return out
 
@@ -111,6 +111,7 @@ def gather_scenes(
         identity=identity,
         origin=origin,
         future=padded(position[:, windows.obs_len :]),
+        extras={name: padded(of[rows], of.dtype) for name, of in windows.extras.items()},
     )
 
 

@@ -155,13 +155,7 @@ def _part(tracks: Tracks, split: Split) -> Tracks:
     first, last = tracks.stamp.min(), tracks.stamp.max()
     early = tracks.stamp < first + TRAIN_SHARE * (last - first)
     kept = early if split == "train" else ~early
-    return dataclasses.replace(
-        tracks,
-        stamp=tracks.stamp[kept],
-        id=tracks.id[kept],
-        position=tracks.position[kept],
-        imputed=tracks.imputed[kept],
-    )
+    return tracks.take(kept)
 
 
 def open_source(

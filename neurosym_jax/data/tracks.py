@@ -1,11 +1,13 @@
-"""The track table: who was where and when, between every reader and the windows.
+"""The track table: where each agent was at each time, between the readers and the windows.
 
-A reader (CSV, ETH/UCY, THOR, bags, simulation) ends in `Tracks`, and windows begin with them. The
-table keeps the recording's own clock in seconds and its own world frame in metres; it is not a
-scene (see `scene`), it knows no observation length, and nothing in it is a model's input yet.
+Every reader, the simulation and the robot's recorder produce `Tracks`. The table keeps the
+recording's own clock in seconds and its own world frame in metres; it knows no observation length.
 """
 
 import dataclasses
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,46 +28,70 @@ __all__ = [
 ]
 
 PERIOD = 0.4
-"""Seconds between the steps of the ETH/UCY benchmark, and of every model that ships."""
+"""Seconds between the steps of the ETH/UCY benchmark and of every shipped model."""
 
 MAX_METRES = 1e8
-"""Metres; farther than any map's coordinates: those of UTM and of web maps stay below."""
+"""Largest coordinate accepted, metres; UTM and web maps stay below."""
 
 LATE = 1e11
-"""Seconds; later than any clock, a float of that size still resolves 20 microseconds."""
+"""Latest time accepted, seconds; a float64 of this size still resolves 20 microseconds."""
 
 SNAP = 1e-6
-"""Seconds: a source stamp this near a grid point is on it, so that clocks written in decimals,
-accumulated, or counted from 1970 meet the grid in spite of rounding. At a run this is 10 um."""
+"""Seconds within which a stamp counts as a grid point, so that clocks written in decimals,
+accumulated, or counted from 1970 meet the grid in spite of rounding."""
 
 DENSE = 100
-"""Points on a grid for each point of a recording; more is no resampling, but a mistyped period."""
+"""Largest ratio of grid points to source points; a larger one is taken for a mistyped period."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tracks:
-    """One recording's points, R rows sorted by (id, stamp); build with `make_tracks`."""
+    """The points of one recording: R rows sorted by (id, stamp). Build with `make_tracks`."""
 
     recording: str
-    """Name of the recording, for messages and for the identity of its scenes."""
+    """Name, used in messages and in the identity of its scenes."""
     stamp: np.ndarray
     """[R] float64 seconds on the recording's clock."""
     id: np.ndarray
     """[R] int64 agent."""
     position: np.ndarray
     """[R, 2] float64 metres in the recording's frame."""
-    imputed: np.ndarray
-    """[R] bool; True where the point was interpolated across a gap, not observed."""
+    extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    """name: [R, ...] further numbers of each row, as a group, a class or a heading."""
     known: np.ndarray | None = None
-    """[R] seconds: the stamp of the last observation that a point depends on; None where all are
-    observed at their own stamps."""
+    """[R] seconds: stamp of the last observation that the point depends on, see `resample`; None
+    where every point was observed at its own stamp."""
     foreseen: np.ndarray | None = None
-    """[R, 2] metres: where the point lies as far as one could tell before `known`, see `resample`;
-    None as there."""
+    """[R, 2] metres: the point as extrapolated from observations before `known`; None as there."""
     period: float | None = None
-    """Seconds between the points of the grid that all stamps lie on; None where there is none."""
+    """Seconds between the points of the grid that all stamps lie on; None without a grid."""
     reading: Reading | None = None
-    """How it was read; None where it was made otherwise."""
+    """How the recording was read from a file; None for tracks made otherwise."""
+
+    def take(self, rows: np.ndarray | slice) -> Self:
+        """Select rows, with everything that belongs to them.
+
+        Args:
+            rows: [R] bool mask, [R'] ascending indices, or a slice.
+        """
+        return dataclasses.replace(
+            self,
+            stamp=self.stamp[rows],
+            id=self.id[rows],
+            position=self.position[rows],
+            extras={name: values[rows] for name, values in self.extras.items()},
+            known=None if self.known is None else self.known[rows],
+            foreseen=None if self.foreseen is None else self.foreseen[rows],
+        )
+
+    def with_ids(self, id: np.ndarray) -> Self:
+        """The same points with other ids [R] int64, sorted by them.
+
+        Raises:
+            InputError: if an agent would be seen twice at one stamp.
+        """
+        order = _order(self.recording, self.stamp, id)
+        return dataclasses.replace(self, id=id).take(order)
 
 
 def make_tracks(
@@ -73,47 +99,51 @@ def make_tracks(
     stamp: ArrayLike,
     id: ArrayLike,
     position: ArrayLike,
-    imputed: ArrayLike | None = None,
+    extras: Mapping[str, ArrayLike] = MappingProxyType({}),
 ) -> Tracks:
-    """Checked tracks, from rows in any order.
+    """Check and sort rows given in any order; the arrays are copied.
 
     Args:
         recording: name of the recording.
         stamp: [R] seconds.
         id: [R] whole numbers.
         position: [R, 2] metres.
-        imputed: [R] bool; None says that every point was observed.
-
-    Returns:
-        The rows sorted by (id, stamp), in arrays of their own.
+        extras: name: [R, ...] numbers.
 
     Raises:
-        InputError: naming the recording, the first row at fault (counted from 0, in the caller's
-            order) and the reason: no rows, shapes that differ, a number that is not finite, an id
+        InputError: naming the recording, the first wrong row (counted from 0, in the caller's
+            order) and the reason: no rows, unequal shapes, a number that is not finite, an id
             that is not whole, or an agent seen twice at one stamp.
     """
     times = np.asarray(stamp, np.float64)
     points = np.asarray(position, np.float64)
     ids = np.asarray(id)
-    flags = np.zeros(times.shape, bool) if imputed is None else np.asarray(imputed, bool)
+    others = {name: np.asarray(values) for name, values in extras.items()}
     rows = times.shape[0] if times.ndim == 1 else -1
     for name, array, shape in (
         ("stamp", times, (rows,)),
         ("id", ids, (rows,)),
         ("position", points, (rows, 2)),
-        ("imputed", flags, (rows,)),
+        *((name, values, (rows, *values.shape[1:])) for name, values in others.items()),
     ):
         if array.shape != shape:
             wanted = "[rows]" if rows < 0 else list(shape)
             raise InputError(f"{recording}: {name} must be {wanted}, not {list(array.shape)}")
     if rows == 0:
         raise InputError(f"{recording}: no rows")
+    for name, values in others.items():
+        if values.dtype.kind not in "biuf":
+            raise InputError(f"{recording}: {name} must be numbers, not {values.dtype}")
     _refuse(recording, ~np.isfinite(times), "the stamp is not finite")
     _refuse(recording, (~np.isfinite(points)).any(axis=1), "the position is not finite")
     ids = _whole(recording, ids)
+    return Tracks(recording, times, ids, points, others).take(_order(recording, times, ids))
 
-    order = np.lexsort((times, ids))
-    ids, times = ids[order], times[order]
+
+def _order(recording: str, stamp: np.ndarray, id: np.ndarray) -> np.ndarray:
+    """[R] indices that sort the rows by (id, stamp)."""
+    order = np.lexsort((stamp, id))
+    ids, times = id[order], stamp[order]
     again = np.flatnonzero((ids[1:] == ids[:-1]) & (times[1:] == times[:-1]))
     if len(again):
         first, second = order[again[0]], order[again[0] + 1]
@@ -121,40 +151,34 @@ def make_tracks(
             f"{recording}: row {second}: agent {ids[again[0]]} is seen at {times[again[0]]} s "
             f"in row {first} already"
         )
-    return Tracks(recording, times, ids, points[order], flags[order])
+    return order
 
 
 def resample(
     tracks: Tracks, period: float, max_gap: float = 1.0, start: float | None = None
 ) -> Tracks:
-    """Every agent's track on the one grid `start + n * period`, n = 0, 1, ..., linearly between.
+    """Interpolate every track linearly onto the grid `start + n * period`, n = 0, 1, ...
 
-    A grid point within `SNAP` of a source point takes that point's position and flag bit for bit;
-    any other lies between two of the agent's source points at most `max_gap` apart. So nothing is
-    extrapolated, and a longer gap splits a track: no points inside it, the same id on both sides.
-    Stamps are always the grid's own, equal between agents.
+    A grid point within `SNAP` of a source point takes its position bit for bit. Any other grid
+    point lies between two source points of the agent at most `max_gap` apart: nothing is
+    extrapolated, and a longer gap splits a track in two under the same id. Extras are those of the
+    last source point.
 
-    A point is imputed where it was interpolated inside a gap longer than 1.5 times the median step
-    between consecutive points of an agent (one median, over all agents of the recording), or from
-    a point that is imputed itself. Plain changes of rate are hence not imputation; a frame that
-    the tracker lost is.
-
-    A point between two source points depends on the later one, which need not have been observed
-    when somebody stands at the grid point and looks ahead. So every point also has the place where
-    the agent's earlier points alone put it: straight on from the last one, at the mean velocity of
-    the period before it (of what there is, if that is shorter; where there is nothing, it stays).
-    `windows` takes that one for what is observed before `known`.
+    An interpolated point depends on the later source point (its stamp is `known`), which is not
+    observed yet at the grid point's own time. `foreseen` is the position extrapolated from the
+    earlier source points alone, at their mean velocity over the last `period`; `windows` uses it
+    where `known` lies after the observation.
 
     Args:
         tracks: R rows.
         period: seconds between grid points.
-        max_gap: seconds; the longest gap that is filled.
-        start: seconds, the grid's first point; the recording's first stamp if None. What lies
-            before it is left out.
+        max_gap: longest gap that is filled, seconds.
+        start: first point of the grid, seconds; default: the recording's first stamp. Earlier
+            points are dropped.
 
     Raises:
-        InputError: for a period, gap or start that is not a usable number, or where no point of
-            the recording can be put on the grid; for a grid of more than `DENSE` points for each.
+        InputError: for a period, gap or start that is not a usable number, a recording without a
+            point on the grid, or a grid of more than `DENSE` points for each source point.
     """
     name = tracks.recording
     if not (np.isfinite(period) and period > 2 * SNAP):
@@ -166,40 +190,33 @@ def resample(
         raise InputError(f"{name}: the start of the grid must be finite, not {start}")
 
     stamp, position = tracks.stamp, tracks.position
-    step, same = np.diff(stamp), np.diff(tracks.id) == 0
-    joined = np.append(same & (step <= max_gap + 2 * SNAP), False)
+    joined = (np.diff(tracks.id) == 0) & (np.diff(stamp) <= max_gap + 2 * SNAP)
+    joined = np.append(joined, False)
     row, grid, exact = _grid_points(tracks, period, start, joined)
     grid_stamp = start + grid * period
     after = np.where(exact, row, row + 1)
-
-    span = np.where(exact, 1.0, stamp[after] - stamp[row])
-    weight = np.clip((grid_stamp - stamp[row]) / span, 0.0, 1.0)[:, None]
-    # In this form a person who stands still stays exactly still, as QTC's zero symbols need.
+    since = grid_stamp - stamp[row]
+    weight = np.clip(since / np.where(exact, 1.0, stamp[after] - stamp[row]), 0.0, 1.0)[:, None]
+    # In this form a standing person stays exactly still, which QTC's zero symbols need.
     between = position[row] + weight * (position[after] - position[row])
-    ahead = (
-        position[row] + (grid_stamp - stamp[row])[:, None] * _velocity(tracks, joined, period)[row]
-    )
-    lost = np.append(same & (step > 1.5 * np.median(step[same])), False) if same.any() else joined
-    return Tracks(
-        recording=name,
+    ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
+    return dataclasses.replace(
+        tracks.take(row),
         stamp=grid_stamp,
-        id=tracks.id[row],
         position=np.where(exact[:, None], position[row], between),
-        imputed=tracks.imputed[row] | tracks.imputed[after] | (lost[row] & ~exact),
         known=np.where(exact, grid_stamp, stamp[after]),
         foreseen=np.where(exact[:, None], position[row], ahead),
         period=period,
-        reading=tracks.reading,
     )
 
 
 def _grid_points(
     tracks: Tracks, period: float, start: float, joined: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """[G] rows, the numbers of the grid points that they serve, and whether they lie on them.
+    """For each of G grid points its source row, its number n, and whether it lies on that row.
 
-    Row i serves the grid points from its own place up to, not including, the next row's; where the
-    next row does not follow (`joined [R]`) it serves only the point that it lies on.
+    Row i serves the grid points from its own stamp up to, but excluding, the next row's. A row
+    without a successor (`joined [R]` is False) serves only the point that it lies on.
     """
     name, stamp = tracks.recording, tracks.stamp
     nearest = np.rint((stamp - start) / period)
@@ -224,10 +241,10 @@ def _grid_points(
 
 
 def on_grid(tracks: Tracks, period: float = PERIOD) -> Tracks:
-    """`tracks` with their own points if these are on one grid of `period` seconds, else resampled.
+    """`tracks` unchanged if their stamps lie on one grid of `period` seconds, else resampled.
 
     Raises:
-        InputError: for a period that is no usable number, see `resample`.
+        InputError: for a period that is not a usable number, see `resample`.
     """
     if not 0 < period < np.inf:
         raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
@@ -244,9 +261,10 @@ def on_grid(tracks: Tracks, period: float = PERIOD) -> Tracks:
 
 
 def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
-    """[R, 2] m/s at every row: the mean over the `period` seconds before it, and a little more.
+    """[R, 2] m/s: mean velocity over at least the last `period` seconds before each row.
 
-    `joined [R]` says which rows the next one follows on; nothing reaches across the others.
+    Uses no row before a gap (`joined [R]`: the next row continues this one). A track shorter than
+    `period` uses what there is; its first row has velocity zero.
     """
     step = np.where(joined[:-1], np.diff(tracks.stamp), 2 * period)
     clock = np.concatenate([[0.0], np.cumsum(step)])  # ascending over all agents
@@ -259,19 +277,19 @@ def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
 
 
 def common(values: np.ndarray) -> float:
-    """The most common of [R] numbers, R > 0, the least if several are."""
+    """The most common of [R] numbers, R > 0; the smallest of several."""
     kinds, counts = np.unique(values, return_counts=True)
     return float(kinds[np.argmax(counts)])
 
 
-def _refuse(recording: str, at_fault: ArrayLike, reason: str) -> None:
-    rows = np.flatnonzero(at_fault)
+def _refuse(recording: str, wrong: ArrayLike, reason: str) -> None:
+    rows = np.flatnonzero(wrong)
     if len(rows):
         raise InputError(f"{recording}: row {rows[0]}: {reason}")
 
 
 def _whole(recording: str, ids: np.ndarray) -> np.ndarray:
-    """`ids` as int64; CSV readers give floats, which are taken where they are whole numbers."""
+    """`ids` as int64; floats are accepted where they are whole numbers."""
     if ids.dtype.kind in "iu":
         return ids.astype(np.int64)
     if ids.dtype.kind != "f":

@@ -8,7 +8,8 @@ agent, without padding; `data.batching` makes padded scenes of them.
 """
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Self
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class Windows:
     """Seconds between steps."""
     reading: tuple[Reading, ...] = ()
     """For each recording how it was read, and its runs and gaps in time."""
+    extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    """[A, ...] further numbers of every agent window by name, at the last observed step."""
 
     @property
     def scenes(self) -> int:
@@ -56,10 +59,27 @@ class Windows:
         return np.diff(self.bounds)
 
     def rows(self, scenes: np.ndarray) -> np.ndarray:
-        """[A'] the agent windows of `scenes` [S'], scene after scene."""
+        """[A'] the agent windows of `scenes` [S'] (indices), scene after scene."""
         sizes = self.sizes[scenes]
         before = np.cumsum(sizes) - sizes
         return np.repeat(self.bounds[scenes] - before, sizes) + np.arange(sizes.sum())
+
+    def take(self, scenes: np.ndarray | slice) -> Self:
+        """The windows of these scenes only, with everything that belongs to them.
+
+        Args:
+            scenes: [S] bool mask, [S'] indices (in any order, repeats allowed), or a slice.
+        """
+        chosen = np.arange(self.scenes)[scenes]
+        rows = self.rows(chosen)
+        return dataclasses.replace(
+            self,
+            position=self.position[rows],
+            agent=self.agent[rows],
+            bounds=np.concatenate([[0], np.cumsum(self.sizes[chosen])]),
+            identity=self.identity[chosen],
+            extras={name: values[rows] for name, values in self.extras.items()},
+        )
 
 
 def cut_windows(
@@ -93,14 +113,15 @@ def cut_windows(
         _cut(tracks, clock, obs_len, pred_len, skip, min_agents)
         for tracks, clock in zip(recordings, clocks)
     ]
-    sizes = np.concatenate([sizes for _, _, sizes, _ in parts]) if parts else np.zeros(0, int)
+    sizes = np.concatenate([part[2] for part in parts]) if parts else np.zeros(0, int)
     if len(sizes) == 0:
         raise InputError(_why_none(recordings, clocks, obs_len + pred_len, min_agents))
     return Windows(
         position=np.concatenate([position for position, *_ in parts]),
         agent=np.concatenate([agent for _, agent, *_ in parts]),
+        extras=_joined(recordings, [extras for *_, extras in parts]),
         bounds=np.concatenate([[0], np.cumsum(sizes)]),
-        identity=np.concatenate([identity for *_, identity in parts]),
+        identity=np.concatenate([identity for *_, identity, _ in parts]),
         obs_len=obs_len,
         period=common(np.array(periods)) if periods else PERIOD,
         reading=tuple(
@@ -142,8 +163,8 @@ def _clock(tracks: Tracks) -> Clock:
 
 def _cut(
     tracks: Tracks, clock: Clock, obs_len: int, pred_len: int, skip: int, min_agents: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """One recording's (position, agent, sizes, identity)."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """One recording's (position, agent, sizes, identity, extras)."""
     length = obs_len + pred_len
     step, run, _ = clock
     # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
@@ -164,7 +185,19 @@ def _cut(
     position = tracks.position[first[:, None] + np.arange(length)]
     _forget_the_future(position[:, :obs_len], tracks, first[:, None] + np.arange(obs_len))
     identity = scene_identity(tracks.recording, starts[enough])
-    return position, tracks.id[first], sizes[enough], identity
+    extras = {name: values[first + obs_len - 1] for name, values in tracks.extras.items()}
+    return position, tracks.id[first], sizes[enough], identity, extras
+
+
+def _joined(
+    recordings: Sequence[Tracks], parts: Sequence[Mapping[str, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """The extras of all recordings; InputError where one lacks what another has."""
+    for tracks in recordings:
+        if tracks.extras.keys() != recordings[0].extras.keys():
+            odd = ", ".join(sorted(tracks.extras.keys() ^ recordings[0].extras.keys()))
+            raise InputError(f"{tracks.recording}, {recordings[0].recording}: only one has {odd}")
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _reading(tracks: Tracks) -> Reading:

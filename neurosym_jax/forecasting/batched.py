@@ -157,7 +157,7 @@ def forecast_batches(
         return decode_agents(forecaster, params, context, agents, noise, run)
 
     def of_batch(batch: Scene, noise: np.ndarray) -> np.ndarray:
-        futures = _forecast(forecaster, params, _bare(batch), noise)
+        futures = _forecast(forecaster, params, batch.bare(), noise)
         return np.asarray(futures)[:, np.asarray(batch.valid)]
 
     return np.concatenate(list(run(of_batch, scenes, noises)), axis=1)
@@ -182,7 +182,7 @@ def encode_batch(forecaster: TwoStageForecaster, params: Any, scenes: Scene) -> 
     """What `encode` gives for the A valid agents of a batch: arrays [A, ...] on the host."""
     if forecaster.encoder is None:
         return ()
-    context = _encode(forecaster.encoder, params, _bare(scenes))
+    context = _encode(forecaster.encoder, params, scenes.bare())
     return jax.tree.map(lambda leaf: np.asarray(leaf)[np.asarray(scenes.valid)], context)
 
 
@@ -192,7 +192,7 @@ def pack_agents(scenes: Sequence[Scene], noises: Sequence[np.ndarray]) -> tuple[
     A noise is `[k, B, dim]` or, per agent, `[k, B, N, dim]` for its batch of B scenes of N slots.
     """
     masks = [np.asarray(batch.valid) for batch in scenes]
-    without = [_bare(batch).replace(identity=None) for batch in scenes]
+    without = [batch.bare().replace(identity=None) for batch in scenes]
     agents = jax.tree.map(
         lambda *leaves: np.concatenate([leaf[mask] for leaf, mask in zip(leaves, masks)]), *without
     )
@@ -243,11 +243,6 @@ def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
     places = np.zeros((len(futures), *valid.shape, *futures.shape[2:]), futures.dtype)
     places[:, valid] = futures
     return places
-
-
-def _bare(scene: Scene) -> Scene:
-    """Without the truth and the host's float64 origin, which no forecaster sees."""
-    return scene.replace(future=None, origin=None)
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -56,8 +56,7 @@ class SceneForecaster:
             InputError: for more samples or people than there is memory for.
         """
         slots = self.fit(len(scene.valid))
-        # The program sees neither the truth nor the host's float64 origin.
-        padded = pad_scene(scene.replace(future=None), slots).replace(origin=None)
+        padded = pad_scene(scene.bare(), slots)
         spec = self.forecaster.noise
         noise: Any = np.zeros((self.samples, 0), np.float32)
         if spec.dim:

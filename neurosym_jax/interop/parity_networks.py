@@ -58,7 +58,7 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         fakes = scenes_of(
             Windows(whole, windows.agent, windows.bounds, windows.identity, whole.shape[1]), moves
         )
-        scores = np.asarray(_scores(d_config, d_params, _seen(fakes)))
+        scores = np.asarray(_scores(d_config, d_params, fakes.bare()))
         compared["d_scores_fake"] = (scores[fakes.valid], theirs)
     return compared
 
@@ -100,12 +100,7 @@ def _forecast(
         noise = floats(arrays, "noise", len(valid), config.noise_dim)
     else:
         noise = placed(floats(arrays, "noise", valid.sum(), config.noise_dim), valid)
-    return np.asarray(_forecasts(config, params, _seen(scenes), noise, alpha))[valid]
-
-
-def _seen(scenes: Scene) -> Scene:
-    """Without what no network sees."""
-    return scenes.replace(future=None, origin=None)
+    return np.asarray(_forecasts(config, params, scenes.bare(), noise, alpha))[valid]
 
 
 @functools.partial(jax.jit, static_argnums=0)

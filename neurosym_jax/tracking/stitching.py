@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks
+from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.tracking.following import Follower, Track
 from neurosym_jax.tracking.linking import LinkOptions, TrackEnds, assign, velocity
@@ -46,7 +46,7 @@ class Stitched:
     ghosts: int
     """Rows dropped because whoever they are was seen for less than `least`, or far away."""
     filled: int
-    """Rows added, marked as imputed."""
+    """Rows added, by interpolation."""
 
 
 def stitch(
@@ -77,19 +77,19 @@ def stitch(
         keep = inside(tracks.position, polygon)
         if not keep.any():
             raise InputError(f"{tracks.recording}: nobody is inside the map")
-        tracks = _rows(tracks, tracks.id, keep)
+        tracks = tracks.take(keep)
     outside = rows - len(tracks.id)
     pinned: set[int] = set()
     if ids:
         pinned = {ids[old] for old in set(tracks.id.tolist()) if old in ids}
-        tracks = _rows(tracks, np.array([ids.get(id, id) for id in tracks.id.tolist()]))
+        tracks = tracks.with_ids(np.array([ids.get(id, id) for id in tracks.id.tolist()]))
     label, joins = stitched_ids(tracks, options, pinned)
     there = label != NOBODY
     if not there.any():
         raise InputError(
             f"{tracks.recording}: nobody is seen for {options.least} s (--links.least)"
         )
-    tracks = _rows(tracks, label, there)
+    tracks = tracks.take(there).with_ids(label[there])
     mended = _fill(tracks, fill)
     ghosts = int((~there).sum())
     return Stitched(mended, before, joins, outside, ghosts, len(mended.id) - len(tracks.id))
@@ -180,24 +180,15 @@ def _fill(tracks: Tracks, fill: float) -> Tracks:
     stamp = np.where(np.abs(frames[nearest] - stamp) <= step / 4, frames[nearest], stamp)
     weight = ((stamp - tracks.stamp[row]) / gap[row])[:, None]
     position = tracks.position[row] + weight * (tracks.position[row + 1] - tracks.position[row])
-    return make_tracks(
-        tracks.recording,
-        np.concatenate([tracks.stamp, stamp]),
-        np.concatenate([tracks.id, tracks.id[row]]),
-        np.concatenate([tracks.position, position]),
-        np.concatenate([tracks.imputed, np.ones(len(row), bool)]),
+    known = tracks.known
+    # An added row has the extras, and where it is foreseen the place, of the row before the gap.
+    both = dataclasses.replace(
+        tracks.take(np.append(np.arange(len(tracks.id)), row)),
+        stamp=np.append(tracks.stamp, stamp),
+        position=np.append(tracks.position, position, axis=0),
+        known=None if known is None else np.append(known, known[row + 1]),
     )
-
-
-def _rows(tracks: Tracks, ids: np.ndarray, keep: np.ndarray | slice = slice(None)) -> Tracks:
-    """The rows `keep`, under new ids."""
-    return make_tracks(
-        tracks.recording,
-        tracks.stamp[keep],
-        ids[keep],
-        tracks.position[keep],
-        tracks.imputed[keep],
-    )
+    return both.with_ids(both.id)
 
 
 def inside(position: np.ndarray, polygon: ArrayLike) -> np.ndarray:

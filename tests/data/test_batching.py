@@ -1,8 +1,12 @@
+import dataclasses
+
+import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.data.batching import bucket_of, gather_scenes, make_batches, single_scene
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import make_scene, pad_scene
 
@@ -19,6 +23,7 @@ def windows() -> Windows:
         bounds=np.cumsum([0, *SIZES]),
         identity=rng.integers(2**32, size=(len(SIZES), 2), dtype=np.uint32),
         obs_len=3,
+        extras={"group": np.arange(1, agents + 1), "heading": rng.normal(size=(agents, 2))},
     )
 
 
@@ -44,7 +49,11 @@ def test_every_scene_is_in_one_batch_as_it_is_alone(windows, slots):
                 assert not batch.scene.valid[row].any()
                 continue
             part = windows.position[slice(*windows.bounds[number : number + 2])]
-            alone = pad_scene(make_scene(part[:, :3], part[:, 3:]), bucket)
+            extras = {
+                name: values[slice(*windows.bounds[number : number + 2])]
+                for name, values in windows.extras.items()
+            }
+            alone = pad_scene(make_scene(part[:, :3], part[:, 3:], extras=extras), bucket)
             alone = alone.replace(identity=windows.identity[number])
             single = single_scene(windows, number)
             for name in ("observed", "displacement", "valid", "identity", "origin", "future"):
@@ -52,9 +61,27 @@ def test_every_scene_is_in_one_batch_as_it_is_alone(windows, slots):
                 assert_array_equal(in_batch, getattr(alone, name), err_msg=name)
                 assert_array_equal(in_batch, getattr(single, name), err_msg=name)
                 assert in_batch.dtype == getattr(alone, name).dtype
+            for name, values in alone.extras.items():
+                assert_array_equal(batch.scene.extras[name][row], values, err_msg=name)
+                assert_array_equal(single.extras[name], values, err_msg=name)
 
 
 def test_scenes_may_be_gathered_twice(windows):
     scenes = gather_scenes(windows, np.array([3, 0, 3]), 4, 5)
     assert scenes.valid.sum(axis=1).tolist() == [2, 1, 2, 0, 0]
     assert_array_equal(scenes.observed[0], scenes.observed[2])
+
+
+def test_a_selection_of_windows_forgets_nothing(windows):
+    chosen = np.array([3, 0, 3])
+    part = dataclasses.replace(windows, period=0.2, reading=(Reading("r"),)).take(chosen)
+    assert (part.period, part.obs_len, part.reading) == (0.2, 3, (Reading("r"),))
+    for here, there in zip(
+        jax.tree.leaves(gather_scenes(windows, chosen, 4)),
+        jax.tree.leaves(gather_scenes(part, np.arange(3), 4)),
+        strict=True,
+    ):
+        assert_array_equal(here, there)
+    assert_array_equal(part.agent, windows.agent[windows.rows(chosen)])
+    assert_array_equal(windows.take(windows.sizes > 9).sizes, [70, 33, 16])
+    assert windows.take(slice(2)).scenes == 2

@@ -1,5 +1,6 @@
 """The track table: what it refuses, and what resampling may and may not invent."""
 
+import dataclasses
 import time
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 
@@ -33,25 +35,25 @@ def tracks(draw):
         ids += [agent * 7 - 5] * len(ticks)
     rng = np.random.default_rng(draw(st.integers(0, 99)))
     order = rng.permutation(len(ids))
-    flags = rng.random(len(ids)) < 0.2
     points = rng.normal(size=(len(ids), 2)) * 4
-    return make_tracks("r", np.array(stamp)[order], np.array(ids)[order], points, flags)
+    extras = {"row": np.arange(len(ids))}
+    return make_tracks("r", np.array(stamp)[order], np.array(ids)[order], points, extras)
 
 
-def assert_same(left: Tracks, right: Tracks):
+def assert_same(left: Tracks, right: Tracks, extra: str = "row"):
     assert_array_equal(left.stamp, right.stamp)
     assert_array_equal(left.id, right.id)
     assert_array_equal(left.position, right.position)
-    assert_array_equal(left.imputed, right.imputed)
+    assert_array_equal(left.extras[extra], right.extras[extra])
 
 
 def test_rows_are_sorted_by_agent_then_time_and_owned():
     position = np.array([[0.0, 0], [1, 1], [2, 2]])
-    table = make_tracks("r", [2.0, 1.0, 0.0], [1.0, 1.0, 5.0], position, [1, 0, 0])
+    table = make_tracks("r", [2.0, 1.0, 0.0], [1.0, 1.0, 5.0], position, {"group": [1, 2, 3]})
     assert_array_equal(table.id, [1, 1, 5])
     assert_array_equal(table.stamp, [1, 2, 0])
     assert_array_equal(table.position[:, 0], [1, 0, 2])
-    assert_array_equal(table.imputed, [False, True, False])
+    assert_array_equal(table.extras["group"], [2, 1, 3])
     assert table.id.dtype == np.int64
     assert table.stamp.dtype == table.position.dtype == np.float64
     position[:] = 9
@@ -78,13 +80,39 @@ def test_refusals_name_recording_row_and_reason(stamp, id, position, message):
         make_tracks("hall", stamp, id, position)
 
 
-def test_interpolates_linearly_and_marks_only_the_lost_frames():
+def test_extras_are_one_number_a_row():
+    with pytest.raises(InputError, match=r"r: group must be \[2\], not \[1\]"):
+        one([0, 1], extras={"group": [1]})
+    with pytest.raises(InputError, match="r: group must be numbers, not <U1"):
+        one([0, 1], extras={"group": ["a", "b"]})
+
+
+def test_a_selection_forgets_nothing():
+    reading = Reading("r", rows=4)
+    stamp = np.array([0.0, 0.4, 0.8, 0.3, 0.7])
+    points = np.arange(10.0).reshape(5, 2)
+    table = make_tracks("r", stamp, [1, 1, 1, 2, 2], points, {"group": [7, 7, 7, 8, 8]})
+    grid = resample(dataclasses.replace(table, reading=reading), 0.2)
+    assert_array_equal(grid.extras["group"], np.where(grid.id == 1, 7, 8))
+    mask = grid.stamp >= 0.5
+    part = grid.take(mask)
+    for field in ("stamp", "id", "position", "known", "foreseen"):
+        assert_array_equal(getattr(part, field), getattr(grid, field)[mask])
+    assert_array_equal(part.extras["group"], grid.extras["group"][mask])
+    assert (part.recording, part.period, part.reading) == ("r", 0.2, reading)
+    swapped = grid.with_ids(3 - grid.id)
+    assert_array_equal(swapped.id, np.sort(3 - grid.id))
+    assert_array_equal(swapped.extras["group"], np.where(swapped.id == 1, 8, 7))
+    assert_same(Tracks(**vars(swapped)).with_ids(3 - swapped.id), grid, "group")
+    with pytest.raises(InputError, match=r"agent 1 is seen at 0\.4 s in row"):
+        grid.with_ids(np.ones_like(grid.id))
+
+
+def test_interpolates_linearly_between_points():
     table = one([0, 0.1, 0.2, 0.3, 0.9, 1.0, 1.1], x=[0, 1, 2, 3, 9, 10, 11])
     grid = resample(table, 0.15)
     np.testing.assert_allclose(grid.position[:, 0], np.arange(8) * 1.5, atol=1e-12)
     assert_array_equal(grid.stamp, np.arange(8) * 0.15)
-    # 0.45, 0.6 and 0.75 lie in the gap; 0.9 is a source point; 0.15 lies in an ordinary step.
-    assert_array_equal(np.flatnonzero(grid.imputed), [3, 4, 5])
 
 
 def test_a_longer_gap_splits_a_track():
@@ -98,7 +126,6 @@ def test_decimal_and_accumulated_clocks_meet_the_grid():
     for stamp in (np.cumsum(np.full(500, 0.1)), 1.7e9 + np.round(np.arange(500) * 0.1, 3)):
         grid = resample(one(stamp, walked), 0.4)
         assert_array_equal(grid.position[:, 0], walked[::4])
-        assert not grid.imputed.any()
 
 
 def test_agents_share_the_grid_of_the_recording():
@@ -135,7 +162,7 @@ def test_properties_against_an_agent_by_agent_reference(table, period, max_gap, 
     try:
         grid = resample(table, period, max_gap, start)
     except InputError:
-        grid = Tracks("r", np.zeros(0), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0, bool))
+        grid = Tracks("r", np.zeros(0), np.zeros(0, int), np.zeros((0, 2)))
     slack = max_gap + 2 * SNAP
     expected = []
     for agent in np.unique(table.id):

@@ -75,7 +75,7 @@ def forecasts(model: Model, windows: Windows, slots: int = 256, samples: int = K
     """By the evaluation's own path: scene identity to `[k, N, pred_len, 2]` of its agents."""
     found = {}
     for batch in make_batches(windows, slots):
-        scenes = batch.scene.replace(future=None, origin=None)
+        scenes = batch.scene.bare()
         noise = draw_noise(
             model.forecaster.noise, 0, scenes.identity, samples, scenes.valid.shape[1]
         )

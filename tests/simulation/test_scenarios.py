@@ -106,7 +106,6 @@ def test_synthetic_tracks_stand_on_the_grid():
     assert tracks.recording == "synthetic/cross-path/1"
     assert_array_equal(tracks.id, np.repeat([0, 1], 301))
     assert_array_equal(tracks.stamp, np.tile(np.arange(301) * 0.4, 2))
-    assert not tracks.imputed.any()
     source = simulate("cross-path", 1).position.reshape(2, -1, 2)
     assert_array_equal(tracks.position, source[:, ::4].reshape(-1, 2))
 

@@ -37,7 +37,6 @@ def test_dialects(tmp_path, template, scale):
     assert_array_equal(tracks.id, [3, 3, 3, 7, 7])
     assert_allclose(tracks.stamp, [0, 0.4, 0.8, 0, 0.4], atol=1e-12)
     assert_array_equal(tracks.position, [[0.25, 4], [0.5, 4.125], [1, 4], [1.5, -2], [1.75, -2]])
-    assert not tracks.imputed.any()
 
 
 @pytest.mark.parametrize(
