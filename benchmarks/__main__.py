@@ -15,8 +15,8 @@ import tyro
 
 from benchmarks.page import document
 from benchmarks.timing import text
-from neurosym_jax.checks import refuse_below
 from neurosym_jax.commands._running import run_command
+from neurosym_jax.configuration import refuse_below
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.environment import cpu_cores, run_environment
 from neurosym_jax.runtime.files import write_text

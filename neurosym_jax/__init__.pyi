@@ -21,12 +21,12 @@ from .evaluation.metrics import register_metric as register_metric
 from .evaluation.run import evaluate as evaluate
 from .forecasting.batched import predict_scenes as predict_scenes
 from .forecasting.differentiable import forecast as forecast
-from .forecasting.kinds import register_forecaster as register_forecaster
+from .forecasting.forecasters import register_forecaster as register_forecaster
 from .forecasting.model import Model as Model
 from .forecasting.model import predict as predict
 from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
-from .models.pooling import register_pooling as register_pooling
+from .models.poolings import register_pooling as register_pooling
 from .online.predictor import Predictor as Predictor
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene

@@ -1,30 +1,23 @@
 """The configurations of networks and of training: where hyper-parameters have their defaults.
 
 The defaults are those of the published SGAN checkpoints, which are not those of SGAN's own command
-line. Values are checked when a configuration is made; its JSON form is that of `config_json`.
+line. Values are checked when a configuration is made; `configuration` has its JSON form.
 """
 
 import dataclasses
 from typing import Literal
 
-from neurosym_jax.checks import (
+from neurosym_jax.configuration import (
     Count,
     Positive,
     Whole,
     refuse_misfits,
 )
-from neurosym_jax.config_json import FORMAT, from_json, to_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
-__all__ = [
-    "FORMAT",
-    "DiscriminatorConfig",
-    "GeneratorConfig",
-    "from_json",
-    "to_json",
-]
+__all__ = ["DiscriminatorConfig", "GeneratorConfig"]
 
 
 @dataclasses.dataclass(frozen=True)

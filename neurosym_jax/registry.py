@@ -1,53 +1,46 @@
-"""Things of one kind by name: what a researcher adds to from a file of their own.
+"""A registry: a dictionary of named components that plugins can add to.
 
-There is a registry for each of them: metrics, forecasters, poolings, weightings, formats. What the
-package brings is registered in the same way as what a plugin adds (see `plugins`).
+Each room shows its built-ins in one table, such as `POOLINGS = Registry("pooling", {...})`; a file
+given by `--plugin`, or an installed package, adds to it with `register`.
 """
 
-import threading
-from collections.abc import Callable, Iterator, Mapping
-from typing import Generic, TypeVar
+import difflib
+import functools
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 from neurosym_jax.errors import InputError
 
 __all__ = ["Registry"]
 
-Thing = TypeVar("Thing")
+T = TypeVar("T")
 
 
-class Registry(Mapping[str, Thing], Generic[Thing]):
-    """Things by name, in the order in which they were registered."""
+class Registry(dict[str, T]):
+    """Components of one kind by name, in the order in which they were registered."""
 
-    def __init__(self, kind: str, load: Callable[[], object] = lambda: None):
-        """An empty registry.
-
-        Args:
-            kind: what the things are, in one word, for people.
-            load: imports what registers what the package brings, before anything is looked up;
-                called again, it changes nothing.
-        """
+    def __init__(self, kind: str, built_in: Mapping[str, T] | None = None):
+        """Hold `built_in`; `kind` is what messages call one of them, such as "pooling"."""
+        super().__init__(built_in or {})
         self.kind = kind
-        self._load = load
-        self._things: dict[str, Thing] = {}
-        self._ready = self._loading = False
-        self._lock = threading.RLock()
 
-    def register(self, name: str, thing: Thing, *, replace: bool = False) -> None:
-        """Add `thing` by this name.
+    def register(self, name: str, value: T | None = None, *, replace: bool = False) -> Any:
+        """Add `value` and return it; registering an equal value again changes nothing.
 
         Args:
-            name: letters, digits and underscores, as it is written in lists of names.
-            thing: what is had by it; registering an equal one again changes nothing.
-            replace: put it in the place of another of this name. Programs that were compiled with
-                the other are forgotten.
+            name: letters, digits and underscores.
+            value: the component; without it, return a decorator of the component.
+            replace: replace another component of this name. This clears JAX's compilation cache,
+                which finds programs by name.
 
         Raises:
-            InputError: for what is no name, or one that is taken by another thing.
+            InputError: if `name` is not an identifier or is taken by another component.
         """
+        if value is None:
+            return functools.partial(self.register, name, replace=replace)
         if not name.isidentifier():
             raise InputError(f"{name!r} cannot name a {self.kind}: letters, digits, underscores")
-        self._built_in(registering=True)
-        if name in self._things and self._things[name] != thing:
+        if self.get(name, value) != value:
             if not replace:
                 raise InputError(
                     f"there is another {self.kind} {name!r} already: choose another name, or say "
@@ -55,52 +48,25 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
                 )
             import jax
 
-            # A program is found by the names and values it was compiled for, which stay the same.
             jax.clear_caches()
-        self._things[name] = thing
+        self[name] = value
+        return value
 
-    def __getitem__(self, name: str) -> Thing:
-        """The thing of this name.
+    def name_of(self, value: T) -> str:
+        """The name of `value`.
 
         Raises:
-            InputError: for a name that nobody registered, with those that there are.
+            InputError: if it is not registered.
         """
-        self._built_in()
-        if name not in self._things:
-            raise InputError(
-                f"unknown {self.kind} {name!r}: there are {', '.join(self._things)} "
-                "(--plugin brings one's own)"
-            )
-        return self._things[name]
+        for name, each in self.items():
+            if each is value:
+                return name
+        raise InputError(f"{value!r} is not registered as a {self.kind}")
 
-    def __contains__(self, name: object) -> bool:
-        self._built_in()
-        return name in self._things
-
-    def __iter__(self) -> Iterator[str]:
-        self._built_in()
-        return iter(self._things)
-
-    def __len__(self) -> int:
-        self._built_in()
-        return len(self._things)
-
-    def _built_in(self, *, registering: bool = False) -> None:
-        """Register what the package brings, once; who looks something up waits for that.
-
-        Who registers does not: it may be a module that the thread which loads waits for.
-        """
-        if self._ready or not self._lock.acquire(blocking=not registering):
-            return
-        try:
-            if self._loading:
-                return
-            self._loading = True
-            try:
-                self._load()
-            finally:
-                self._loading = False
-            # A module that registers is not all there yet.
-            self._ready = not registering
-        finally:
-            self._lock.release()
+    def __missing__(self, name: str) -> T:
+        near = difflib.get_close_matches(str(name), self, 1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        raise InputError(
+            f"unknown {self.kind} {name!r}: {hint}there are {', '.join(self)} "
+            "(--plugin FILE adds one)"
+        )

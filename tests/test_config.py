@@ -5,12 +5,8 @@ from typing import Any
 
 import pytest
 
-from neurosym_jax.config import (
-    DiscriminatorConfig,
-    GeneratorConfig,
-    from_json,
-    to_json,
-)
+from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.configuration import from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
@@ -142,13 +138,6 @@ def test_what_needs_a_context_perceptron():
     assert not dataclasses.replace(none, noise_dim=0).needs_context_mlp
     assert dataclasses.replace(none, noise_dim=0, encoder_h_dim=48).needs_context_mlp
     assert dataclasses.replace(none, noise_dim=0, pooling="pool_net").needs_context_mlp
-
-
-def test_a_recipe_of_when_batches_had_shards():
-    today = json.loads(json.dumps(to_json(TrainConfig())))
-    assert record_of_today({"training": {**today, "shards": 1}}, Path("run"))["training"] == today
-    with pytest.raises(InputError, match="run: unknown field 'shards'"):
-        record_of_today({"training": {**today, "shards": 2}}, Path("run"))
 
 
 def test_what_was_written_before_models_had_a_period():

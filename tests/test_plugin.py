@@ -5,12 +5,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
 
 from neurosym_jax.__main__ import main
-from neurosym_jax.forecasting.kinds import FORECASTERS
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import nested_parameters
@@ -149,8 +150,7 @@ MISSING = "unknown weighting 'nearness'"
 def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeypatch):
     """In every command that is told of it; nothing that a model's folder names is imported."""
     model = tmp_path / "model"
-    with monkeypatch.context() as patch:
-        patch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
+    with mock.patch.dict(WEIGHTINGS):
         register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)
         network = named_generator("neurosym", weighting="nearness")
         shapes = FORECASTERS["generator"].shapes
@@ -179,4 +179,4 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
         refusal("sweep", "--models", "neurosym", "--weightings", "nearness"),
         refusal("symbols", *asked),
     ):
-        assert "(--plugin brings one's own)" in line
+        assert "(--plugin FILE adds one)" in line

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from neurosym_jax.checks import refuse_below, refuse_seed
+from neurosym_jax.configuration import refuse_below, refuse_seed
 from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.provenance import Reading
 from neurosym_jax.data.published import data_folder

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from neurosym_jax.checks import refuse_seed
+from neurosym_jax.configuration import refuse_seed
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import parity
 from neurosym_jax.runtime.files import new_folder

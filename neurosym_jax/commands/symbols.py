@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.checks import refuse_below, refuse_seed
+from neurosym_jax.configuration import refuse_below, refuse_seed
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source

@@ -1,18 +1,17 @@
-"""Formats of files: a registry that every reader, and a plugin's, is added to in its own file.
+"""The table of formats of files, with the built-in ones; a plugin adds to it.
 
-A format says of a file's beginning whether it knows it, and which of the options of `ReadOptions`
-it has a use for. Which ones there are is known nowhere else.
+A format says of a file's beginning whether it knows it, and which options of `ReadOptions` it uses.
 """
 
 import dataclasses
 import importlib
 import os
 import warnings
-from collections.abc import Callable
-from importlib.resources import files
 from pathlib import Path
 
+from neurosym_jax.data.format import Format
 from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.readers import columns, eth_ucy, qtm, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.suspicions import suspicions
 from neurosym_jax.data.text import Head, read_head
@@ -35,51 +34,28 @@ __all__ = [
 SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson")
 """Endings of the files that are looked at in a folder."""
 
-_READERS = "neurosym_jax.data.readers"
 _BUILT_ON_IT = ("neurosym_jax.ros.bag_format",)
 """Readers in rooms that this one does not know: they register what they read, as a plugin does."""
 
 
-def _never(head: Head) -> bool:
-    return False
+FORMATS: Registry[Format] = Registry(
+    "format",
+    {
+        **columns.FORMATS,
+        **eth_ucy.FORMATS,
+        **qtm.FORMATS,
+        **thor.FORMATS,
+        **trajnet.FORMATS,
+    },
+)
+"""By name."""
 
 
-def _nowhere(path: Path) -> bool:
-    return False
-
-
-@dataclasses.dataclass(frozen=True)
-class Format:
-    """One format."""
-
-    text: str
-    """What it is, for people."""
-    knows: Callable[[Head], bool]
-    """Whether a file that begins so is of it."""
-    read: Callable[[Path, ReadOptions, float], list[Tracks]]
-    """Its recordings; the number is the seconds that one step of frame numbers stands for."""
-    uses: frozenset[str] = frozenset()
-    """The fields of `ReadOptions` that it goes by, of columns, unit, time_unit, fps, stride and
-    topic."""
-    general: bool = False
-    """Whether it is asked only where no other format knows the file."""
-    other: Callable[[Head], bool] = _never
-    """Whether a file that it knows holds no tracks, so that a folder is read without it."""
-    owns: Callable[[Path], bool] = _nowhere
-    """Whether a path is of it by its name alone, as what is no text; a folder is then one file."""
-
-
-def _built_in() -> None:
-    """Import every reader, which registers its formats."""
-    for file in sorted(file.name for file in files(_READERS).iterdir()):
-        if file.endswith(".py") and not file.startswith("_"):
-            importlib.import_module(f"{_READERS}.{file.removesuffix('.py')}")
+def known_formats() -> Registry[Format]:
+    """`FORMATS`, with those of installed packages."""
     for module in _BUILT_ON_IT:
         importlib.import_module(module)
-
-
-FORMATS: Registry[Format] = Registry("format", _built_in)
-"""By name."""
+    return FORMATS
 
 
 def register_format(name: str, form: Format, *, replace: bool = False) -> None:
@@ -103,7 +79,7 @@ def sniff(path: Path) -> str:
 
 def owner_of(path: Path) -> str | None:
     """The format that a path is of by its name alone, or None."""
-    return next((name for name, form in FORMATS.items() if form.owns(path)), None)
+    return next((name for name, form in known_formats().items() if form.owns(path)), None)
 
 
 def is_folder(path: Path) -> bool:
@@ -146,7 +122,7 @@ def read_any(
     """
     path = Path(path)
     name = options.format or ("columns" if options.columns else sniff(path))
-    form = FORMATS[name]
+    form = known_formats()[name]
     options.metres(path)
     for option in options.given():
         if option not in form.uses:

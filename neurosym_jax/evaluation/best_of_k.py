@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.evaluation.metrics import Metric, register_metric
+from neurosym_jax.evaluation.metric import Metric
 
-__all__ = ["MISSED", "distances"]
+__all__ = ["METRICS", "MISSED", "distances"]
 
 MISSED = 2.0
 """Metres from the last position of an agent's best sample to the true one that are a miss."""
@@ -59,12 +59,11 @@ _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
 _MISS = "missed: even the best of k samples of an agent ends more than 2 m from the truth"
 
-for _metric in (
+METRICS = (
     Metric("joint_ade", "joint ADE", "m", _joint_ade, _JOINT),
     Metric("joint_fde", "joint FDE", "m", _joint_fde, _JOINT),
     Metric("marginal_ade", "marginal ADE", "m", _marginal_ade, _MARGINAL),
     Metric("marginal_fde", "marginal FDE", "m", _marginal_fde, _MARGINAL),
     Metric("horizon", "mean displacement error", "m", _horizon),
     Metric("miss_rate", "missed by 2 m", "share", _miss_rate, _MISS, by_default=False),
-):
-    register_metric(_metric)
+)

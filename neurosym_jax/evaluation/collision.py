@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.evaluation.metrics import Metric, register_metric
+from neurosym_jax.evaluation.metric import Metric
 
-__all__ = ["COLLISION_DISTANCE", "collisions"]
+__all__ = ["COLLISION_DISTANCE", "METRICS", "collisions"]
 
 COLLISION_DISTANCE = 0.2
 """Metres between two people's centres under which they collide."""
@@ -119,7 +119,7 @@ def _excess(forecast: np.ndarray, future: np.ndarray, valid: np.ndarray) -> Any:
     return total - true, count
 
 
-for _metric in (
+METRICS = (
     Metric("collision_rate", "people in collision", "share", _rate, costly=True, on_host=True),
     Metric(
         "truth_collision_rate",
@@ -139,5 +139,4 @@ for _metric in (
         by_default=False,
         on_host=True,
     ),
-):
-    register_metric(_metric)
+)

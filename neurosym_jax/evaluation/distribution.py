@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.evaluation.metrics import Metric, register_metric
+from neurosym_jax.evaluation.metric import Metric
 
-__all__ = ["LEAST_LOG_DENSITY", "apart"]
+__all__ = ["LEAST_LOG_DENSITY", "METRICS", "apart"]
 
 LEAST_LOG_DENSITY = -20.0
 """Nats below which no agent's step counts (Trajectron++)."""
@@ -123,11 +123,10 @@ def _coverage(level: float) -> Metric:
 
 _PROPER = "energy score, CRPS: proper scores of the k samples as a distribution; less is better"
 
-for _metric in (
+METRICS = (
     Metric("energy_score", "energy score", "m", _energy_score, _PROPER, by_default=False),
     Metric("crps", "CRPS", "m", _crps, _PROPER, by_default=False),
     Metric("kde_nll", "KDE NLL", "nats", _kde_nll, by_default=False),
     _coverage(0.5),
     _coverage(0.9),
-):
-    register_metric(_metric)
+)

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Source, Synthetic
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.kinds import FORECASTERS
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.pooling import NOT_OF_PAIRS, POOLINGS
+from neurosym_jax.models.pooling import NOT_OF_PAIRS
+from neurosym_jax.models.poolings import POOLINGS
 
 __all__ = ["BASELINES", "Entries", "TestSet", "baseline", "make_plan", "one_of_each"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.checks import refuse_below
+from neurosym_jax.configuration import refuse_below
 from neurosym_jax.data.batching import single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError

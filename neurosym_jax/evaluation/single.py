@@ -10,9 +10,9 @@ from jax import Array
 
 from neurosym_jax.evaluation.best_of_k import distances
 from neurosym_jax.evaluation.distribution import apart
-from neurosym_jax.evaluation.metrics import Metric, register_metric
+from neurosym_jax.evaluation.metric import Metric
 
-__all__ = []
+__all__ = ["METRICS"]
 
 Errors = Callable[[Array], Array]
 
@@ -38,19 +38,19 @@ def _fde(errors: Array) -> Array:
 _CENTRAL = "central: the one sample of the scene that is nearest to the others"
 _NOISE_FREE = "noise-free: the forecast for a noise of zero"
 
-for _title, _noise_free, _about in (
-    ("central", False, _CENTRAL),
-    ("noise-free", True, _NOISE_FREE),
-):
-    for _error, _name in ((_ade, "ade"), (_fde, "fde")):
-        register_metric(
-            Metric(
-                f"{_title.replace('-', '_')}_{_name}",
-                f"{_title} {_name.upper()}",
-                "m",
-                _of(_error),
-                _about,
-                by_default=False,
-                noise_free=_noise_free,
-            )
-        )
+METRICS = tuple(
+    Metric(
+        f"{title.replace('-', '_')}_{name}",
+        f"{title} {name.upper()}",
+        "m",
+        _of(error),
+        about,
+        by_default=False,
+        noise_free=noise_free,
+    )
+    for title, noise_free, about in (
+        ("central", False, _CENTRAL),
+        ("noise-free", True, _NOISE_FREE),
+    )
+    for error, name in ((_ade, "ade"), (_fde, "fde"))
+)

@@ -4,7 +4,7 @@ from .batched import predict_scenes as predict_scenes
 from .differentiable import forecast as forecast
 from .forecaster import Forecaster as Forecaster
 from .forecaster import TwoStageForecaster as TwoStageForecaster
-from .kinds import register_forecaster as register_forecaster
+from .forecasters import register_forecaster as register_forecaster
 from .model import Model as Model
 from .model import predict as predict
 from .model_folder import load_model as load_model

@@ -9,7 +9,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.kinds import FORECASTERS
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import AnyArray, make_scene
 from neurosym_jax.symbolic.weighting_config import WeightingConfig

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax import config as configs
+from neurosym_jax import configuration
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting.kinds import FORECASTERS
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.forecasting.parameters import (
@@ -185,7 +185,8 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _config(kind: str, values: dict[str, Any]) -> Any:
-    return configs.from_json(FORECASTERS[kind].config, {"format": configs.FORMAT, **values}, CONFIG)
+    fields = {"format": configuration.FORMAT, **values}
+    return configuration.from_json(FORECASTERS[kind].config, fields, CONFIG)
 
 
 def _files(model: Model) -> tuple[bytes, bytes]:

@@ -13,7 +13,7 @@ from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.models import Generator
 from neurosym_jax.models.decoder import Weigh
-from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import scene_alpha
 

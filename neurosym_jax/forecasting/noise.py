@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.checks import refuse_seed
+from neurosym_jax.configuration import refuse_seed
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 
 __all__ = ["NoiseSpec", "draw_noise", "fixed_noise", "scene_noise"]

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from neurosym_jax.checks import refuse_below, refuse_seed
+from neurosym_jax.configuration import refuse_below, refuse_seed
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.noise import scene_noise

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.config import FORMAT, DiscriminatorConfig, GeneratorConfig, from_json
+from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.configuration import FORMAT, from_json
 from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError

@@ -13,7 +13,8 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.config import FORMAT, GeneratorConfig, from_json, to_json
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.configuration import FORMAT, from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import params_from_torch
 from neurosym_jax.interop.parity_case import (

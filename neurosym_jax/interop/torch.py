@@ -12,7 +12,8 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
 
-from neurosym_jax.config import FORMAT, DiscriminatorConfig, GeneratorConfig, from_json
+from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.configuration import FORMAT, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.pickle_writer import write_torch_file

@@ -15,7 +15,7 @@ from jax import Array
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
 from neurosym_jax.models.lstm import LSTMParameters, lstm_update
-from neurosym_jax.models.pooling import POOLINGS, make_pooling
+from neurosym_jax.models.poolings import POOLINGS, make_pooling
 
 __all__ = ["Decoder", "Weigh"]
 

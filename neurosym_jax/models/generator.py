@@ -13,7 +13,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models.decoder import Decoder, Weigh
 from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.lstm import Encoder
-from neurosym_jax.models.pooling import POOLINGS, make_pooling
+from neurosym_jax.models.poolings import POOLINGS, make_pooling
 from neurosym_jax.scene import Scene
 
 __all__ = ["Generator"]

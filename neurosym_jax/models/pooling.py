@@ -1,27 +1,13 @@
-"""Poolings by name: what a generator's configuration can name, and what a plugin adds.
-
-This is the list and not the networks: Flax is imported when one is made. The package's own are
-registered in `built_in_poolings`.
-"""
+"""What a pooling is; `poolings` has the table."""
 
 import dataclasses
-import importlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
-
-from neurosym_jax.registry import Registry
 
 if TYPE_CHECKING:
     from neurosym_jax.config import GeneratorConfig
 
-__all__ = [
-    "NOT_OF_PAIRS",
-    "POOLINGS",
-    "Pooling",
-    "make_pooling",
-    "pooling_names",
-    "register_pooling",
-]
+__all__ = ["NOT_OF_PAIRS", "Pooling"]
 
 NOT_OF_PAIRS = (
     "does not weight pairs: it takes one row of alpha an agent, picked by the released collation "
@@ -61,48 +47,3 @@ class Pooling:
         At a predicted step they are those seen or predicted before it and at it.
         """
         return self.symbolic or self.whole_observation
-
-
-POOLINGS: Registry[Pooling] = Registry(
-    "pooling", lambda: importlib.import_module("neurosym_jax.models.built_in_poolings")
-)
-
-
-def register_pooling(
-    name: str,
-    module: Callable[["GeneratorConfig", int], Any] | None,
-    *,
-    label: str,
-    replace: bool = False,
-    **properties: Any,
-) -> None:
-    """Add a pooling, so that models with it can be trained, saved, loaded and evaluated.
-
-    Args:
-        name: what a configuration calls it.
-        module: a Flax module with the fields `config` and `h_dim`, or a function that makes one of
-            them; see `Pooling` for how it is called.
-        label: what a model with it is called in tables.
-        replace: take the place of another of this name.
-        properties: further fields of `Pooling`, such as `symbolic=True`.
-
-    Raises:
-        InputError: for a name that is taken or cannot be one.
-    """
-    POOLINGS.register(name, Pooling(module, label, **properties), replace=replace)
-
-
-def pooling_names(*, symbolic: bool) -> tuple[str, ...]:
-    """Names of those that can be trained: NeuroSyM's, or the others, `none` included."""
-    return tuple(
-        name
-        for name, pooling in POOLINGS.items()
-        if pooling.symbolic == symbolic and pooling.of_pairs
-    )
-
-
-def make_pooling(config: "GeneratorConfig", h_dim: int) -> Any:
-    """The module that `config` names, for hidden states of size `h_dim`; there must be one."""
-    module = POOLINGS[config.pooling].module
-    assert module is not None
-    return module(config, h_dim)

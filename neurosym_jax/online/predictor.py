@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.checks import refuse_below
+from neurosym_jax.configuration import refuse_below
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.checks import refuse_seed
+from neurosym_jax.configuration import refuse_seed
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.process import COMPILED_QUICKLY

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.config import from_json, to_json
+from neurosym_jax.configuration import from_json, to_json
 from neurosym_jax.evaluation.markdown import csv_text, markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.sweeps.learned_tables import agreement

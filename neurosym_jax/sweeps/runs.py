@@ -6,12 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.checks import refuse_below
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.config_json import to_json
+from neurosym_jax.configuration import refuse_below, to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.finish import RUN
 from neurosym_jax.training.network import model_name, named_generator

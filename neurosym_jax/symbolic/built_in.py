@@ -1,14 +1,17 @@
-"""The built-in weightings, registered as a plugin would register its own.
+"""The table of weightings, with the built-in ones.
 
 What they are is said in `weighting`, which also sees to it that alpha is 1 for an agent with itself
 and 0 in padding.
 """
+
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 from jax.typing import ArrayLike
 
+from neurosym_jax.registry import Registry
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import other_pairs
 from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
@@ -19,18 +22,15 @@ from neurosym_jax.symbolic.transitions import (
     pair_states,
     transition_parameters,
 )
-from neurosym_jax.symbolic.weighting_config import (
-    WEIGHTINGS,
-    Parameters,
-    Scenes,
-    WeightingConfig,
-    WeightingKind,
-)
+from neurosym_jax.symbolic.weighting_kind import Parameters, Scenes, WeightingKind
 
-__all__ = ["alpha_from_states", "table_of", "to_the_wrong_pairs"]
+if TYPE_CHECKING:
+    from neurosym_jax.symbolic.weighting_config import WeightingConfig
+
+__all__ = ["WEIGHTINGS", "alpha_from_states", "table_of", "to_the_wrong_pairs"]
 
 
-def table_of(config: WeightingConfig) -> np.ndarray:
+def table_of(config: "WeightingConfig") -> np.ndarray:
     """[81] float64: the weight of each QTC_C1 state, by its code, before anything is learnt."""
     if "cnd_shipped" in (config.kind, config.table):
         table = alpha_table("c1", rule="continuity", include_self=True)
@@ -45,7 +45,7 @@ def alpha_from_states(states: ArrayLike, table: ArrayLike) -> Array:
 
 
 def _by_state(
-    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+    config: "WeightingConfig", parameters: Parameters, positions: Array, valid: ArrayLike | None
 ) -> Array:
     """`cnd`, `cnd_shipped`, `learned`, `quantised`: a table, by the states observed."""
     table = jnp.asarray(parameters.get("table", table_of(config)), positions.dtype)
@@ -54,13 +54,13 @@ def _by_state(
 
 
 def _quantised(
-    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+    config: "WeightingConfig", parameters: Parameters, positions: Array, valid: ArrayLike | None
 ) -> Array:
     return (_soft if config.learned else _by_state)(config, parameters, positions, valid)
 
 
 def _shuffled(
-    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+    config: "WeightingConfig", parameters: Parameters, positions: Array, valid: ArrayLike | None
 ) -> Array:
     observed = _by_state(config, parameters, positions, valid)[..., 1:]
     return _after_first(to_the_wrong_pairs(observed, positions[:, -1], valid), parameters)
@@ -81,7 +81,7 @@ def _constant(value: float) -> WeightingKind:
 
 
 def _soft(
-    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+    config: "WeightingConfig", parameters: Parameters, positions: Array, valid: ArrayLike | None
 ) -> Array:
     """[N, N, T] by soft symbols, or by hard ones with soft gradients."""
     factor, temperature = config.quantisation_factor or 0.0, config.temperature
@@ -103,7 +103,7 @@ def _soft(
 
 
 def _by_transitions(
-    config: WeightingConfig, parameters: Parameters, positions: Array, valid: ArrayLike | None
+    config: "WeightingConfig", parameters: Parameters, positions: Array, valid: ArrayLike | None
 ) -> Array:
     """[N, N, T]: 0, then P(q_1), P(q_2 | q_1) and so on."""
     given = {name: jnp.asarray(value, positions.dtype) for name, value in parameters.items()}
@@ -132,16 +132,16 @@ def to_the_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) ->
     return jnp.take_along_axis(observed[..., ::-1], source[..., None], axis=1)
 
 
-def _start_learned(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+def _start_learned(config: "WeightingConfig", scenes: Scenes | None) -> Parameters:
     return {"table": table_of(config), "unobserved": 0.0} if config.learned else {}
 
 
-def _start_quantised(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+def _start_quantised(config: "WeightingConfig", scenes: Scenes | None) -> Parameters:
     factor = config.quantisation_factor or 0.0
     return {"log_quantisation_factor": np.log(factor)} if config.learned else {}
 
 
-def _start_soft(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+def _start_soft(config: "WeightingConfig", scenes: Scenes | None) -> Parameters:
     if not config.learned:
         return {}
     return {
@@ -151,34 +151,36 @@ def _start_soft(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
     }
 
 
-def _start_transition(config: WeightingConfig, scenes: Scenes | None) -> Parameters:
+def _start_transition(config: "WeightingConfig", scenes: Scenes | None) -> Parameters:
     counts = np.zeros((81, 81)) if scenes is None else count_transitions(config, scenes)
     return transition_parameters(counts)
 
 
-for _name, _kind in {
-    "cnd": WeightingKind(_by_state, table=table_of),
-    "cnd_shipped": WeightingKind(_by_state, table=table_of),
-    "quantised": WeightingKind(
-        _quantised,
-        _start_quantised,
-        table_of,
-        learnable=True,
-        learns_quantisation=True,
-        quantisation_factor=0.05,
-    ),
-    "soft": WeightingKind(
-        _soft,
-        _start_soft,
-        table_of,
-        learnable=True,
-        learns_quantisation=True,
-        quantisation_factor=0.05,
-    ),
-    "learned": WeightingKind(_by_state, _start_learned, table_of, learnable=True, learned=True),
-    "transition": WeightingKind(_by_transitions, _start_transition, learnable=True),
-    "ones": _constant(1.0),
-    "zeros": _constant(0.0),
-    "shuffled": WeightingKind(_shuffled, table=table_of, quantisation_factor=0.05),
-}.items():
-    WEIGHTINGS.register(_name, _kind)
+WEIGHTINGS: Registry[WeightingKind] = Registry(
+    "weighting",
+    {
+        "cnd": WeightingKind(_by_state, table=table_of),
+        "cnd_shipped": WeightingKind(_by_state, table=table_of),
+        "quantised": WeightingKind(
+            _quantised,
+            _start_quantised,
+            table_of,
+            learnable=True,
+            learns_quantisation=True,
+            quantisation_factor=0.05,
+        ),
+        "soft": WeightingKind(
+            _soft,
+            _start_soft,
+            table_of,
+            learnable=True,
+            learns_quantisation=True,
+            quantisation_factor=0.05,
+        ),
+        "learned": WeightingKind(_by_state, _start_learned, table_of, learnable=True, learned=True),
+        "transition": WeightingKind(_by_transitions, _start_transition, learnable=True),
+        "ones": _constant(1.0),
+        "zeros": _constant(0.0),
+        "shuffled": WeightingKind(_shuffled, table=table_of, quantisation_factor=0.05),
+    },
+)

@@ -1,4 +1,4 @@
-"""The calculi that the package brings, as a plugin would register its own.
+"""The table of calculi, with the built-in ones.
 
 | name | symbols | |
 |---|---|---|
@@ -27,11 +27,12 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.calculi import Calculus, Observe, Thresholds, register_calculus
+from neurosym_jax.registry import Registry
+from neurosym_jax.symbolic.calculus import Calculus, Observe, Thresholds
 from neurosym_jax.symbolic.qtc import Convention, compare, frames, length, qtc_b1, qtc_c1, states_of
 from neurosym_jax.symbolic.states import ABSENT
 
-__all__ = []
+__all__ = ["CALCULI"]
 
 
 def _b1(k: ArrayLike, l: ArrayLike, convention: Convention, given: Thresholds) -> Array:  # noqa: E741
@@ -165,14 +166,16 @@ def _possible_c2_angle(every: np.ndarray) -> np.ndarray:
 
 _SIDES = ("q1", "q2", "q3", "q4")
 
-for _name, _calculus in {
-    "b1": Calculus(("q1", "q2"), _b1),
-    "b2": Calculus(("q1", "q2", "q5"), _b2),
-    "b12_1d": Calculus(("q1", "q2", "q5"), _b2, _possible_on_a_line),
-    "c1": Calculus(_SIDES, _c1),
-    "c2": Calculus((*_SIDES, "q5"), _c2, _possible_c2),
-    "c2_angle": Calculus((*_SIDES, "q5", "q6"), _c2_angle, _possible_c2_angle),
-    "bc1": Calculus(_SIDES, _unless_apart(_c1), optional=(2, 3)),
-    "bc2": Calculus((*_SIDES, "q5"), _unless_apart(_c2), _possible_c2, optional=(2, 3)),
-}.items():
-    register_calculus(_name, _calculus)
+CALCULI: Registry[Calculus] = Registry(
+    "calculus",
+    {
+        "b1": Calculus(("q1", "q2"), _b1),
+        "b2": Calculus(("q1", "q2", "q5"), _b2),
+        "b12_1d": Calculus(("q1", "q2", "q5"), _b2, _possible_on_a_line),
+        "c1": Calculus(_SIDES, _c1),
+        "c2": Calculus((*_SIDES, "q5"), _c2, _possible_c2),
+        "c2_angle": Calculus((*_SIDES, "q5", "q6"), _c2_angle, _possible_c2_angle),
+        "bc1": Calculus(_SIDES, _unless_apart(_c1), optional=(2, 3)),
+        "bc2": Calculus((*_SIDES, "q5"), _unless_apart(_c2), _possible_c2, optional=(2, 3)),
+    },
+)

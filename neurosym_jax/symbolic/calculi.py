@@ -6,12 +6,9 @@ diagram and its chains (`cnd`) follow from its states. Observation is pure and w
 `vmap`.
 """
 
-import dataclasses
 import functools
-import importlib
 import itertools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +16,8 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.registry import Registry
+from neurosym_jax.symbolic.built_in_calculi import CALCULI
+from neurosym_jax.symbolic.calculus import Calculus, Thresholds
 from neurosym_jax.symbolic.qtc import Convention, every_pair
 from neurosym_jax.symbolic.states import ABSENT
 
@@ -33,44 +31,6 @@ __all__ = [
     "register_calculus",
     "state_index",
 ]
-
-
-class Thresholds(NamedTuple):
-    """From where on movements and distances count; all are inclusive, and may be traced."""
-
-    quantisation_factor: ArrayLike = 0.0
-    """Metres per step: q1, q2 and the difference of two steps' lengths."""
-    side_quantisation_factor: ArrayLike | None = None
-    """Metres per step across the line: q3 and q4, see `qtc.qtc_c1`."""
-    angle: ArrayLike = 0.0
-    """Radians by which two angles differ: q6."""
-    near: ArrayLike = 1.22
-    """Metres between k and l, at the later frame of a step, up to which QTC_BC has sides."""
-    apart: ArrayLike | None = None
-    """Metres beyond which it has none again; in between a pair stays what it was, and counts as
-    apart at first. None is `near`."""
-
-
-Observe = Callable[[ArrayLike, ArrayLike, Convention, Thresholds], Array]
-
-
-@dataclasses.dataclass(frozen=True)
-class Calculus:
-    """One calculus of the family."""
-
-    symbols: tuple[str, ...]
-    """What its symbols are called, m of them."""
-    observe: Observe
-    """`(k [..., T, 2], l [..., T, 2], convention, thresholds) -> [..., T-1, m]` int8 states."""
-    possible: Callable[[np.ndarray], np.ndarray] = lambda every: np.ones(len(every), bool)
-    """Which of the states [S, m] of symbols in {-1, 0, 1} moving points can be in, [S] bool."""
-    optional: tuple[int, ...] = ()
-    """Places of the symbols that are all `ABSENT` when a pair is apart."""
-
-
-CALCULI: Registry[Calculus] = Registry(
-    "calculus", lambda: importlib.import_module("neurosym_jax.symbolic.built_in_calculi")
-)
 
 
 def register_calculus(name: str, calculus: Calculus, *, replace: bool = False) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.checks import NotNegative, Positive, refuse_misfits
+from neurosym_jax.configuration import NotNegative, Positive, refuse_misfits
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.calculi import CALCULI, observe, state_index
 from neurosym_jax.symbolic.events import Encounter, events_named

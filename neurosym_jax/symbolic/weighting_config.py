@@ -5,21 +5,24 @@ lie with the model's parameters, not here.
 """
 
 import dataclasses
-import importlib
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from typing import Any, Literal
 
 import jax.numpy as jnp
-import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
 
-from neurosym_jax.checks import NotNegative, Positive, Whole, refuse_misfits
-from neurosym_jax.config_json import FORMAT, from_json
+from neurosym_jax.configuration import (
+    FORMAT,
+    NotNegative,
+    Positive,
+    Whole,
+    from_json,
+    refuse_misfits,
+)
 from neurosym_jax.errors import InputError
-from neurosym_jax.registry import Registry
+from neurosym_jax.symbolic.built_in import WEIGHTINGS
 from neurosym_jax.symbolic.qtc import Convention
+from neurosym_jax.symbolic.weighting_kind import Parameters, Scenes, WeightingKind
 
 __all__ = [
     "WEIGHTINGS",
@@ -29,12 +32,6 @@ __all__ = [
     "WeightingKind",
     "register_weighting",
 ]
-
-Parameters = Mapping[str, Any]
-"""What a weighting learns or estimates, by name; it lies in `params["weighting"]` of a model."""
-
-Scenes = Iterable[tuple[Any, Any]]
-"""Batches (positions [B, N, T, 2] metres, valid [B, N]) of the observed part of scenes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,34 +95,6 @@ class WeightingConfig:
             if value != usual[name]
         ]
         return ",".join([self.kind, *changed])
-
-
-@dataclasses.dataclass(frozen=True)
-class WeightingKind:
-    """A kind of weighting: how alpha is computed, and what a configuration of it can ask for.
-
-    What an agent weighs for itself, in padding or alone is not its business (`scene_alpha`).
-    """
-
-    weigh: Callable[[WeightingConfig, Parameters, Array, ArrayLike | None], Array]
-    """`(config, parameters, positions [N, T, 2], valid [N] or None) -> alpha [N, N, T]`."""
-    start: Callable[[WeightingConfig, Scenes | None], Parameters] = lambda config, scenes: {}
-    """What its parameters are before training; scenes are those it is trained on, where known."""
-    table: Callable[[WeightingConfig], np.ndarray] | None = None
-    """[81] weights of the QTC_C1 states by code before training, where it looks them up."""
-    learnable: bool = False
-    """Whether training can change it."""
-    learned: bool = False
-    """Whether training does so unless it is told otherwise."""
-    learns_quantisation: bool = False
-    """Whether its threshold is a parameter, by its logarithm."""
-    quantisation_factor: float = 0.0
-    """Of the symbols, in metres a step, unless a configuration has another."""
-
-
-WEIGHTINGS: Registry[WeightingKind] = Registry(
-    "weighting", lambda: importlib.import_module("neurosym_jax.symbolic.built_in")
-)
 
 
 def register_weighting(

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.checks import BelowOne, NotNegative, Share
+from neurosym_jax.configuration import BelowOne, NotNegative, Share
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.training.groups import Groups, cuts
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.config import GeneratorConfig, from_json
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.configuration import from_json
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.report import further_metrics

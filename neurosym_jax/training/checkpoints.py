@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.config import FORMAT
+from neurosym_jax.configuration import FORMAT
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.runtime.files import new_folder
 from neurosym_jax.training.arrays import digest, read_arrays, write_arrays

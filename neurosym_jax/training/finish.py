@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 
-from neurosym_jax.config import FORMAT
+from neurosym_jax.configuration import FORMAT
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.runtime.environment import code_version

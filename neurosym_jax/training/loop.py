@@ -22,7 +22,7 @@ from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.models.pooling import POOLINGS
+from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.runtime.memory import refuse_beyond_memory

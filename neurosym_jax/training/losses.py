@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.checks import Count, Interval, NotNegative, Positive
+from neurosym_jax.configuration import Count, Interval, NotNegative, Positive
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.symbolic.qtc import qtc_c1

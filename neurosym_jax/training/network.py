@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.config_json import changed
+from neurosym_jax.configuration import changed
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.pooling import POOLINGS, pooling_names
+from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 

@@ -5,7 +5,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.config import GeneratorConfig, from_json
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import refuse_misfit

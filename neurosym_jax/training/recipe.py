@@ -2,11 +2,19 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar, Literal
+from typing import Literal
 
-from neurosym_jax.checks import BelowOne, Count, NotNegative, Positive, Seed, Whole, refuse_misfits
 from neurosym_jax.config import DiscriminatorConfig
-from neurosym_jax.config_json import changed
+from neurosym_jax.configuration import (
+    BelowOne,
+    Count,
+    NotNegative,
+    Positive,
+    Seed,
+    Whole,
+    changed,
+    refuse_misfits,
+)
 from neurosym_jax.training.augmentation import AugmentationOptions
 from neurosym_jax.training.losses import LossOptions, refuse_no_loss
 
@@ -42,7 +50,6 @@ class TrainConfig(LossOptions, AugmentationOptions):
     select_by: Literal["ade", "ade_fde"] = "ade_fde"
     """Joint validation error that the best state has least of."""
     discriminator: DiscriminatorConfig = dataclasses.field(default_factory=DiscriminatorConfig)
-    FORMER: ClassVar = {"shards": 1}
 
     def __post_init__(self):
         """Refuse, before any step, what would fail late or train nothing."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.config_json import from_json, to_json
+from neurosym_jax.configuration import from_json, to_json
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.training.recipe import TrainConfig

@@ -2,6 +2,7 @@ import hashlib
 import json
 import warnings
 from pathlib import Path
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.metrics import METRICS, Metric, register_metric
-from neurosym_jax.forecasting.kinds import FORECASTERS
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
@@ -291,8 +292,8 @@ def test_every_real_sample_of_thor(shared, options):
     assert all(row["scenes"] > 200 and 0.2 < row["joint"]["ade"] < 0.7 for row in rows)
 
 
+@mock.patch.dict(METRICS)
 def test_a_metric_of_a_plugin_is_in_the_table_and_the_rows(options, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(METRICS, "_things", dict(METRICS))
     plugin = tmp_path / "spread.py"
     plugin.write_text(
         "from neurosym_jax.evaluation.metrics import Metric, register_metric\n"
@@ -309,15 +310,15 @@ def test_a_metric_of_a_plugin_is_in_the_table_and_the_rows(options, tmp_path, ca
     assert "spread: of k" in out
 
 
+@mock.patch.dict(METRICS)
 def test_a_metric_that_is_not_finite_is_named(options, monkeypatch):
-    monkeypatch.setattr(METRICS, "_things", dict(METRICS))
     register_metric(Metric("odd", "odd", "", lambda forecast, future, valid: (jnp.inf, 1)))
     with pytest.raises(InputError, match="metric odd: is not finite for constant velocity on cr"):
         run(options(samples=3, dataset="cross-path"))
 
 
+@mock.patch.dict(FORECASTERS)
 def test_a_forecaster_of_a_plugin_is_a_baseline(options, tmp_path, monkeypatch):
-    monkeypatch.setattr(FORECASTERS, "_things", dict(FORECASTERS))
     plugin = tmp_path / "standing.py"
     plugin.write_text(
         "import dataclasses\n"

@@ -122,7 +122,7 @@ def test_a_format_of_ones_own(tmp_path):
         (tracks,) = read_any(tmp_path / "walk.csv", ReadOptions(format="pipes"))
     finally:
         for name in ("pipes", "twin"):
-            FORMATS._things.pop(name, None)
+            FORMATS.pop(name, None)
     with pytest.raises(InputError, match="unknown format 'pipes': there are"):
         read_any(tmp_path / "walk.csv", ReadOptions(format="pipes"))
 

@@ -65,5 +65,5 @@ def test_what_is_not_asked_for_is_not_computed():
     assert {"joint_ade", "collision_rate"} < set(names) < set(METRICS)
     assert metric_names(["crps"], costly=False) == (*metric_names(costly=False), "crps")
     assert metric_names(["all"]) == tuple(METRICS)
-    with pytest.raises(InputError, match="unknown metric 'crsp': there are"):
+    with pytest.raises(InputError, match="unknown metric 'crsp': did you mean 'crps'"):
         metric_names(["crsp"])

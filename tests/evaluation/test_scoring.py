@@ -1,3 +1,5 @@
+from unittest import mock
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -84,9 +86,8 @@ def test_deterministic_forecasts_have_one_sample():
 
 
 @pytest.fixture
-def own_metric(monkeypatch):
+def own_metric():
     """Registers a metric for the length of a test and scores constant velocity by it."""
-    monkeypatch.setattr(METRICS, "_things", dict(METRICS))
 
     def scored(compute):
         register_metric(Metric("own", "own metric", "m", compute))
@@ -95,7 +96,8 @@ def own_metric(monkeypatch):
             ConstantVelocity(8), (), batches, samples=1, seed=0, metrics=("own",)
         ).scores["own"]
 
-    return scored
+    with mock.patch.dict(METRICS):
+        yield scored
 
 
 def test_a_metric_of_a_scene_and_one_of_each_step(own_metric):

@@ -4,6 +4,7 @@ import ast
 import importlib.util
 import runpy
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -47,9 +48,9 @@ def test_weights_are_learned():
     assert 0.001 < change.max() < 0.02
 
 
+@mock.patch.dict(WEIGHTINGS)
 @pytest.mark.slow
 def test_a_weighting_of_ones_own_is_trained(monkeypatch):
-    monkeypatch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
     # The other is trained in the same way, and is the package's.
     assert example("own_weighting").main(steps=5, weightings=("nearness",)) != 1.0
 

@@ -1,6 +1,7 @@
 """A forecaster of one's own beside those of the package."""
 
 import dataclasses
+from unittest import mock
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,17 +10,18 @@ import pytest
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.kinds import FORECASTERS, Lengths, register_forecaster
+from neurosym_jax.forecasting.forecasters import FORECASTERS, register_forecaster
+from neurosym_jax.forecasting.kinds import Lengths
 from neurosym_jax.forecasting.model import Model, predict
 
 OBSERVED = np.random.default_rng(0).normal(size=(3, 8, 2))
 
 
 @pytest.fixture
-def registry(monkeypatch):
+def registry():
     """What a test registers is forgotten afterwards."""
-    list(FORECASTERS)
-    monkeypatch.setattr(FORECASTERS, "_things", dict(FORECASTERS._things))
+    with mock.patch.dict(FORECASTERS):
+        yield
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,7 @@ import dataclasses
 import json
 import shutil
 import subprocess
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +14,9 @@ from neurosym_jax.commands.convert import Options, run
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting import model_folder
-from neurosym_jax.forecasting.built_in_forecasters import _generator_shapes
 from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.kinds import FORECASTERS, Lengths, register_forecaster
+from neurosym_jax.forecasting.forecasters import FORECASTERS, _generator_shapes, register_forecaster
+from neurosym_jax.forecasting.kinds import Lengths
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import flat_parameters, nested_parameters
@@ -227,9 +228,9 @@ class OwnForecaster(Forecaster):
         return (scene.observed[:, -1, None] + steps)[None]
 
 
+@mock.patch.dict(FORECASTERS)
 def test_a_forecaster_of_ones_own(tmp_path, monkeypatch):
     list(FORECASTERS)
-    monkeypatch.setattr(FORECASTERS, "_things", dict(FORECASTERS._things))
     register_forecaster("own", lambda config: OwnForecaster(config.pred_len), config=Own)
     params = {"own": {"velocity": np.array([0.5, 0.0])}, "scale": np.float32(3)}
     save_model(tmp_path / "own", Model(Own(weights=(2.0, 3.0)), params, None, "own"))

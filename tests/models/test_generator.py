@@ -9,7 +9,7 @@ from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.hidden_pooling import HiddenPooling
 from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.lstm import Encoder
-from neurosym_jax.models.pooling import make_pooling
+from neurosym_jax.models.poolings import make_pooling
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models.hidden_pooling import HiddenPooling
-from neurosym_jax.models.pooling import make_pooling
+from neurosym_jax.models.poolings import make_pooling
 from neurosym_jax.models.social_pooling import SocialPooling
 
 RNG = np.random.default_rng(0)

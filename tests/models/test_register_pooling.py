@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -9,12 +10,13 @@ import numpy as np
 import pytest
 from flax import linen as nn
 
-from neurosym_jax.config import GeneratorConfig, from_json, to_json
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.configuration import from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models import Generator, register_pooling
-from neurosym_jax.models.pooling import POOLINGS, pooling_names
+from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.scene import make_scene
 from neurosym_jax.training.network import named_generator
 
@@ -38,10 +40,11 @@ class MeanPooling(nn.Module):
 
 
 @pytest.fixture
-def registered(monkeypatch):
-    monkeypatch.setattr(POOLINGS, "_things", dict(POOLINGS))
-    register_pooling("mean", MeanPooling, label="Mean", whole_observation=True)
-    register_pooling("weighted", MeanPooling, label="Weighted mean", symbolic=True)
+def registered():
+    with mock.patch.dict(POOLINGS):
+        register_pooling("mean", MeanPooling, label="Mean", whole_observation=True)
+        register_pooling("weighted", MeanPooling, label="Weighted mean", symbolic=True)
+        yield
 
 
 @pytest.mark.usefixtures("registered")

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
-from neurosym_jax.models.pooling import make_pooling
+from neurosym_jax.models.poolings import make_pooling
 from neurosym_jax.models.symbolic_pooling import IjcnnPooling, RosPooling, SymbolicPooling
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.weighting import make_weighting

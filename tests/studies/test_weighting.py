@@ -1,6 +1,7 @@
 """The study of weightings: its control, whom it calls interacting, and what its tests say."""
 
 import importlib
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -19,8 +20,7 @@ METRIC = "interacting joint_ade"
 @pytest.fixture(scope="module", autouse=True)
 def _weightings_of_the_study():
     """Registered for these tests alone."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
+    with mock.patch.dict(WEIGHTINGS):
         # Again, where it was imported before: these tests need not follow one another.
         importlib.import_module("studies.weighting.arms").register()
         yield

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from neurosym_jax.config import to_json
+from neurosym_jax.configuration import to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.report import FORMAT, write_json

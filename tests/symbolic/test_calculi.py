@@ -4,6 +4,7 @@ import functools
 import itertools
 import json
 from pathlib import Path
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -245,9 +246,9 @@ def test_soft_states_are_the_products_of_their_symbols():
             soft_symbols(calculus, np.zeros((2, 2)), np.zeros((2, 2)), temperature=0.1)
 
 
+@mock.patch.dict(CALCULI)
 def test_a_calculus_of_ones_own(monkeypatch):
     """Who is nearer to the origin: registered in one place, it has states, diagram and chains."""
-    monkeypatch.setattr(CALCULI, "_things", dict(CALCULI))
 
     def nearer(k, l, convention, thresholds):  # noqa: E741
         apart = jnp.linalg.norm(k, axis=-1) - jnp.linalg.norm(l, axis=-1)

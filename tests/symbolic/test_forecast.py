@@ -137,13 +137,13 @@ def test_an_event_of_ones_own_is_forecast_like_the_others():
         still = both(((0, 0), (0, 0)), ((0.5, 0), (0, 0)))
         assert float(symbolic_events(*still, events=(name,)).probability[0, 0, 1]) == 0.75
     finally:
-        EVENTS._things.pop(name)
+        EVENTS.pop(name)
     register_event("wrong", Event("gives no steps", lambda e: e.distance < 1))
     try:
         with pytest.raises(InputError, match=r"event wrong: bool \[..., 8\] is wanted"):
             symbolic_events(*still)
     finally:
-        EVENTS._things.pop("wrong")
+        EVENTS.pop("wrong")
 
 
 @pytest.mark.parametrize(

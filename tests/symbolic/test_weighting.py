@@ -1,4 +1,5 @@
 import functools
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -235,7 +236,7 @@ def test_integer_positions_give_real_weights():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kind": "cdn"}, r"'cdn': there are cnd, cnd_shipped, .*, shuffled \(--plugin"),
+        ({"kind": "cdn"}, r"'cdn': did you mean 'cnd'\? there are .*, shuffled \(--plugin"),
         ({"kind": "ones", "learned": True}, "'ones' has nothing to learn"),
         ({"quantisation_factor": -0.1}, "quantisation_factor must be at least 0"),
         (
@@ -255,8 +256,8 @@ def test_what_is_no_weighting(settings, message):
         WeightingConfig(**settings)
 
 
+@mock.patch.dict(WEIGHTINGS)
 def test_a_weighting_of_ones_own(monkeypatch):
-    monkeypatch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
 
     @register_weighting("nearness", reach=2.0)
     def nearness(positions, valid, reach):
@@ -276,8 +277,8 @@ def test_a_weighting_of_ones_own(monkeypatch):
             register_weighting(name)(nearness)
 
 
+@mock.patch.dict(WEIGHTINGS)
 def test_what_is_replaced_is_gone(monkeypatch):
-    monkeypatch.setattr(WEIGHTINGS, "_things", dict(WEIGHTINGS))
     register_weighting("constant")(lambda positions, valid: 0 * positions[:, None, :, 0] + 1)
     config, positions = WeightingConfig("constant"), walks(2)
     weigh = jax.jit(scene_alpha, static_argnums=0)

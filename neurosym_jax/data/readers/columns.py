@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.format import Format
 from neurosym_jax.data.reading import AS_IT_SAYS, METRES, ReadOptions
 from neurosym_jax.data.rows import People, assemble, frame_step, refuse_unwhole
 from neurosym_jax.data.tables import read_table
@@ -24,7 +24,7 @@ from neurosym_jax.data.text import number
 from neurosym_jax.data.tracks import LATE, PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["Columns", "names_tracks", "parse_columns", "read_columns"]
+__all__ = ["FORMATS", "Columns", "names_tracks", "parse_columns", "read_columns"]
 
 _USUAL = {
     "time": ("", "time", "t", "timestamp", "stamp", "ts", "datetime"),
@@ -238,9 +238,8 @@ def _moment(path: Path, row: int, value: Any) -> float:
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
-register_format(
-    "columns",
-    Format(
+FORMATS = {
+    "columns": Format(
         "table with named columns",
         lambda head: head.named,
         lambda path, how, period: [read_columns(path, how, period)],
@@ -253,4 +252,4 @@ register_format(
             and not names_tracks(head.first.split(","))
         ),
     ),
-)
+}

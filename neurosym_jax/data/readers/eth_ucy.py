@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.format import Format
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.rows import (
     assemble,
@@ -22,6 +22,7 @@ from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
 __all__ = [
+    "FORMATS",
     "SCENES",
     "is_eth_ucy",
     "read_obsmat",
@@ -143,25 +144,21 @@ def _read_text(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
 
 _PAIRS = 20  # points that follow on another, from which on they tell an order of columns
 
-register_format(
-    "obsmat",
-    Format(
+FORMATS = {
+    "obsmat": Format(
         "ETH's obsmat (`frame id x z y vx vz vy`)",
         _is_obsmat,
         lambda path, how, period: [read_obsmat(path, period, how.stride_of(path, period))],
         uses=frozenset({"stride", "fps"}),
     ),
-)
-register_format(
-    "text",
-    Format(
+    "text": Format(
         "rows of `frame ped x y`",
         lambda head: not head.named,
         _read_text,
         uses=frozenset({"unit", "stride", "fps"}),
         general=True,
     ),
-)
+}
 
 
 def is_eth_ucy(folder: Path) -> bool:

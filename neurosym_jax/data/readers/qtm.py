@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.format import Format
 from neurosym_jax.data.rows import assemble
 from neurosym_jax.data.text import Head, number, read_lines, read_number
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["HELMETS", "ROBOTS", "read_qtm"]
+__all__ = ["FORMATS", "HELMETS", "ROBOTS", "read_qtm"]
 
 HELMETS = r"Helmet_(\d+)"
 """The bodies that are people; the group is the id."""
@@ -185,7 +185,6 @@ def _is_qtm(head: Head) -> bool:
     )
 
 
-register_format(
-    "qtm",
-    Format("QTM export (THÖR, THÖR-MAGNI)", _is_qtm, lambda path, *_: [read_qtm(path)]),
-)
+FORMATS = {
+    "qtm": Format("QTM export (THÖR, THÖR-MAGNI)", _is_qtm, lambda path, *_: [read_qtm(path)]),
+}

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.format import Format
 from neurosym_jax.data.rows import (
     People,
     assemble,
@@ -26,7 +26,7 @@ from neurosym_jax.data.text import Head, read_number
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["TRACKLET_COLUMNS", "read_cliff", "read_tracklets"]
+__all__ = ["FORMATS", "TRACKLET_COLUMNS", "read_cliff", "read_tracklets"]
 
 TRACKLET_COLUMNS = ("Time", "x", "y", "tracklet_id", "ag_id")
 
@@ -131,19 +131,15 @@ def _is_cliff(head: Head) -> bool:
     return error(polar) < 0.4 * np.abs(moved).sum() and error(polar) < 0.5 * error(rows[:, 4:])
 
 
-register_format(
-    "tracklets",
-    Format(
+FORMATS = {
+    "tracklets": Format(
         "THÖR-MAGNI tracklets",
         lambda head: set(TRACKLET_COLUMNS) <= {name.strip() for name in head.first.split(",")},
         lambda path, *_: read_tracklets(path),
     ),
-)
-register_format(
-    "cliff",
-    Format(
+    "cliff": Format(
         f"CLiFF-LHMP tracks (`{','.join(_CLIFF)}`)",
         _is_cliff,
         lambda path, *_: [read_cliff(path)],
     ),
-)
+}

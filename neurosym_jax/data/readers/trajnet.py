@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data.format import Format
 from neurosym_jax.data.rows import People, assemble, frame_step
 from neurosym_jax.data.text import Head, decode_json, number, read_lines
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["read_trajnet"]
+__all__ = ["FORMATS", "read_trajnet"]
 
 FPS = 2.5
 """Frames a second where no scene row says."""
@@ -105,12 +105,11 @@ def _is_trajnet(head: Head) -> bool:
     return isinstance(row, dict) and row.keys() in ({"track"}, {"scene"})
 
 
-register_format(
-    "trajnet",
-    Format(
+FORMATS = {
+    "trajnet": Format(
         "TrajNet++",
         _is_trajnet,
         lambda path, how, _: [read_trajnet(path, how.stride_of(path))],
         uses=frozenset({"stride"}),
     ),
-)
+}

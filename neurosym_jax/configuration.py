@@ -1,0 +1,295 @@
+"""Configurations: frozen dataclasses whose values are checked, and their forms in JSON and text.
+
+A configuration inherits from `Checked`; its annotations say what its values can be, with ranges
+(`Count`, `Positive`, ...). A field annotated `Annotated[Base, TABLE]`, where TABLE is a `Registry`
+of classes, holds a component, an instance of one of them: in JSON `{"kind": NAME, **options}`, in
+text `NAME[,OPTION=VALUE...]`.
+"""
+
+import dataclasses
+import functools
+import json
+import math
+import types
+import typing
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal, TypeVar
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.registry import Registry
+
+__all__ = [
+    "FORMAT",
+    "BelowOne",
+    "Checked",
+    "Count",
+    "Interval",
+    "NotNegative",
+    "Positive",
+    "Rule",
+    "Seed",
+    "Share",
+    "Whole",
+    "changed",
+    "component_from_text",
+    "component_text",
+    "from_json",
+    "parse_json",
+    "refuse_below",
+    "refuse_misfits",
+    "refuse_seed",
+    "to_json",
+]
+
+FORMAT = 1
+
+Config = TypeVar("Config")
+
+
+@dataclasses.dataclass(frozen=True)
+class Rule:
+    """A condition on the values of an annotated type."""
+
+    words: str
+    """What a value must do, such as `be positive`."""
+    holds: Callable[[Any], bool]
+
+
+Count = Annotated[int, Rule("be at least 1", lambda value: value >= 1)]
+Seed = Annotated[int, Rule("lie in [0, 2**32)", lambda value: 0 <= value < 2**32)]
+Whole = Annotated[int, Rule("be at least 0", lambda value: value >= 0)]
+NotNegative = Annotated[float, Rule("be at least 0", lambda value: value >= 0)]
+Positive = Annotated[float, Rule("be positive", lambda value: value > 0)]
+Share = Annotated[float, Rule("lie in [0, 1]", lambda value: 0 <= value <= 1)]
+BelowOne = Annotated[float, Rule("lie in [0, 1)", lambda value: 0 <= value < 1)]
+Interval = Annotated[tuple[float, float], Rule("be low, high", lambda value: value[0] <= value[1])]
+
+_WORDS: dict[Any, str] = {
+    bool: "be true or false",
+    int: "be a whole number",
+    float: "be a finite number",
+    str: "be text",
+    type(None): "be null",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Checked:
+    """A dataclass that refuses values which its annotations do not allow."""
+
+    def __post_init__(self):
+        """Check every field; a subclass with further conditions calls this first.
+
+        Raises:
+            InputError: naming the first field that does not fit.
+        """
+        refuse_misfits(self)
+
+
+def refuse_misfits(config: Any) -> None:
+    """Refuse a dataclass with a value that its annotation does not allow.
+
+    Raises:
+        InputError: naming the first such field, its value and what it must be.
+    """
+    for name, hint in _hints(type(config)).items():
+        value = getattr(config, name)
+        if wanted := _misfit(value, hint):
+            raise InputError(f"{name} must {wanted}, not {value!r}")
+
+
+def refuse_below(lowest: float, values: Mapping[str, float | None]) -> None:
+    """Refuse, with an InputError, values below `lowest` or not finite; None means not given."""
+    for name, value in values.items():
+        if value is not None and not lowest <= value < math.inf:
+            raise InputError(f"{name} must be at least {lowest:g}, not {value}")
+
+
+def refuse_seed(seed: int, name: str = "seed") -> None:
+    """Refuse a seed outside [0, 2**32), which JAX would silently wrap, with an InputError."""
+    if wanted := _misfit(seed, Seed):
+        raise InputError(f"{name} must {wanted}, not {seed}")
+
+
+def to_json(config: Any) -> dict[str, Any]:
+    """The plain dictionary form of a configuration, with its format version."""
+    return {"format": FORMAT, **_plain(config)}
+
+
+def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "config") -> Config:
+    """Build `cls` from its JSON form (a dictionary or text).
+
+    Raises:
+        InputError: naming `source`, for an unknown format or field, or a value that does not fit.
+    """
+    given: Any = parse_json(data, source) if isinstance(data, str) else data
+    if not isinstance(given, dict):
+        raise InputError(f"{source}: not a JSON object")
+    fields = dict(given)
+    version = fields.pop("format", None)
+    if version != FORMAT:
+        raise InputError(f"{source}: format {version!r} is not the format {FORMAT} of this version")
+    return _build(cls, fields, source)
+
+
+def parse_json(text: str | bytes, source: str) -> Any:
+    """The value of JSON text.
+
+    Raises:
+        InputError: naming `source`, for other text and for an object with the same key twice.
+    """
+
+    def fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        for key, count in Counter(key for key, _ in pairs).items():
+            if count > 1:
+                raise InputError(f"{source}: the key {key!r} stands twice")
+        return dict(pairs)
+
+    try:
+        return json.loads(text, object_pairs_hook=fields)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source}: not JSON ({error})") from None
+
+
+def changed(config: Config, changes: Sequence[str], option: str, source: str) -> Config:
+    """`config` with each NAME=VALUE of `changes`, a value as JSON or as text.
+
+    `pooling=encounter,hidden_dim=16` replaces a component, `pooling.hidden_dim=16` changes an
+    option of it. Changes are made in order, and checked together.
+
+    Raises:
+        InputError: naming `option` for an unknown NAME, `source` for a value that does not fit.
+    """
+    fields, hints = _plain(config), _hints(type(config))
+    for change in changes:
+        path, equals, text = change.partition("=")
+        name, _, inner = path.partition(".")
+        table = _table(hints.get(name))
+        node, key = (fields.get(name), inner) if inner else (fields, name)
+        if not equals or not isinstance(node, dict) or key not in node or inner == "kind":
+            own = (
+                [f"{name}.{option}" for option in node] if inner and isinstance(node, dict) else []
+            )
+            known = ", ".join([*fields, *own])
+            raise InputError(f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}")
+        value = _value(text)
+        if table is not None and not inner and isinstance(value, str):
+            value = _plain(component_from_text(value, table, source), table)
+        node[key] = value
+    return _build(type(config), fields, source)
+
+
+def component_from_text(text: str, table: Registry[Any], source: str) -> Any:
+    """The component of this text, `NAME[,FIELD=VALUE...]`.
+
+    Raises:
+        InputError: naming `source`, for an unknown name or field, or a value that does not fit.
+    """
+    name, *changes = text.split(",")
+    options = [change.partition("=") for change in changes]
+    fields = {field: _value(text) for field, _, text in options}
+    return _component({"kind": name, **fields}, table, source)
+
+
+def component_text(component: Any, table: Registry[Any]) -> str:
+    """The name of a component and its options that differ from their defaults."""
+    cls = type(component)
+    usual, fields = _plain(cls()), _plain(component)
+    options = [
+        f"{name}={value if isinstance(value, str) else json.dumps(value)}"
+        for name, value in fields.items()
+        if value != usual[name]
+    ]
+    return ",".join([table.name_of(cls), *options])
+
+
+def _plain(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:
+    fields = {} if table is None else {"kind": table.name_of(type(config))}
+    for name, hint in _hints(type(config)).items():
+        value = getattr(config, name)
+        fields[name] = _plain(value, _table(hint)) if dataclasses.is_dataclass(value) else value
+    return fields
+
+
+def _build(cls: Any, fields: Mapping[str, Any], source: str) -> Any:
+    hints = _hints(cls)
+    for name in fields:
+        if name not in hints:
+            raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
+    values = {name: _inner(fields[name], hints[name], f"{source}: {name}") for name in fields}
+    try:
+        return cls(**values)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+
+
+def _inner(value: Any, hint: Any, source: str) -> Any:
+    table = _table(hint)
+    inner = [each for each in _parts(hint) if isinstance(each, type)]
+    config = next(filter(dataclasses.is_dataclass, inner), None)
+    if table is not None and isinstance(value, str):
+        return component_from_text(value, table, source)
+    if table is not None and isinstance(value, dict):
+        return _component(value, table, source)
+    if config is not None and isinstance(value, dict):
+        return _build(config, value, source)
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _component(fields: Mapping[str, Any], table: Registry[Any], source: str) -> Any:
+    options = dict(fields)
+    kind = options.pop("kind", None)
+    try:
+        cls = table[str(kind)]
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    return _build(cls, options, source)
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text
+
+
+def _parts(hint: Any) -> Iterator[Any]:
+    """An annotation, and the types, rules and tables within it."""
+    yield hint
+    for part in typing.get_args(hint):
+        yield from _parts(part)
+
+
+def _table(hint: Any) -> Registry[Any] | None:
+    return next((part for part in _parts(hint) if isinstance(part, Registry)), None)
+
+
+@functools.cache
+def _hints(config: type) -> dict[str, Any]:
+    hints = typing.get_type_hints(config, include_extras=True)
+    return {field.name: hints[field.name] for field in dataclasses.fields(config)}
+
+
+def _misfit(value: Any, hint: Any) -> str:
+    """What `value` would have to do to fit `hint`, in words; empty if it fits."""
+    origin, of = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        rules = (rule for rule in of[1:] if isinstance(rule, Rule))
+        broken = (rule.words for rule in rules if not rule.holds(value))
+        return _misfit(value, of[0]) or next(broken, "")
+    if origin is Literal:
+        return "" if value in of else f"be one of {', '.join(of)}"
+    if origin in (typing.Union, types.UnionType):
+        wanted = [_misfit(value, option) for option in of]
+        return " or ".join(wanted) if all(wanted) else ""
+    if origin is tuple:
+        fits = isinstance(value, tuple) and len(value) == len(of)
+        wrong = [_misfit(part, kind) for part, kind in zip(value, of)] if fits else [""]
+        return "" if fits and not any(wrong) else f"be {len(of)} finite numbers"
+    if hint in (int, float):
+        number = isinstance(value, int | hint) and not isinstance(value, bool)
+        return "" if number and math.isfinite(value) else _WORDS[hint]
+    return "" if isinstance(value, hint) else _WORDS.get(hint, f"be a {hint.__name__}")
