@@ -5,6 +5,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
+from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.errors import InputError, TrainingError
@@ -54,8 +55,8 @@ def poison_after(monkeypatch, step):
 def leaves(folder):
     """Every leaf of the final state and of the model."""
     final = max((folder / "checkpoints").glob("step_*"))
-    state = json.loads((final / "step.json").read_text())["content"]["sha256"]
-    return state, [
+    arrays = ocp.load(str(final / "state"))
+    return {name: array.tobytes() for name, array in arrays.items()}, [
         np.asarray(leaf) for leaf in jax.tree.leaves(load_model(folder / "model").params)
     ]
 
