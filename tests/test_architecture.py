@@ -23,7 +23,7 @@ ON_DEMAND = {"distributed", "matplotlib", "orbax", "rclpy", "rosbags", "safetens
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
 WAY_OF_THE_DATA = ("data", "symbolic", "models", "forecasting", "evaluation")
 """None imports one to its right."""
-AROUND = {"commands", "dashboard", "online", "ros", "sweeps", "tracking", "training"}
+AROUND = {"commands", "dashboard", "online", "ros", "tracking", "training"}
 """Built on the way of the data, which knows none of them."""
 
 OLD_MODELS = ("forecasting/model_folder.py", "neurosym_jax.training.old_models")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import tyro
 
-from neurosym_jax.sweeps.report import write_report
+from neurosym_jax.training.sweep_report import write_report
 
 __all__ = ["Options", "run"]
 
@@ -16,8 +16,8 @@ class Options:
 
     sweep: tyro.conf.Positional[Path]
     """Folder of the sweep."""
-    against: tuple[str, ...] = ("ones", "SGAN")
-    """The references: weightings, or SGAN."""
+    against: tuple[str, ...] = ()
+    """References, by title or weighting; default: `ones` and SGAN, where the sweep has them."""
     pred_len: int | None = None
     """Steps forecast, where the sweep has several."""
     out: Path | None = None
@@ -28,6 +28,6 @@ def run(options: Options) -> None:
     """Write and print the report that `options` ask for.
 
     Raises:
-        InputError: see `sweeps.write_report`.
+        InputError: see `training.sweep_report.write_report`.
     """
     print(write_report(options.sweep, options.against, pred_len=options.pred_len, out=options.out))

@@ -6,34 +6,36 @@ from typing import Annotated, Literal
 
 import tyro
 
-from neurosym_jax.sweeps.runs import plan_runs
-from neurosym_jax.sweeps.sweep import plan_of, run_sweep
+from neurosym_jax.training.sweep import run_sweep
+from neurosym_jax.training.sweep_plan import plan_runs
 
 __all__ = ["Options", "run"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Train every model on every dataset with every seed, test them, and make one table."""
+    """Train every model on every data set with every seed, test them, and make one table."""
 
     models: tuple[str, ...] = ("sgan", "neurosym")
     """sgan, neurosym (as described), neurosym_ros, or any other pooling's name."""
     datasets: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scenes"])] = ()
-    """To leave out of training and test on; default: all that the data has."""
-    seeds: int = 3
-    """Seeds 0 to N-1."""
+    """Data sets to leave out of training and test on; default: all that the data has."""
+    seeds: tuple[int, ...] = (0, 1, 2)
+    """Random seeds, a training each."""
     obs_len: int = 8
     """Observed steps."""
     pred_lens: tuple[int, ...] = (8,)
     """Steps to forecast, a model each."""
     weightings: tuple[str, ...] = ("cnd",)
-    """Of NeuroSyM, a model each; as train's --weighting."""
+    """Weightings of NeuroSyM, a model each; see train's --weighting."""
     recipe: Literal["ours", "sgan"] = "ours"
-    """How they are trained, see docs/training.md."""
+    """How the models are trained, see docs/training.md."""
     steps: int | None = None
     """Generator steps; default: the recipe's."""
     set: tuple[str, ...] = ()
     """Changes to the recipe, NAME=VALUE."""
+    network: tuple[str, ...] = ()
+    """Changes to the networks, NAME=VALUE."""
     data: Path | None = None
     """ETH/UCY as SGAN arranges it; default: the embedded simulations."""
     out: Path = Path("runs/sweep")
@@ -41,9 +43,9 @@ class Options:
     jobs: int | None = None
     """Trainings at once; default: one for each core."""
     cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """A Dask scheduler whose workers train and test, and see this folder; docs/scaling.md."""
+    """Dask scheduler whose workers train and see this folder, see docs/scaling.md."""
     dry_run: bool = False
-    """Train nothing: list the runs, and say how long they will take."""
+    """List the runs and which of them are finished; train nothing."""
 
 
 def run(options: Options) -> int:
@@ -63,10 +65,12 @@ def run(options: Options) -> int:
         recipe=options.recipe,
         steps=options.steps,
         changes=options.set,
+        network=options.network,
         data=options.data,
     )
     if options.dry_run:
-        print(plan_of(runs, options.jobs))
+        for one in runs:
+            print(f"{'finished' if one.finished() else 'left    '}  {one.folder}")
         return 0
     where = {"jobs": options.jobs, "cluster": options.cluster}
     return run_sweep(runs, options.out, data=options.data, **where)

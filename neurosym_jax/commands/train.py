@@ -36,16 +36,15 @@ class Options:
     """Train a model: `python train.py` alone does so on the embedded simulations."""
 
     model: Literal["sgan", "neurosym"] = "sgan"
-    """SGAN with pooling, or NeuroSyM."""
-    variant: str = "as_described"
-    """Of NeuroSyM: as_described, neurosym_ros, encounter, or what a plugin registers."""
-    weighting: str = "cnd"
-    """Of NeuroSyM: KIND[,FIELD=VALUE...], see docs/weightings.md; MODULE:KIND for one's own."""
-    pooling: str = "pool_net"
-    """Of SGAN: none, pool_net, social, or what a plugin registers."""
+    """SGAN, or NeuroSyM, which weights pairs of people by symbols."""
+    pooling: str | None = None
+    """Of SGAN pool_net (default), none or social; of NeuroSyM as_described (default), neurosym_ros
+    or encounter; or one that a plugin registers."""
+    weighting: str | None = None
+    """Weighting of NeuroSyM, KIND[,FIELD=VALUE...], see docs/weightings.md (default: cnd)."""
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--scene"])] = None
-    """The one of ETH/UCY left out of training (eth, hotel, ...), or `elsewhere`: none is, for other
-    people than these; of the simulations, the one trained on (default: all of them)."""
+    """Data set to leave out of training (eth, hotel, ...); `elsewhere` trains on all of ETH/UCY. Of
+    the simulations, the one to train on (default: all of them)."""
     obs_len: int = 8
     """Observed steps."""
     pred_len: int = 8
@@ -53,9 +52,9 @@ class Options:
     period: float = 0.4
     """Seconds between steps; recordings that have others are resampled."""
     recipe: Literal["ours", "sgan"] = "ours"
-    """How it is trained, see docs/training.md."""
+    """How the model is trained, see docs/training.md."""
     seed: int = 0
-    """Of initialisation, order of scenes, augmentation and noise."""
+    """Random seed for initialisation, data order, augmentation and noise."""
     steps: int | None = None
     """Generator steps; default: the recipe's."""
     set: tuple[str, ...] = ()
@@ -63,14 +62,14 @@ class Options:
     network: tuple[str, ...] = ()
     """Changes to the network, NAME=VALUE, such as noise_type=fixed or encoder_h_dim=48."""
     data: Path | None = None
-    """ETH/UCY as SGAN arranges it, or a folder of recordings; default: what was downloaded and has
-    the dataset, else the embedded simulations."""
+    """ETH/UCY as SGAN arranges it, or a folder of recordings; default: the download that has the
+    data set, else the embedded simulations."""
     train_on: tuple[str, ...] = ()
-    """Recordings by file name to train on, instead of a leave-one-out split."""
+    """Recordings to train on, by file name, instead of a leave-one-out split."""
     validate_on: tuple[str, ...] = ()
-    """Recordings by file name to validate on; needed with --train-on."""
+    """Recordings to validate on, by file name; needed with --train-on."""
     train_also: tuple[Path, ...] = ()
-    """Recordings to train on besides, each a file or a folder of them."""
+    """Additional recordings to train on, each a file or a folder of them."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How files are read."""
     out: Path | None = None
@@ -118,7 +117,6 @@ def make_run(options: Options) -> Run:
     generator = named_generator(
         options.model,
         pooling=options.pooling,
-        variant=options.variant,
         weighting=options.weighting,
         obs_len=options.obs_len,
         pred_len=options.pred_len,

@@ -1,4 +1,4 @@
-"""The generator that a model asked for by name stands for, with the published sizes."""
+"""Generators by name, with the published sizes."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -10,15 +10,18 @@ from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 
-__all__ = ["model_name", "named_generator", "named_weighting"]
+__all__ = ["POOLING_OF", "model_name", "named_generator", "named_weighting"]
+
+
+POOLING_OF = {"sgan": "pool_net", "neurosym": "as_described"}
+"""The pooling that each model has in its paper."""
 
 
 def named_generator(
     model: str = "sgan",
     *,
-    pooling: str = "pool_net",
-    variant: str = "as_described",
-    weighting: str = "cnd",
+    pooling: str | None = None,
+    weighting: str | None = None,
     obs_len: int = 8,
     pred_len: int = 8,
     changes: Sequence[str] = (),
@@ -27,26 +30,27 @@ def named_generator(
 
     Args:
         model: one of the two.
-        pooling: of SGAN, a registered one.
-        variant: of NeuroSyM, a registered pooling that takes weights.
-        weighting: of NeuroSyM, see `named_weighting`.
+        pooling: a registered one, that takes weights for NeuroSyM; default: the paper's.
+        weighting: of NeuroSyM, see `named_weighting`; default: `cnd`.
         obs_len: observed steps.
         pred_len: steps to forecast.
         changes: of the published sizes, each NAME=VALUE of a field of `GeneratorConfig`.
 
     Raises:
-        InputError: for an unknown pooling or weighting, or a change that does not fit.
+        InputError: for an unknown pooling or weighting, one that the model cannot have, or a change
+            that does not fit.
     """
     symbolic = model == "neurosym"
-    name = variant if symbolic else pooling
+    name = pooling or POOLING_OF[model]
     known = pooling_names(symbolic=symbolic)
-    if name not in known:
-        option = "variant" if symbolic else "pooling"
-        raise InputError(f"--{option} {name}: {model} has {', '.join(known)}")
+    if POOLINGS[name].symbolic != symbolic or name not in known:
+        raise InputError(f"--pooling {name}: {model} has {', '.join(known)}")
+    if weighting is not None and not symbolic:
+        raise InputError(f"--weighting {weighting}: {model} weights no pairs; neurosym does")
     config = GeneratorConfig(obs_len=obs_len, pred_len=pred_len)
     if POOLINGS[name].returns_hidden:
         config = dataclasses.replace(config, bottleneck_dim=config.encoder_h_dim)
-    weights = named_weighting(weighting) if symbolic else None
+    weights = named_weighting(weighting or "cnd") if symbolic else None
     config = dataclasses.replace(config, pooling=name, weighting=weights)
     return changed(config, changes, "--network", "network")
 
@@ -64,7 +68,7 @@ def named_weighting(text: str) -> WeightingConfig:
 
 
 def model_name(config: GeneratorConfig) -> str:
-    """What tells models apart that are trained on the same data."""
+    """A name that tells apart models trained on the same data."""
     if config.weighting is None:
         return f"sgan_{config.pooling}"
     return f"neurosym_{config.pooling.removeprefix('neurosym_')}_{config.weighting.name}"

@@ -30,11 +30,24 @@ def test_changes():
         named_generator(changes=["beside_velocity=true"])
 
 
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ({"weighting": "cnd"}, "--weighting cnd: sgan weights no pairs; neurosym does"),
+        ({"pooling": "encounter"}, "--pooling encounter: sgan has none, pool_net, social"),
+        ({"model": "neurosym", "pooling": "none"}, "--pooling none: neurosym has as_described"),
+    ],
+)
+def test_what_a_model_cannot_have_is_refused(named, message):
+    with pytest.raises(InputError, match=message):
+        named_generator(**named)
+
+
 def test_names():
     assert model_name(named_generator(pooling="none")) == "sgan_none"
     coarse = named_generator("neurosym", weighting="quantised,quantisation_factor=0.05")
     assert model_name(coarse) == "neurosym_as_described_quantised"
-    assert model_name(named_generator("neurosym", variant="neurosym_ros")) == "neurosym_ros_cnd"
+    assert model_name(named_generator("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
 
 
 def test_weightings(tmp_path, monkeypatch):

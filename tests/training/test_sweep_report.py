@@ -9,20 +9,17 @@ from neurosym_jax.configuration import to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.evaluation.report import FORMAT, write_json
-from neurosym_jax.sweeps import report as module
-from neurosym_jax.sweeps.errors import write_errors
-from neurosym_jax.sweeps.report import write_report
 from neurosym_jax.training.recipe import RECIPES
+from neurosym_jax.training.sweep import write_errors
+from neurosym_jax.training.sweep_report import write_report
 
 METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
 BETTER = {"SGAN": 0.0, "NeuroSyM, ones": 0.01, "NeuroSyM, cnd": 0.1}
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path):
     """A sweep of three models of which one is 9 cm better than the others, on two test sets."""
-    changes = {"learned": {"eth": [[0.1, 0.2, 0.4], [0.2, 0.4, 0.8], [0.1, 0.2, 0.4]]}}
-    monkeypatch.setattr(module, "learned_changes", lambda rows: changes)
     draw = np.random.default_rng(0)
     rows, errors = [], []
     for model, better in BETTER.items():
@@ -47,8 +44,6 @@ def folder(tmp_path, monkeypatch):
                         "joint": {"ade": mean[0], "fde": mean[1]},
                         "marginal": {"ade": mean[2], "fde": mean[3]},
                         "run": {
-                            "model": "sgan" if model == "SGAN" else "as_described",
-                            "weighting": None if model == "SGAN" else model[10:],
                             "recipe": "ours",
                             "training": to_json(
                                 dataclasses.replace(RECIPES["ours"], seed=seed, steps=600)
@@ -67,32 +62,28 @@ def folder(tmp_path, monkeypatch):
 def test_what_is_better_is_called_so(folder):
     write_report(folder, out=folder / "ablation.md")
     text = (folder / "ablation.md").read_text()
-    assert "18 runs of one budget: recipe `ours` with `steps=600`, 8 steps observed" in text
-    assert "3 seeds. Tested on eth (70 windows), zara1 (160 windows), best of 20" in text
-    _, to_ones, to_sgan = text.split("Difference to `")
-    assert "\n| cnd | **−0.09" in to_ones
+    assert "18 runs, 3 seeds, recipe `ours`." in text
+    _, to_sgan, to_ones = text.split("Difference to ")
+    assert "\n| NeuroSyM, cnd | **−0.09" in to_ones
     assert "\n| SGAN | **+0.0" in to_ones
-    assert "4 are told to be better" in to_ones
-    assert "--weightings ones cnd" in text
-    assert "--set steps=600" in text
-    assert "`cnd` is better than `SGAN` on zara1 in marginal FDE" in to_sgan
+    assert to_sgan.startswith("SGAN, mean over test sets")
+    assert "Of the 32 comparisons on single test sets," in text
     assert "constant velocity" not in text
-    assert "| learned | eth | +0.311 | 0.166 | +1.00 |" in text
     with (folder / "ablation.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * 2 * 3 * 4
-    (row,) = (
-        row
-        for row in rows
-        if (row["reference"], row["model"], row["test_set"], row["metric"])
-        == ("ones", "cnd", "mean", "joint_ade")
-    )
+    wanted = ("NeuroSyM, ones", "NeuroSyM, cnd", "mean", "joint_ade")
+    names = ("reference", "model", "test_set", "metric")
+    (row,) = (row for row in rows if tuple(row[name] for name in names) == wanted)
     assert float(row["low_95"]) < float(row["difference"]) < float(row["high_95"]) < 0
-    assert (row["seeds_better"], row["seeds"]) == ("3", "3")
+    assert row["seeds"] == "3"
     data = json.loads((folder / "ablation.json").read_text())
-    whole = {(one["model"], one["reference"]): one for one in data["comparisons"]}
-    found = whole["cnd", "ones"]
-    assert found["scene"] == "mean"
+    assert data["training"]["steps"] == 600
+    (found,) = (
+        one
+        for one in data["compared"]
+        if (one["reference"], one["model"], one["scene"]) == wanted[:3]
+    )
     assert found["joint_ade"]["difference"] == pytest.approx(-0.09, abs=0.01)
     low, high = found["joint_ade"]["both"]
     assert low < -0.09 < high < -0.05
@@ -100,16 +91,17 @@ def test_what_is_better_is_called_so(folder):
     assert (folder / "ablation.png").stat().st_size > 10_000
 
 
-def test_a_sweep_of_an_earlier_version_keeps_its_recipe(folder):
+def test_the_reference(folder):
+    against_cnd = write_report(folder, against=("cnd",))
+    assert "minus NeuroSyM, cnd" in against_cnd
+    assert "minus SGAN" not in against_cnd
     path = folder / "sweep.json"
     data = json.loads(path.read_text())
     for row in data["rows"]:
-        if row["run"]:
-            row["run"]["training"] |= {"rotate": True}
-            del row["run"]["training"]["jitter"]
+        row["model"] = {"SGAN": "a", "NeuroSyM, ones": "b"}.get(row["model"], row["model"])
     path.write_text(json.dumps(data))
-    write_report(folder)
-    assert "--set rotate=true jitter=0.0 steps=600\n" in (folder / "report.md").read_text()
+    with pytest.raises(InputError, match="--against names the reference; there are a; b; NeuroSyM"):
+        write_report(folder)
 
 
 def test_runs_that_are_not_alike_are_not_compared(folder):
@@ -126,7 +118,7 @@ def test_runs_that_are_not_alike_are_not_compared(folder):
 
 
 def test_what_is_not_there(folder, tmp_path_factory):
-    with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN, ones, cnd"):
+    with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN; NeuroSyM"):
         write_report(folder, against=("soft",))
     with pytest.raises(InputError, match=r"must end in \.md"):
         write_report(folder, out=folder / "r.txt")

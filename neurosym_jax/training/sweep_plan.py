@@ -1,4 +1,4 @@
-"""The runs of a sweep: every model on every dataset with every seed, each a command."""
+"""The runs of a sweep: every model on every data set with every seed, each a `neurosym train`."""
 
 import dataclasses
 import json
@@ -13,14 +13,10 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.finish import RUN
-from neurosym_jax.training.network import model_name, named_generator
+from neurosym_jax.training.network import POOLING_OF, model_name, named_generator
 from neurosym_jax.training.recipe import TrainConfig, make_recipe
-from neurosym_jax.training.run import record_of_today
 
 __all__ = ["SweepRun", "plan_runs"]
-
-POOLING_OF = {"sgan": "pool_net", "neurosym": "as_described"}
-"""Models that have a name besides their pooling's."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,8 +26,6 @@ class SweepRun:
     generator: GeneratorConfig
     recipe: TrainConfig
     recipe_name: str
-    weighting: str | None
-    """As it was asked for."""
     dataset: str
     folder: Path
     arguments: tuple[str, ...]
@@ -39,11 +33,11 @@ class SweepRun:
 
     @property
     def model(self) -> Path:
-        """The folder of its model, where it is finished."""
+        """The folder of its model, which is there once the run is finished."""
         return self.folder / "model"
 
     def facts(self) -> dict[str, Any]:
-        """What `run.json` of the finished run holds.
+        """The content of `run.json` of the finished run.
 
         Raises:
             InputError: where it cannot be read.
@@ -57,11 +51,11 @@ class SweepRun:
         """Whether the run has its model.
 
         Raises:
-            InputError: where it is that of another network or recipe than the sweep's.
+            InputError: where the model has another network or recipe than the sweep's.
         """
         if not self.model.is_dir() or not (self.folder / RUN).is_file():
             return False
-        facts = record_of_today(self.facts(), self.folder / RUN)
+        facts = self.facts()
         wanted = {"generator": to_json(self.generator), "training": to_json(self.recipe)}
         for part, fields in json.loads(json.dumps(wanted)).items():
             for name, value in fields.items():
@@ -73,11 +67,8 @@ class SweepRun:
         return True
 
     def to_json(self) -> dict[str, Any]:
-        """What a row of `sweep.json` says of the run."""
-        pooling = self.generator.pooling
+        """The run as a row of `sweep.json` holds it."""
         return {
-            "model": "sgan" if pooling == POOLING_OF["sgan"] else pooling,
-            "weighting": self.weighting,
             "recipe": self.recipe_name,
             "training": to_json(self.recipe),
             "seed": self.recipe.seed,
@@ -91,69 +82,74 @@ def plan_runs(
     models: Sequence[str],
     weightings: Sequence[str],
     datasets: Sequence[str] = (),
-    seeds: int = 1,
+    seeds: Sequence[int] = (0,),
     obs_len: int = 8,
     pred_lens: Sequence[int] = (8,),
     recipe: str = "ours",
     steps: int | None = None,
     changes: Sequence[str] = (),
+    network: Sequence[str] = (),
     data: Path | None = None,
 ) -> list[SweepRun]:
-    """One run for each seed, model, weighting, dataset and horizon, in that order.
+    """One run for each seed, model, weighting, data set and horizon, in that order.
 
     Args:
         out: folder of the runs' folders.
         models: `sgan`, `neurosym`, or a pooling's name.
-        weightings: for each model that takes them, as `training.network.named_weighting`.
+        weightings: for each model that takes them, see `training.network.named_weighting`.
         datasets: to leave out of training; none for all that `data` has.
-        seeds: how many, from 0.
+        seeds: of the trainings.
         obs_len: observed steps.
         pred_lens: steps to forecast.
         recipe: its name.
         steps: generator steps; None for the recipe's.
         changes: to the recipe, NAME=VALUE.
+        network: changes to the networks, NAME=VALUE.
         data: as `data.open_source` takes it.
 
     Raises:
-        InputError: for nothing to train, a dataset the data has not, an unknown model or weighting
-            or a recipe that cannot be.
+        InputError: for nothing to train, an unknown data set, model or weighting, or a change that
+            does not fit.
     """
-    refuse_below(1, {"--seeds": seeds})
+    if not seeds or not models:
+        raise InputError("--seeds and --models: at least one of each is needed")
     source = open_source(data, datasets[0] if datasets else None)
     if unknown := [name for name in datasets if name not in source.scenes]:
         raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
     common = _options({"recipe": recipe, "obs-len": obs_len, "steps": steps, "data": data})
     common += ["--resume", *(["--set", *changes] if changes else [])]
+    common += ["--network", *network] if network else []
     common += [part for plugin in loaded() for part in ("--plugin", plugin)]
     runs: dict[Path, SweepRun] = {}
-    # Seed by seed: whenever it is interrupted, all models have been trained as often; and what one
-    # seed compiled the next one finds.
-    for seed in range(seeds):
+    # Seed by seed: an interrupted sweep has trained all models as often, and a process that trains
+    # the next seed finds its programs compiled.
+    for seed in seeds:
         config = make_recipe(recipe, seed=seed, steps=steps, changes=changes)
         for named in _networks(models, weightings):
             for dataset in datasets or source.scenes:
                 for pred_len in pred_lens:
-                    generator = named_generator(**named, obs_len=obs_len, pred_len=pred_len)
+                    lengths = {"obs_len": obs_len, "pred_len": pred_len}
+                    generator = named_generator(**named, **lengths, changes=network)
                     name = f"{model_name(generator)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
                     own = {"dataset": dataset, "pred-len": pred_len, "seed": seed}
                     arguments = (*_options(own | named | {"out": out / name}), *common)
-                    of = (recipe, named.get("weighting"), dataset, out / name, arguments)
+                    of = (recipe, dataset, out / name, arguments)
                     runs[out / name] = SweepRun(generator, config, *of)
     return list(runs.values())
 
 
 def _options(values: Mapping[str, Any]) -> list[str]:
-    """A command line's, of those that are given."""
+    """The options of a command line, of the values that are given."""
     given = {name: value for name, value in values.items() if value is not None}
     return [str(part) for name, value in given.items() for part in (f"--{name}", value)]
 
 
 def _networks(models: Sequence[str], weightings: Sequence[str]) -> Iterator[dict[str, str]]:
-    """The options of `named_generator` that make `models`."""
+    """The arguments of `named_generator` that make `models`."""
     for model in models:
         pooling = POOLING_OF.get(model, model)
         if not POOLINGS[pooling].symbolic:
             yield {"model": "sgan", "pooling": pooling}
             continue
         for weighting in weightings:
-            yield {"model": "neurosym", "variant": pooling, "weighting": weighting}
+            yield {"model": "neurosym", "pooling": pooling, "weighting": weighting}

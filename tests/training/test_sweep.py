@@ -1,19 +1,27 @@
 import dataclasses
 import json
-import re
+import os
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
 
+import numpy as np
 import pytest
 import tyro
 
 from neurosym_jax.commands._running import with_plugins
 from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError
-from neurosym_jax.sweeps import estimate
-from neurosym_jax.sweeps.runs import plan_runs
-from neurosym_jax.sweeps.sweep import plan_of, run_sweep
-from neurosym_jax.sweeps.table import format_sweep
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.parameters import flat_parameters
+from neurosym_jax.training.sweep import run_sweep
+from neurosym_jax.training.sweep_plan import plan_runs
+from neurosym_jax.training.sweep_report import format_sweep
+
+ROOT = Path(__file__).parents[2]
 
 
 def row(model, scene, seed, ade, pred_len=8):
@@ -58,17 +66,18 @@ CHOSEN = {
 
 
 def test_runs(tmp_path):
-    chosen = {**CHOSEN, "seeds": 2, "pred_lens": (8, 12)}
+    chosen = {**CHOSEN, "seeds": (0, 1), "pred_lens": (8, 12)}
     runs = plan_runs(tmp_path, **chosen)
     assert len({run.folder for run in runs}) == len(runs) == 3 * 2 * 2
-    kinds = {(run.generator.pooling, run.weighting) for run in runs}
-    assert kinds == {("pool_net", None), ("as_described", "cnd"), ("as_described", "ones")}
+    names = {run.folder.name.partition("_cross-path")[0] for run in runs}
+    assert names == {"sgan_pool_net", "neurosym_as_described_cnd", "neurosym_as_described_ones"}
     assert len(plan_runs(tmp_path, **{**chosen, "datasets": ()})) == 2 * len(runs)
     for changes, reason in (
-        ({"seeds": 0}, "--seeds must be at least 1"),
+        ({"seeds": ()}, "--seeds and --models: at least one"),
         ({"models": ("lstm",)}, "unknown pooling 'lstm'"),
         ({"datasets": ("moon",)}, "unknown dataset 'moon': there are all-forward, cross-path"),
         ({"changes": ("emma=1",)}, "--set emma=1"),
+        ({"network": ("emma=1",)}, "--network emma=1"),
     ):
         with pytest.raises(InputError, match=reason):
             plan_runs(tmp_path, **{**chosen, **changes})
@@ -78,10 +87,11 @@ def test_runs(tmp_path):
 
 def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
     """Its process is told of everything that makes the run, plugins included."""
-    monkeypatch.setattr("neurosym_jax.sweeps.runs.loaded", lambda: ["mine.py"])
+    monkeypatch.setattr("neurosym_jax.training.sweep_plan.loaded", lambda: ["mine.py"])
     models = ("sgan", "social", "neurosym", "neurosym_ros")
-    changes = ("batch_scenes=4", "rotate=0")
-    for run in plan_runs(tmp_path, **{**CHOSEN, "models": models, "changes": changes}, steps=10):
+    changes = {"changes": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
+    changes["network"] += ("bottleneck_dim=16",)  # As large as the hidden state, for `social`.
+    for run in plan_runs(tmp_path, **{**CHOSEN, "models": models, **changes}, steps=10):
         options = tyro.cli(with_plugins(Options), args=run.arguments)
         assert options.plugin == ("mine.py",)
         assert (options.out, options.resume) == (run.folder, True)
@@ -90,39 +100,13 @@ def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
         assert described.dataset == run.dataset
 
 
-TRIAL = """
-import sys, time
-for step in range(3):
-    time.sleep(0.1)
-    with open(sys.argv[1] + "/metrics.jsonl", "a") as file:
-        file.write('{"step": %d}\\n' % (10 * step))
-time.sleep(100)
-"""
-"""Ten steps in a tenth of a second, after another one."""
-
-
-def test_a_plan_says_how_long_it_takes(tmp_path, monkeypatch):
-    def start(run):
-        return subprocess.Popen([sys.executable, "-c", TRIAL, run.arguments[-1]])
-
-    monkeypatch.setattr(estimate, "start", start)
-    runs = plan_runs(tmp_path / "sweep", **CHOSEN, steps=1000)
-    plan = plan_of(runs, jobs=1)
-    assert plan.count("left  ") == 3
-    assert "3 runs, 3 of them left" in plan
-    seconds = re.search(r"_seed0 alone takes about (\d+) s; all that is left, 1 at once, ", plan)
-    assert seconds is not None
-    assert 9 <= int(seconds[1]) <= 40
-    assert not (tmp_path / "sweep").exists()
-
-
 @pytest.mark.slow
 def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     out = tmp_path / "sweep"
     chosen = {
         **CHOSEN,
         "models": ("none",),  # The least to compile.
-        "seeds": 2,
+        "seeds": (0, 1),
         "changes": ("batch_scenes=4", "best_k=2", "max_agents=4"),
     }
     runs = plan_runs(out, **chosen, steps=25)
@@ -132,7 +116,6 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     trained = [row for row in rows if row["run"]]
     assert [row["model"] for row in rows[:2]] == ["constant velocity", "constant velocity, sampled"]
     assert [row["run"]["seed"] for row in trained] == [0, 1]
-    assert {row["run"]["weighting"] for row in trained} == {None}
     assert len({row["joint"]["ade"] for row in trained}) == 2
     table = (out / "sweep.md").read_text()
     assert "| 20 | 2 |" in table
@@ -140,9 +123,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     assert "test on cross-path: this model" in (folder / "model" / "README.md").read_text()
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
 
-    monkeypatch.setattr(
-        "neurosym_jax.sweeps.processes.TrainingProcess.__init__", None
-    )  # Nothing is trained again.
+    monkeypatch.setattr("neurosym_jax.training.sweep.executor", None)  # Nothing is trained again.
     assert run_sweep(runs, out) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
     with pytest.raises(InputError, match="was trained with steps = 25, not 50"):
@@ -150,15 +131,78 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_failed_runs_are_told(tmp_path, capsys):
-    first, *runs = plan_runs(tmp_path, **{**CHOSEN, "models": ("none",)}, seeds=3)
+def test_failed_runs_are_reported(tmp_path, capsys):
+    chosen = {**CHOSEN, "models": ("none",), "seeds": (0, 1, 2)}
+    first, *runs = plan_runs(tmp_path, **chosen)
     deadly = tmp_path / "deadly.py"
     deadly.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGKILL)")
     first = dataclasses.replace(first, arguments=(*first.arguments, "--plugin", str(deadly)))
     for run in runs:
-        run.model.mkdir(parents=True)  # A model of nobody knows what.
+        run.model.mkdir(parents=True)  # Not the model of a finished run.
     with pytest.raises(InputError, match="no run was finished"):
         run_sweep([first, *runs], tmp_path, jobs=1)
-    told = capsys.readouterr().err
-    assert told.count("its process ended with status -9") == 1
-    assert told.count("holds a finished model, and nothing is overwritten") == 2
+    errors = capsys.readouterr().err
+    assert errors.count("its process died 2 times") == 1
+    assert errors.count("holds a finished model, and nothing is overwritten") == 2
+
+
+def dask(*arguments, at):
+    environment = {**os.environ, "NPROC": "1", "PYTHONPATH": str(ROOT), "JAX_PLATFORMS": "cpu"}
+    command = [sys.executable, "-m", *arguments, "--no-dashboard", "--scheduler-file", at]
+    with (at.parent / "dask.log").open("a") as log:
+        return subprocess.Popen(list(map(str, command)), env=environment, stdout=log, stderr=log)
+
+
+@contextmanager
+def cluster(folder, workers=2):
+    """The address of a scheduler, and the processes of its workers."""
+    at = folder / "scheduler.json"
+    running = [dask("distributed.cli.dask_scheduler", "--port", 0, at=at)]
+    try:
+        until(at.exists)
+        running += [
+            dask("distributed.cli.dask_worker", "--no-nanny", "--nthreads", 1, at=at)
+            for _ in range(workers)
+        ]
+        yield json.loads(at.read_text())["address"], running[1:]
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
+def until(there, seconds=120):
+    end = time.monotonic() + seconds
+    while not there():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def trains(process, run):
+    """Whether a process has the log of `run` open."""
+    log = (run.folder / "train.log").resolve()
+    return any(file.resolve() == log for file in Path(f"/proc/{process.pid}/fd").iterdir())
+
+
+@pytest.mark.slow
+def test_a_killed_worker_loses_nothing(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="a cluster needs the extra cluster")
+    monkeypatch.chdir(tmp_path)
+    changes = ("batch_scenes=4", "best_k=2", "max_agents=4", "validate_every=20")
+    chosen = {**CHOSEN, "models": ("none",), "steps": 100, "changes": changes}
+    runs = plan_runs(Path("sweep"), **chosen, seeds=(0, 1))
+    with cluster(tmp_path) as (address, workers), ThreadPoolExecutor(1) as beside:
+        sweep = beside.submit(run_sweep, runs, Path("sweep"), cluster=address)
+        begun = runs[0].folder / "metrics.jsonl"
+        until(lambda: begun.exists() and begun.read_text())
+        next(worker for worker in workers if trains(worker, runs[0])).kill()
+        assert sweep.result(timeout=300) == 0
+    starts = [(run.folder / "train.log").read_text().count("to train on") for run in runs]
+    assert starts == [2, 1]
+
+    assert run_sweep(plan_runs(Path("alone"), **chosen), Path("alone"), jobs=1) == 0
+    mine, alone = (
+        flat_parameters(load_model(Path(at, runs[0].folder.name, "model")).params)
+        for at in ("sweep", "alone")
+    )
+    assert all(np.array_equal(value, alone[name]) for name, value in mine.items())

@@ -1,5 +1,0 @@
-"""Many trainings compared: processes, errors scene by scene, intervals."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
