@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.configuration import refuse_below, to_json
+from neurosym_jax.configuration import to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.poolings import POOLINGS
