@@ -5,6 +5,7 @@ with given noises and no augmentation. The parameters before, the noises and the
 losses, gradients and the parameters after are compared, all parameters of a network as one vector.
 """
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.configuration import FORMAT, from_json, to_json
+from neurosym_jax.configuration import FORMAT, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import params_from_torch
 from neurosym_jax.interop.parity_case import (
@@ -144,5 +145,5 @@ def _recipe(row: Mapping[str, Any]) -> TrainConfig:
         fields[name] = (fields[name], fields[name])
     fields |= {"adversarial_weight": 1.0, "criterion": "squared_displacement", "ema": 0.0}
     fields |= {"schedule": "constant", "weigh_scenes": "equally"}
-    fields["discriminator"] = to_json(discriminator_config(row))
+    fields["discriminator"] = dataclasses.asdict(discriminator_config(row))
     return from_json(TrainConfig, {"format": FORMAT, **fields}, "manifest")
