@@ -29,7 +29,8 @@ def _exports(package: str) -> str:
 
 def _commands() -> str:
     parts = []
-    for path in sorted((ROOT / "neurosym_jax" / "commands").glob("[a-z]*.py")):
+    files = ROOT.glob("neurosym_*/commands/[a-z]*.py")
+    for path in sorted(files, key=lambda path: path.stem):
         text = (ast.get_docstring(ast.parse(path.read_text())) or "").strip()
         parts.append(f"## neurosym {path.stem}\n\n{text}\n")
     return "\n".join(parts)

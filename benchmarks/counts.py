@@ -41,8 +41,8 @@ def _programs() -> dict[str, float]:
     from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.forecasting.model import predict
     from neurosym_jax.forecasting.model_folder import load_model
-    from neurosym_jax.online.predictor import Predictor
     from neurosym_jax.training.loop import train
+    from neurosym_robot.online.predictor import Predictor
 
     compiled = 0
 

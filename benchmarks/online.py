@@ -56,7 +56,7 @@ def _p99(seconds: list[float]) -> float:
 
 
 def _ours(model: Any, people: int, forecasts: int) -> list[float]:
-    from neurosym_jax.online.predictor import Predictor
+    from neurosym_robot.online.predictor import Predictor
 
     predictor = Predictor(model, samples=20, max_people=people)
     rng = np.random.default_rng(0)

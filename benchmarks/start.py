@@ -25,10 +25,10 @@ from neurosym_jax.runtime.process import enable_compilation_cache, tune
 tune()
 enable_compilation_cache()
 from pathlib import Path
-from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.likely import LikelyEvents
-from neurosym_jax.online.models import load_models
-from neurosym_jax.online.predictor import Predictor
+from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.likely import LikelyEvents
+from neurosym_robot.online.models import load_models
+from neurosym_robot.online.predictor import Predictor
 models = load_models([Path(name) for name in sys.argv[2:]])
 predictor = Predictor(models, compile=sys.argv[1])
 analytics, likely = Analytics.of(predictor), LikelyEvents.of(predictor)

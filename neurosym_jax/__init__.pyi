@@ -1,16 +1,12 @@
-from . import dashboard as dashboard
 from . import data as data
 from . import evaluation as evaluation
 from . import forecasting as forecasting
 from . import interop as interop
 from . import models as models
-from . import online as online
 from . import plotting as plotting
-from . import ros as ros
 from . import runtime as runtime
 from . import simulation as simulation
 from . import symbolic as symbolic
-from . import tracking as tracking
 from . import training as training
 from .config import DiscriminatorConfig as DiscriminatorConfig
 from .config import GeneratorConfig as GeneratorConfig
@@ -27,7 +23,6 @@ from .forecasting.model import predict as predict
 from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
 from .models.poolings import register_pooling as register_pooling
-from .online.predictor import Predictor as Predictor
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene
 from .symbolic.weighting_config import register_weighting as register_weighting

@@ -1,5 +1,7 @@
 """`neurosym COMMAND` and `python -m neurosym_jax COMMAND`: each file in `commands/` is a command.
 
+Other packages add theirs by entry points in the group `neurosym_jax.commands`.
+
 A command's file has `Options`, a dataclass, and `run(options)`; `PREPARE` where others than users
 write its command lines (see `commands/_running.py`). The first line of its text is what
 the list of commands says. It is imported when it is asked for.
@@ -7,22 +9,24 @@ the list of commands says. It is imported when it is asked for.
 
 import ast
 import importlib
+import importlib.util
 import os
 import sys
 from importlib.resources import files
+from pathlib import Path
 
-__all__ = ["command_names", "main"]
+from neurosym_jax.plugins import entry_points
+
+__all__ = ["commands", "main"]
 
 COMMANDS = "neurosym_jax.commands"
 
 
-def command_names() -> list[str]:
-    """The commands there are, in order of name."""
-    return sorted(
-        file.name.removesuffix(".py")
-        for file in files(COMMANDS).iterdir()
-        if file.name.endswith(".py") and not file.name.startswith("_")
-    )
+def commands() -> dict[str, str]:
+    """Module of each command, by name in alphabetical order."""
+    names = [file.name.removesuffix(".py") for file in files(COMMANDS).iterdir()]
+    ours = {name: f"{COMMANDS}.{name}" for name in names if not name.startswith("_")}
+    return dict(sorted({**entry_points("commands"), **ours}.items()))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -42,15 +46,15 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _run(arguments: list[str]) -> None:
     name, *rest = arguments or ["--help"]
-    names = command_names()
+    modules = commands()
     if name in ("-h", "--help"):
-        print(_usage(names))
+        print(_usage(modules))
     elif name == "--version":
         from importlib.metadata import version
 
         print(f"neurosym {version('neurosym-jax')}")
-    elif name in names:
-        command = importlib.import_module(f"{COMMANDS}.{name}")
+    elif name in modules:
+        command = importlib.import_module(modules[name])
         from neurosym_jax.commands._running import run_command
 
         prepare = getattr(command, "PREPARE", list)
@@ -58,22 +62,27 @@ def _run(arguments: list[str]) -> None:
     else:
         import difflib
 
-        nearest = difflib.get_close_matches(name, names, 1)
+        nearest = difflib.get_close_matches(name, modules, 1)
         hint = f"did you mean {nearest[0]}?" if nearest else "neurosym --help lists them"
         sys.exit(f"error: there is no command {name!r}: {hint}")
 
 
-def _usage(names: list[str]) -> str:
-    width = max(map(len, names))
-    lines = [f"  {name:{width}}  {_summary(name)}" for name in names]
+def _usage(modules: dict[str, str]) -> str:
+    width = max(map(len, modules))
+    lines = [f"  {name:{width}}  {_summary(module)}" for name, module in modules.items()]
     return "usage: neurosym COMMAND [--help]\n       neurosym --version\n\n" + "\n".join(lines)
 
 
-def _summary(name: str) -> str:
-    """What a command does, without importing it."""
-    text = files(COMMANDS).joinpath(f"{name}.py").read_text(encoding="utf-8")
-    first = (ast.get_docstring(ast.parse(text)) or "").split("\n")[0]
-    return first.rstrip(".")
+def _summary(module: str) -> str:
+    """First line of a command's docstring, read without importing the command."""
+    try:
+        spec = importlib.util.find_spec(module)
+    except ImportError:
+        spec = None
+    if spec is None or spec.origin is None:
+        return f"(not found: {module})"
+    text = Path(spec.origin).read_text(encoding="utf-8")
+    return (ast.get_docstring(ast.parse(text)) or "").split("\n")[0].rstrip(".")
 
 
 if __name__ == "__main__":

@@ -13,14 +13,14 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from neurosym_jax import load_model
-from neurosym_jax.dashboard import write_replay
-from neurosym_jax.dashboard.floor_map import read_floor_map
-from neurosym_jax.dashboard.moments import Moments
-from neurosym_jax.online.analytics import Analytics
-from neurosym_jax.online.predictor import Predictor
-from neurosym_jax.online.recordings import frames_of_tracks
-from neurosym_jax.online.replay import replay
 from neurosym_jax.simulation.scenarios import ROOM, simulate
+from neurosym_robot.dashboard import write_replay
+from neurosym_robot.dashboard.floor_map import read_floor_map
+from neurosym_robot.dashboard.moments import Moments
+from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.online.replay import replay
 
 ROOT = Path(__file__).parents[1]
 CELL, WALL = 0.05, 3  # metres; cells

@@ -20,10 +20,10 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
-from neurosym_jax.online.recordings import frames_of_tracks
-from neurosym_jax.ros.bags import BagWriter, read_people
-from neurosym_jax.ros.messages import PEOPLE_TOPICS, make_people
 from neurosym_jax.simulation.scenarios import simulate
+from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.ros.bags import BagWriter, read_people
+from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
 
 __all__ = ["main"]
 

@@ -13,17 +13,17 @@ LIBRARIES = {
     "flax": ("models/", "scene.py"),
     "matplotlib": ("plotting/",),
     "orbax": ("training/",),
-    "rclpy": ("ros/", "commands/ros2.py"),
-    "rosbags": ("ros/",),
+    "rclpy": (),
+    "rosbags": (),
     "rospy": (),
     "torch": (),
     "tyro": ("commands/",),
 }
-ON_DEMAND = {"distributed", "matplotlib", "orbax", "rclpy", "rosbags", "safetensors"}
+ON_DEMAND = {"distributed", "matplotlib", "orbax", "safetensors"}
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
 WAY_OF_THE_DATA = ("data", "symbolic", "models", "forecasting", "evaluation")
 """None imports one to its right."""
-AROUND = {"commands", "dashboard", "online", "ros", "tracking", "training"}
+AROUND = {"commands", "training"}
 """Built on the way of the data, which knows none of them."""
 
 OLD_MODELS = ("forecasting/model_folder.py", "neurosym_jax.training.old_models")
@@ -93,9 +93,10 @@ def test_commands_are_imported_by_nobody():
     assert {file for file in users if not file.startswith("commands/")} <= {"__main__.py"}
 
 
-def test_who_forecasts_frame_by_frame_knows_no_ros():
-    users = {file for file, names in FILES.items() for name, _ in names if ours(name) == "ros"}
-    assert {file.split("/")[0] for file in users} <= {"ros", "commands"}
+def test_the_core_names_no_plugin():
+    paths = [path for path in PACKAGE.rglob("*") if path.suffix in (".py", ".pyi")]
+    texts = {path: path.read_text(encoding="utf-8") for path in paths}
+    assert {path for path, text in texts.items() if "neurosym_robot" in text} == set()
 
 
 def test_studies_and_tests_are_imported_by_commands_alone():
@@ -109,7 +110,7 @@ def test_studies_and_tests_are_imported_by_commands_alone():
 
 
 def test_files_are_short_and_say_what_they_are():
-    for path in [*PACKAGE.rglob("*.py"), *(ROOT / "studies").rglob("*.py")]:
+    for path in [*ROOT.glob("neurosym_*/**/*.py"), *ROOT.glob("studies/**/*.py")]:
         text = path.read_text(encoding="utf-8")
         if text.strip():
             assert ast.get_docstring(ast.parse(text)), f"{path}: no docstring"

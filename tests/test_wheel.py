@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = ("neurosym_jax", "checkpoints", "pyproject.toml", "setup.py", "README.md", "LICENSE")
+SOURCES = ("neurosym_jax", "neurosym_robot", "checkpoints", "pyproject.toml", "setup.py")
+SOURCES += ("README.md", "LICENSE")
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
 EVALUATE = ("--checkpoint", "sgan_simulations_8_8", "--scene", "cross-path", "--samples", "2")
 # The network and the recipe of test_sweep.py, whose programs are compiled there or here.

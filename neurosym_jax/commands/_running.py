@@ -12,7 +12,7 @@ from typing import Annotated, TypeVar
 import tyro
 
 from neurosym_jax.errors import InputError, InputWarning, printable
-from neurosym_jax.plugins import load_plugin
+from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.runtime.processes import leave
 
@@ -44,7 +44,7 @@ def run_command(
 
     `--plugin FILE.py|MODULE` is an option of every command: what it names is imported before the
     others are read, so that they know what it registers. `prepare` turns into options what others
-    than a user put on the command line, such as roslaunch. The exit status is what `action` returns
+    than a user put on the command line. The exit status is what `action` returns
     where that is a number, else 0; 2 for bad input or a disk that is full or read-only, 130 after
     Ctrl-C.
     """
@@ -107,7 +107,8 @@ def _refuse_empty(arguments: Sequence[str]) -> None:
 
 
 def _load_plugins(arguments: Sequence[str]) -> None:
-    """Import what `--plugin` names."""
+    """Import the plugins of installed packages, and what `--plugin` names."""
+    load_entry_points()
     for place, argument in enumerate(arguments):
         name, equals, plugin = argument.partition("=")
         if name == "--plugin" and (equals or place + 1 < len(arguments)):

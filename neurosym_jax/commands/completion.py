@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from neurosym_jax.__main__ import COMMANDS, command_names
+from neurosym_jax.__main__ import commands
 from neurosym_jax.commands._running import with_plugins
 
 __all__ = ["Options", "run"]
@@ -27,7 +27,7 @@ class Options:
 
 def run(options: Options) -> None:
     """Print the script."""
-    modules = {name: importlib.import_module(f"{COMMANDS}.{name}") for name in command_names()}
+    modules = {name: importlib.import_module(module) for name, module in commands().items()}
     tyro.extras.subcommand_cli_from_dict(
         {name: with_plugins(module.Options) for name, module in modules.items()},
         prog="neurosym",

@@ -4,7 +4,6 @@ A format says of a file's beginning whether it knows it, and which options of `R
 """
 
 import dataclasses
-import importlib
 import os
 import warnings
 from pathlib import Path
@@ -17,6 +16,7 @@ from neurosym_jax.data.suspicions import suspicions
 from neurosym_jax.data.text import Head, read_head
 from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_jax.plugins import load_entry_points
 from neurosym_jax.registry import Registry
 
 __all__ = [
@@ -34,9 +34,6 @@ __all__ = [
 SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson")
 """Endings of the files that are looked at in a folder."""
 
-_BUILT_ON_IT = ("neurosym_jax.ros.bag_format",)
-"""Readers in rooms that this one does not know: they register what they read, as a plugin does."""
-
 
 FORMATS: Registry[Format] = Registry(
     "format",
@@ -53,8 +50,7 @@ FORMATS: Registry[Format] = Registry(
 
 def known_formats() -> Registry[Format]:
     """`FORMATS`, with those of installed packages."""
-    for module in _BUILT_ON_IT:
-        importlib.import_module(module)
+    load_entry_points()
     return FORMATS
 
 

@@ -15,17 +15,17 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import shipped_models
-from neurosym_jax.online.analytics import STRAIGHT, Analytics
-from neurosym_jax.online.frame import Frame
-from neurosym_jax.online.models import load_models
-from neurosym_jax.online.predictor import Predictor
-from neurosym_jax.online.recordings import frames_of_tracks
-from neurosym_jax.online.replay import replay
-from neurosym_jax.ros.bags import BagWriter, read_people
-from neurosym_jax.ros.messages import PEOPLE_TOPICS, make_people
 from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
 from neurosym_jax.simulation.tracker import TrackerFaults
-from neurosym_jax.tracking.live import NOBODY, OnlineStitcher
+from neurosym_robot.online.analytics import STRAIGHT, Analytics
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.models import load_models
+from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.online.replay import replay
+from neurosym_robot.ros.bags import BagWriter, read_people
+from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
+from neurosym_robot.tracking.live import NOBODY, OnlineStitcher
 from studies.experiment.report import write_report
 from studies.experiment.results import PEOPLE, Recording, Results, score
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.online.analytics import STRAIGHT
-from neurosym_jax.online.frame import Frame
-from neurosym_jax.online.predictor import Forecast
-from neurosym_jax.online.recordings import tracks_of_frames
+from neurosym_robot.online.analytics import STRAIGHT
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.predictor import Forecast
+from neurosym_robot.online.recordings import tracks_of_frames
 from studies.experiment.document import Document
 from studies.experiment.results import Recording, complete, published
 

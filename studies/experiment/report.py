@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.online.analytics import STRAIGHT
 from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.simulation.scenarios import Scenario
+from neurosym_robot.online.analytics import STRAIGHT
 from studies.experiment.document import Document
 from studies.experiment.figures import add_figures
 from studies.experiment.results import Recording, Results

@@ -9,12 +9,12 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scene_scores import score as score_scene
-from neurosym_jax.online.analytics import straight
-from neurosym_jax.online.frame import Frame
-from neurosym_jax.online.predictor import Forecast
 from neurosym_jax.simulation.scenarios import Scenario
 from neurosym_jax.simulation.tracker import TrackerFaults
-from neurosym_jax.tracking.identity import idf1
+from neurosym_robot.online.analytics import straight
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.predictor import Forecast
+from neurosym_robot.tracking.identity import idf1
 
 __all__ = ["PEOPLE", "Recording", "Results", "Score", "complete", "published", "score"]
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.online.recordings import frames_of_tracks
-from neurosym_jax.tracking.linking import LinkOptions, velocity
+from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.tracking.linking import LinkOptions, velocity
 
 __all__ = ["greedy", "norfair_ids"]
 

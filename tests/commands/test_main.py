@@ -9,14 +9,14 @@ from types import ModuleType
 
 import pytest
 
-from neurosym_jax.__main__ import command_names, main
+from neurosym_jax.__main__ import commands, main
 
 HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "orbax", "rosbags", "scipy", "tyro"}
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = [
     ".".join(path.parent.relative_to(ROOT).parts)
-    for path in ROOT.glob("neurosym_jax/**/__init__.pyi")
+    for path in ROOT.glob("neurosym_*/**/__init__.pyi")
 ]
 
 
@@ -63,7 +63,7 @@ def test_every_export_is_there(package):
 def test_help_lists_every_command(capsys):
     main(["--help"])
     lines = capsys.readouterr().out.splitlines()
-    for name in command_names():
+    for name in commands():
         (line,) = (line for line in lines if line.startswith(f"  {name} "))
         assert len(line.split()) > 2
         assert len(line) <= 80

@@ -128,9 +128,9 @@ def test_a_metric_of_ones_own():
 def test_forecasts_become_a_costmap(tmp_path):
     """Where somebody surely is is full, where half of the samples are half, elsewhere nothing."""
     pytest.importorskip("rosbags", reason="rosbags is not installed")
-    from neurosym_jax.online.predictor import Forecast, ModelForecast
-    from neurosym_jax.ros.bags import BagWriter, read_messages
-    from neurosym_jax.ros.outgoing import samples_message
+    from neurosym_robot.online.predictor import Forecast, ModelForecast
+    from neurosym_robot.ros.bags import BagWriter, read_messages
+    from neurosym_robot.ros.outgoing import samples_message
 
     costmap = example("costmap")
     observed = np.array([[[0.0, 0], [1, 0]], [[9, 5], [9, 5]]])

@@ -8,16 +8,17 @@ from contextlib import redirect_stdout
 import pytest
 import tyro
 
-from neurosym_jax.__main__ import command_names
+from neurosym_jax.__main__ import commands
 from neurosym_jax.commands._running import with_plugins
-from studies.check_docs import commands, lacking, plain
+from studies.check_docs import commands as named_commands
+from studies.check_docs import lacking, plain
 
-NAMED = sorted(set(commands()))
+NAMED = sorted(set(named_commands()))
 
 
 def options(name: str) -> set[str]:
     """The options in the help of a command."""
-    module = importlib.import_module(f"neurosym_jax.commands.{name}")
+    module = importlib.import_module(commands()[name])
     text = io.StringIO()
     with redirect_stdout(text), pytest.raises(SystemExit):
         tyro.cli(with_plugins(module.Options), args=["--help"])
@@ -26,7 +27,7 @@ def options(name: str) -> set[str]:
 
 def test_what_is_named_is_there():
     assert len(NAMED) > 40
-    known = {name: options(name) for name in command_names()}
+    known = {name: options(name) for name in commands()}
     wrong = []
     for page, command in NAMED:
         name, *words = command.split()[1:]

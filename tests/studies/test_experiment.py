@@ -9,8 +9,8 @@ import pytest
 
 from neurosym_jax.commands import experiment as command
 from neurosym_jax.errors import InputError
-from neurosym_jax.online.predictor import Forecast, ModelForecast
-from neurosym_jax.ros.bags import read_people
+from neurosym_robot.online.predictor import Forecast, ModelForecast
+from neurosym_robot.ros.bags import read_people
 from studies.experiment import experiment as of
 from studies.experiment.results import score
 

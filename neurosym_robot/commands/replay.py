@@ -1,0 +1,125 @@
+"""Forecast a recording as if it were live."""
+
+import contextlib
+import dataclasses
+import math
+import signal
+import threading
+import warnings
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_robot.commands._live_options import LiveOptions
+from neurosym_robot.dashboard.replay_file import ReplayFile
+from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.forecast_lines import ForecastLines
+from neurosym_robot.online.replay import replay
+from neurosym_robot.online.summary import format_summary
+from neurosym_robot.ros.bag_names import SUFFIXES, is_bag
+from neurosym_robot.ros.bags import frame_id_of
+from neurosym_robot.ros.forecast_bag import ForecastBag
+from neurosym_robot.ros.recordings import read_frames
+
+__all__ = ["Options", "run"]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options(LiveOptions):
+    """Forecast a recording frame by frame, and score the forecasts."""
+
+    recording: Annotated[Path, tyro.conf.Positional]
+    """A bag (ROS 1 `.bag`; folder, `.db3` or `.mcap` of ROS 2), or a file of tracks."""
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    """How the recording is read."""
+    hold: float = 0.0
+    """Seconds for which somebody unseen is still forecast, from where they would be; live it is 1,
+    here 0, so that errors are those of `evaluate`."""
+    rate: float | Literal["max"] | None = None
+    """1 is as fast as it was, and so it is with --dashboard by default; else max."""
+    out: Path | None = None
+    """Forecasts and what happened: `.bag`, `.db3`, `.mcap` or `.jsonl`; nothing is overwritten."""
+    frame_id: str = ""
+    """The coordinates' frame, in a bag that is written; by default that of a bag read, else map."""
+    html: Path | None = None
+    """The page of --dashboard with everything inside, to share; nothing is overwritten."""
+
+
+def run(options: Options) -> None:
+    """Forecast the recording, show and write what comes of it.
+
+    Raises:
+        InputError: naming the file, and what is wrong with it or with a model.
+    """
+    rate = options.rate if options.rate is not None else 1.0 if options.view.dashboard else "max"
+
+    def warn(text: str) -> None:
+        warnings.warn(f"{options.recording}: {text}", InputWarning, stacklevel=2)
+
+    source = options.stream.source(warn)
+    frames = read_frames(options.recording, options.read, source)
+    analytics, title = Analytics(), options.recording.stem
+    with contextlib.ExitStack() as stack:
+        # Ended by others, too, it finishes what it writes.
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        stack.callback(signal.signal, signal.SIGTERM, before)
+        predictor = options.predictor("needed")
+        files = stack.enter_context(contextlib.ExitStack())
+        out = page = None
+        if options.out is not None:
+            out = _open(options.out, predictor.window.period, options)
+            files.callback(out.close)
+        if options.html is not None:
+            page = ReplayFile(options.html, options.view.moments(predictor, title))
+            files.callback(page.close)
+        dashboard = options.view.open(predictor, title)
+        if dashboard is not None:
+            stack.callback(dashboard.close)
+            print(f"the page is at {dashboard.url}", flush=True)
+        views = [view for view in (page, dashboard) if view is not None]
+        events = replay(
+            frames,
+            predictor,
+            analytics,
+            rate=math.inf if rate == "max" else rate,
+            stitcher=options.stitcher(),
+            robot=source.robot,
+        )
+        try:
+            for event in events:
+                if out is not None:
+                    out.add(event)
+                for view in views:
+                    robot = source.robot(event.frame.stamp)
+                    view.show(event.frame, event.forecast, analytics.summary(), robot)
+        except KeyboardInterrupt:
+            print("interrupted; until then:")
+        for done in analytics.finish():
+            if out is not None:
+                out.score(done)
+        for view in views:
+            view.end(analytics.summary())
+        print(format_summary(analytics.summary(), predictor.health), flush=True)
+        files.close()
+        for written in (out, page):
+            if written is not None:
+                print(f"forecasts are in {written.path}", flush=True)
+        if dashboard is not None:
+            print(f"the page stays at {dashboard.url} until interrupted", flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                threading.Event().wait()
+
+
+def _open(path: Path, period: float, options: Options) -> ForecastBag | ForecastLines:
+    """The file of forecasts that a path's ending asks for."""
+    if path.suffix == ".jsonl":
+        return ForecastLines(path, period, options.view.at_least)
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"{path}: forecasts go to {', '.join(SUFFIXES)} or .jsonl")
+    frame_id = options.frame_id or options.stream.fixed_frame
+    if not frame_id and is_bag(options.recording):
+        frame_id = frame_id_of(options.recording, options.read.topic)
+    return ForecastBag(path, period, frame_id or "map", options.view.at_least)

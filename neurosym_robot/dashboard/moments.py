@@ -1,0 +1,193 @@
+"""What the page is told of a stream: first what it is, then a moment for every frame, as JSON.
+
+Everything is bounded: whatever a tracker sends, a moment names at most `MAX_NAMED` people.
+
+`Introduction` (the first line) has `title`, `period` [s], `models` (names, in order), `weighting`
+(the model whose symbols and weights are told, and its name; or null), `map` (see `floor_map`),
+`speed` ([m/s] up to which a forecast movement is none) and `likely`: of which `model` events are
+told, `at_least` how probable, and `words` by event, with `{k}` and `{l}` in place of the two.
+
+A moment has
+
+- `t`: seconds since the first frame; never falls, even where the stream's clock is set back;
+- `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
+- `more`: how many others were seen;
+- `robot`: x, y [m] and heading [rad] of the robot, or null;
+- `step`, where a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres, of
+  which the last `extrapolated` [N] steps were not;
+  `models`: by name `central` and `samples` [N][k][pred_len * 2] whole centimetres from the
+  person's last observed position; `dropped` reasons by id; `latency` [ms]; `codes`, the QTC_C1
+  state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; `likely`, up
+  to `MAX_LIKELY` events, the most probable of each kind first, as (name, k, l, probability,
+  seconds) with k and l among the N; and `score`, `Analytics.summary()`.
+
+The last line has the final `score` alone.
+"""
+
+import collections
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from neurosym_jax.data.tracks import LATE
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.symbolic.events import EVENTS, in_short
+from neurosym_jax.symbolic.futures import SymbolSettings
+from neurosym_robot.dashboard.symbols import PairSymbols
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.likely import AT_LEAST, LikelyEvents
+from neurosym_robot.online.predictor import Forecast
+from neurosym_robot.tracking.motion import FAR
+
+__all__ = ["MAX_NAMED", "Moments"]
+
+MAX_NAMED = 256
+"""People named in a moment, and people without a forecast named in a step."""
+MAX_LIKELY = 16
+"""Events told of a forecast."""
+BREAK = 60.0
+"""Seconds on the page between what was before the clock was set back and what comes after."""
+
+
+class Moments:
+    """From frames and forecasts to the lines of JSON that the page understands."""
+
+    def __init__(
+        self,
+        models: Mapping[str, Model],
+        period: float = 0.4,
+        *,
+        title: str = "",
+        floor_map: dict[str, Any] | None = None,
+        reset_after: float = 5.0,
+        far: float = FAR,
+        at_least: float = AT_LEAST,
+    ):
+        """A stream of which nothing was shown yet.
+
+        Args:
+            models: by the name that forecasts have them under.
+            period: seconds between the models' steps.
+            title: what is shown, such as the recording's name.
+            floor_map: see `floor_map.read_floor_map`.
+            reset_after: seconds; see `Window`.
+            far: metres; see `Window`.
+            at_least: probability from which on an event of a pair is told.
+        """
+        self._symbols, self._likely = PairSymbols(models), LikelyEvents(period, at_least)
+        self._reset_after, self._far = reset_after, far
+        self._start = self._stamp = math.nan
+        weighting = None
+        if self._symbols.model is not None:
+            weighting = {"model": self._symbols.model, "name": self._symbols.weighting.name}
+        # That of the symbols, else the first.
+        self._of_events = self._symbols.model or next(iter(models))
+        likely = {
+            "model": self._of_events,
+            "at_least": at_least,
+            "words": {name: in_short(name) for name in EVENTS},
+        }
+        self.introduction = _json(
+            {
+                "title": title,
+                "period": period,
+                "models": list(models),
+                "weighting": weighting,
+                "map": floor_map,
+                "speed": SymbolSettings.speed,
+                "likely": likely,
+            }
+        )
+        """The first line."""
+
+    def moment(
+        self,
+        frame: Frame,
+        forecast: Forecast | None,
+        summary: Mapping[str, Any],
+        robot: np.ndarray | None = None,
+    ) -> str | None:
+        """The line of a frame; None where its stamp is refused, as by the predictor.
+
+        `robot` [3] is where it is: metres, metres, radians.
+        """
+        if not self._accept(float(frame.stamp)):
+            return None
+        xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
+        kept = np.flatnonzero((np.abs(xy) < self._far).all(axis=1))
+        near = kept[:MAX_NAMED]
+        return _json(
+            {
+                "t": round(self._stamp - self._start, 3),
+                "ids": [str(id) for id in np.asarray(frame.ids)[near].tolist()],
+                "xy": np.round(xy[near], 3).ravel().tolist(),
+                "more": len(kept) - len(near),
+                "robot": None if robot is None else np.round(robot, 3).tolist(),
+                "step": None if forecast is None else self._step(forecast, summary),
+            }
+        )
+
+    @staticmethod
+    def ending(summary: Mapping[str, Any]) -> str:
+        """The last line: what the score came to when nothing more was to come."""
+        return _json({"score": summary})
+
+    def _accept(self, stamp: float) -> bool:
+        """Whether time goes on; begins it, and bridges where the clock was set back."""
+        if not abs(stamp) < LATE:
+            return False
+        if math.isnan(self._start):
+            self._start = stamp
+        elif stamp <= self._stamp:
+            if self._stamp - stamp < self._reset_after or stamp == self._stamp:
+                return False
+            self._start += stamp - self._stamp - BREAK
+        self._stamp = stamp
+        return True
+
+    def _step(self, forecast: Forecast, summary: Mapping[str, Any]) -> dict[str, Any]:
+        codes, alpha = self._symbols(forecast.observed)
+        upper = np.triu_indices(len(codes), 1)
+        last = forecast.observed[:, -1:]
+        # The most probable of every kind, then the second: what is frequent hides nothing.
+        turns = collections.Counter()
+        likely = sorted(
+            self._likely(forecast, self._of_events),
+            key=lambda each: turns.update([each.name]) or turns[each.name],
+        )[:MAX_LIKELY]
+        return {
+            "t": round(forecast.stamp - self._start, 3),
+            "ids": [str(id) for id in forecast.ids.tolist()],
+            "seen": np.round(forecast.observed, 3).reshape(len(last), -1).tolist(),
+            "extrapolated": forecast.extrapolated.tolist(),
+            "models": {
+                name: {"central": result.central, "samples": _centimetres(result.samples - last)}
+                for name, result in forecast.models.items()
+            },
+            "dropped": {
+                str(id): reason
+                for id, reason in itertools.islice(forecast.dropped.items(), MAX_NAMED)
+            },
+            "latency": round(1e3 * forecast.latency, 3),
+            "codes": codes[upper].tolist(),
+            "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
+            "likely": [(*each[:3], *np.round(each[3:], 3).tolist()) for each in likely],
+            "score": summary,
+        }
+
+
+def _centimetres(samples: np.ndarray) -> list[list[list[int]]]:
+    """[k, N, pred_len, 2] metres as [N][k][pred_len * 2] whole centimetres."""
+    count, people = samples.shape[:2]
+    by_person = samples.transpose(1, 0, 2, 3).reshape(people, count, -1)
+    return np.rint(100 * by_person).astype(np.int64).tolist()
+
+
+def _json(value: Any) -> str:
+    """One line that can stand in HTML, where `<` could end the script that it stands in."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")

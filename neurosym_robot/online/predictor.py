@@ -1,0 +1,217 @@
+"""People frame by frame in, everybody's forecasts out: the predictor of a robot.
+
+It knows nothing of ROS, files or screens; those push frames and read `Forecast`s. A forecast is
+that of `neurosym_jax.predict` for the same window, recording name and grid index, whether frames
+came live or from a file. Programs are compiled for a few numbers of people (`online.programs`).
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from neurosym_jax.configuration import refuse_below
+from neurosym_jax.data.batching import bucket_of
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
+from neurosym_jax.scene import make_scene, pad_scene
+from neurosym_robot.online.programs import Programs, When
+from neurosym_robot.online.window import Health, Window
+from neurosym_robot.tracking.motion import FAR, MAX_SPEED
+
+__all__ = ["Forecast", "ModelForecast", "Predictor"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ModelForecast:
+    """What one model expects of N people, float64 metres in the world's frame."""
+
+    samples: np.ndarray
+    """[k, N, pred_len, 2] futures; sample s is one future of everybody together."""
+    mean: np.ndarray
+    """[N, pred_len, 2] mean over the samples."""
+    central: int
+    """The most central sample: its squared distances to all others have the least sum."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Forecast:
+    """One moment's forecast of N people."""
+
+    stamp: float
+    """Seconds, the last observed step on the grid; the future's steps follow period by period."""
+    index: int
+    """Grid point of that step."""
+    ids: np.ndarray
+    """[N] int64, ascending."""
+    observed: np.ndarray
+    """[N, obs_len, 2] float64 metres in the world's frame, resampled."""
+    models: Mapping[str, ModelForecast]
+    """By name of the model."""
+    dropped: Mapping[int, str]
+    """Who else is followed but has no forecast, and why: "short" of observations, "unseen" at the
+    last step, "crowded" out by the nearest `max_people`, or "compiling": for so many nothing is
+    compiled yet, and the nearest are forecast."""
+    latency: float
+    """Seconds of this computer's clock, from the frame's arrival to this forecast."""
+    extrapolated: np.ndarray
+    """[N] int64, steps at the end of `observed` that nobody saw: the last velocity went on."""
+    future: np.ndarray | None = None
+    """[N, pred_len, 2] float64 metres, what happened, NaN where nobody saw; `Analytics` adds it."""
+
+
+class Predictor:
+    """Forecasts a stream of frames with one model, or several that share the window."""
+
+    def __init__(
+        self,
+        models: Model | Mapping[str, Model],
+        period: float | None = None,
+        max_people: int = 64,
+        samples: int = 20,
+        seed: int = 0,
+        *,
+        recording: str = "",
+        max_gap: float = 1.0,
+        timeout: float = 10.0,
+        reset_after: float = 5.0,
+        max_tracks: int = 1024,
+        hold: float = 0.0,
+        far: float = FAR,
+        max_speed: float = MAX_SPEED,
+        compile: When = "start",
+        report: Callable[[str], None] = lambda text: None,
+    ):
+        """Compile what will be needed, or begin to.
+
+        Args:
+            models: a model, called by its own name, or models by name.
+            period: seconds between steps; those that the models were trained on if None.
+            max_people: in a forecast; of more, the nearest are taken.
+            samples: k futures of each model.
+            seed: of the noise, together with `recording` and the index of the first observed step.
+            recording: of the noise, too, as in `predict`; not for names that may change.
+            max_gap: see `Window`, as are the others.
+            timeout: seconds.
+            reset_after: seconds.
+            max_tracks: people followed at once.
+            hold: seconds for which somebody unseen is still forecast.
+            far: metres.
+            max_speed: metres per second.
+            compile: when the programs are, see `online.programs`.
+            report: is told, in one line, of every program before it is compiled.
+
+        Raises:
+            InputError: for numbers out of range, no model, or models that observe different spans.
+        """
+        self.models = {models.name: models} if isinstance(models, Model) else dict(models)
+        lengths = {model.config.obs_len for model in self.models.values()}
+        if len(lengths) != 1:
+            raise InputError(f"models must observe the same number of steps, not {sorted(lengths)}")
+        periods = {model.config.period for model in self.models.values()}
+        if period is None and len(periods) != 1:
+            raise InputError(f"models must have steps of one length, not {sorted(periods)} s")
+        refuse_below(1, {"max_people": max_people})
+        self.window = Window(
+            lengths.pop(),
+            periods.pop() if period is None else period,
+            max_gap=max_gap,
+            timeout=timeout,
+            reset_after=reset_after,
+            max_tracks=max_tracks,
+            hold=hold,
+            far=far,
+            max_speed=max_speed,
+        )
+        self.max_people, self.recording = max_people, recording
+        self._forecasters = {
+            name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
+            for name, model in self.models.items()
+        }
+        for forecaster in self._forecasters.values():
+            forecaster.fit(max_people)
+        sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
+        self.programs = Programs(sorted(sizes), compile, report)
+        """What is compiled for these forecasts, and what others add to it."""
+        self.programs.begin(
+            lambda size: self._forecast(np.zeros((1, self.window.steps, 2)), 0, size)
+        )
+
+    @property
+    def samples(self) -> set[int]:
+        """The numbers of futures that the models draw."""
+        return {forecaster.samples for forecaster in self._forecasters.values()}
+
+    @property
+    def health(self) -> Health:
+        """What was wrong with the stream so far."""
+        return self.window.health
+
+    def push(
+        self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
+    ) -> Forecast | None:
+        """Take in one frame; a forecast where it completes a step with somebody to forecast.
+
+        Args:
+            stamp: seconds, of the message's header. A frame is everybody seen at that moment.
+            ids: [N] whole numbers.
+            xy: [N, 2] world metres.
+            focus: [2] metres, the robot: who is nearest to it goes first where there are more than
+                `max_people`; by default nearest to the middle of all.
+
+        Raises:
+            InputError: where the shapes differ; whatever else is wrong is counted in `health`.
+        """
+        arrived = time.perf_counter()
+        if not self.window.push(stamp, ids, xy, focus):
+            return None
+        people, observed, extrapolated = self.window.complete()
+        if len(people) == 0:
+            return None
+        dropped = self.window.incomplete()
+        asked = time.perf_counter()
+        slots = self.programs.fit(len(people))
+        arrived += time.perf_counter() - asked  # What is compiled now does not count.
+        most = min(slots, self.max_people)
+        if len(people) > most:
+            last = observed[:, -1]
+            centre = last.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
+            order = np.argsort(np.linalg.norm(last - centre, axis=1), kind="stable")
+            dropped |= dict.fromkeys(people[order[most:]].tolist(), "compiling")
+            dropped |= dict.fromkeys(people[order[self.max_people :]].tolist(), "crowded")
+            near = np.sort(order[:most])
+            people, observed, extrapolated = people[near], observed[near], extrapolated[near]
+        index = self.window.index
+        forecasts = self._forecast(observed, index - self.window.steps + 1, slots)
+        assert self.window.start is not None
+        return Forecast(
+            stamp=self.window.start + index * self.window.period,
+            index=index,
+            ids=people,
+            observed=observed,
+            models=forecasts,
+            dropped=dropped,
+            latency=time.perf_counter() - arrived,
+            extrapolated=extrapolated,
+        )
+
+    def _forecast(self, observed: np.ndarray, frame: int, slots: int) -> dict[str, ModelForecast]:
+        """Of every model; the window of N people, in `slots`, begins at grid point `frame`."""
+        scene = make_scene(observed, recording=self.recording, frame=frame)
+        padded = pad_scene(scene, slots)
+        # All are begun before the first is waited for.
+        started = {name: each.start(padded) for name, each in self._forecasters.items()}
+        return {
+            name: _summary(SceneForecaster.finish(futures, scene))
+            for name, futures in started.items()
+        }
+
+
+def _summary(samples: np.ndarray) -> ModelForecast:
+    mean = samples.mean(axis=0)
+    # The sum of squared distances to all others is least for the sample nearest to the mean.
+    central = int(((samples - mean) ** 2).sum(axis=(1, 2, 3)).argmin())
+    return ModelForecast(samples, mean, central)

@@ -1,0 +1,115 @@
+"""Messages of people, whatever their type: who is seen, and where. One entry each in a table.
+
+Positions and ids only; whether a message belongs to the stream is for `ros.source`.
+"""
+
+import hashlib
+import re
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_robot.ros.definitions import HUMANS, PEOPLE
+
+__all__ = ["KINDS", "POSES", "Kind", "Seen", "id_of_name", "kind_named", "seconds_of", "see"]
+
+POSES = "geometry_msgs/msg/PoseArray"
+
+
+class Seen(NamedTuple):
+    """What a message says."""
+
+    stamp: float
+    """Seconds, of its header."""
+    frame_id: str
+    """Of the coordinates, without the slash that ROS's first names began with."""
+    ids: np.ndarray | None
+    """[N] int64; None where somebody has no id."""
+    xyz: np.ndarray
+    """[N, 3] metres."""
+
+    @property
+    def xy(self) -> np.ndarray:
+        """[N, 2] metres."""
+        return self.xyz[:, :2]
+
+
+class Kind(NamedTuple):
+    """Where a type of message has its people."""
+
+    people: str
+    """Field with one entry a person."""
+    position: str
+    """Of an entry: the way to its x, y, z."""
+    id: Callable[[Any], int | None]
+    """Of an entry; None where it has none."""
+
+
+def id_of_name(name: str) -> int:
+    """The id of a person's name, the same everywhere: the number it is, or else a hash of it.
+
+    Hashes lie between 2**52 and 2**53, where floats and JavaScript still count in ones.
+    """
+    if re.fullmatch("-?[0-9]{1,18}", name):
+        return int(name)
+    return 2**52 | int.from_bytes(hashlib.blake2b(name.encode(), digest_size=6).digest())
+
+
+def _signed(id: int) -> int:
+    """A uint64 as the int64 with its bits: negative ids were written so."""
+    return (int(id) + 2**63) % 2**64 - 2**63
+
+
+def _id_of_detection(detection: Any) -> int | None:
+    """The field is `id` since ROS 2 Humble, `tracking_id` before; on ROS 1 there is none."""
+    name = getattr(detection, "id", "") or getattr(detection, "tracking_id", "")
+    return id_of_name(name) if name else None
+
+
+KINDS = {
+    PEOPLE: Kind("people", "position", lambda person: id_of_name(person.name)),
+    HUMANS: Kind("humans", "centroid.pose.position", lambda human: _signed(human.id)),
+    "spencer_tracking_msgs/msg/TrackedPersons": Kind(
+        "tracks", "pose.pose.position", lambda track: _signed(track.track_id)
+    ),
+    "hunav_msgs/msg/Agents": Kind("agents", "position.position", lambda agent: agent.id),
+    "vision_msgs/msg/Detection3DArray": Kind(
+        "detections", "bbox.center.position", _id_of_detection
+    ),
+    POSES: Kind("poses", "position", lambda pose: None),
+}
+"""By type, as ROS 2 writes it."""
+
+
+def kind_named(name: str) -> str:
+    """The key of `KINDS` for a type without its package, such as "People".
+
+    Raises:
+        InputError: for another name.
+    """
+    kinds = {kind.rpartition("/")[2]: kind for kind in KINDS}
+    if name not in kinds:
+        raise InputError(f"no message of people is called {name!r}: there are {', '.join(kinds)}")
+    return kinds[name]
+
+
+def see(kind: str, message: Any) -> Seen:
+    """What a message of type `kind`, a key of `KINDS`, says; any object with the right fields."""
+    form = KINDS[kind]
+    people = list(getattr(message, form.people))
+    ids = [form.id(each) for each in people]
+    points = map(attrgetter(form.position), people)
+    return Seen(
+        seconds_of(message.header.stamp),
+        message.header.frame_id.removeprefix("/"),
+        None if None in ids else np.array(ids, np.int64),
+        np.array([(at.x, at.y, at.z) for at in points], np.float64).reshape(-1, 3),
+    )
+
+
+def seconds_of(stamp: Any) -> float:
+    """Of a message's time."""
+    return stamp.sec + 1e-9 * stamp.nanosec

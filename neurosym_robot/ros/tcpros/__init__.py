@@ -1,0 +1,12 @@
+"""A ROS 1 client in pure Python: the master's and the slaves' XML-RPC, and topics over TCPROS.
+
+It needs neither rospy nor a ROS installation, because the Python of a robot's ROS 1 is older than
+the one JAX needs. It moves bytes of messages and knows nothing of people or models. Services,
+parameters, actions and UDPROS are not here.
+"""
+
+from neurosym_robot.ros.tcpros.names import Topic, global_name, node_name
+from neurosym_robot.ros.tcpros.node import Node
+from neurosym_robot.ros.tcpros.publisher import Publisher
+
+__all__ = ["Node", "Publisher", "Topic", "global_name", "node_name"]

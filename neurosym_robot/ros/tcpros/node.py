@@ -1,0 +1,222 @@
+"""A node of a ROS 1 graph: known to the master, found by others, until it is closed."""
+
+import os
+import socket
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from neurosym_jax.runtime.deadline import deadline
+from neurosym_robot.ros.tcpros.names import Names, Topic, local_host, master_uri, node_name
+from neurosym_robot.ros.tcpros.publisher import Publisher
+from neurosym_robot.ros.tcpros.server import ConnectionServer
+from neurosym_robot.ros.tcpros.subscriber import HANDSHAKE, Subscriber
+from neurosym_robot.ros.tcpros.wire import MAX_HEADER, decode_header, prepare, read_block
+from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
+
+__all__ = ["Node"]
+
+WATCH = 1.0
+"""Seconds between looks whether the master still knows the node."""
+
+
+class Node:
+    """Subscribes and publishes; survives restarts of the master and of other nodes.
+
+    Threads serve in the background. A master that is not there yet is waited for.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        master: str | None = None,
+        report: Callable[[str], None] = print,
+        remaps: Iterable[str] = (),
+    ):
+        """Open the ports; topics are registered as they are subscribed and advertised.
+
+        Args:
+            name: of the node, unique in the graph; the master ends an older node of that name.
+            master: URI; by default as `names.master_uri` says.
+            report: is told, in one line each, what happens to connections.
+            remaps: "FROM:=TO" each; see `names.Names`.
+
+        Raises:
+            InputError: for a name or URI that is none.
+        """
+        self.name, self.master, self._report = node_name(name), master_uri(master), report
+        self.names = Names(self.name, remaps)
+        """What topics are called in the graph."""
+        self.stopped = threading.Event()
+        """Set when the graph asks the node to end; whoever made it then closes it."""
+        self._subscribers: dict[str, Subscriber] = {}
+        self._publishers: dict[str, Publisher] = {}
+        self._lock = threading.Lock()
+        host = local_host(self.master)
+        # Reached from this computer only, where that is what the environment says.
+        bind = host if host == "localhost" or host.startswith("127.") else ""
+        self._data = ConnectionServer(bind, self._accept)
+        self._slave = SlaveServer(bind, self._methods())
+        self._host, self._port = host, self._data.server_address[1]
+        self.uri = f"http://{host}:{self._slave.server_address[1]}/"
+        self._registered = False
+        self._missed = ""
+        self._wake, self._closing = threading.Event(), threading.Event()
+        self._watcher = threading.Thread(target=self._watch, daemon=True, name="master")
+        self._watcher.start()
+
+    def subscribe(
+        self,
+        topic: Topic,
+        hear: Callable[[bytes, Mapping[str, str]], None],
+        refuse: Callable[[Mapping[str, str]], str | None] = lambda header: None,
+    ) -> Subscriber:
+        """Hear every message of `topic`; `hear` and `refuse` are as for `Subscriber`."""
+        subscriber = Subscriber(topic, self.name, hear, self._report, refuse)
+        with self._lock:
+            self._subscribers[topic.name] = subscriber
+        self._register_soon()
+        return subscriber
+
+    def advertise(self, topic: Topic, queue_size: int = 10) -> Publisher:
+        """Publish messages of `topic`; at most `queue_size` wait for a slow subscriber."""
+        publisher = Publisher(topic, self.name, self._report, queue_size)
+        with self._lock:
+            self._publishers[topic.name] = publisher
+        self._register_soon()
+        return publisher
+
+    def close(self) -> None:
+        """Leave the graph: unregister, end all connections and threads."""
+        self._closing.set()
+        self._wake.set()
+        self._watcher.join()
+        try:
+            for name in self._subscribers:
+                call(self.master, "unregisterSubscriber", self.name, name, self.uri, timeout=1.0)
+            for name in self._publishers:
+                call(self.master, "unregisterPublisher", self.name, name, self.uri, timeout=1.0)
+        except CallError:
+            pass  # Without a master there is nothing to leave.
+        for subscriber in self._subscribers.values():
+            subscriber.close()
+        for publisher in self._publishers.values():
+            publisher.close()
+        self._data.close()
+        self._slave.close()
+
+    def _register_soon(self) -> None:
+        self._registered = False
+        self._wake.set()
+
+    def _watch(self) -> None:
+        """Register, and do it again whenever a master does not know the node."""
+        while not self._closing.is_set():
+            self._wake.clear()
+            try:
+                if self._registered:
+                    self._look()
+                if not self._registered:
+                    self._register()
+                if self._missed:
+                    self._report(f"master at {self.master}: there again")
+                    self._missed = ""
+            except CallError as error:
+                if not self._missed:
+                    self._report(f"waiting for the master at {self.master}: {error}")
+                self._missed = str(error)
+            self._wake.wait(WATCH)
+
+    def _look(self) -> None:
+        try:
+            known = call(self.master, "lookupNode", self.name, self.name)
+        except Refused:
+            self._report(f"master at {self.master}: forgot this node, which registers again")
+            self._registered = False
+        else:
+            if known != self.uri:
+                self._report(f"another node is {self.name} now, at {known}")
+                self.stopped.set()
+
+    def _register(self) -> None:
+        with self._lock:
+            self._registered = True
+            subscribers, publishers = (
+                list(self._subscribers.values()),
+                list(self._publishers.values()),
+            )
+        try:
+            for publisher in publishers:
+                topic = publisher.topic
+                call(self.master, "registerPublisher", self.name, topic.name, topic.type, self.uri)
+            for subscriber in subscribers:
+                topic = subscriber.topic
+                uris = call(
+                    self.master, "registerSubscriber", self.name, topic.name, topic.type, self.uri
+                )
+                subscriber.update(_uris(uris), all_of_them=False)
+        except CallError:
+            self._registered = False
+            raise
+
+    def _accept(self, connection: socket.socket) -> None:
+        """Serve who has connected to our TCPROS port."""
+        prepare(connection)
+        connection.settimeout(HANDSHAKE)
+        with deadline(connection, HANDSHAKE):
+            header = decode_header(read_block(connection, MAX_HEADER))
+        publisher = self._publishers.get(header.get("topic", ""))
+        if publisher is not None:
+            publisher.serve(connection, header)
+
+    def _methods(self) -> dict[str, Callable[..., Any]]:
+        """What masters and nodes may ask; the first argument is always the caller's name."""
+        return {
+            "getPid": lambda caller: os.getpid(),
+            "getMasterUri": lambda caller: self.master,
+            "getBusStats": lambda caller: [[], [], []],
+            "getBusInfo": lambda caller: self._bus_info(),
+            "getSubscriptions": lambda caller: _types(self._subscribers),
+            "getPublications": lambda caller: _types(self._publishers),
+            "paramUpdate": lambda caller, key, value: 0,
+            "publisherUpdate": self._publisher_update,
+            "requestTopic": self._request_topic,
+            "shutdown": self._shutdown,
+        }
+
+    def _publisher_update(self, caller: str, topic: str, uris: Any) -> int:
+        subscriber = self._subscribers.get(topic)
+        if subscriber is not None:
+            subscriber.update(_uris(uris))
+        return 0
+
+    def _request_topic(self, caller: str, topic: str, protocols: Any) -> list[Any]:
+        if topic not in self._publishers:
+            raise Refused(f"{self.name} does not publish {topic}")
+        if not any(protocol and protocol[0] == "TCPROS" for protocol in protocols):
+            raise Refused(f"{self.name} speaks TCPROS only")
+        return ["TCPROS", self._host, self._port]
+
+    def _shutdown(self, caller: str, reason: str = "") -> int:
+        self._report(f"asked to end by {caller!s:.80}: {reason!s:.200}")
+        self.stopped.set()
+        return 0
+
+    def _bus_info(self) -> list[list[Any]]:
+        """[id, other side, direction, transport, topic, connected] of every connection."""
+        rows = []
+        for name, subscriber in self._subscribers.items():
+            rows += [[len(rows), uri, "i", "TCPROS", name, True] for uri in subscriber.publishers]
+        for name, publisher in self._publishers.items():
+            rows += [[len(rows), who, "o", "TCPROS", name, True] for who in publisher.subscribers]
+        return rows
+
+
+def _types(ends: Any) -> list[list[str]]:
+    return [[name, end.topic.type] for name, end in list(ends.items())]
+
+
+def _uris(value: Any) -> list[str]:
+    if not isinstance(value, list) or not all(isinstance(uri, str) for uri in value):
+        raise CallError(f"not a list of publishers: {value!r:.80}")
+    return value

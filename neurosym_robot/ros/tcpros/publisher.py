@@ -1,0 +1,102 @@
+"""The publishing side of a topic: a short queue for each subscriber, so that none delays others."""
+
+import collections
+import select
+import socket
+import threading
+from collections.abc import Callable
+
+from neurosym_robot.ros.tcpros.names import Topic
+from neurosym_robot.ros.tcpros.wire import encode_block, encode_header
+
+__all__ = ["Publisher"]
+
+SLOW = 5.0
+"""Seconds that a subscriber may take for one message; then it is dropped."""
+LOOK = 1.0
+"""Seconds between looks whether a subscriber is gone, while there is nothing to send."""
+
+
+class Publisher:
+    """Publishes messages of one topic; made by `Node.advertise`."""
+
+    def __init__(
+        self, topic: Topic, caller: str, report: Callable[[str], None], queue_size: int = 10
+    ):
+        """Without subscribers.
+
+        Args:
+            topic: what is published.
+            caller: name of the node.
+            report: is told, in one line, who was refused or dropped.
+            queue_size: messages that wait for a subscriber at most; older ones are left out.
+        """
+        self.topic, self._caller, self._report = topic, caller, report
+        self._queue_size = queue_size
+        self._queues: dict[socket.socket, tuple[str, collections.deque[bytes]]] = {}
+        self._changed = threading.Condition()
+        self._closed = False
+
+    @property
+    def subscribers(self) -> list[str]:
+        """Names of those connected at this moment."""
+        with self._changed:
+            return [peer for peer, _ in self._queues.values()]
+
+    def publish(self, message: bytes) -> None:
+        """Send a serialised message to every subscriber, without waiting for any."""
+        block = encode_block(message)
+        with self._changed:
+            for _, queue in self._queues.values():
+                queue.append(block)
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Let every connection end."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def serve(self, connection: socket.socket, header: dict[str, str]) -> None:
+        """Serve a subscriber that sent `header` until one side is closed."""
+        topic, peer = self.topic, header.get("callerid", "somebody")
+        if header.get("md5sum") not in ("*", topic.md5):
+            wanted = f"{header.get('type')} with md5 {header.get('md5sum')}"
+            reason = f"{topic.name} is {topic.type} with md5 {topic.md5}, not {wanted}"
+            self._report(f"refused the subscriber {peer}: {reason}")
+            connection.sendall(encode_header({"error": reason}))
+            return
+        fields = {
+            "callerid": self._caller,
+            "topic": topic.name,
+            "type": topic.type,
+            "md5sum": topic.md5,
+            "message_definition": topic.definition,
+            "latching": "0",
+        }
+        connection.sendall(encode_header(fields))
+        connection.settimeout(SLOW)
+        queue: collections.deque[bytes] = collections.deque(maxlen=self._queue_size)
+        with self._changed:
+            self._queues[connection] = peer, queue
+        try:
+            while (block := self._next(queue, connection)) is not None:
+                connection.sendall(block)
+        except TimeoutError:
+            self._report(f"{topic.name}: dropped the subscriber {peer}, which does not read")
+        finally:
+            with self._changed:
+                del self._queues[connection]
+
+    def _next(self, queue: collections.deque[bytes], connection: socket.socket) -> bytes | None:
+        """What to send next; None when the connection is to end."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: queue or self._closed, LOOK)
+                if self._closed:
+                    return None
+                if queue:
+                    return queue.popleft()
+            # Subscribers have nothing to say, so something to read is the end.
+            if select.select([connection], [], [], 0)[0] and not connection.recv(4096):
+                return None

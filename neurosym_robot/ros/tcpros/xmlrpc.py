@@ -1,0 +1,126 @@
+"""The XML-RPC of ROS: calls to masters and nodes, and the server that every node has.
+
+As https://wiki.ros.org/ROS/Master_API and https://wiki.ros.org/ROS/Slave_API say: each answer is
+`[code, message, value]`, and code 1 means success. Bodies are bounded in both directions.
+"""
+
+import http.client
+import re
+import socket
+import xmlrpc.client
+from collections.abc import Callable, Mapping
+from typing import Any
+from xml.parsers.expat import ExpatError
+from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler
+
+from neurosym_jax.runtime.deadline import deadline
+from neurosym_robot.ros.tcpros.server import BoundedServer
+
+__all__ = ["CallError", "Refused", "SlaveServer", "call"]
+
+MAX_BODY = 4 << 20
+"""Bytes; the state of a graph of thousands of topics stays below."""
+TIMEOUT = 5.0
+"""Seconds."""
+
+
+_NONSENSE = (http.client.HTTPException, xmlrpc.client.Error, ExpatError)
+_NONSENSE += (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
+"""What Python's parsers raise at an answer that is none."""
+
+
+class CallError(ConnectionError):
+    """A call did not get through, or its answer makes no sense."""
+
+
+class Refused(CallError):
+    """The call got through, and the answer was no."""
+
+
+class _Transport(xmlrpc.client.Transport):
+    accept_gzip_encoding = False
+
+    def __init__(self, timeout: float):
+        super().__init__()
+        self._timeout = timeout
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = self._timeout
+        return connection
+
+    def parse_response(self, response: Any) -> Any:
+        body = response.read(MAX_BODY + 1)
+        if len(body) > MAX_BODY:
+            raise ValueError(f"the answer is longer than {MAX_BODY} bytes")
+        return xmlrpc.client.loads(body)[0]
+
+
+def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> Any:
+    """The value that `method` of the node or master at `uri` answers.
+
+    Raises:
+        Refused: if the code is not 1; the text is the message.
+        CallError: if nobody answers within `timeout` seconds, or with anything else.
+    """
+    try:
+        with xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)) as proxy:
+            answer = getattr(proxy, method)(*arguments)
+        code, message, value = answer
+    except socket.gaierror:
+        raise CallError("its name is not known here (set ROS_IP where it runs)") from None
+    except OSError as error:
+        raise CallError(error.strerror or str(error)) from None
+    except _NONSENSE as error:
+        raise CallError(f"no answer of ROS to {method} ({error!s:.80})") from None
+    if code != 1:
+        raise Refused(str(message))
+    return value
+
+
+class _Handler(SimpleXMLRPCRequestHandler):
+    timeout = TIMEOUT
+
+    def handle_one_request(self) -> None:
+        # All of it, and not each of its bytes.
+        with deadline(self.connection, TIMEOUT):
+            super().handle_one_request()
+
+    def do_POST(self) -> None:
+        length = self.headers.get("Content-Length", "")
+        if not re.fullmatch("[0-9]{1,9}", length):
+            self.send_error(411)
+        elif int(length) > MAX_BODY:
+            self.send_error(413)
+        elif "Content-Encoding" in self.headers:
+            self.send_error(501)
+        else:
+            super().do_POST()
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing: the graph asks often."""
+
+
+class SlaveServer(BoundedServer, SimpleXMLRPCDispatcher):
+    """Answers the calls in `methods`, which return values; code and message are added here."""
+
+    # What the handler expects of its server.
+    _send_traceback_header = False
+    logRequests = False
+
+    def __init__(self, host: str, methods: Mapping[str, Callable[..., Any]]):
+        """Bind to any free port of `host` and start."""
+        SimpleXMLRPCDispatcher.__init__(self, allow_none=False, encoding="utf-8")
+        BoundedServer.__init__(self, (host, 0), _Handler)
+        self.methods = dict(methods)
+        self.start()
+
+    def _dispatch(self, method: str, params: Any) -> list[Any]:
+        if method not in self.methods:
+            return [-1, f"there is no method {method!s:.80}", 0]
+        try:
+            return [1, "", self.methods[method](*params)]
+        except CallError as error:
+            return [0, str(error), 0]
+        except (TypeError, ValueError):
+            return [-1, f"not the arguments of {method}", 0]

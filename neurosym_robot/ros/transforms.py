@@ -1,0 +1,131 @@
+"""Where frames of coordinates lie in each other, as the messages of /tf and /tf_static tell.
+
+The part of ROS's tf2 that a stream of people needs, the same for ROS 1, ROS 2 and bags.
+"""
+
+import bisect
+import threading
+from typing import Any
+
+import numpy as np
+
+from neurosym_robot.ros.people import seconds_of
+
+__all__ = ["Transforms"]
+
+KEPT = 10.0
+"""Seconds of each frame's past."""
+AHEAD = 0.5
+"""Seconds for which the newest that is known still holds."""
+MOST = 4096
+"""Frames, and moments of each: what a broken publisher can make us remember."""
+
+
+class _Edge:
+    """How one frame lies in its parent, moment by moment."""
+
+    def __init__(self, parent: str):
+        self.parent = parent
+        self.times: list[float] = []
+        self.poses: list[np.ndarray] = []  # [7] translation, quaternion x y z w
+
+    def add(self, stamp: float, pose: np.ndarray) -> None:
+        if self.times and stamp < self.times[-1] - KEPT:
+            self.times, self.poses = [], []  # The clock was set back.
+        place = bisect.bisect_left(self.times, stamp)
+        self.times.insert(place, stamp)
+        self.poses.insert(place, pose)
+        old = bisect.bisect_left(self.times, self.times[-1] - KEPT)
+        old = max(old, len(self.times) - MOST)
+        del self.times[:old], self.poses[:old]
+
+    def at(self, stamp: float) -> np.ndarray:
+        """[4, 4] from this frame to the parent's, linearly between two moments."""
+        times = self.times
+        if len(times) == 1 and times[0] == -np.inf:
+            return _matrix(self.poses[0])
+        if not times[0] <= stamp <= times[-1] + AHEAD:
+            raise LookupError(f"known from {times[0]:.2f} to {times[-1]:.2f} s, not at {stamp:.2f}")
+        after = bisect.bisect_left(times, stamp)
+        if after == len(times) or times[after] == stamp:
+            return _matrix(self.poses[min(after, len(times) - 1)])
+        first, last = self.poses[after - 1], self.poses[after]
+        share = (stamp - times[after - 1]) / (times[after] - times[after - 1])
+        # q and -q are one rotation; between messages a robot turns so little that a straight way
+        # and one on the sphere are the same.
+        if first[3:] @ last[3:] < 0:
+            last = np.concatenate([last[:3], -last[3:]])
+        return _matrix((1 - share) * first + share * last)
+
+
+class Transforms:
+    """A tree of frames; any thread may tell it and ask it."""
+
+    def __init__(self):
+        """Nothing known yet."""
+        self._edges: dict[str, _Edge] = {}
+        self._lock = threading.Lock()
+
+    def hear(self, message: Any, static: bool = False) -> None:
+        """Take in a `tf2_msgs/TFMessage`; `static` ones, of /tf_static, hold at all times."""
+        for each in message.transforms:
+            at, turn = each.transform.translation, each.transform.rotation
+            pose = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w], np.float64)
+            if not (np.isfinite(pose).all() and np.linalg.norm(pose[3:]) > 1e-6):
+                continue
+            child, parent = (
+                name.removeprefix("/") for name in (each.child_frame_id, each.header.frame_id)
+            )
+            with self._lock:
+                edge = self._edges.get(child)
+                if edge is None or edge.parent != parent or static:
+                    if edge is None and len(self._edges) >= MOST:
+                        continue
+                    edge = self._edges[child] = _Edge(parent)
+                edge.add(-np.inf if static else seconds_of(each.header.stamp), pose)
+
+    def matrix(self, source: str, target: str, stamp: float) -> np.ndarray:
+        """[4, 4] that takes coordinates in `source` to those in `target` at `stamp` seconds.
+
+        Raises:
+            LookupError: where that is not known, with the reason.
+        """
+        with self._lock:
+            from_source, from_target = self._to_root(source), self._to_root(target)
+            common = next((frame for frame in from_source if frame in from_target), None)
+            if common is None:
+                raise LookupError(f"no transform between {source} and {target}")
+            up, down = (
+                self._along(frames[: frames.index(common)], stamp)
+                for frames in (from_source, from_target)
+            )
+        return np.linalg.inv(down) @ up
+
+    def _to_root(self, frame: str) -> list[str]:
+        """The frame, its parent, and so on; each once, should they run in a circle."""
+        frames = [frame]
+        while (edge := self._edges.get(frames[-1])) is not None and edge.parent not in frames:
+            frames.append(edge.parent)
+        return frames
+
+    def _along(self, frames: list[str], stamp: float) -> np.ndarray:
+        matrix = np.eye(4)
+        for frame in frames:
+            try:
+                matrix = self._edges[frame].at(stamp) @ matrix
+            except LookupError as error:
+                raise LookupError(f"where {frame} lies is {error}") from None
+        return matrix
+
+
+def _matrix(pose: np.ndarray) -> np.ndarray:
+    """[4, 4] of translation and quaternion [7]."""
+    x, y, z, w = pose[3:] / np.linalg.norm(pose[3:])
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = pose[:3]
+    return matrix

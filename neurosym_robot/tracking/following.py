@@ -1,0 +1,141 @@
+"""Who goes on as whom from frame to frame: ids are believed where people can have moved so.
+
+A tracker that swaps the ids of two people, or gives a person a new one, is corrected by where
+everybody was expected. Losses that last are for `linking`.
+"""
+
+import collections
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from neurosym_robot.tracking.linking import velocity
+from neurosym_robot.tracking.motion import FAR, MAX_SPEED, is_jump
+
+__all__ = ["Follower", "Track"]
+
+POINTS = 20
+"""Kept of each track; at 10 Hz twice what its velocity is taken from."""
+SMOOTH = 0.7
+"""Share of the old velocity that is kept from frame to frame: noise is as large as a step."""
+CERTAIN = 0.15
+"""Metres off where somebody was expected, within which an id is believed at once."""
+OTHER_ID = 0.2
+"""Metres that a track must be nearer to be somebody's who has another id."""
+REACH = 0.75
+"""Metres off where somebody was expected, at most, for somebody of another id."""
+RECENT = 0.5
+"""Seconds; for longer losses an id is believed, and there is `linking`."""
+
+
+class Track:
+    """One person's unbroken way, of which the newest points are kept."""
+
+    __slots__ = ("born", "first", "id", "name", "place", "points", "speed", "stamp")
+
+    def __init__(self, id: int, stamp: float, place: np.ndarray):
+        """Somebody new, of the tracker's `id`."""
+        self.id, self.born, self.first = id, stamp, place
+        self.name: int | None = None
+        self.stamp, self.place, self.speed = stamp, place, np.zeros(2)
+        self.points = collections.deque([(stamp, *place)], maxlen=POINTS)
+
+    def expected(self, stamp: float) -> np.ndarray:
+        """[2] metres."""
+        return self.place + (stamp - self.stamp) * self.speed
+
+    def add(self, id: int, stamp: float, place: np.ndarray) -> None:
+        """Seen again at `place` [2], metres."""
+        moved = (place - self.place) / (stamp - self.stamp)
+        keep = SMOOTH if len(self.points) > 1 else 0.0
+        self.speed = keep * self.speed + (1 - keep) * moved
+        self.id, self.stamp, self.place = id, stamp, place
+        self.points.append((stamp, *place))
+
+    def velocity(self, memory: float, at_start: bool = False) -> np.ndarray:
+        """[2] metres per second, of the points within `memory` seconds of its newest or oldest."""
+        points = np.array(self.points)
+        at = points[0 if at_start else -1, 0]
+        near = points[np.abs(points[:, 0] - at) <= memory + 1e-3]
+        return velocity(near[:, 0], near[:, 1:])
+
+
+class Follower:
+    """Tracks of everybody, frame by frame."""
+
+    def __init__(
+        self,
+        forget: float,
+        max_tracks: int,
+        far: float = FAR,
+        max_speed: float = MAX_SPEED,
+        recent: float = RECENT,
+    ):
+        """Nobody seen yet."""
+        self.recent = recent
+        self.forget, self.max_tracks, self.far, self.max_speed = forget, max_tracks, far, max_speed
+        self.tracks: list[Track] = []
+        self.stamp = -np.inf
+
+    def clear(self) -> None:
+        """Forget everybody."""
+        self.tracks, self.stamp = [], -np.inf
+
+    def push(self, stamp: float, ids: list[int], xy: np.ndarray) -> list[Track | None]:
+        """Tracks of the next frame's people, at `xy` [N, 2]; None where one is not followed."""
+        self.tracks = [each for each in self.tracks if stamp - each.stamp <= self.forget]
+        self.stamp = stamp
+        found: list[Track | None] = [None] * len(ids)
+        near = np.flatnonzero((np.abs(xy) < self.far).all(axis=1)).tolist() if len(ids) else []
+        # Of two tracks that had one id the newer; of two people with one id the first.
+        of_id = {track.id: track for track in self.tracks}
+        free = {id(track): track for track in self.tracks}
+        waiting = []
+        for n in near:
+            track = of_id.get(ids[n])
+            if track is not None and id(track) in free and self._off(track, xy[n]) <= CERTAIN:
+                found[n] = free.pop(id(track))
+            else:
+                waiting.append(n)
+        recent = [
+            each for each in free.values() if stamp - each.stamp <= self.recent or each.id in ids
+        ]
+        for n, track in self._assign(waiting[: self.max_tracks], recent, ids, xy):
+            found[n] = track
+        for n in near:
+            track = found[n]
+            if track is not None:
+                track.add(ids[n], stamp, xy[n])
+            elif len(self.tracks) < self.max_tracks:
+                found[n] = new = Track(ids[n], stamp, xy[n])
+                self.tracks.append(new)
+        return found
+
+    def _off(self, track: Track, place: np.ndarray) -> float:
+        return float(np.hypot(*(place - track.expected(self.stamp))))
+
+    def _assign(
+        self, waiting: list[int], tracks: list[Track], ids: list[int], xy: np.ndarray
+    ) -> Iterator[tuple[int, Track]]:
+        """People of the frame, and the tracks that they go on with."""
+        if not (waiting and tracks):
+            return
+        gap = np.array([self.stamp - each.stamp for each in tracks])
+        expected = np.array([each.expected(self.stamp) for each in tracks])
+        place = np.array([each.place for each in tracks])
+        points = xy[waiting]
+        off = np.linalg.norm(points - expected[:, None], axis=-1)
+        moved = np.linalg.norm(points - place[:, None], axis=-1)
+        same = np.array([each.id for each in tracks])[:, None] == np.array(ids)[waiting]
+        allowed = np.where(
+            same,
+            ~is_jump(moved, gap[:, None], self.max_speed),
+            (off <= REACH) & (gap[:, None] <= self.recent),
+        )
+        cost = np.where(
+            allowed, np.where(same, np.minimum(off, REACH + OTHER_ID), off + OTHER_ID), 1e6
+        )
+        for row, column in zip(*linear_sum_assignment(cost)):
+            if allowed[row, column]:
+                yield waiting[column], tracks[row]

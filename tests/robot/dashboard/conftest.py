@@ -1,0 +1,94 @@
+"""A made-up stream of people and forecasts, and a headless Chromium to look at it with."""
+
+import shutil
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.forecasting.model import Model
+from neurosym_robot.dashboard.moments import Moments
+from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.predictor import Forecast, ModelForecast
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+QUIET = (
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+MODELS = {
+    "SGAN": Model(GeneratorConfig(), {}),
+    "NeuroSyM": Model(GeneratorConfig(pooling="as_described"), {}),
+}
+Shown = tuple[Frame, Forecast | None, dict]
+
+
+def frames_and_forecasts(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Shown]:
+    """People on straight ways at 10 Hz; forecasts that err by so much, a step every 0.4 s."""
+    analytics = Analytics()
+    rng = np.random.default_rng(0)
+    origin, speed = rng.uniform(-3, 3, (2, people, 1, 2))
+    for n in range(int(10 * seconds)):
+        ids = np.arange(people) + 2**53  # Beyond what JavaScript counts.
+        frame = Frame(start + n / 10, ids, (origin + speed * n / 10)[:, 0])
+        forecast = None
+        if n % 4 == 0 and n >= 28:
+            now = np.arange(-7, 9)[:, None] * 0.4 + n / 10
+            path = origin + speed * now
+            spread = rng.normal(0, 0.1, (5, people, 8, 2)).cumsum(axis=2)
+            models = {}
+            for name, width in (("SGAN", 2.0), ("NeuroSyM", 1.0)):
+                samples = path[:, 8:] + width * spread
+                models[name] = ModelForecast(samples, samples.mean(axis=0), 2)
+            dropped = {7: "short", 9: "<script>"}
+            forecast = Forecast(
+                frame.stamp,
+                n // 4,
+                ids,
+                path[:, :8],
+                models,
+                dropped,
+                1e-3 * (n % 5 + 1),
+                np.zeros(people, int),
+            )
+            analytics.add(forecast)
+        yield frame, forecast, analytics.summary()
+
+
+@pytest.fixture
+def moments() -> Moments:
+    return Moments(MODELS, title="three people </script>")
+
+
+@pytest.fixture
+def stream() -> Callable[..., Iterator[Shown]]:
+    return frames_and_forecasts
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium; where there is none, the test says so and is skipped."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        pytest.skip("no Chromium here (Debian: apt-get install chromium)")
+    with api.sync_playwright() as play:
+        chromium = play.chromium.launch(executable_path=found, args=list(QUIET))
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def page(browser):
+    """A page that fails the test where its script does, or where its policy forbids something."""
+    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    page = context.new_page()
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda said: wrong.append(said.text) if said.type == "error" else None)
+    page.set_default_timeout(10_000)
+    yield page
+    context.close()
+    assert not wrong

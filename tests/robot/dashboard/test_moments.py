@@ -1,0 +1,91 @@
+"""What the page is told is what was seen and forecast, bounded, whatever comes."""
+
+import json
+import math
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
+from neurosym_jax.symbolic.weighting import initial_parameters, scene_alpha
+from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_robot.dashboard import ReplayFile
+from neurosym_robot.dashboard.moments import MAX_NAMED
+from neurosym_robot.dashboard.symbols import PairSymbols
+from neurosym_robot.online.frame import Frame
+
+
+def test_a_forecast_is_told_whole(moments, stream):
+    *_, (frame, forecast, summary) = [event for event in stream(6) if event[1] is not None]
+    told = json.loads(moments.moment(frame, forecast, summary))
+    assert told["ids"] == [str(id) for id in frame.ids]
+    assert_allclose(np.reshape(told["xy"], (-1, 2)), frame.xy, atol=6e-4)
+    step = told["step"]
+    assert_allclose(np.reshape(step["seen"], (3, 8, 2)), forecast.observed, atol=6e-4)
+    for name, result in forecast.models.items():
+        samples = np.reshape(step["models"][name]["samples"], (3, 5, 8, 2)).swapaxes(0, 1) / 100
+        assert_allclose(samples + forecast.observed[:, -1:], result.samples, atol=6e-3)
+        assert step["models"][name]["central"] == result.central
+    assert step["dropped"] == {"7": "short", "9": "<script>"}
+    assert step["score"] == summary
+    assert step["latency"] == pytest.approx(1e3 * forecast.latency)
+    codes, alpha = moments._symbols(forecast.observed)
+    assert step["codes"] == [int(codes[pair]) for pair in ((0, 1), (0, 2), (1, 2))]
+    assert_allclose(step["alpha"], alpha.ravel(), atol=6e-5)
+
+
+def test_symbols_and_weights_are_the_models_own():
+    weigh = jax.jit(scene_alpha, static_argnums=0)
+    observe = jax.jit(lambda path: pairwise_qtc_c1(path, quantisation_factor=0.2)[:, :, -1])
+    path = np.random.default_rng(0).normal(0, 0.2, (5, 8, 2)).cumsum(axis=1)
+    config = WeightingConfig("soft", learned=True)
+    parameters = initial_parameters(config) | {"log_quantisation_factor": np.float32(np.log(0.2))}
+    generator = GeneratorConfig(pooling="as_described", weighting=config)
+    models = {
+        "SGAN": Model(GeneratorConfig(), {}),
+        "own": Model(generator, {"weighting": parameters}),
+    }
+    symbols = PairSymbols(models)
+    codes, alpha = symbols(path)
+    assert symbols.model == "own"
+    assert_array_equal(codes, (np.asarray(observe(path)) + 1) @ [27, 9, 3, 1])
+    centred = path - path[:, -1].mean(axis=0)
+    assert_allclose(alpha, weigh(config, parameters, centred)[..., -1], rtol=1e-4)
+    assert PairSymbols({"SGAN": Model(GeneratorConfig(), {})})(path)[1] is None
+
+
+def test_time_never_falls(moments):
+    nobody = np.zeros(0, np.int64), np.zeros((0, 2))
+    stamps = [100.0, 100.4, 100.4, 100.2, math.nan, math.inf, 101.0, 50.0, 50.4, 1e9]
+    told = [moments.moment(Frame(stamp, *nobody), None, {}) for stamp in stamps]
+    times = [json.loads(line)["t"] for line in told if line]
+    assert times == pytest.approx([0, 0.4, 1.0, 61.0, 61.4, 1e9 - 50 + 61])
+
+
+def test_whatever_is_seen_is_bounded_and_sound(moments):
+    ids = np.arange(10_000)
+    xy = np.full((10_000, 2), np.nan)
+    xy[::2] = ids[::2, None] % 7
+    xy[::4] = [np.inf, 1e300]
+    told = moments.moment(Frame(0.0, ids, xy), None, {})
+    assert len(told) < 100 * MAX_NAMED
+    told = json.loads(told)
+    assert len(told["ids"]) == MAX_NAMED
+    assert told["more"] == 2500 - MAX_NAMED
+    assert told["ids"][:2] == ["2", "6"]
+
+
+def test_a_file_is_never_overwritten(moments, tmp_path):
+    path = tmp_path / "new" / "replay.html"
+    ReplayFile(path, moments).close()
+    cases = [(path, "already there"), (tmp_path / "a.txt", ".html")]
+    cases.append((Path("/dev/null/a/b.html"), "cannot be written"))
+    for wrong, reason in cases:
+        with pytest.raises(InputError, match=reason):
+            ReplayFile(wrong, moments)

@@ -1,0 +1,208 @@
+"""The server serves its page and its stream, to whom it should, whatever it is sent."""
+
+import contextlib
+import http.client
+import json
+import random
+import socket
+import threading
+import time
+
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_robot.dashboard import Dashboard, server
+from neurosym_robot.dashboard.stream import BATCH, Stream
+
+
+@pytest.fixture
+def dashboard(moments):
+    dashboard = Dashboard(moments, port=0)
+    dashboard.start()
+    yield dashboard
+    dashboard.close()
+
+
+def port_of(dashboard) -> int:
+    return int(dashboard.url.rstrip("/").rpartition(":")[2])
+
+
+def get(dashboard, path="/", method="GET", **headers) -> tuple[int, dict, bytes]:
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(dashboard), timeout=10)
+    with contextlib.closing(connection):
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, dict(answer.getheaders()), answer.read()
+
+
+def say(dashboard, data: bytes) -> bytes:
+    """What comes back for these bytes, until the server closes or a second passes."""
+    with socket.create_connection(("127.0.0.1", port_of(dashboard)), timeout=1) as client:
+        heard = b""
+        with contextlib.suppress(OSError):
+            client.sendall(data)
+            client.shutdown(socket.SHUT_WR)
+            while part := client.recv(4096):
+                heard += part
+        return heard
+
+
+def read_events(dashboard, last: str = "") -> list[dict[str, str]]:
+    """The events of a stream that has ended."""
+    headers = {"Last-Event-ID": last} if last else {}
+    status, _, body = get(dashboard, "/events", **headers)
+    assert status == 200
+    blocks = body.decode().strip().split("\n\n")
+    return [dict(line.split(":", 1) for line in block.split("\n")) for block in blocks]
+
+
+def test_nothing_but_the_page_and_the_stream(dashboard):
+    status, headers, page = get(dashboard)
+    assert status == 200
+    assert headers["Content-Type"].startswith("text/html")
+    assert page.startswith(b"<!doctype html>")
+    assert b"http://www.w3.org" in page  # The name of SVG; no other address is in it.
+    assert page.count(b"http") == page.count(b"http://www.w3.org/2000/svg") + page.count(
+        b"http-equiv"
+    )
+    assert get(dashboard, method="HEAD")[2] == b""
+    for path in ("/page.js", "/favicon.ico", "/../etc/passwd", "/events/", "/%2e%2e/", "*"):
+        assert get(dashboard, path)[0] == 404
+    for method in ("POST", "PUT", "DELETE", "OPTIONS", "TRACE"):
+        assert get(dashboard, method=method)[0] == 501
+
+
+def test_names_that_are_not_ours_are_refused(dashboard):
+    names = {"localhost:80": 200, "127.0.0.1": 200, "[::1]:9": 200, "192.168.0.7:1": 200}
+    names |= {f"{socket.gethostname().upper()}.local": 200, "evil.example": 403, "": 403}
+    names |= {"127.0.0.1.evil.example:8765": 403, "localhost.evil.example": 403, "[": 403}
+    for name, status in names.items():
+        assert get(dashboard, Host=name)[0] == status, name
+    assert b" 403 " in say(dashboard, b"GET /events HTTP/1.0\r\n\r\n")
+
+
+def test_the_stream_is_what_was_shown(dashboard, moments, stream):
+    events = list(stream(5))
+    for event in events:
+        dashboard.show(*event)
+    dashboard.end(events[-1][2])
+    told = read_events(dashboard)
+    assert [each.get("event") for each in told[:2]] == [" introduction", " anew"]
+    assert told[-1]["event"] == " end"
+    lines = [json.loads(each["data"]) for each in told[2:-1]]
+    assert [line["t"] for line in lines[:-1]] == [n / 10 for n in range(50)]
+    assert lines[-1]["score"]["forecasts"] == events[-1][2]["forecasts"]
+    # Who comes again is told the rest; who comes from another run, everything.
+    rest = read_events(dashboard, told[41]["id"].strip())
+    assert [each["data"] for each in rest] == [each["data"] for each in [told[0], *told[42:]]]
+    assert len(read_events(dashboard, "0123-40")) == len(told)
+    assert len(read_events(dashboard, f"{told[9]['id'].strip()}x")) == len(told)
+
+
+def test_slow_and_vanished_readers_delay_nobody(dashboard, moments, stream, monkeypatch):
+    monkeypatch.setattr(server, "PATIENCE", 0.5)
+    monkeypatch.setattr(server._Handler, "timeout", 0.5)
+    monkeypatch.setattr(server, "HEARTBEAT", 0.1)
+    before = threading.active_count()
+    readers = []
+    for _ in range(8):
+        reader = socket.socket()
+        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        reader.connect(("127.0.0.1", port_of(dashboard)))
+        reader.sendall(b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        readers.append(reader)
+    for reader in readers[:4]:
+        reader.close()
+    events = list(stream(8))
+    began = time.monotonic()
+    for n in range(10):
+        for frame, forecast, summary in events:
+            dashboard.show(frame._replace(stamp=frame.stamp + 8 * n), forecast, summary)
+    assert time.monotonic() - began < 60
+    assert get(dashboard)[0] == 200
+    deadline = time.monotonic() + 60
+    while threading.active_count() > before and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert threading.active_count() <= before
+    for reader in readers[4:]:
+        reader.close()
+
+
+def test_what_is_no_http_is_survived(dashboard, capfd):
+    rng = random.Random(0)
+    good = b"GET /events HTTP/1.1\r\nHost: localhost\r\nLast-Event-ID: a-1\r\n\r\n"
+    odd = [
+        *(b"", b"\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"GET / HTTP/x\r\n\r\n"),
+        b"\x16\x03\x01\x02\x00\x01" + bytes(64),  # TLS
+        b"GET /" + b"a" * 70_000 + b" HTTP/1.1\r\n\r\n",
+        b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 200 + b"\r\n",
+        b"GET / HTTP/1.1\r\nHost: \xff\xfe\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: [[[::]\r\n\r\n",
+        b"GET / HTTP/1.1\r\nContent-Length: -1\r\nHost: localhost\r\n\r\n",
+        b"GET http://evil.example/ HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    ]
+    for _ in range(60):
+        data = bytearray(good)
+        for _ in range(rng.randrange(1, 12)):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+        odd.append(bytes(data))
+    dashboard._stream.end()  # So that a stream that is asked for comes to its end.
+    for data in odd:
+        heard = say(dashboard, data)
+        assert not heard or heard[:5] == b"HTTP/" or b"doctype" in heard or heard[:1].isdigit()
+    assert get(dashboard)[0] == 200
+    said = capfd.readouterr()
+    assert "Traceback" not in said.out + said.err
+
+
+def test_a_flood_of_connections_is_bounded(dashboard):
+    before = threading.active_count()
+    flood = [socket.create_connection(("127.0.0.1", port_of(dashboard))) for _ in range(150)]
+    time.sleep(0.3)
+    # A thread that answers and, while a request is awaited, one that ends the waiting.
+    assert threading.active_count() - before <= 2 * server.CONNECTIONS
+    for client in flood:
+        client.close()
+    deadline = time.monotonic() + 5
+    status = None
+    while status != 200 and time.monotonic() < deadline:
+        with contextlib.suppress(OSError, http.client.HTTPException):
+            status = get(dashboard)[0]
+    assert status == 200
+
+
+def test_an_address_that_cannot_be_had_is_one_line(dashboard, moments):
+    for host, port in (
+        ("127.0.0.1", port_of(dashboard)),
+        ("no.such.host.invalid", 0),
+        ("", 70_000),
+    ):
+        with pytest.raises(InputError, match="cannot serve at") as error:
+            Dashboard(moments, host, port).start()
+        assert "\n" not in str(error.value)
+
+
+def test_what_is_remembered_is_bounded():
+    stream = Stream(limit=1000)
+    for n in range(1000):
+        stream.append(b"%09d" % n)
+    first, events = stream.after(0, 0)
+    assert events[0] == b"%09d" % (first - 1)
+    assert len(events) == BATCH
+    rest = stream.after(first + BATCH - 1, 0)[1]
+    assert len(events) + len(rest) == 1000 // 9
+    assert rest[-1] == b"000000999"
+    assert stream.after(1000, 0) == (1001, [])
+    stream.append(b"x" * 5000)  # Larger than all that may be: alone.
+    assert stream.after(0, 0) == (1001, [b"x" * 5000])
+
+
+def test_who_asks_byte_by_byte_does_not_stay(dashboard, monkeypatch):
+    monkeypatch.setattr("neurosym_robot.dashboard.server.PATIENCE", 0.5)
+    began = time.monotonic()
+    with socket.create_connection(dashboard._server.server_address[:2], 10) as slow:
+        with contextlib.suppress(OSError):
+            while time.monotonic() - began < 10:
+                slow.sendall(b"G")
+                time.sleep(0.1)
+        assert 0.4 < time.monotonic() - began < 5

@@ -1,0 +1,74 @@
+"""An hour on a robot: nothing grows, nothing is compiled on the way, nobody is forgotten.
+
+It is a quarter of an hour by default, and the whole hour where NEUROSYM_HOUR is set.
+"""
+
+import gc
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neurosym_jax.runtime.process import compile_seconds
+from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.predictor import Predictor
+
+WHOLE = bool(os.environ.get("NEUROSYM_HOUR"))
+RATE, HOUR, PEOPLE, OBS = 10, 3600 if WHOLE else 900, 12, 4
+MEMORY = Path("/proc/self/statm")
+
+
+def resident() -> int:
+    """Bytes of memory that this process holds."""
+    gc.collect()
+    return int(MEMORY.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def presence(rng: np.random.Generator) -> list[tuple[int, int, int]]:
+    """Who is there from which frame to which, one place after the other: (id, first, last)."""
+    visits, id = [], 0
+    for place in range(PEOPLE):
+        # Two never leave, so that there is always somebody to forecast.
+        frame = 0 if place < 2 else int(rng.integers(600))
+        while frame < RATE * HOUR:
+            last = RATE * HOUR if place < 2 else frame + int(rng.integers(5, 900))
+            visits.append((id, frame, min(last, RATE * HOUR) - 1))
+            frame, id = last + int(rng.integers(1, 300)), id + 1
+    return visits
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not MEMORY.exists(), reason="memory is read from Linux's /proc")
+def test_an_hour_of_people_coming_and_going(model):
+    rng = np.random.default_rng(0)
+    visits = np.array(presence(rng))
+    id, first, last = visits.T
+    place, step = rng.uniform(0, 20, (len(id), 2)), rng.normal(0, 0.1, (len(id), 2))
+    step[:2] *= 0.05  # Who stays for the hour does not walk off the map.
+    predictor = Predictor(model("as_described"), samples=2, max_people=PEOPLE)
+    analytics, compiled = Analytics.of(predictor), compile_seconds()
+    memory, indices = [], []
+    for frame in range(RATE * HOUR):
+        here = (first <= frame) & (frame <= last)
+        xy = place[here] + step[here] * (frame - first[here])[:, None]
+        # The hour begins at a clock that counts from 1970, with frames that tremble by 2 ms.
+        stamp = 1.7e9 + frame / RATE + (2e-3 * np.sin(frame) if frame % 4 else 0.0)
+        forecast = predictor.push(stamp, id[here], xy)
+        if forecast is not None:
+            analytics.add(forecast)
+            indices.append(forecast.index)
+            whole = here & (first <= frame - 4 * (OBS - 1))
+            assert forecast.ids.tolist() == id[whole].tolist()
+        if frame % (HOUR * RATE // 6) == HOUR * RATE // 12:
+            memory.append(resident())
+    assert indices == list(range(OBS - 1, RATE * HOUR // 4))
+    assert compile_seconds() == compiled
+    assert max(memory) - memory[0] < (8e6 if WHOLE else 3e6), memory
+    health = vars(predictor.health)
+    assert health.pop("frames") == RATE * HOUR
+    assert health.pop("forgotten") > len(id) - 2 * PEOPLE
+    assert not any(health.values()), health
+    summary = analytics.summary()
+    assert summary["forecasts"] == len(indices)
+    assert summary["dropped"].keys() <= {"short", "unseen", "future unknown"}

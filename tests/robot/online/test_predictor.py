@@ -1,0 +1,167 @@
+"""Online is offline: the same windows, the same noise, the same forecasts."""
+
+import dataclasses
+import threading
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.data.batching import make_batches
+from neurosym_jax.data.tracks import resample
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.batched import forecast_batches, unpacked
+from neurosym_jax.forecasting.model import predict
+from neurosym_jax.forecasting.noise import draw_noise
+from neurosym_jax.runtime.process import compile_seconds
+from neurosym_jax.simulation.scenarios import simulate
+from neurosym_robot.online.predictor import Predictor
+
+
+def stream(tracks):
+    """The frames of a recording: stamp, ids, xy."""
+    for stamp in np.unique(tracks.stamp):
+        here = tracks.stamp == stamp
+        yield stamp, tracks.id[here], tracks.position[here]
+
+
+def test_frame_by_frame_equals_batches_of_windows(model):
+    tracks = simulate("cross-path", 3, 12.0, people=5)
+    models = {"sgan": model(), "neurosym": model("as_described", "ped")}
+    predictor = Predictor(models, samples=3, seed=7, recording=tracks.recording, max_people=8)
+    forecasts = [f for frame in stream(tracks) if (f := predictor.push(*frame)) is not None]
+    windows = cut_windows([resample(tracks, 0.4)], 4, 3)
+    (batch,) = make_batches(windows)
+    scene = batch.scene
+    # The last pred_len forecasts have no whole future, so no window.
+    assert len(forecasts) - 3 == windows.scenes > 10
+    for name, each in models.items():
+        forecaster = each.forecaster
+        noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
+        futures = unpacked(forecast_batches(forecaster, each.params, [scene], [noise]), scene.valid)
+        for at, n in enumerate(batch.index):
+            if n < 0:
+                continue
+            online = forecasts[n]
+            assert online.index - 3 == windows.identity[n, 1]
+            offline = futures[:, at, :5] + scene.origin[at]
+            assert_allclose(online.models[name].samples, offline, atol=1e-5)
+            part = slice(windows.bounds[n], windows.bounds[n + 1])
+            assert_allclose(online.observed, windows.position[part, :4], atol=1e-9)
+            assert_array_equal(online.ids, windows.agent[part])
+
+
+def test_equals_predict_with_people_coming_and_going(model):
+    rng = np.random.default_rng(0)
+    predictor = Predictor(model(), samples=2, seed=3, recording="r", max_people=4)
+    sizes = set()
+    for n in range(80):
+        here = np.flatnonzero(rng.random(3) < 0.9) if n > 30 else np.array([1])
+        forecast = predictor.push(n / 10, here, np.stack([here + n / 20, here * 0.5], 1))
+        if forecast is None:
+            continue
+        sizes.add(len(forecast.ids))
+        (result,) = forecast.models.values()
+        expected = predict(
+            model(), forecast.observed, samples=2, seed=3, recording="r", frame=forecast.index - 3
+        )
+        assert_allclose(result.samples, expected, atol=1e-5)
+        assert_allclose(result.mean, expected.mean(axis=0), atol=1e-5)
+        assert forecast.stamp == pytest.approx(forecast.index * 0.4)
+        assert forecast.latency > 0
+    assert {1, 2, 3} <= sizes
+
+
+def test_the_most_central_sample(model):
+    predictor = Predictor(model(), samples=6, max_people=4)
+    for n in range(4):
+        forecast = predictor.push(n * 0.4, [1, 2], [[n * 0.4, 0], [0, 1]])
+    assert forecast is not None
+    (result,) = forecast.models.values()
+    between = result.samples[:, None] - result.samples[None]
+    assert result.central == (between**2).sum(axis=(1, 2, 3, 4)).argmin()
+
+
+def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
+    rng = np.random.default_rng(0)
+    predictor = Predictor(model(), samples=2, max_people=8, max_tracks=30)
+    compiled = compile_seconds()
+    most = 0
+    for n in range(60):
+        people = rng.permutation(40)[: rng.integers(0, 40)] if n % 20 > 8 else np.arange(n % 13)
+        forecast = predictor.push(n * 0.4, people, np.stack([people, people * 0.0], 1), [0.0, 0.0])
+        if forecast is None:
+            continue
+        most = max(most, len(forecast.ids))
+        crowded = [id for id, why in forecast.dropped.items() if why == "crowded"]
+        assert not set(crowded) & set(forecast.ids.tolist())
+        if crowded:
+            assert len(forecast.ids) == 8
+            assert min(crowded) > max(forecast.ids)
+    assert most == 8
+    assert compile_seconds() == compiled
+
+
+def test_misuse_is_refused(model):
+    with pytest.raises(InputError, match="steps"):
+        Predictor({})
+    with pytest.raises(InputError, match="samples"):
+        Predictor(model(), samples=0)
+    with pytest.raises(InputError, match="seed"):
+        Predictor(model(), seed=-1)
+
+
+def test_the_models_steps_are_the_windows(model):
+    one = model()
+    other = dataclasses.replace(one, config=dataclasses.replace(one.config, period=0.2))
+    assert Predictor(other, max_people=1, samples=1).window.period == 0.2
+    with pytest.raises(InputError, match=r"steps of one length, not \[0\.2, 0\.4\] s"):
+        Predictor({"one": one, "other": other})
+
+
+def test_programs_are_compiled_when_it_is_asked_for(model):
+    """Needed: each by the first who need it. Meanwhile: until then fewer are forecast, and said."""
+    said: list[str] = []
+    predictor = Predictor(model(), samples=2, max_people=40, compile="needed", report=said.append)
+    assert not said
+    ids = np.arange(10)
+    for n in range(4):
+        forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
+    assert forecast is not None
+    assert len(forecast.ids) == 10
+    assert said == ["compiling for up to 16 people (3 of 5)"]
+    assert forecast.latency < 0.5
+
+    begun, go = threading.Event(), threading.Event()
+
+    def report(text):
+        said.append(text)
+        if "up to 8 people" in text:
+            begun.set()
+            go.wait(20)
+
+    said.clear()
+    predictor = Predictor(model(), samples=2, max_people=12, compile="meanwhile", report=report)
+    begun.wait(20)
+    try:
+        for n in range(4):
+            forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
+        assert forecast is not None
+        assert len(forecast.ids) == 4
+        assert set(forecast.dropped.values()) == {"compiling"}
+        # The middle of all is at 4.5: these are the nearest.
+        assert forecast.ids.tolist() == [3, 4, 5, 6]
+    finally:
+        go.set()
+    for _ in range(200):
+        if said[-1] == "everything is compiled":
+            break
+        time.sleep(0.1)
+    forecast = predictor.push(1.6, ids, np.stack([ids, ids + 1.6], 1))
+    assert forecast is not None
+    assert len(forecast.ids) == 10
+    (result,) = forecast.models.values()
+    expected = predict(model(), forecast.observed, samples=2, frame=1)
+    assert_allclose(result.samples, expected, atol=1e-5)

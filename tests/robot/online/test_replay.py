@@ -1,0 +1,223 @@
+"""A recording replayed is the recording evaluated, from any file, into any file."""
+
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.simulation.scenarios import simulate
+from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_robot.commands import replay as replay_verb
+from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.online.replay import replay
+from neurosym_robot.online.summary import format_summary
+from neurosym_robot.online.window import Health
+from neurosym_robot.ros import messages
+from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
+from neurosym_robot.ros.definitions import HUMANS
+from neurosym_robot.ros.people import seconds_of, see
+from neurosym_robot.tracking.live import OnlineStitcher
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
+MODELS = [str(SHIPPED / name) for name in ("sgan_zara1_8_8", "neurosym_zara1_8_8")]
+FAULTS = TrackerFaults(dropout=0.01, id_switch=1.0)
+
+
+class Still:
+    """A predictor that forecasts nothing."""
+
+    def push(self, stamp, ids, xy, focus=None):
+        return None
+
+
+def run(*arguments) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "neurosym_jax", "replay", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def options_of(recording: Path, models, out: Path, **others) -> replay_verb.Options:
+    return replay_verb.Options(
+        recording=recording,
+        model=tuple(Path(model) for model in models),
+        samples=3,
+        max_people=4,
+        out=out,
+        **others,
+    )
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory) -> Path:
+    """A bag of 14 s with three people, whom the tracker loses now and then."""
+    tracks = simulate("cross-path", 1, 14.0, people=3, faults=FAULTS)
+    with BagWriter(tmp_path_factory.mktemp("bags") / "run.db3") as bag:
+        for frame in frames_of_tracks(tracks):
+            frame = frame._replace(stamp=frame.stamp + 1.7e9)
+            bag.write("/people", frame.stamp, messages.make_people(bag.types, frame, "odom"))
+    return bag.path
+
+
+def test_the_whole_way_and_back(recording, tmp_path, capsys):
+    lines, bag = tmp_path / "forecasts.jsonl", tmp_path / "forecasts.bag"
+    page = tmp_path / "replay.html"
+    replay_verb.run(options_of(recording, MODELS, lines))
+    inside = capsys.readouterr().out
+    few = ["--samples", 3, "--max-people", 4]
+    done = run(recording, "--model", *MODELS, *few, "--out", bag, "--html", page)
+    assert done.returncode == 0, done.stderr
+    for said in (inside, done.stdout):
+        assert "141 frames" in said
+        assert all(word in said for word in ("SGAN", "NeuroSyM", "p99", "joint"))
+    rows = [json.loads(line) for line in lines.read_text().splitlines()]
+    told = [json.loads(line) for line in page.read_text().splitlines() if line[:2] == '{"']
+    assert told[0]["models"] == ["SGAN", "NeuroSyM"]
+    assert len(told) == 1 + 141 + 1
+    assert sum(bool(line.get("step")) for line in told) == len(rows)
+    assert [row["index"] for row in rows] == sorted(row["index"] for row in rows)
+    assert {len(row["models"]["SGAN"]["samples"]) for row in rows} == {3}
+    # The bag has the same forecasts, and the people that were replayed.
+    got: dict[str, list] = {}
+    for topic, message in read_messages(bag):
+        got.setdefault(topic, []).append(message)
+    for a, b in zip(read_people(recording), read_people(bag), strict=True):
+        assert_array_equal(a.xy, b.xy)
+        assert a.stamp == pytest.approx(b.stamp, abs=1e-6)
+    for name, topic in (("NeuroSyM", "neurosym"), ("SGAN", "baseline")):
+        forecasts = got[f"/hri/human_poses_prediction_{topic}"]
+        for row, message in zip(rows, got[f"/hri/human_poses_prediction_{topic}/samples"]):
+            futures = message.futures.reshape(message.samples, -1, message.steps, 2)
+            samples = futures + message.position.reshape(-1, 1, 2)
+            assert_allclose(samples, row["models"][name]["samples"], atol=6e-4)
+        for row, events, states in zip(
+            rows,
+            got[f"/hri/human_poses_prediction_{topic}/events"],
+            got[f"/hri/human_poses_prediction_{topic}/states"],
+            strict=True,
+        ):
+            told = [(each.name, each.k, each.l) for each in events.events]
+            assert told == [(e["event"], e["k"], e["l"]) for e in row["models"][name]["events"]]
+            assert len(states.pairs) == len(row["ids"]) * (len(row["ids"]) - 1) // 2
+            assert all(len(pair.states) == 8 for pair in states.pairs)
+        assert len(forecasts) == len(rows)
+        for row, message in zip(rows, forecasts):
+            steps = [see(HUMANS, step) for step in message.trajs]
+            stamp = seconds_of(message.header.stamp)
+            assert stamp == pytest.approx(row["stamp"], abs=1e-6)
+            assert_array_equal(steps[8].ids, row["ids"])
+            assert message.header.frame_id == "odom"
+            model = row["models"][name]
+            central = np.array(model["samples"])[model["central"]]
+            assert_allclose(np.stack([step.xy for step in steps[8:]], 1), central, atol=6e-4)
+    truths = got[messages.TRUTH_TOPIC]
+    known = [row for row in rows if any(None not in np.ravel(each) for each in row["future"])]
+    assert len(truths) == len(known) > 3
+    assert "future unknown" in done.stdout
+
+
+def test_the_table_is_the_errors_of_the_lines(recording, tmp_path, capsys):
+    out = tmp_path / "forecasts.jsonl"
+    replay_verb.run(options_of(recording, MODELS[:1], out, stitch=True))
+    table = capsys.readouterr().out
+    ade, people = 0.0, 0
+    for row in map(json.loads, out.read_text().splitlines()):
+        future = np.array(row["future"], float)
+        known = np.isfinite(future).all(axis=(1, 2))
+        samples = np.array(row["models"]["SGAN"]["samples"])[:, known]
+        errors = np.linalg.norm(samples - future[known], axis=-1).mean(axis=-1)
+        ade += errors.sum(axis=1).min()
+        people += int(known.sum())
+    (line,) = [line for line in table.splitlines() if line.strip().startswith("SGAN")]
+    assert float(line.split()[1]) == pytest.approx(ade / people, abs=2e-3)
+    assert int(line.split()[-1]) == people
+
+
+def test_what_is_wrong_is_one_line(recording, tmp_path):
+    text = tmp_path / "tracks.txt"
+    text.write_text("0 1 0 0\n10 1 x 0\n")
+    there = tmp_path / "there.jsonl"
+    there.touch()
+    cases: list[tuple[dict, str]] = [
+        (
+            {"read": ReadOptions(topic="/nobody")},
+            "no topic /nobody; there are: /people (people_msgs",
+        ),
+        ({"recording": text}, "row 2"),
+        ({"recording": tmp_path / "none.bag"}, "no such file"),
+        ({"out": there}, "already there"),
+        ({"out": tmp_path / "forecasts.csv"}, "or .jsonl"),
+        ({"rate": 0.0}, "rate must be positive"),
+    ]
+    usual = {"recording": recording, "model": (Path(MODELS[0]),), "max_people": 4, "samples": 2}
+    for changed, reason in cases:
+        with pytest.raises(InputError) as error:
+            replay_verb.run(replay_verb.Options(**{**usual, **changed}))
+        assert reason in str(error.value)
+        assert "\n" not in str(error.value)
+    done = run(text, "--model", MODELS[0])
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+
+
+def test_the_rate_is_that_of_the_stamps():
+    stamps = [0.0, 0.1, 0.4, 0.3, math.nan, 0.5]
+    frames = [Frame(stamp, np.zeros(0, np.int64), np.zeros((0, 2))) for stamp in stamps]
+    for rate, seconds in ((2.0, 0.3), (math.inf, 0.0)):
+        before = time.monotonic()
+        events = list(replay(frames, Still(), Analytics(), rate=rate))  # pyright: ignore
+        assert seconds - 1e-3 <= time.monotonic() - before < seconds + 0.2
+        assert [event.frame for event in events] == frames
+    with pytest.raises(InputError, match="rate"):
+        list(replay(frames, Still(), Analytics(), rate=math.nan))  # pyright: ignore
+
+
+def test_broken_tracks_are_joined_on_the_way():
+    tracks = simulate("cross-path", 2, 20.0, people=2, faults=TrackerFaults(0.02, 0.02, 0.5, 1.0))
+    seen = set()
+    for event in replay(
+        frames_of_tracks(tracks),
+        Still(),
+        Analytics(),
+        stitcher=OnlineStitcher(),  # pyright: ignore
+    ):
+        seen.update(event.frame.ids.tolist())
+    assert len(seen) == 2 < len(np.unique(tracks.id))
+
+
+def test_a_summary_of_little():
+    analytics = Analytics()
+    text = format_summary(analytics.summary(), Health(frames=3, duplicate_stamps=2))
+    assert "nobody was seen" in text
+    assert "duplicate stamps 2" in text
+    assert "latency" not in text
+
+
+def test_the_predictor_is_the_same(recording):
+    """A bag read back gives the forecasts of the frames that were written."""
+    predictors = [
+        Predictor(load_model(MODELS[0]), samples=2, max_people=4, recording="run") for _ in range(2)
+    ]
+    tracks = simulate("cross-path", 1, 14.0, people=3, faults=FAULTS)
+    direct = replay(frames_of_tracks(tracks), predictors[0], Analytics())
+    read = replay(read_people(recording), predictors[1], Analytics())
+    count = 0
+    for a, b in zip(direct, read, strict=True):
+        assert (a.forecast is None) == (b.forecast is None)
+        if a.forecast is not None and b.forecast is not None:
+            (one,), (other,) = a.forecast.models.values(), b.forecast.models.values()
+            assert_allclose(one.samples, other.samples, atol=1e-5)
+            count += 1
+    assert count > 10

@@ -1,0 +1,274 @@
+"""Whatever strangers send, a node goes on, stays small, and keeps what it says short."""
+
+import contextlib
+import http.client
+import random
+import socket
+import struct
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurosym_robot.ros.tcpros import Topic
+from neurosym_robot.ros.tcpros.server import ConnectionServer
+from neurosym_robot.ros.tcpros.subscriber import MOST
+from neurosym_robot.ros.tcpros.wire import (
+    MAX_MESSAGE,
+    ProtocolError,
+    decode_header,
+    encode_block,
+    encode_header,
+    read_block,
+)
+from neurosym_robot.ros.tcpros.xmlrpc import CallError, SlaveServer, call
+
+CHATTER = Topic("/chatter", "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1", "string data")
+TEXT = st.text(st.characters(exclude_categories=["Cs"]))
+
+
+@given(st.dictionaries(TEXT.filter(lambda key: "=" not in key), TEXT))
+def test_headers_come_back(fields):
+    data = encode_header(fields)
+    assert struct.unpack("<I", data[:4]) == (len(data) - 4,)
+    assert decode_header(data[4:]) == fields
+
+
+@given(
+    st.binary()
+    | st.lists(st.binary(max_size=9)).map(lambda rows: b"".join(map(encode_block, rows)))
+)
+def test_any_bytes_are_a_header_or_refused(data):
+    with contextlib.suppress(ProtocolError):
+        assert all(isinstance(value, str) for value in decode_header(data).values())
+
+
+def test_lengths_beyond_the_limit_are_not_waited_for():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        theirs.sendall(struct.pack("<I", 2**32 - 1))
+        with pytest.raises(ProtocolError, match="4294967295 bytes"):
+            read_block(ours, MAX_MESSAGE)
+
+
+def hostile_blocks(seed: int) -> bytes:
+    """Something like the beginning of a connection."""
+    rng = random.Random(seed)
+    good = encode_header({"topic": CHATTER.name, "md5sum": "*", "callerid": "/x"})
+    flipped = bytearray(good)
+    flipped[rng.randrange(len(good))] ^= 1 << rng.randrange(8)
+    return rng.choice(
+        [
+            rng.randbytes(rng.randrange(200)),
+            good[: rng.randrange(len(good))],
+            bytes(flipped),
+            struct.pack("<I", rng.getrandbits(32)) + rng.randbytes(20),
+            good + rng.randbytes(5000),
+            encode_header({rng.choice(["topic", "md5sum", "", "a" * 999]): "x" * 999}),
+            b"GET / HTTP/1.1\r\n\r\n",
+        ]
+    )
+
+
+def test_nonsense_at_the_port_of_a_publisher(graph, wait):
+    heard, talker = [], graph("talker")
+    publisher = talker.advertise(CHATTER)
+    subscriber = graph("listener").subscribe(CHATTER, lambda data, uri: heard.append(data))
+    wait(lambda: subscriber.publishers)
+    address = talker._data.server_address[1]
+    for seed in range(150):
+        stranger = socket.create_connection(("127.0.0.1", address))
+        with stranger, contextlib.suppress(OSError):
+            stranger.sendall(hostile_blocks(seed))
+    wait(lambda: len(talker._data._open) == 1)
+    publisher.publish(b"still there")
+    wait(lambda: heard == [b"still there"])
+    assert publisher.subscribers == ["/listener"]
+
+
+def test_more_connections_than_there_is_room_for(graph, wait, monkeypatch):
+    monkeypatch.setattr("neurosym_robot.ros.tcpros.node.HANDSHAKE", 0.5)
+    talker = graph("talker")
+    publisher = talker.advertise(CHATTER)
+    address = ("127.0.0.1", talker._data.server_address[1])
+    wait(lambda: talker._registered)  # The master's threads are here too.
+    threads = threading.active_count()
+    with contextlib.ExitStack() as idle:
+        for _ in range(200):
+            idle.enter_context(socket.create_connection(address))
+        assert threading.active_count() <= threads + talker._data.most
+        # Those that say nothing are sent away, so that there is room again.
+        graph("listener").subscribe(CHATTER, lambda data, uri: None)
+        wait(lambda: publisher.subscribers == ["/listener"])
+
+
+def test_a_publisher_that_talks_nonsense(graph, wait):
+    """Its XML-RPC is sound, its TCPROS is not; the good one beside it is heard."""
+    seed = iter(range(10**9))
+
+    def serve(connection: socket.socket) -> None:
+        read_block(connection, 10_000)
+        n = next(seed)
+        if n % 2:
+            connection.sendall(encode_header({"md5sum": CHATTER.md5}))
+        with contextlib.suppress(OSError):
+            connection.sendall(hostile_blocks(n))
+
+    heard, listener = [], graph("listener")
+    data = ConnectionServer("127.0.0.1", serve)
+    answer = ["TCPROS", "127.0.0.1", data.server_address[1]]
+    slaves = [SlaveServer("127.0.0.1", {"requestTopic": lambda *_: answer}) for _ in range(8)]
+    slaves += [SlaveServer("127.0.0.1", {"requestTopic": lambda *_, bad=bad: bad}) for bad in BAD]
+    subscriber = listener.subscribe(CHATTER, lambda data, uri: heard.append(data))
+    good = graph("talker").advertise(CHATTER)
+    wait(lambda: subscriber.publishers)
+    uris = [f"http://127.0.0.1:{slave.server_address[1]}/" for slave in slaves]
+    subscriber.update([*subscriber.publishers, *uris])
+    wait(lambda: next(seed) > 40)
+    good.publish(b"whole")
+    wait(lambda: b"whole" in heard)
+    assert max(map(len, listener.said)) < 500
+    subscriber.close()
+    for server in (data, *slaves):
+        server.close()
+
+
+BAD = [0, "", [], ["TCPROS"], ["TCPROS", 7, "x"], ["TCPROS", "", -1], ["UDPROS", "a", 1], [1] * 9]
+BAD += [["TCPROS", host, 1] for host in ("a" * 100, "..", "\x00", "no such host", {"a": 1})]
+
+BODIES = [
+    b"",
+    b"\x00\xff\xfe",
+    b"<",
+    b"<methodCall/>",
+    b"<methodCall><methodName>getPid</methodName></methodCall>",
+    b"<methodCall><methodName>system.listMethods</methodName><params/></methodCall>",
+    b"<methodCall><methodName>__init__</methodName><params/></methodCall>",
+    b"<methodCall><methodName>getPid</methodName><params>" + b"<param><value>" * 5000,
+    b"<params><param><value><array><data>" + b"<value><array><data>" * 20_000,
+    b"<params><param><value><int>" + b"9" * 6000 + b"</int></value></param></params>",
+    b"<params><param><value><bigdecimal>x</bigdecimal></value></param></params>",
+    b"<params><param><value><base64>x</base64></value></param></params>",
+    b"<params><param><value><dateTime.iso8601>x</dateTime.iso8601></value></param></params>",
+    b"<params><param><value><struct><member/></struct></value></param></params>",
+    b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY a "aaaaaaaaaa">'
+    + b"".join(b'<!ENTITY %c "%s">' % (c, b"&%c;" % (c - 1) * 10) for c in range(98, 108))
+    + b"]><methodCall><methodName>&k;</methodName></methodCall>",
+]
+
+ARGUMENTS = [(), (1,), ("/x",), ("/x", "/chatter"), ("/x", "/chatter", 7), ("/x", 1, [1, [2]])]
+ARGUMENTS += [("/x", "/chatter", ["no uri", 3]), ({"a": 1}, [], {}), ("/x", "/chatter", [[]])]
+
+
+def post(uri: str, body: bytes, headers: dict[str, str] | None = None) -> None:
+    connection = http.client.HTTPConnection(uri.split("/")[2], timeout=5)
+    with contextlib.closing(connection), contextlib.suppress(OSError, http.client.HTTPException):
+        connection.request("POST", "/RPC2", body, headers or {})
+        connection.getresponse().read()
+
+
+def test_nonsense_at_the_port_for_calls(graph, wait):
+    node = graph("node")
+    subscriber = node.subscribe(CHATTER, lambda data, uri: None)
+    rng = random.Random(0)
+    for body in BODIES:
+        post(node.uri, body)
+        post(node.uri, body, {"Content-Encoding": "gzip"})
+        for length in ("-1", "x", str(10**9), "1" * 5000):
+            post(node.uri, b"", {"Content-Length": length})
+        cut = rng.randrange(len(body) + 1)
+        post(node.uri, body[:cut] + rng.randbytes(3) + body[cut:])
+    for method in (*node._methods(), "nothing", "\x00"):
+        for arguments in ARGUMENTS:
+            if method != "shutdown":
+                with contextlib.suppress(CallError):
+                    call(node.uri, method, *arguments)
+    many = [f"http://127.0.0.1:{port}/" for port in range(1, 60_000, 6)]
+    assert call(node.uri, "publisherUpdate", "/master", CHATTER.name, many) == 0
+    assert len(subscriber._links) <= MOST
+    call(node.uri, "publisherUpdate", "/master", CHATTER.name, [])
+    assert call(node.uri, "getPid", "/me") > 0
+    wait(lambda: not any(thread.name.startswith("/chatter") for thread in threading.enumerate()))
+    assert not node.stopped.is_set()
+
+
+def test_nonsense_as_the_answer_of_a_call():
+    answers = [
+        b"",
+        b"\x00" * 50,
+        b"HTTP/1.1 200 OK\r\n\r\n",
+        b"HTTP/1.1 500 no\r\n\r\n",
+        b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\nshort",
+        b"HTTP/1.1 200 OK\r\n\r\n" + b"x" * (5 << 20),
+        b"HTTP/1.1 200 OK\r\n" + b"a: b\r\n" * 500,
+        *(b"HTTP/1.1 200 OK\r\n\r\n" + body for body in BODIES),
+    ]
+
+    for value in (b"<int>1</int>", b"<array><data/></array>", b"<string>no</string>"):
+        body = b"<methodResponse><params><param><value>" + value
+        answers.append(
+            b"HTTP/1.1 200 OK\r\n\r\n" + body + b"</value></param></params></methodResponse>"
+        )
+    waiting = list(reversed(answers))
+
+    def serve(connection: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            connection.recv(1 << 16)
+            connection.sendall(waiting.pop())
+
+    server = ConnectionServer("127.0.0.1", serve)
+    for _ in answers:
+        with pytest.raises(CallError) as caught:
+            call(f"http://127.0.0.1:{server.server_address[1]}", "getPid", "/me", timeout=1)
+        assert len(str(caught.value)) < 200
+    server.close()
+
+
+def test_nobody_answers():
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        start = time.monotonic()
+        with pytest.raises(CallError, match="timed out"):
+            call(f"http://127.0.0.1:{silent.getsockname()[1]}", "getPid", "/me", timeout=0.2)
+        assert time.monotonic() - start < 2
+    with pytest.raises(CallError, match="name is not known"):
+        call("http://no-such-host.invalid:1", "getPid", "/me")
+    for uri in ("nonsense", "http://", "http://[::1", "file:///etc", "http://a:99999999/"):
+        with pytest.raises(CallError):
+            call(uri, "getPid", "/me")
+
+
+def test_who_shakes_hands_byte_by_byte_does_not_stay(graph, monkeypatch):
+    monkeypatch.setattr("neurosym_robot.ros.tcpros.node.HANDSHAKE", 0.5)
+    monkeypatch.setattr("neurosym_robot.ros.tcpros.xmlrpc.TIMEOUT", 0.5)
+    node = graph("patient")
+    for port in (node._port, node._slave.server_address[1]):
+        began = time.monotonic()
+        with socket.create_connection(("127.0.0.1", port), 10) as slow:
+            with contextlib.suppress(OSError):
+                while time.monotonic() - began < 10:
+                    slow.sendall(b"\x01")
+                    time.sleep(0.1)
+            assert 0.4 < time.monotonic() - began < 5
+
+
+def test_a_publisher_that_only_shakes_hands_is_not_tried_again_at_once(graph, master, wait):
+    tries: list[float] = []
+
+    def shake(connection: socket.socket) -> None:
+        tries.append(time.monotonic())
+        read_block(connection, 10**6)
+        connection.sendall(encode_header({"type": CHATTER.type, "md5sum": CHATTER.md5}))
+
+    server = ConnectionServer("127.0.0.1", shake)
+    methods = {"requestTopic": lambda *_: ["TCPROS", "127.0.0.1", server.server_address[1]]}
+    slave = SlaveServer("127.0.0.1", methods)
+    uri = f"http://127.0.0.1:{slave.server_address[1]}"
+    graph("listener").subscribe(CHATTER, lambda data, header: None)
+    call(master.uri, "registerPublisher", "/odd", CHATTER.name, CHATTER.type, uri)
+    wait(lambda: len(tries) >= 5)
+    # 0.1, 0.2, 0.4, 0.8 s and then every two.
+    assert tries[4] - tries[0] > 1.4
+    slave.close()
+    server.close()

@@ -1,0 +1,152 @@
+"""Whatever a stream holds, the chain from message to forecast goes on and stays small."""
+
+import gc
+import random
+import struct
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+
+from neurosym_jax.runtime.process import compile_seconds
+from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.replay import advance
+from neurosym_robot.ros import messages
+from neurosym_robot.ros.definitions import PEOPLE
+from neurosym_robot.ros.ros1 import ForecastNode
+from neurosym_robot.tracking.live import OnlineStitcher
+
+FLOOD = 10_000
+STEPS = (0.1, 0.1, 0.1, 0.1, 0.1, 0.0, -0.05, 1.5, -20.0, 50.0, 1e6, -1e6, np.nan, -np.inf)
+
+
+def random_frames(seed: int, length: int):
+    """Streams that now and then behave, so that there is something to forecast."""
+    rng = np.random.default_rng(seed)
+    now, calm = 0.0, 0
+    for _ in range(length):
+        calm = calm - 1 if calm else rng.choice([0, 0, 0, 30])
+        step = 0.1 if calm else rng.choice(STEPS)
+        now += step if np.isfinite(step) else 0.0
+        ids: Any = np.arange(rng.integers(0, 12) if calm else 5)
+        xy = rng.normal(0, 0.3, (len(ids), 2)) + now % 100
+        if not calm:
+            odd = (ids, ids * 1.5, -ids, ids * 0, ids + 2**62, ids + np.nan)
+            ids = odd[rng.integers(len(odd))]
+            xy *= rng.choice([1, 1e6, 1e30, np.nan, np.inf])
+        yield now if np.isfinite(step) else step, ids, xy
+
+
+@pytest.mark.parametrize("stitch", [False, True])
+def test_random_streams_never_crash_the_chain(model, stitch):
+    predictor = Predictor(model(), samples=2, max_people=8, max_tracks=10)
+    stitcher = OnlineStitcher(max_tracks=10) if stitch else None
+    analytics, compiled, forecasts = Analytics.of(predictor), compile_seconds(), 0
+    for stamp, ids, xy in random_frames(0, 3000):
+        if stitch:  # In messages ids are whole.
+            ids = np.nan_to_num(ids).astype(np.int64)
+        _, forecast, scored = advance(Frame(stamp, ids, xy), predictor, analytics, stitcher)
+        if forecast is None:
+            continue
+        forecasts += 1
+        (result,) = forecast.models.values()
+        assert np.isfinite(result.samples).all()
+        assert len(forecast.ids) + len(forecast.dropped) <= 10
+        assert all(done.future is not None for done in scored)
+        assert analytics.summary()["pending"] < 10
+    assert forecasts > 100
+    assert compile_seconds() == compiled
+    health = vars(predictor.health)
+    assert stitch or all(health.values()), health
+
+
+def test_floods_of_ids_leave_memory_as_it_is(model):
+    predictor, analytics = Predictor(model(), samples=2, max_people=8, max_tracks=50), Analytics()
+    stitcher = OnlineStitcher(max_tracks=50)
+    ids, walk = np.arange(FLOOD), np.arange(FLOOD)[:, None] * [0.01, 0.0]
+
+    def flood(start: int, length: int) -> int:
+        """Everybody is new in every eighth frame; the memory that is held at the end."""
+        for n in range(start, start + length):
+            frame = Frame(n * 0.4, ids + FLOOD * (n // 8), walk)
+            advance(frame, predictor, analytics, stitcher)
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    before = flood(0, 16)
+    after = flood(16, 32)
+    tracemalloc.stop()
+    assert analytics.forecasts > 5
+    assert abs(after - before) < 200_000
+    assert predictor.health.refused > 40 * (FLOOD - 100)
+
+
+@pytest.fixture
+def node(forecast_node):
+    return forecast_node()
+
+
+def people(node: ForecastNode, frame: Frame) -> bytes:
+    store = node._store
+    return bytes(store.serialize_ros1(messages.make_people(store.types, frame), PEOPLE))
+
+
+def broken(data: bytes, rng: random.Random) -> bytes:
+    """`data` with a few bytes changed, cut out, put in, or with another length in it."""
+    changed = bytearray(data)
+    for _ in range(rng.randrange(1, 4)):
+        at, count = rng.randrange(len(changed) - 8), rng.randrange(1, 8)
+        choice = rng.randrange(4)
+        if choice == 0:
+            changed[at] = rng.randrange(256)
+        elif choice == 1 and len(changed) > 50:
+            del changed[at : at + count]
+        elif choice == 2:
+            changed[at:at] = rng.randbytes(count)
+        else:
+            changed[at : at + 4] = struct.pack("<I", rng.getrandbits(32) >> rng.randrange(32))
+    return bytes(changed)
+
+
+def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
+    rng, forecasts = random.Random(0), node.analytics.forecasts
+    for n in range(300):
+        node.work(rng.randbytes(rng.randrange(100)))
+        whole = people(node, Frame(1e9 + n, np.arange(3), np.full((3, 2), np.nan)))
+        node.work(broken(whole, rng))
+    assert node.malformed > 400
+    for n in range(20):
+        node.work(people(node, Frame(2e9 + n / 10, np.arange(3), np.ones((3, 2)) * n)))
+    assert node.analytics.forecasts > forecasts
+    assert "malformed" in node.status.line()
+
+
+def test_forecasts_that_ros_has_no_time_for(node):
+    frames = [
+        Frame(stamp + n / 10, np.arange(3), np.ones((3, 2)))
+        for stamp in (2**31 - 5, -100)
+        for n in range(40)
+    ]
+    for frame in frames:
+        node.work(people(node, frame))
+    assert node.malformed == len(frames)
+
+
+def test_more_messages_than_can_be_worked_on(node):
+    for n in range(1000):
+        node.hear(b"%d" % n)
+    assert node.late == 1000 - node._waiting.maxsize
+    assert node._waiting.get()[0] == b"%d" % node.late
+
+
+def test_a_crowd_in_one_message(node):
+    """The nearest are forecast; more than a message may hold does not get as far as here."""
+    ids, xy = np.arange(FLOOD), np.zeros((FLOOD, 2))
+    for n in range(5):
+        node.work(people(node, Frame(1e9 + 0.4 * n, ids, xy + 0.1 * n)))
+    assert node.analytics.forecasts == 2
+    assert node.predictor.health.refused == 5 * (FLOOD - 1024)

@@ -1,0 +1,357 @@
+"""The node in a real ROS 1 graph: roscore, rospy and rosbag as Debian packages them."""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model_folder import save_model
+from neurosym_jax.simulation.scenarios import simulate
+from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.ros import messages
+from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
+from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, typestore
+from neurosym_robot.ros.people import seconds_of
+from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
+from neurosym_robot.tracking.live import OnlineStitcher
+
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+ROOT = Path(__file__).resolve().parents[3]
+PEER = Path(__file__).with_name("rospy_peer.py")
+SYSTEM = "/usr/bin/python3"
+FORECASTS = ("/hri/human_poses_prediction_neurosym", "/hri/human_poses_prediction_baseline")
+STATES = f"{FORECASTS[0]}/states"
+TELL = """
+import rosbag, sys
+for _, m, _ in rosbag.Bag(sys.argv[1]).read_messages(sys.argv[2]):
+    for p in m.pairs:
+        print(m.header.frame_id, m.calculus, p.k, p.l, len(p.states), *map(len, p.states))
+"""
+"""The states of a bag as ROS's own Python reads them."""
+PACKAGES = "python3-rospy python3-roslaunch python3-rosbag"
+
+
+def wait(condition, process: "Process | None" = None) -> None:
+    """Until `condition` holds, two minutes at most, and as long as the process lives."""
+    end = time.monotonic() + 120
+    while True:
+        with contextlib.suppress(CallError):
+            if condition():
+                return
+        said = process.lines if process else []
+        assert process is None or process.process.poll() is None, said
+        assert time.monotonic() < end, said
+        time.sleep(0.02)
+
+
+class Process:
+    """A process that ends with the test; what it prints is kept line by line."""
+
+    def __init__(self, *command, env):
+        self.process = subprocess.Popen(
+            [str(part) for part in command],
+            env=env,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def wait_for(self, condition):
+        """Until a line, from now on or before, fulfils `condition`."""
+        wait(lambda: any(map(condition, list(self.lines))), self)
+
+    def heard(self) -> list[dict]:
+        """What a listener has printed."""
+        return [json.loads(line) for line in list(self.lines) if line.startswith('{"')]
+
+    def wait_heard(self, condition) -> list[dict]:
+        """The rows heard, once `condition` holds for them."""
+        wait(lambda: condition(self.heard()), self)
+        return self.heard()
+
+    def end(self, number=signal.SIGKILL) -> int:
+        """Send a signal to the process and its children, wait, return the exit status."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, number)
+        status = self.process.wait(20)
+        # What roslaunch starts is in sessions of its own, and holds the pipe if it outlives it.
+        self._reader.join(10)
+        return status
+
+
+class Graph:
+    """A master on a port of its own, and processes around it."""
+
+    def __init__(self, folder: Path):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        self.uri = f"http://127.0.0.1:{self.port}"
+        self.env = {
+            "PATH": os.environ["PATH"],
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(folder),
+            "HOME": str(folder),
+        }
+        self._folder, self._processes = folder, contextlib.ExitStack()
+        self.definitions = folder / "definitions.json"
+        store = typestore(1)
+        texts = {
+            name.replace("/msg/", "/"): store.generate_msgdef(name, ros_version=1)[0]
+            for name in (PEOPLE, HUMANS_TRAJS)
+        }
+        self.definitions.write_text(json.dumps(texts))
+        self.start_core()
+
+    def start_core(self):
+        """A new master on the same port."""
+        self.core = self.start("roscore", "-p", self.port)
+        # The log's node is the last thing that roscore starts.
+        wait(lambda: call(self.uri, "lookupNode", "/tests", "/rosout"), self.core)
+
+    def stop_core(self):
+        """With everything in it."""
+        self.core.end(signal.SIGINT)
+
+    def start(self, *command, **more) -> Process:
+        """A process in this graph."""
+        process = Process(*command, env={**self.env, **more})
+        self._processes.callback(process.end)
+        return process
+
+    def peer(self, role: str, name: str, rate: float = 10, definitions: Path | None = None):
+        """A rospy node."""
+        return self.start(SYSTEM, PEER, role, name, definitions or self.definitions, rate)
+
+    def listener(self) -> Process:
+        """A rospy node that hears our topics."""
+        listener = self.peer("listen", f"listener{time.monotonic_ns()}")
+        listener.wait_for(lambda line: "ready" in line)
+        return listener
+
+    def close(self):
+        """End all."""
+        # First, and gently: roscore's children are in process groups of their own.
+        self.stop_core()
+        self._processes.close()
+
+
+@pytest.fixture(scope="module")
+def graph(tmp_path_factory):
+    usable = shutil.which("roscore") and Path(SYSTEM).exists()
+    if not usable or subprocess.run([SYSTEM, "-c", "import rospy"], capture_output=True).returncode:
+        pytest.skip(f"no ROS 1 here: apt-get install --no-install-recommends {PACKAGES}")
+    there = Graph(tmp_path_factory.mktemp("ros"))
+    yield there
+    there.close()
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory, model):
+    """Two folders of models."""
+    folder = tmp_path_factory.mktemp("models")
+    for pooling in ("pool_net", "as_described"):
+        save_model(folder / pooling, model(pooling))
+    return sorted(folder.iterdir())
+
+
+@pytest.fixture(scope="module")
+def node(graph, models):
+    """Our node, which lives through everything that the tests below do to the graph."""
+    command = (sys.executable, "-m", "neurosym_jax", "ros1", "--topic", "/people", "--samples", 3)
+    ours = {name: os.environ[name] for name in os.environ if name.startswith(("XDG", "JAX", "XLA"))}
+    node = graph.start(*command, "--max-people", 4, "--model", *models, **ours, PYTHONPATH=ROOT)
+    node.wait_for(lambda line: "listening" in line)
+    return node
+
+
+def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_node, monkeypatch):
+    node, sent = forecast_node(stitcher=OnlineStitcher(), topic="raw"), []
+    monkeypatch.setattr(node._mended, "publish", sent.append)
+    store = typestore(1)
+    for n in range(40):
+        # The tracker loses person 1 for half a second and takes them for somebody new.
+        ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
+        xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
+        message = messages.make_people(store.types, Frame(1e9 + n / 10, ids, xy), "odom")
+        for person in message.people:
+            person.tags = ["kept"]
+        node.work(bytes(store.serialize_ros1(message, PEOPLE)))
+    back = [store.deserialize_ros1(data, PEOPLE) for data in sent]
+    assert {person.name for message in back for person in message.people} == {"1", "2"}
+    assert all(person.tags == ["kept"] for message in back for person in message.people)
+    assert back[-1].header.frame_id == "odom"
+    assert "tracks joined 1" in node.status.line()
+    with pytest.raises(InputError, match="--topic must be another"):
+        forecast_node(stitcher=OnlineStitcher(), topic=messages.PEOPLE_TOPICS[0])
+
+
+def count(topic: str, rows: list[dict]) -> int:
+    return sum(row["topic"] == topic for row in rows)
+
+
+def both(rows: list[dict]) -> bool:
+    """Whether both models were heard."""
+    return all(count(topic, rows) for topic in FORECASTS)
+
+
+def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
+    listener = graph.listener()
+    talker = graph.peer("talk", "tracker", rate=10)
+    rows = listener.wait_heard(lambda rows: both(rows) and count(messages.TRUTH_TOPIC, rows) > 1)
+    talker.end()
+    for row in rows[1:]:
+        steps = np.array(row["steps"])
+        assert steps.shape == (7, 2, 3)
+        assert row["frame"] == "odom"
+        assert (steps[:, :, 0] == [1, 2]).all()
+        known = 7 if row["topic"] == messages.TRUTH_TOPIC else 4
+        # They walk along x at 1 m/s, and the stamp is that of the last step observed.
+        start = steps[3, 0, 1]
+        assert_allclose(steps[:known, 0, 1] - start, 0.4 * np.arange(-3, known - 3), atol=1e-5)
+        assert_allclose(steps[:known, :, 2], [[1, 2]] * known, atol=1e-9)
+    delays = [row["late"] for row in rows if row["topic"] in FORECASTS]
+    print("from a frame's stamp to its forecast at a rospy listener, ms:", 1e3 * np.median(delays))
+    assert np.median(delays) < 0.5
+
+
+def test_the_tracker_is_killed_and_started_again(graph, node):
+    listener = graph.listener()
+    for _ in range(2):
+        before = len(listener.heard())
+        talker = graph.peer("talk", "tracker", rate=50)
+        listener.wait_heard(lambda rows, before=before: both(rows[before:]))
+        talker.end(signal.SIGKILL)
+
+
+def test_a_second_tracker_is_left_out_until_the_first_is_gone(graph, node):
+    listener = graph.listener()
+    first = graph.peer("talk", "first", rate=10)
+    listener.wait_heard(both)
+    second = graph.peer("talk", "second", rate=50)
+    node.wait_for(lambda line: "a second publisher, /second, are left out beside" in line)
+    first.end()
+    node.wait_for(lambda line: "people come from /second now, not from /first" in line)
+    node.wait_for(lambda line: "other publisher" in line)
+    second.end()
+
+
+def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
+    path, recorded = tmp_path / "people.bag", tmp_path / "recorded.bag"
+    with BagWriter(path) as bag:
+        for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=3)):
+            frame = frame._replace(stamp=frame.stamp + 1e9)
+            people = messages.make_people(bag.types, frame, "odom")
+            bag.write("/people", frame.stamp, people)
+    listener = graph.listener()
+    recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS, STATES)
+    uri = call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
+    wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 3)
+    done = subprocess.run(
+        ["rosbag", "play", "--quiet", "--rate", "4", "--delay", "0.5", path],
+        env=graph.env,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        stdin=subprocess.DEVNULL,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = listener.wait_heard(lambda rows: both(rows) and count(messages.TRUTH_TOPIC, rows))
+    heard = {(row["topic"], round(row["stamp"], 6)) for row in rows if row["topic"] in FORECASTS}
+    assert all(1e9 < stamp < 1e9 + 9 for _, stamp in heard)
+    recorder.end(signal.SIGINT)
+    there = {
+        (topic, round(seconds_of(message.header.stamp), 6))
+        for topic, message in read_messages(recorded)
+        if topic in FORECASTS
+    }
+    assert len(heard & there) > 10
+    told = subprocess.run([SYSTEM, "-c", TELL, recorded, STATES], capture_output=True, text=True)
+    pairs = [line.split() for line in told.stdout.splitlines()]
+    assert len(pairs) > 10, told.stderr
+    assert {(frame, calculus) for frame, calculus, *_ in pairs} == {("odom", "c1")}
+    assert all(sizes == ["3", "4", "4", "4"] for _, _, _, _, *sizes in pairs)
+    assert 40 < len(list(read_people(recorded, "/people"))) <= 81
+
+
+def test_the_master_is_restarted(graph, node):
+    graph.stop_core()
+    node.wait_for(lambda line: "waiting for the master" in line)
+    graph.start_core()
+    node.wait_for(lambda line: "registers again" in line)
+    listener = graph.listener()
+    talker = graph.peer("talk", "tracker", rate=50)
+    listener.wait_heard(both)
+    talker.end()
+
+
+def test_another_definition_is_refused_in_one_line(graph, node, tmp_path):
+    texts = json.loads(graph.definitions.read_text())
+    texts["people_msgs/People"] = texts["people_msgs/People"].replace("string name", "uint32 name")
+    path = tmp_path / "definitions.json"
+    path.write_text(json.dumps(texts))
+    before = len(node.lines)
+    impostor = graph.peer("talk", "impostor", definitions=path)
+    node.wait_for(lambda line: "refused:" in line)
+    time.sleep(0.5)
+    impostor.end()
+    (line,) = [line for line in node.lines[before:] if "refused:" in line]
+    assert "not people_msgs/People with md5 18722f4b8db20cc2369740732357847b" in line
+
+
+def test_it_leaves_the_graph_when_told_to(graph, node):
+    assert node.end(signal.SIGTERM) == 0
+    with pytest.raises(CallError, match="unknown node"):
+        call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
+    assert "Traceback" not in "\n".join(node.lines)
+    # The title of a metric takes two lines: its quantity stands in the second.
+    assert any(line.split()[:2] == ["ADE", "FDE"] for line in node.lines), node.lines[-8:]
+
+
+def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path):
+    parameters = tmp_path / "forecast.yaml"
+    parameters.write_text("{samples: 3, max_people: 4, stitch: true, links: {max_gap: 3.0}}")
+    ours = {name: os.environ[name] for name in os.environ if name.startswith(("XDG", "JAX", "XLA"))}
+    ours |= {"ROS_PACKAGE_PATH": str(ROOT / "ros"), "NEUROSYM_PYTHON": sys.executable}
+    launched = graph.start(
+        *("roslaunch", "--wait", "neurosym_ros", "forecast.launch", f"parameters:={parameters}"),
+        f"model:=[{', '.join(map(str, models))}]",
+        *("people:=/people", "mended:=/mended", "name:=launched"),
+        **ours,
+        PYTHONPATH=ROOT,
+    )
+    launched.wait_for(lambda line: "/launched: listening to /people" in line)
+    listener = graph.listener()
+    talker = graph.peer("talk", "tracker", rate=50)
+    rows = listener.wait_heard(both)
+    talker.end()
+    assert np.array(rows[-1]["steps"]).shape[2] == 3
+    published = {name for name, _ in call(graph.uri, "getPublishedTopics", "/tests", "")}
+    assert {"/mended", "/diagnostics", *(f"{topic}/markers" for topic in FORECASTS)} <= published
+    launched.wait_for(lambda line: "stale: no people for" in line)
+    assert launched.end(signal.SIGINT) == 0
+    assert "Traceback" not in "\n".join(launched.lines)

@@ -1,0 +1,140 @@
+"""A real ROS 2: poses published with rclpy, our node's forecasts heard with rclpy.
+
+ROS 2 is looked for in the Python that `$NEUROSYM_ROS2` names, else in this one. To make one:
+
+    python -m venv ros2 && ros2/bin/pip install ros-kilted-rclpy ros-kilted-rmw-fastrtps-cpp \
+        ros-kilted-rmw-implementation ros-kilted-geometry-msgs ros-kilted-visualization-msgs
+    NEUROSYM_ROS2=ros2/bin/python pytest tests/robot/ros/test_ros2.py
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.simulation.scenarios import simulate
+from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.recordings import frames_of_tracks
+
+ROOT = Path(__file__).resolve().parents[3]
+MODEL = ROOT / "checkpoints" / "neurosym_zara1_8_8"
+IMPORTS = (
+    "import rclpy, geometry_msgs.msg, visualization_msgs.msg, sys; print(sys.version_info[:2])"
+)
+
+
+@pytest.fixture(scope="module")
+def ros2() -> tuple[str, dict[str, str]]:
+    """Python with ROS 2, and an environment in which it finds us and what we need."""
+    python = os.environ.get("NEUROSYM_ROS2", sys.executable)
+    found = subprocess.run([python, "-c", IMPORTS], capture_output=True, text=True)
+    if found.returncode:
+        pytest.skip(f"no ROS 2 in {python} (set NEUROSYM_ROS2): {found.stderr.splitlines()[-1]}")
+    if found.stdout.strip() != str(sys.version_info[:2]):
+        pytest.skip(f"{python} is another Python than that of these tests: {found.stdout.strip()}")
+    ours = [str(ROOT), sysconfig.get_paths()["purelib"], os.environ.get("PYTHONPATH", "")]
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, ours)))
+    environment |= {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        # Nobody else's graph.
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+    }
+    return python, environment
+
+
+@pytest.mark.slow
+def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
+    python, environment = ros2
+    frames = [
+        frame._replace(stamp=frame.stamp + 1.7e9)
+        for frame in frames_of_tracks(simulate("cross-path", 1, 8.0))
+    ]
+    path = tmp_path / "frames.json"
+    path.write_text(json.dumps([[frame.stamp, frame.xy.tolist()] for frame in frames]))
+    parameters = tmp_path / "forecast.yaml"
+    parameters.write_text("/**: {ros__parameters: {message: PoseArray, samples: 9, max_people: 4}}")
+    options = ["--ros-args", "-r", "__node:=mine", "-r", "/people_tracker/people_filtered:=/seen"]
+    options += ["--params-file", parameters, "-p", "samples:=4", "-p", "use_sim_time:=true"]
+    node = subprocess.Popen(
+        [python, "-X", "faulthandler", "-m", "neurosym_jax", "ros2", "--model", MODEL, *options],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        peer = subprocess.run(
+            [python, Path(__file__).with_name("rclpy_peer.py"), path, "0.03", "/seen"],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+    finally:
+        node.send_signal(signal.SIGINT)
+        try:
+            said, errors = node.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            # Seen once, on a busy machine: faulthandler says where all its threads are.
+            node.send_signal(signal.SIGABRT)
+            said, errors = node.communicate(timeout=30)
+    assert peer.returncode == 0, peer.stderr
+    assert node.returncode == 0, errors
+    assert f"{len(frames)} frames" in said
+    assert "[mine]: listening to /seen" in errors
+    assert "Traceback" not in errors
+
+    heard = json.loads(peer.stdout)
+    predictor = Predictor(load_model(MODEL), samples=4, max_people=4)
+    wanted = [f for frame in frames if (f := predictor.push(*frame)) is not None]
+    assert len(heard["forecasts"]) == len(wanted) == 14
+    for message, forecast in zip(heard["forecasts"], wanted):
+        assert message["stamp"] == pytest.approx(forecast.stamp, abs=1e-6)
+        assert message["frame_id"] == "odom"
+        (result,) = forecast.models.values()
+        central = result.samples[result.central]
+        assert_allclose(message["xy"], central.reshape(-1, 2), atol=1e-4)
+        steps = np.diff(np.concatenate([forecast.observed[:, -1:], central], axis=1), axis=1)
+        z, w = np.array(message["zw"]).T
+        facing = np.stack([w**2 - z**2, 2 * z * w], axis=1)
+        along = (facing * steps.reshape(-1, 2)).sum(axis=1)
+        assert_allclose(along, np.linalg.norm(steps, axis=-1).ravel(), atol=1e-4)
+    assert heard["truth"] > 3
+    assert len(heard["markers"]) == 2 * len(wanted)
+    assert {marker["ns"] for marker in heard["markers"]} == {"NeuroSyM/0", "NeuroSyM/1"}
+    assert {marker["type"] for marker in heard["markers"]} == {4}
+    assert {len(marker["points"]) for marker in heard["markers"]} == {9}
+
+
+def test_people_msgs_may_be_missing(ros2):
+    python, environment = ros2
+    probe = subprocess.run([python, "-c", "import people_msgs"], capture_output=True)
+    if probe.returncode == 0:
+        pytest.skip("this ROS 2 has people_msgs")
+    done = subprocess.run(
+        [python, "-m", "neurosym_jax", "ros2", "--model", str(MODEL)],
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr == "error: this ROS 2 has no people_msgs\n"
+
+
+def test_without_ros_2_it_is_one_line():
+    code = (
+        "import sys; sys.modules['rclpy'] = None; sys.argv[1:] = ['ros2', '--model', 'x']\n"
+        "from neurosym_jax.__main__ import main; main(sys.argv[1:])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: this needs rclpy")
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,138 @@
+"""One publisher, one frame of coordinates: nothing else is mixed into a stream of people."""
+
+from types import SimpleNamespace as Fields
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_robot.ros.definitions import PEOPLE
+from neurosym_robot.ros.people import KINDS, POSES, see
+from neurosym_robot.ros.source import Source
+from neurosym_robot.ros.transforms import Transforms
+
+
+def stamp(seconds: float) -> Fields:
+    sec, nanosec = divmod(round(seconds * 1e9), 10**9)
+    return Fields(sec=sec, nanosec=nanosec)
+
+
+def point(x: float, y: float, z: float = 0.0) -> Fields:
+    return Fields(x=x, y=y, z=z)
+
+
+def people(at: float, frame: str = "map", x: float = 1.0) -> Fields:
+    header = Fields(stamp=stamp(at), frame_id=frame)
+    return Fields(header=header, people=[Fields(name="7", position=point(x, 2.0))])
+
+
+def transform(at: float, parent: str, child: str, x: float, turn: float = 0.0) -> Fields:
+    """`child` lies at `x` in `parent`, turned by `turn` radians about z."""
+    rotation = Fields(x=0.0, y=0.0, z=np.sin(turn / 2), w=np.cos(turn / 2))
+    header = Fields(stamp=stamp(at), frame_id=parent)
+    there = Fields(translation=point(x, 0.0), rotation=rotation)
+    return Fields(transforms=[Fields(header=header, child_frame_id=child, transform=there)])
+
+
+def test_another_frame_is_left_out_and_said_once():
+    said = []
+    source = Source(report=said.append)
+    taken = [
+        source.take(PEOPLE, people(n / 10, "odom" if n % 2 else "/map")) is not None
+        for n in range(20)
+    ]
+    assert taken == [n % 2 == 0 for n in range(20)]
+    assert source.refused == {"other_frame": 10}
+    (line,) = said
+    assert "'odom'" in line
+    assert "'map'" in line
+    assert "--fixed-frame map" in line
+
+
+def test_a_second_publisher_waits_until_the_first_is_silent():
+    said = []
+    source = Source(report=said.append)
+    assert source.take(PEOPLE, people(0.0), "/a", 0.0) is not None
+    assert source.take(PEOPLE, people(0.1), "/b", 0.1) is None
+    assert source.take(PEOPLE, people(0.2), "/a", 0.2) is not None
+    assert source.take(PEOPLE, people(2.0), "/b", 2.0) is None
+    assert source.take(PEOPLE, people(2.3), "/b", 2.3) is not None
+    assert source.take(PEOPLE, people(2.4), "/a", 2.4) is None
+    assert source.refused == {"other_publisher": 3}
+    assert "--several-publishers" in said[0]
+    assert "now, not from" in said[1]
+
+
+def test_several_publishers_keep_their_ids_apart():
+    source = Source(several=True, report=pytest.fail)
+    frames = [source.take(PEOPLE, people(n / 10), f"/{n % 2}", n / 10) for n in range(4)]
+    ids = [frame.ids.item() for frame in frames if frame]
+    assert ids[0] == ids[2] == 7
+    assert ids[1] == ids[3] != 7
+
+
+def test_coordinates_are_taken_to_the_fixed_frame():
+    said = []
+    source = Source("map", report=said.append)
+    assert source.take(PEOPLE, people(10.0, "camera")) is None
+    assert source.refused == {"no_transform": 1}
+    assert "no transform between camera and map" in said[0]
+    source.transforms.hear(transform(0.0, "base", "camera", 0.5), static=True)
+    source.transforms.hear(transform(10.0, "map", "base", 0.0))
+    source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
+    # The camera is half a metre before a robot that is at x = 2 then and looks along y.
+    frame = source.take(PEOPLE, people(10.2, "camera"))
+    assert frame is not None
+    assert_allclose(frame.xy, [[2 - 2.0, 1.5]], atol=1e-12)
+    frame = source.take(PEOPLE, people(10.1, "map"))
+    assert frame is not None
+    assert_allclose(frame.xy, [[1, 2]])
+    assert source.take(PEOPLE, people(11.0, "camera")) is None
+    assert source.frame_id == "map"
+
+
+def test_where_the_robot_is_among_the_people():
+    said = []
+    source = Source(report=said.append, robot_frame="base")
+    assert source.needs_transforms
+    assert source.robot(10.0) is None  # Nothing is known of the stream yet.
+    assert source.take(PEOPLE, people(10.0)) is not None
+    assert source.robot(10.0) is None
+    assert source.refused == {"no_robot": 1}
+    source.transforms.hear(transform(10.0, "map", "base", 0.0))
+    source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
+    for at, place in ((10.2, [2, 0, np.pi / 2]), (10.1, [1, 0, np.pi / 4])):
+        robot = source.robot(at)
+        assert robot is not None
+        assert_allclose(robot, place)
+
+
+def test_transforms_lie_between_their_moments():
+    known = Transforms()
+    for at, turn in ((0.0, 0.0), (1.0, 0.2)):
+        known.hear(transform(at, "map", "odom", at, turn))
+    matrix = known.matrix("odom", "map", 0.5)
+    assert_allclose(matrix[:3, 3], [0.5, 0, 0])
+    assert_allclose(np.arctan2(matrix[1, 0], matrix[0, 0]), 0.1, atol=1e-9)
+    assert_allclose(known.matrix("map", "odom", 0.5) @ matrix, np.eye(4), atol=1e-12)
+    for nonsense in (transform(1.0, "odom", "map", 0.0), transform(2.0, "a", "b", np.nan)):
+        known.hear(nonsense)
+    with pytest.raises(LookupError):
+        known.matrix("b", "map", 1.0)
+
+
+def test_every_kind_says_who_is_where():
+    at, header = point(1.0, 2.0, 3.0), Fields(stamp=stamp(5.5), frame_id="/odom")
+    pose = Fields(position=at)
+    entries = {
+        "People": Fields(name="4", position=at),
+        "Humans": Fields(id=4, centroid=Fields(pose=pose)),
+        "TrackedPersons": Fields(track_id=4, pose=Fields(pose=pose)),
+        "Agents": Fields(id=4, position=pose),
+        "Detection3DArray": Fields(id="4", bbox=Fields(center=pose)),
+        "PoseArray": pose,
+    }
+    for kind, form in KINDS.items():
+        seen = see(kind, Fields(header=header, **{form.people: [entries[kind.split("/")[2]]]}))
+        assert (seen.stamp, seen.frame_id, seen.xyz.tolist()) == (5.5, "odom", [[1, 2, 3]])
+        assert (None if seen.ids is None else seen.ids.tolist()) == (None if kind == POSES else [4])

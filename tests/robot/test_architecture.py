@@ -1,0 +1,73 @@
+"""Who may import what in `neurosym_robot`, read from the source as for `neurosym_jax`."""
+
+import subprocess
+import sys
+from importlib.metadata import entry_points
+
+import pytest
+
+from tests.test_architecture import ROOT, imports
+
+PACKAGE = ROOT / "neurosym_robot"
+FILES = {path.relative_to(PACKAGE).as_posix(): imports(path) for path in PACKAGE.rglob("*.py")}
+ROOMS = {
+    "tracking": {"tracking", "online"},  # `online.frame`
+    "online": {"tracking", "online"},
+    "dashboard": {"tracking", "online", "dashboard"},
+    "ros": {"tracking", "online", "dashboard", "ros"},
+}
+"""What the files of a room may import of this package; `commands` and `plugin.py` import all."""
+LIBRARIES = {"rclpy": ("ros/", "commands/ros2.py"), "rosbags": ("ros/",), "tyro": ("commands/",)}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_imports_its_own(room):
+    names = {name for file in FILES if file.startswith(f"{room}/") for name, _ in FILES[file]}
+    rooms = {name.split(".")[1] for name in names if name.startswith("neurosym_robot.")}
+    assert rooms <= ROOMS[room]
+
+
+def test_libraries_have_their_rooms_and_are_imported_on_demand():
+    found = [(file, name.split(".")[0], now) for file in FILES for name, now in FILES[file]]
+    for library, rooms in LIBRARIES.items():
+        assert {
+            file for file, name, _ in found if name == library if not file.startswith(rooms)
+        } == set()
+    assert {
+        file for file, name, now in found if now and name in ("rclpy", "rosbags", "rospy")
+    } == set()
+
+
+def test_the_core_joins_it_by_entry_points_alone():
+    for entry in entry_points(group="neurosym_jax.plugins").select(name="robot"):
+        assert entry.value == "neurosym_robot.plugin"
+    commands = {entry.name for entry in entry_points(group="neurosym_jax.commands")}
+    files = {path.stem for path in PACKAGE.glob("commands/[a-z]*.py")}
+    assert files <= commands, "an entry point is missing, or the package is to be installed anew"
+
+
+def test_a_text_file_is_read_without_ros_or_tracking(tmp_path):
+    path = tmp_path / "walk.txt"
+    path.write_text(
+        "".join(f"{10 * t} {who} {0.1 * t} {who}\n" for t in range(30) for who in (1, 2))
+    )
+    script = "import sys; from neurosym_jax.data.formats import read_any; read_any(sys.argv[1]); "
+    script += "print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script, path], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    modules = done.stdout.split()
+    assert "neurosym_robot.plugin" in modules
+    assert [
+        name
+        for name in modules
+        if name.startswith(
+            (
+                "neurosym_robot.online",
+                "neurosym_robot.tracking",
+                "neurosym_robot.ros.bags",
+                "rosbags",
+                "jax.",
+            )
+        )
+    ] == []
