@@ -25,7 +25,7 @@ CHOSEN = (
     ),
     (
         "what is beside constant velocity: pooling `encounter`, fixed noise, `beside_velocity`, "
-        "`alone=0.2`, 2,000 steps",
+        "`single_agent_share=0.2`, 2,000 steps",
         "pairs eth + hotel and univ + zara1 left out: their whole test recordings, 8 + 12, one "
         "seed; with SGAN's pooling, and with two more seeds, only after all trainings "
         "([training.md](training.md#beside-constant-velocity))",

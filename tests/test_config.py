@@ -1,6 +1,5 @@
 import dataclasses
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,7 +9,6 @@ from neurosym_jax.configuration import from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
-from neurosym_jax.training.run import record_of_today
 
 
 @pytest.mark.parametrize(
@@ -140,11 +138,7 @@ def test_what_needs_a_context_perceptron():
     assert dataclasses.replace(none, noise_dim=0, pooling="pool_net").needs_context_mlp
 
 
-def test_what_was_written_before_models_had_a_period():
-    old = to_json(GeneratorConfig(pred_len=12))
-    del old["period"]
-    assert from_json(GeneratorConfig, old) == GeneratorConfig(pred_len=12, period=0.4)
-    assert record_of_today({"generator": old}, Path("run"))["generator"]["period"] == 0.4
+def test_a_period_is_positive():
     for period in (0, -1.0, float("nan")):
         with pytest.raises(InputError, match=r"period must be (positive|a finite number)"):
             GeneratorConfig(period=period)

@@ -22,9 +22,9 @@ from neurosym_jax.data.sources import (
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.training.finish import outcome
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.network import model_name, named_generator
-from neurosym_jax.training.outcome import outcome
 from neurosym_jax.training.recipe import make_recipe
 from neurosym_jax.training.run import Run
 

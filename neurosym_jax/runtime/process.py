@@ -72,7 +72,9 @@ def enable_compilation_cache() -> None:
     """
     if os.environ.get("NEUROSYM_NO_CACHE") or (folder := cache_folder()) is None:
         return
-    jax.config.update("jax_compilation_cache_dir", str(folder / "xla"))
+    # The cache's key does not know the number of threads, which changes what is compiled.
+    threads = os.environ.get("NPROC", "all")
+    jax.config.update("jax_compilation_cache_dir", str(folder / f"xla-threads-{threads}"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 

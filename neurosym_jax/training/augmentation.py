@@ -1,4 +1,4 @@
-"""What is changed at random in the scenes of a training batch, anew each time they are drawn.
+"""Random changes to the scenes of a training batch, drawn each time a scene is used.
 
 To add an augmentation: its function, an entry at the end of `AUGMENTATIONS`, and its options in
 `AugmentationOptions`, which are fields of every recipe.
@@ -19,20 +19,21 @@ __all__ = ["AUGMENTATIONS", "AugmentationOptions", "augment"]
 
 @dataclasses.dataclass(frozen=True)
 class AugmentationOptions:
-    """What a recipe says of its augmentations; 0 leaves one out."""
+    """The options of a recipe's augmentations; 0 leaves one out."""
 
     rotate: bool | Share = 1.0
-    """Share of the training scenes turned at random, and half of them mirrored; true is 1."""
+    """Probability that a training scene is rotated by a random angle, and then mirrored with
+    probability 1/2; true is 1."""
     scale: BelowOne = 0.0
-    """Stretch each training scene by a random factor within 1 +- scale."""
+    """Each training scene is scaled by a random factor within 1 ± scale."""
     jitter: NotNegative = 0.0
-    """Largest standard deviation, in metres, of errors added to a scene's observed positions."""
-    alone: Share = 0.0
-    """Share of the training scenes of which one person is kept, as if nobody else were there."""
+    """Largest standard deviation of noise added to a scene's observed positions, m."""
+    single_agent_share: Share = 0.0
+    """Probability that a training scene is reduced to one random person."""
 
 
 def _move(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
-    """A share of the scenes turned, each by its own angle, and mirrored or not; all stretched."""
+    """Rotate and mirror a share of the scenes, each by its own angle; scale all."""
     rotate, scale = options.rotate, options.scale
     if not rotate and not scale:
         return groups
@@ -60,10 +61,7 @@ def _move(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
 
 
 def _jitter(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
-    """Scenes whose observed positions have errors, in each scene of another size.
-
-    The future is left as it is: what is to be forecast is where people were, and not the errors.
-    """
+    """Add noise to observed positions, of a size drawn for each scene; futures stay as they are."""
     if not options.jitter:
         return groups
     size, error = jax.random.split(key)
@@ -87,14 +85,14 @@ def _jitter(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
     )
 
 
-def _alone(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
-    """Scenes some of which are one person's: training windows hold two people or more."""
-    if not options.alone:
+def _single_agents(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
+    """Reduce some scenes to one person, because training windows hold two people or more."""
+    if not options.single_agent_share:
         return groups
     choose, who = jax.random.split(key)
     counts = [scene.valid.shape[0] for scene in groups]
     sizes = [scene.valid.size for scene in groups]
-    alone = jax.random.uniform(choose, (sum(counts),)) < options.alone
+    alone = jax.random.uniform(choose, (sum(counts),)) < options.single_agent_share
     lots = jax.random.uniform(who, (sum(sizes),))
 
     def left(scene: Scene, alone: Array, lots: Array) -> Scene:
@@ -109,13 +107,13 @@ def _alone(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
     )
 
 
-AUGMENTATIONS = (_move, _jitter, _alone)
-"""`(groups, key, options) -> groups`, applied in this order; the key is consumed."""
+AUGMENTATIONS = (_move, _jitter, _single_agents)
+"""`(groups, key, options) -> groups`, applied in this order; each consumes its key."""
 
 
 def augment(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
-    """The batch `groups` with every augmentation that `options` ask for; consumes `key`."""
-    # The first keys are the same however many there are, so one more changes no recipe without it.
+    """Apply all augmentations that `options` ask for to a batch; consumes `key`."""
+    # The first keys do not depend on how many there are: a new augmentation changes no old recipe.
     for augmentation, part in zip(AUGMENTATIONS, jax.random.split(key, len(AUGMENTATIONS))):
         groups = augmentation(groups, part, options)
     return groups

@@ -1,4 +1,4 @@
-"""The card of a trained model: `README.md` beside its weights, for people."""
+"""The card of a trained model: `README.md` beside its parameters."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ def model_card(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] 
     """The text of the card of a model.
 
     Args:
-        facts: what `run.json` of its training holds, see `loop`.
+        facts: the content of `run.json` of its training, see `finish`.
         test_rows: rows of an evaluation of this model on its own test set, and of the baselines.
     """
     return "\n".join(_lines(facts, test_rows)) + "\n"
@@ -29,7 +29,7 @@ def model_card(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] 
 def write_card(
     folder: Path, facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] = ()
 ) -> None:
-    """Write the card of the model in `folder`, in place of an older one: see `model_card`."""
+    """Write or replace the card of the model in `folder`, see `model_card`."""
     write_text(folder / CARD, model_card(facts, test_rows))
 
 

@@ -1,4 +1,4 @@
-"""What a finished run leaves: `curves.png`, `run.json`, and `model/` with its card."""
+"""The results of a finished run: `curves.png`, `run.json`, `model/`, and its errors in words."""
 
 from pathlib import Path
 from typing import Any
@@ -6,13 +6,17 @@ from typing import Any
 import jax
 
 from neurosym_jax.configuration import FORMAT
+from neurosym_jax.data.batching import make_batches
+from neurosym_jax.evaluation.plan import BASELINES, baseline
+from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.runtime.environment import code_version
 from neurosym_jax.runtime.files import write_json
 from neurosym_jax.training.card import model_card
+from neurosym_jax.training.run import Run
 
-__all__ = ["RUN", "write_curves", "write_model"]
+__all__ = ["RUN", "outcome", "write_curves", "write_model"]
 
 RUN = "run.json"
 
@@ -25,7 +29,7 @@ def write_model(
     Args:
         folder: of the run.
         model: the best by validation.
-        facts: what else is known of the run, JSON-able.
+        facts: other facts of the run, JSON-able.
         validations: a row each, with `val_score`.
     """
     if (folder / "model").exists():
@@ -45,7 +49,7 @@ def write_model(
 
 
 def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:
-    """Losses of every round and errors of every validation as `curves.png`."""
+    """Draw the losses of every round and the errors of every validation as `curves.png`."""
     from neurosym_jax.plotting import plot_training, save_figure
 
     def curve(name: str) -> tuple[list[float], list[float]]:
@@ -59,3 +63,30 @@ def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:
         "training",
     )
     save_figure(figure, folder / "curves.png")
+
+
+def outcome(run: Run, model: Model) -> str:
+    """The validation errors of the model and of each baseline, a line each.
+
+    The validation windows chose the model's state, so its errors are a little too good.
+
+    Raises:
+        InputError: for a baseline that cannot forecast these windows.
+    """
+    config, samples = run.generator, run.recipe.best_k
+    batches = make_batches(run.validation)
+    models = [model, *(baseline(name, config.obs_len, config.pred_len) for name in BASELINES)]
+    lines = [f"on the {run.validation.scenes} validation scenes, joint best of {samples}, metres:"]
+    width = max(len(each.name) for each in models)
+    for each in models:
+        found = score_forecaster(
+            each.forecaster,
+            each.params,
+            batches,
+            samples=samples,
+            seed=run.recipe.seed,
+            metrics=("joint_ade", "joint_fde"),
+        )
+        ade, fde = found.mean("joint_ade"), found.mean("joint_fde")
+        lines.append(f"  {each.name:{width}}  ADE {ade:.3f}  FDE {fde:.3f}")
+    return "\n".join(lines)

@@ -1,8 +1,8 @@
 """Gradients of the generator's and the discriminator's loss over one training batch.
 
-The variety loss learns from the best of k samples alone, so its gradient needs only that one: all k
-are decoded without a gradient, then the best (and the one that the discriminator scores) again
-with one. Encoding and pooling are done once. Nothing here knows of optimisers or of steps.
+The variety loss depends on the best of k samples only, and so does its gradient: all k are decoded
+without a gradient, then the best (and the one that the discriminator scores) again with one.
+Encoding and pooling are done once.
 """
 
 import functools
@@ -82,7 +82,7 @@ def generator_gradient(
         discriminator: its parameters; () where the recipe has no adversarial term.
         groups: the batch.
         noises: for each group, [k, ...] of k samples, see `draw_group_noise`.
-        label: what the discriminator is to take the forecasts for.
+        label: the discriminator's label that the forecasts should get.
 
     Returns:
         The gradient, and `g_loss`, `g_gradient_norm` and each term of the loss (`g_variety`, ...).
@@ -96,26 +96,15 @@ def generator_gradient(
             _take_samples(noise, criterion_errors(config, scene, future).argmin(axis=-1))
             for noise, scene, future in zip(noises, groups, trials)
         ]
-        # The discriminator scores the last sample, as SGAN's generator step does.
-        scored = 1 if config.adversarial_weight else 0
-        best, drawn = len(chosen[0]), min(config.samples, len(noises[0]))
-        if drawn or scored:
-            chosen = [
-                jnp.concatenate([some, all_[:drawn], all_[len(all_) - scored :]])
-                for some, all_ in zip(chosen, noises)
-            ]
+        best, scores = len(chosen[0]), None
+        if config.adversarial_weight:
+            # The discriminator scores the last sample, as SGAN's generator step does.
+            chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
         futures = decode(params, contexts, groups, chosen)
-        scores = None
-        if scored:
+        if config.adversarial_weight:
             last = [future[-1] for future in futures]
             scores = _slots(_scores(config, discriminator, groups, last))
-        made = Forecasts(
-            groups,
-            [future[:best] for future in futures],
-            [future[best : best + drawn] for future in futures],
-            scores,
-            label,
-        )
+        made = Forecasts(groups, [future[:best] for future in futures], scores, label)
         total, terms = generator_loss(config, made)
         return total, {f"g_{name}": value for name, value in terms.items()} | {"g_loss": total}
 

@@ -1,4 +1,4 @@
-"""A training batch: a tuple of Scenes, one for each size class, each `[scenes, slots, ...]`."""
+"""Training batches: a tuple of Scenes `[scenes, slots, ...]`, one for each size class."""
 
 import itertools
 from collections.abc import Sequence
@@ -11,5 +11,5 @@ Groups = tuple[Scene, ...]
 
 
 def cuts(sizes: Sequence[int]) -> list[int]:
-    """Where `jnp.split` cuts an axis that holds parts of these sizes, one for each group."""
+    """The places where `jnp.split` cuts an axis into parts of these sizes."""
     return list(itertools.accumulate(sizes))[:-1]

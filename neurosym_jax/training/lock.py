@@ -1,19 +1,18 @@
 """One process at a time trains in a folder."""
 
 import contextlib
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import refuse_unwritable
 
-__all__ = ["sole_writer", "wait_for_others"]
+__all__ = ["sole_writer"]
 
 
 @contextlib.contextmanager
 def sole_writer(folder: Path) -> Iterator[None]:
-    """Hold `folder`, which is made where it is missing; whatever ends the process lets go of it.
+    """Lock `folder`, which is created if needed; the lock ends with the process.
 
     Raises:
         InputError: when another process holds it, or nothing can be written there.
@@ -31,12 +30,3 @@ def sole_writer(folder: Path) -> Iterator[None]:
         except BlockingIOError:
             raise InputError(f"{folder}: another process is training there") from None
         yield
-
-
-def wait_for_others(folder: Path, *, seconds: float) -> None:
-    """Wait until no other process trains in `folder`, so long at most."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        with contextlib.suppress(InputError), sole_writer(folder):
-            return
-        time.sleep(0.1)

@@ -1,7 +1,7 @@
-"""The loop around the step: rounds of compiled steps, validation, checkpoints, what is written.
+"""The training loop: rounds of compiled steps, validation, checkpoints, and the files of a run.
 
 A run is a folder: `checkpoints/` (to resume from), `metrics.jsonl`, and at its end `curves.png`,
-`run.json` (all that is known of it) and `model/`, the best state by validation and its card.
+`run.json` (all facts of the run) and `model/`, the best state by validation and its card.
 Everything random follows from (seed, step), so a resumed run continues bit for bit.
 """
 
@@ -38,7 +38,7 @@ from neurosym_jax.training.stream import SceneStream
 
 __all__ = ["CHUNK", "train", "train_run"]
 
-OnRow = Callable[[dict[str, Any]], object]
+Row = dict[str, Any]
 
 CHUNK = 25
 """Most steps of one compiled call, between two updates of the progress bar."""
@@ -54,20 +54,20 @@ def train(
     dataset: str | None = None,
     data_name: str = "data not named",
     resume: bool = False,
-    on_row: OnRow | None = None,
+    on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
-    """Train a generator; what it leaves in `folder` is said in the module.
+    """Train a generator; the module's text lists the files that it leaves in `folder`.
 
     Args:
         training: recordings to cut windows from, or the windows.
-        validation: of these the error is least at the state that is kept.
+        validation: the same; the state with the least error on these is kept.
         folder: of the run.
         generator: the network; default: SGAN's. Its period becomes that of the data.
-        recipe: how it is trained; default: `ours`.
-        dataset: what was left out to be tested on; recorded with the model.
+        recipe: how the network is trained; default: `ours`.
+        dataset: the data set that was left out, to be tested on; recorded with the model.
         data_name: of the training data, for people.
-        resume: go on with the run in `folder`.
-        on_row: called with each row of `metrics.jsonl` as it comes, for a dashboard of one's own.
+        resume: continue the run in `folder`.
+        on_row: called with each row of `metrics.jsonl`, for a dashboard of one's own.
 
     Returns:
         The best model by validation, also written to `folder / "model"`.
@@ -87,47 +87,38 @@ def train(
 
 
 def train_run(
-    run: Run, folder: Path, *, resume: bool = False, on_row: OnRow | None = None
+    run: Run,
+    folder: Path,
+    *,
+    resume: bool = False,
+    on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
-    """Train, from the start or from the newest good checkpoint in `folder`.
-
-    Args:
-        run: what is trained on what.
-        folder: of the run.
-        resume: go on with the run in `folder`.
-        on_row: see `train`.
-
-    Returns:
-        The best model by validation, also written to `folder / "model"`.
+    """Train from the start, or from the newest good checkpoint in `folder`; see `train`.
 
     Raises:
-        InputError: when `folder` holds a run already (and `resume` is not said), or another run.
+        InputError: when `folder` holds a run already (and `resume` is not given), or another run.
         TrainingError: when a loss or metric is not finite; the last good step stays on disk.
     """
     with sole_writer(folder):
-        checkpoints = TrainingCheckpoints(folder / "checkpoints")
-        return _train(run, folder, checkpoints, resume, on_row or (lambda _: None))
+        return _train(run, folder, resume, on_row)
 
 
-def _train(
-    run: Run, folder: Path, checkpoints: TrainingCheckpoints, resume: bool, on_row: OnRow
-) -> Model:
+def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]) -> Model:
     config = run.recipe
     networks = 2 if config.adversarial_weight else 1  # A step takes a batch for each.
     stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
     _refuse_too_large(run, stream.shapes)
     batches = make_batches(run.validation)
-    key = jax.random.key(config.seed)
+    of_state, of_steps = (jax.random.fold_in(jax.random.key(config.seed), part) for part in (0, 1))
     example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
-    steps_key = jax.random.fold_in(key, 1)
     weighting = initial_parameters(run.generator.weighting, _observed(run.training))
-    state = initial_state(run.generator, config, example, jax.random.fold_in(key, 0), weighting)
+    state = initial_state(run.generator, config, example, of_state, weighting)
     best = _copy(_validated(config, state))
-    validations: list[dict[str, Any]] = []
+    validations: list[Row] = []
     record = {**run.describe(), "environment": run_environment()}
 
-    found = checkpoints.restore((state, best))
-    if found is not None:
+    checkpoints = TrainingCheckpoints(folder / "checkpoints")
+    if (found := checkpoints.restore((state, best))) is not None:
         step, (state, best), before = found
         if not resume:
             raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
@@ -137,7 +128,7 @@ def _train(
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
     done = int(state.step)
     log = MetricsLog(folder / "metrics.jsonl", done)
-    # tqdm's None is for a terminal only.
+    # tqdm's None shows the bar in a terminal only.
     with tqdm(total=config.steps, initial=done, unit="step", disable=None) as bar:
         while done < config.steps:
             to_validation = config.validate_every - done % config.validate_every
@@ -146,20 +137,21 @@ def _train(
                 lambda leaf, count=count: leaf.reshape(count, networks, *leaf.shape[1:]),
                 stream.steps(done * networks, count * networks),
             )
-            state, metrics = train_steps(run.generator, config, steps_key, state, groups)
-            row: dict[str, Any] = {"step": done + count}
+            state, metrics = train_steps(run.generator, config, of_steps, state, groups)
+            row: Row = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
             _refuse_not_finite(row, folder, done, validations)
-            if count == to_validation or row["step"] == config.steps:
+            if validated := count == to_validation or row["step"] == config.steps:
                 row |= _validate(run, _validated(config, state), batches)
                 _refuse_not_finite(row, folder, done, validations)
-                scores = [old["val_score"] for old in validations]
-                if row["val_score"] <= min(scores, default=np.inf):
+                if row["val_score"] <= min(
+                    (old["val_score"] for old in validations), default=np.inf
+                ):
                     best = _copy(_validated(config, state))
                 validations.append(row)
             log.append(row)
             on_row(row)
-            if validations and validations[-1] is row:
+            if validated:
                 saved = {**record, "history": validations}
                 checkpoints.save(row["step"], (state, best), saved, row["val_score"])
             done += count
@@ -167,27 +159,15 @@ def _train(
             bar.update(count)
     model = Model(run.generator, best, run.dataset, plugins=names(loaded()))
     write_curves(folder, log.rows())
-    windows = {"training": run.training, "validation": run.validation}
-    counts = {name: {"scenes": of.scenes, "agents": of.agents} for name, of in windows.items()}
-    recordings = {
-        name: [how.to_json() for how in part.reading]
-        for name, part in (("training", run.training), ("validation", run.validation))
-    }
-    facts = {
-        **record,
-        "data_name": run.data_name,
-        "counts": counts,
-        "recordings": recordings,
-    }
-    write_model(folder, model, facts, validations)
+    write_model(folder, model, {**record, **run.data_facts()}, validations)
     return model
 
 
 def _refuse_too_large(run: Run, shapes: Sequence[tuple[int, int]]) -> None:
     """Refuse a batch of these (scenes, slots) of each size class that memory cannot hold.
 
-    What is counted are the positions of a round's batches, the k forecasts of one, and what pooling
-    keeps of each pair with its gradient: less than is used.
+    A lower bound: positions of a round's batches, the k forecasts of one, and the numbers that
+    pooling keeps of each pair for its gradient.
     """
     config, generator = run.recipe, run.generator
     slots = sum(scenes * size for scenes, size in shapes)
@@ -201,19 +181,17 @@ def _refuse_too_large(run: Run, shapes: Sequence[tuple[int, int]]) -> None:
 
 
 def _observed(windows: Windows) -> Iterator[tuple[Any, Any]]:
-    """Batches (positions, valid) of what a weighting may be estimated from, if it asks for any."""
+    """Batches (positions, valid) from which a weighting may be estimated."""
     for batch in make_batches(windows):
         yield batch.scene.observed, batch.scene.valid
 
 
 def _copy(params: Any) -> Any:
-    """On the host, and not a view of buffers that the next step takes over."""
+    """A copy on the host: the next step takes over the buffers of `params`."""
     return jax.tree.map(np.array, params)
 
 
-def _refuse_not_finite(
-    row: dict[str, Any], folder: Path, done: int, validations: list[dict[str, Any]]
-) -> None:
+def _refuse_not_finite(row: Row, folder: Path, done: int, validations: list[Row]) -> None:
     bad = [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]
     if bad:
         kept = "no step had been saved"
@@ -225,12 +203,11 @@ def _refuse_not_finite(
         )
 
 
-def _progress(row: dict[str, Any], validations: list[dict[str, Any]]) -> dict[str, str]:
-    """What the progress bar holds besides steps and time left."""
-    names = {"g_variety": "loss", "g_adversarial": "g_adv", "d_loss": "d"}
-    values = {short: row[name] for name, short in names.items() if name in row}
-    if validations:
-        values |= {"val_ade": validations[-1]["val_ade"], "val_fde": validations[-1]["val_fde"]}
+def _progress(row: Row, validations: list[Row]) -> dict[str, str]:
+    """Values beside the progress bar."""
+    short = {"g_variety": "loss", "g_adversarial": "g_adv", "d_loss": "d"}
+    values = {short[name]: row[name] for name in short if name in row}
+    values |= {name: row[name] for row in validations[-1:] for name in ("val_ade", "val_fde")}
     return {name: f"{value:.3f}" for name, value in values.items()}
 
 

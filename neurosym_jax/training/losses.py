@@ -1,4 +1,4 @@
-"""The losses of training: how the best of k forecasts is chosen, and what a loss is the sum of.
+"""The losses of training: criteria that choose the best of k forecasts, and terms of the loss.
 
 To add one: its function, an entry in `CRITERIA` or `TERMS`, and its options in `LossOptions`, which
 are fields of every recipe.
@@ -8,18 +8,15 @@ import dataclasses
 import functools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import Count, Interval, NotNegative, Positive
+from neurosym_jax.configuration import Interval, NotNegative
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import AnyArray, Scene
-from neurosym_jax.symbolic.qtc import qtc_c1
-from neurosym_jax.symbolic.soft import soft_qtc_c1
 from neurosym_jax.training.groups import Groups
 
 __all__ = [
@@ -37,42 +34,28 @@ __all__ = [
     "refuse_no_loss",
     "safe_norm",
     "squared_displacement_errors",
-    "symbol_log_scores",
 ]
 
 
 @dataclasses.dataclass(frozen=True)
 class LossOptions:
-    """What a recipe says of its losses."""
+    """The options of a recipe's losses."""
 
     criterion: Literal["squared_displacement", "distance"] = "distance"
-    """What best means: SGAN's squared displacements, or ADE and FDE each with its own best."""
+    """How the best forecast is chosen: SGAN's squared displacements, or ADE and FDE, each with its
+    own best."""
     fde_weight: NotNegative = 0.5
-    """Of the FDE term of the criterion `distance`."""
+    """Weight of the FDE in the criterion `distance`."""
     weigh_scenes: Literal["equally", "by_agents"] = "by_agents"
-    """SGAN's loss sums over scenes, whatever their size; the test's average runs over agents."""
+    """SGAN's loss weighs every scene the same; the test's average weighs every agent the same."""
     l2_weight: NotNegative = 1.0
-    """Of the variety loss: the best of k forecasts by the criterion."""
+    """Weight of the variety loss: the best of k forecasts by the criterion."""
     adversarial_weight: NotNegative = 0.0
-    """0 trains no discriminator."""
+    """Weight of the adversarial loss; 0 trains no discriminator."""
     label_real: Interval = (0.7, 1.2)
-    """Range of the smoothed label of real trajectories, one draw a step."""
+    """Range of the smoothed label of real trajectories, drawn once a step."""
     label_fake: Interval = (0.0, 0.3)
-    symbols_weight: NotNegative = 0.0
-    """Of the log score of the symbols to come."""
-    symbols_samples: Count = 4
-    """Forecasts whose soft symbols make a probability."""
-    symbols_temperature: Positive = 0.05
-    """Metres a step, of the soft symbols."""
-    symbols_threshold: NotNegative = 0.05
-    """Metres a step up to which a movement is none."""
-    symbols_reach: Positive = 8.0
-    """Metres; pairs who are further apart when they are observed last are left out."""
-
-    @property
-    def samples(self) -> int:
-        """Forecasts besides the best that the loss looks at."""
-        return self.symbols_samples if self.symbols_weight else 0
+    """Range of the label of forecasts, drawn once a step."""
 
 
 class Criterion(NamedTuple):
@@ -88,25 +71,22 @@ class Criterion(NamedTuple):
 
 
 class Forecasts(NamedTuple):
-    """What the generator makes of a batch: what the terms of its loss are functions of."""
+    """The generator's forecasts of a batch: the input of the terms of its loss."""
 
     groups: Groups
     futures: list[Array]
-    """Of each group [C, scenes, slots, pred_len, 2] metres, the best by each row of the criterion.
-    """
-    samples: list[Array]
-    """Of each group [m, scenes, slots, pred_len, 2] metres, forecasts that nothing has chosen."""
+    """[C, scenes, slots, pred_len, 2] metres of each group, the best by row c of the criterion."""
     scores: Array | None
     """[A] logits of all slots; None without a discriminator."""
     label: Array | float
-    """[] what the discriminator is to take the forecast for."""
+    """[] the discriminator's label that the forecasts should get."""
 
 
 class Term(NamedTuple):
-    """A term of the generator's loss; its metric is `g_` and its name."""
+    """A term of the generator's loss; `metrics.jsonl` has it as `g_NAME`."""
 
     weight: str
-    """The option that is its weight; 0 leaves the term out."""
+    """Name of the option that is its weight; 0 leaves the term out."""
     value: Callable[[LossOptions, Forecasts], Array]
 
 
@@ -127,9 +107,9 @@ def squared_displacement_errors(forecast: AnyArray, truth: AnyArray, valid: AnyA
 
 
 def distance_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Array:
-    """The test's own criteria of one scene: ADE and FDE of each sample, metres.
+    """[2, k] metres: ADE and FDE of each sample of one scene, means over its valid agents.
 
-    Arguments as above, but positions. Returns [2, k], means over the scene's valid agents.
+    Arguments are those of `squared_displacement_errors`, but positions in place of displacements.
     """
     distance = jnp.where(valid[:, None], safe_norm(forecast - truth), 0)
     agents = jnp.maximum(valid.sum(), 1)
@@ -145,7 +125,7 @@ def _of_displacements(scene: Scene, futures: AnyArray) -> Array:
 
 
 def displacements(last: AnyArray, future: AnyArray) -> Array:
-    """Those of `future [..., pred_len, 2]` after the position `last [..., 1, 2]`."""
+    """Displacements of `future [..., pred_len, 2]` that follows the position `last [..., 1, 2]`."""
     start = jnp.broadcast_to(last, (*future.shape[:-2], 1, 2))
     return jnp.diff(jnp.concatenate([start, future], axis=-2), axis=-2)
 
@@ -153,7 +133,7 @@ def displacements(last: AnyArray, future: AnyArray) -> Array:
 def safe_norm(vector: AnyArray) -> Array:
     """Euclidean norm over the last axis, with gradient zero where the vector is zero.
 
-    NaN stays NaN: as a zero it would be the best of all errors.
+    NaN stays NaN; as zero it would be the best of all errors.
     """
     squared = (vector**2).sum(axis=-1)
     zero = squared == 0
@@ -177,7 +157,7 @@ def criterion_errors(options: LossOptions, scene: Scene, futures: Array) -> Arra
 
 
 def variety_loss(options: LossOptions, made: Forecasts) -> Array:
-    """[] the criterion of the best forecasts: future c is the best by row c."""
+    """[] the criterion of the best forecasts; future c is the best by row c."""
     criterion = CRITERIA[options.criterion]
     weights = criterion.weights(options)
     total = jnp.zeros(())
@@ -209,62 +189,14 @@ def _deceive(_: LossOptions, made: Forecasts) -> Array:
     return adversarial_loss(made.scores, made.label, valid)
 
 
-def symbol_log_scores(options: LossOptions, scene: Scene, samples: AnyArray) -> tuple[Array, Array]:
-    """How improbable the symbols to come are by m forecasts of one scene.
-
-    The probability of a symbol is the mean of its soft ones over the forecasts and of one uniform
-    vote more, as `symbolic.forecast` smooths counts.
-
-    Args:
-        options: `symbols_...`.
-        scene: with its future.
-        samples: [m, N, pred_len, 2] metres relative to the scene's origin.
-
-    Returns:
-        [P, pred_len, 4] nats of q1 to q4 (QTC_C1) of all P = N (N - 1) / 2 pairs, and [P] bool:
-        which of them are both valid and within reach.
-    """
-    first, second = np.triu_indices(scene.observed.shape[0], 1)
-    last = jnp.asarray(scene.observed)[:, -1:]
-    start = jnp.broadcast_to(last, (len(samples), *last.shape))
-    paths = jnp.concatenate([start, samples], axis=2)
-    truth = jnp.concatenate([last, scene.known_future], axis=1)
-    step = options.symbols_threshold
-    thresholds: dict[str, Any] = {"quantisation_factor": step, "side_quantisation_factor": step}
-    soft = soft_qtc_c1(
-        paths[:, first],
-        paths[:, second],
-        temperature=options.symbols_temperature,
-        **thresholds,
-    )
-    found = qtc_c1(truth[first], truth[second], **thresholds)
-    forecast = jnp.take_along_axis(soft.sum(axis=0), found[..., None] + 1, axis=-1)[..., 0]
-    probability = (forecast + 1 / 3) / (len(samples) + 1)
-    near = safe_norm(last[first, 0] - last[second, 0]) <= options.symbols_reach
-    return -jnp.log(probability), near & scene.valid[first] & scene.valid[second]
-
-
-def _symbols(options: LossOptions, made: Forecasts) -> Array:
-    """[] nats: the mean log score of a symbol, of all pairs of a batch."""
-    total = count = jnp.zeros(())
-    of_scenes = jax.vmap(functools.partial(symbol_log_scores, options), in_axes=(0, 1))
-    for scene, samples in zip(made.groups, made.samples):
-        if samples.shape[2] > 1:
-            scores, there = of_scenes(jax.tree.map(jnp.asarray, scene), samples)
-            total = total + jnp.where(there[..., None, None], scores, 0).sum()
-            count = count + there.sum() * scores[0, 0].size
-    return total / jnp.maximum(count, 1)
-
-
 TERMS = {
     "variety": Term("l2_weight", variety_loss),
     "adversarial": Term("adversarial_weight", _deceive),
-    "symbols": Term("symbols_weight", _symbols),
 }
 
 
 def generator_loss(options: LossOptions, made: Forecasts) -> tuple[Array, dict[str, Array]]:
-    """[] the weighted sum of the terms, and each of them by name; those of weight 0 left out."""
+    """[] the weighted sum of the terms, and each term by name; terms of weight 0 are left out."""
     weights = {name: getattr(options, term.weight) for name, term in TERMS.items()}
     terms = {name: TERMS[name].value(options, made) for name, weight in weights.items() if weight}
     total = functools.reduce(operator.add, [weights[name] * terms[name] for name in terms])
@@ -272,11 +204,7 @@ def generator_loss(options: LossOptions, made: Forecasts) -> tuple[Array, dict[s
 
 
 def refuse_no_loss(options: LossOptions) -> None:
-    """Refuse options that leave all terms out.
-
-    Raises:
-        InputError: naming their weights.
-    """
+    """Raise InputError for options that leave all terms out."""
     weights = [term.weight for term in TERMS.values()]
     if not any(getattr(options, name) for name in weights):
         raise InputError(f"{' and '.join(weights)} are 0: nothing would be learned")

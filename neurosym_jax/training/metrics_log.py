@@ -1,4 +1,4 @@
-"""`metrics.jsonl`: what a run measured, one row a line, appended to while it goes on."""
+"""`metrics.jsonl`: the measurements of a run, a row a line, appended while it runs."""
 
 import json
 from pathlib import Path
@@ -10,10 +10,10 @@ __all__ = ["MetricsLog"]
 
 
 class MetricsLog:
-    """The rows of the steps so far, on the disk.
+    """The rows so far, on the disk.
 
-    Rows beyond the step that a run resumes from, and half a line that a kill left, are dropped, so
-    that a resumed run writes the file that it would have written undisturbed.
+    Rows beyond the step that a run resumes from, and half a line that a kill left, are dropped: a
+    resumed run writes the same file as an undisturbed one.
     """
 
     def __init__(self, path: Path, step: int):
@@ -30,7 +30,7 @@ class MetricsLog:
         append_text(self._path, json.dumps(row, allow_nan=False) + "\n")
 
     def rows(self) -> list[dict[str, Any]]:
-        """All rows, as far as the file is whole."""
+        """All rows before the first damaged line."""
         rows = []
         for line in self._path.read_bytes().splitlines() if self._path.exists() else ():
             try:

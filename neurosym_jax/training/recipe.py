@@ -1,4 +1,4 @@
-"""Recipes: how a generator is trained, apart from what it is and what it learns from."""
+"""Recipes: the hyper-parameters of training."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -23,20 +23,17 @@ __all__ = ["RECIPES", "TrainConfig", "make_recipe"]
 
 @dataclasses.dataclass(frozen=True)
 class TrainConfig(LossOptions, AugmentationOptions):
-    """A recipe; its losses and augmentations have their options in files of their own.
-
-    An earlier run without a field had its default.
-    """
+    """A recipe; the options of losses and augmentations stand in their files."""
 
     seed: Seed = 0
     steps: Count = 3000
     """Generator steps."""
     batch_scenes: Count = 64
-    """Scenes in a batch, about: their proportions by size are fixed."""
+    """Approximate number of scenes in a batch; the proportions of sizes are fixed."""
     max_agents: Count | None = 16
-    """Larger scenes are cropped, anew each time, to an agent and its nearest neighbours."""
+    """Larger scenes are cropped to a random agent and its nearest neighbours, drawn each time."""
     best_k: Count = 20
-    """Samples of the variety loss, of which the best is learned from."""
+    """Samples of the variety loss, which learns from the best one."""
     g_learning_rate: Positive = 1e-2
     d_learning_rate: Positive = 1e-3
     schedule: Literal["constant", "cosine"] = "cosine"
@@ -44,11 +41,11 @@ class TrainConfig(LossOptions, AugmentationOptions):
     clip_norm: NotNegative = 2.0
     """Largest norm of the generator's gradient; 0 for no clipping."""
     ema: BelowOne = 0.0
-    """Decay of the averaged parameters that are validated and kept; 0 keeps the raw ones."""
+    """Decay of the averaged parameters, which are validated and kept; 0 averages none."""
     validate_every: Count = 500
     """Steps between validations; the best state by validation is kept."""
     select_by: Literal["ade", "ade_fde"] = "ade_fde"
-    """Joint validation error that the best state has least of."""
+    """Joint validation error that chooses the best state."""
     discriminator: DiscriminatorConfig = dataclasses.field(default_factory=DiscriminatorConfig)
 
     def __post_init__(self):

@@ -1,6 +1,6 @@
-"""A generator over the groups of one training batch: futures of many scenes and samples at once.
+"""A generator applied to the groups of one training batch: many scenes and samples at once.
 
-Pooling is mapped over each group's scenes; what looks at no neighbour takes all slots of all groups
+Pooling is mapped over each group's scenes; encoder and decoder take all slots of all groups
 together.
 """
 
@@ -26,7 +26,7 @@ __all__ = ["decode_groups", "draw_group_noise", "encode_groups", "over_slots"]
 def draw_group_noise(
     config: GeneratorConfig, groups: Groups, key: Array, samples: int
 ) -> list[Array]:
-    """For each group [k, scenes, dim], or [k, scenes, slots, dim] per agent; consumes `key`."""
+    """Noise of each group [k, scenes, dim], per agent [k, scenes, slots, dim]; consumes `key`."""
     per_agent = config.noise_mix_type == "ped"
     shapes = [scene.valid.shape if per_agent else scene.valid.shape[:1] for scene in groups]
     sizes = [math.prod(shape) for shape in shapes]
@@ -55,7 +55,7 @@ def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[
 
 
 def over_slots(function: Callable[[Array], Any], parts: Sequence[AnyArray]) -> list[Array]:
-    """`function` of `[A, ...]`, all slots together, from and to `[scenes, slots, ...]` parts."""
+    """Apply `function`, of all slots together `[A, ...]`, to parts `[scenes, slots, ...]`."""
     shapes = [part.shape[:2] for part in parts]
     out = function(jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts]))
     ends = cuts([math.prod(shape) for shape in shapes])

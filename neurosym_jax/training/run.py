@@ -1,4 +1,4 @@
-"""What a training run is: a generator, a recipe and windows; its record, by which it resumes."""
+"""A training run: a generator, a recipe and windows; and the record by which it is resumed."""
 
 import dataclasses
 import hashlib
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.configuration import from_json, to_json
+from neurosym_jax.configuration import to_json
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.training.recipe import TrainConfig
 
-__all__ = ["Run", "data_digest", "record_of_today", "refuse_other_run"]
+__all__ = ["Run", "data_digest", "refuse_other_run"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,21 +27,30 @@ class Run:
     training: Windows
     validation: Windows
     dataset: str | None = None
-    """The one left out, to be tested on; recorded with the model."""
+    """The data set that was left out, to be tested on; recorded with the model."""
     data_name: str = "data not named"
-    """Of the training data, for people."""
+    """Name of the training data, for people."""
 
     def describe(self) -> dict[str, Any]:
-        """All that must be equal for a run to be resumed; JSON-able."""
+        """The facts that must be equal for a run to be resumed; JSON-able."""
         return {
             "generator": to_json(self.generator),
             "training": to_json(self.recipe),
             "scene": self.dataset,
-            "data": {
-                "training": data_digest(self.training),
-                "validation": data_digest(self.validation),
-            },
+            "data": {name: data_digest(windows) for name, windows in self._windows().items()},
         }
+
+    def data_facts(self) -> dict[str, Any]:
+        """Further facts of the data; JSON-able."""
+        parts = self._windows().items()
+        return {
+            "data_name": self.data_name,
+            "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts},
+            "recordings": {name: [how.to_json() for how in w.reading] for name, w in parts},
+        }
+
+    def _windows(self) -> dict[str, Windows]:
+        return {"training": self.training, "validation": self.validation}
 
 
 def data_digest(windows: Windows) -> str:
@@ -52,23 +61,8 @@ def data_digest(windows: Windows) -> str:
     return sha.hexdigest()
 
 
-def record_of_today(record: dict[str, Any], source: Path) -> dict[str, Any]:
-    """A run's record with its configurations as this version writes them, perhaps by an earlier.
-
-    Raises:
-        InputError: naming `source`, for what no version wrote.
-    """
-    kinds = {"generator": GeneratorConfig, "training": TrainConfig}
-    today = {
-        name: to_json(from_json(kind, record[name], str(source)))
-        for name, kind in kinds.items()
-        if name in record
-    }
-    return {**record, **json.loads(json.dumps(today))}
-
-
 def refuse_other_run(record: dict[str, Any], ours: dict[str, Any], folder: Path) -> None:
-    """Refuse to resume the run of `record` as `ours`, where they differ; tell of other machines.
+    """Refuse to resume the run of `record` as `ours` if they differ; warn of another environment.
 
     Args:
         record: of the run in `folder`.
@@ -76,9 +70,9 @@ def refuse_other_run(record: dict[str, Any], ours: dict[str, Any], folder: Path)
         folder: for messages.
 
     Raises:
-        InputError: naming what differs.
+        InputError: naming the part that differs.
     """
-    ours, record = json.loads(json.dumps(ours)), record_of_today(record, folder)
+    ours = json.loads(json.dumps(ours))
     for name, value in ours.items():
         if name != "environment" and record.get(name) != value:
             raise InputError(f"{folder}: holds another run: its {name} differs")

@@ -1,22 +1,22 @@
-"""Which scenes of a training set are padded to the same size: the fewest padded pairs a batch."""
+"""Size classes: which padded sizes a training set gets, for the fewest padded pairs a batch."""
 
 import numpy as np
 
 __all__ = ["quota", "size_classes"]
 
 COST_OF_A_CLASS = 1000
-"""Pairs that one more class must save: it is compiled by itself, and loops by itself."""
+"""Pairs that another class must save: each class is compiled and looped over separately."""
 
 
 def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
-    """The padded sizes, ascending; a scene takes the least that holds it.
+    """The padded sizes, ascending; a scene takes the smallest one that holds it.
 
-    A batch has a `quota` of every class, and pooling works on the square of each padded size. The
-    sum of the two is least for the classes returned (dynamic programming over the sizes).
+    A batch has a `quota` of every class, and pooling costs the square of each padded size. The
+    classes minimise the sum of costs (dynamic programming over the sizes).
 
     Args:
         sizes: [S] agents of each scene.
-        batch_scenes: scenes of a batch, about.
+        batch_scenes: approximate number of scenes in a batch.
 
     Returns:
         [C] int64; the last is the largest size.
@@ -39,5 +39,5 @@ def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
 
 
 def quota(members: np.ndarray, scenes: int, batch_scenes: int) -> np.ndarray:
-    """Scenes [C] of each class in each batch, of `members` [C]: in proportion, and at least one."""
+    """[C] scenes of each class in a batch, in proportion to `members` [C], and at least one."""
     return np.maximum(1, np.rint(members * batch_scenes / scenes)).astype(int)

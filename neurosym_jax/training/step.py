@@ -38,7 +38,7 @@ __all__ = [
 
 
 class TrainState(NamedTuple):
-    """Everything that a step changes; a pytree of arrays."""
+    """The state of a training; a pytree of arrays."""
 
     step: Array
     """[] int32 generator steps done."""
@@ -58,16 +58,21 @@ def initial_state(
     key: Array,
     weighting: Any = None,
 ) -> TrainState:
-    """Parameters as SGAN initialises them, fresh optimisers; `example` is one scene.
+    """Parameters as SGAN initialises them, and new optimisers.
 
-    `weighting` are the weighting's parameters, None for where they start.
+    Args:
+        generator_config: the generator.
+        config: the recipe.
+        example: one scene.
+        key: consumed.
+        weighting: parameters of the weighting; None for its initial ones.
     """
     of_generator, of_discriminator = jax.random.split(key)
     agents = example.valid.shape[0]
     observed = example.replace(future=None)
     noise = np.zeros((agents, generator_config.noise_dim), np.float32)
     alpha = np.zeros((agents, agents, generator_config.obs_len), np.float32)
-    # Where symbols of predicted steps are looked at, they are all zero here.
+    # A network that pools at predicted steps is initialised with weights of zero there.
     next_alpha = jax.tree_util.Partial(lambda *_: jnp.asarray(alpha))
     later = next_alpha if generator_config.symbolic else None
     generator = _initial(Generator(generator_config), of_generator, observed, noise, alpha, later)
@@ -97,7 +102,7 @@ def initial_state(
 
 
 def _initial(network: Generator | Discriminator, key: Array, *inputs: Any) -> Any:
-    """Parameters of `network` by one program, which depends on the shapes of `inputs` alone."""
+    """Parameters of `network` by one program, which depends on the shapes of `inputs` only."""
 
     def init(key: Array) -> Any:
         return network.init(key, *jax.tree.map(jnp.zeros_like, inputs))
@@ -106,8 +111,8 @@ def _initial(network: Generator | Discriminator, key: Array, *inputs: Any) -> An
 
 
 def _compiled(make: Callable[[Any], Any], argument: Any) -> Any:
-    """`make(argument)` by one program, where each operation would else be one of its own."""
-    # Within another program it is that one's business how it is compiled.
+    """`make(argument)` by one program; otherwise JAX compiles each operation separately."""
+    # Compiler options are refused within another program.
     alone = not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(argument))
     return jax.jit(make, compiler_options=COMPILED_QUICKLY if alone else None)(argument)
 
@@ -125,8 +130,8 @@ def train_steps(
     Args:
         generator_config: the generator.
         config: the recipe.
-        key: the run's, the same for all its steps and not consumed.
-        state: before the first step; its buffers are taken over.
+        key: of the run, the same for all steps and not consumed.
+        state: before the first step; its buffers are donated.
         batches: groups `[steps, batches, ...]`, see `train_step` for the batches of a step.
 
     Returns:
@@ -194,7 +199,7 @@ def _drawn(
     keys: Array,
     samples: int,
 ) -> tuple[Groups, list[Array]]:
-    """What is random in a batch: the groups augmented, and the noise of k samples."""
+    """The augmented groups of a batch, and the noise of k samples."""
     groups = augment(groups, keys[0], config)
     return groups, draw_group_noise(generator_config, groups, keys[1], samples)
 
@@ -209,14 +214,14 @@ def update_discriminator(config: TrainConfig, state: TrainState, gradient: Any) 
 
 
 def update_generator(config: TrainConfig, state: TrainState, gradient: Any) -> TrainState:
-    """The state after the gradient is clipped and one Adam step of the generator made."""
+    """The state after clipping the gradient and one Adam step of the generator."""
     update, optimizer = _generator_optimizer(config).update(
         gradient, state.generator_optimizer, state.generator
     )
     params = optax.apply_updates(state.generator, update)
     average = state.average
     if config.ema:
-        # The early average follows the parameters closely: a tenth of the steps so far.
+        # The early average is over the last tenth of the steps so far.
         decay = jnp.minimum(config.ema, (1.0 + state.step) / (10.0 + state.step))
         average = jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, average, params)
     return state._replace(
@@ -225,7 +230,7 @@ def update_generator(config: TrainConfig, state: TrainState, gradient: Any) -> T
 
 
 def clip_gradient(config: TrainConfig, gradient: Any) -> Any:
-    """What Adam is given in place of the generator's gradient."""
+    """The clipped gradient of the generator."""
     clipping = _clipping(config)
     return clipping.update(gradient, clipping.init(gradient))[0]
 
@@ -241,7 +246,7 @@ def _clipping(config: TrainConfig) -> optax.GradientTransformation:
 def _generator_optimizer(config: TrainConfig) -> optax.GradientTransformation:
     rate: optax.ScalarOrSchedule = config.g_learning_rate
     if config.schedule == "cosine":
-        warmup = min(config.warmup_steps, config.steps // 2)  # Short runs come to an end too.
+        warmup = min(config.warmup_steps, config.steps // 2)
         rate = optax.warmup_cosine_decay_schedule(0.0, config.g_learning_rate, warmup, config.steps)
     return optax.chain(_clipping(config), optax.adam(rate))
 

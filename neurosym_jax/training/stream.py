@@ -1,8 +1,8 @@
-"""An endless stream of training batches that depends on (seed, step) alone.
+"""An endless stream of training batches that depends on (seed, step) only.
 
-A batch has a fixed number of scenes of every size class, in proportion to how many the data has
-(stratified by size), so that one compiled step serves all batches and pairwise work follows the sum
-of squared scene sizes. Within a class every scene comes once before any comes again.
+A batch has a fixed number of scenes of every size class, in proportion to the data (stratified by
+size), so that one compiled step serves all batches. Within a class every scene comes once before
+any comes again.
 """
 
 import dataclasses
@@ -21,8 +21,8 @@ __all__ = ["SceneStream"]
 class SceneStream:
     """Batches of about `batch_scenes` scenes of `windows`.
 
-    Scenes of more than `max_agents` are cropped to that many neighbours around an agent, drawn anew
-    each time.
+    Scenes of more than `max_agents` agents are cropped to a random agent and its nearest
+    neighbours.
     """
 
     def __init__(
@@ -39,11 +39,11 @@ class SceneStream:
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
-        """Scenes in a batch, and slots of each, for every size class."""
+        """(scenes in a batch, slots of each) for every size class."""
         return list(zip(self._quotas, self._slots))
 
     def steps(self, first: int, count: int) -> tuple[Scene, ...]:
-        """`count` batches from `first` on: a Scene for each class, `[count, quota, slots, .]`."""
+        """`count` batches from step `first`: a Scene `[count, quota, slots, ...]` of each class."""
         return tuple(self._of_class(index, first, count) for index in range(len(self._slots)))
 
     def _of_class(self, index: int, first: int, count: int) -> Scene:
@@ -56,7 +56,7 @@ class SceneStream:
             chosen[epoch == number] = order[within[epoch == number]]
         windows = self.windows
         if self.max_agents is not None and windows.sizes[chosen].max() > self.max_agents:
-            # Step by step, so that it does not matter how many steps are asked for at once.
+            # Drawn step by step: the result does not depend on how many steps a call asks for.
             focus = np.concatenate(
                 [
                     np.random.default_rng([self.seed, index, step, 1]).random(quota)
@@ -71,9 +71,9 @@ class SceneStream:
 def _cropped(
     windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarray
 ) -> tuple[Windows, np.ndarray]:
-    """The chosen scenes as windows of their own, the large ones cropped around one agent.
+    """The chosen scenes as new windows, large ones cropped around one agent.
 
-    `focus` in [0, 1) says for each scene which: a share of its agents.
+    `focus` in [0, 1) chooses the agent of each scene, as a share of its agents.
     """
     rows = []
     for scene, share in zip(chosen, focus):

@@ -77,7 +77,7 @@ def test_observed_positions_err_by_as_much_as_their_scene_does(groups):
 
 
 def test_a_share_of_the_scenes_is_one_persons(groups):
-    alone = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, alone=0.5))
+    alone = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, single_agent_share=0.5))
     kept, first = [], []
     for before, after in zip(groups, alone):
         np.testing.assert_array_equal(before.observed, after.observed)
@@ -93,5 +93,5 @@ def test_a_share_of_the_scenes_is_one_persons(groups):
 
 def test_nobody_is_made_up_where_there_is_nobody(groups):
     empty = tuple(scene.replace(valid=np.zeros_like(scene.valid)) for scene in groups)
-    alone = augment(empty, jax.random.key(0), TrainConfig(rotate=0.0, alone=1.0))
+    alone = augment(empty, jax.random.key(0), TrainConfig(rotate=0.0, single_agent_share=1.0))
     assert not any(np.asarray(scene.valid).any() for scene in alone)

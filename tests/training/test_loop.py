@@ -15,10 +15,10 @@ from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training import loop
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
+from neurosym_jax.training.finish import outcome
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.metrics_log import MetricsLog
-from neurosym_jax.training.outcome import outcome
 from neurosym_jax.training.stream import SceneStream
 
 

@@ -3,16 +3,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.forecast import symbolic_forecast
-from neurosym_jax.symbolic.qtc import qtc_c1
 from neurosym_jax.training.losses import (
-    LossOptions,
     adversarial_loss,
     distance_errors,
     safe_norm,
     squared_displacement_errors,
-    symbol_log_scores,
 )
 
 K, N, T = 5, 4, 3
@@ -70,54 +65,3 @@ def test_a_perfect_forecast_has_a_finite_gradient(scene):
         assert np.isnan(safe_norm(jnp.array([np.nan, 4.0])))
     assert safe_norm(jnp.array([3.0, 4.0])) == 5
     np.testing.assert_allclose(jax.grad(safe_norm)(jnp.array([3.0, 4.0])), [0.6, 0.8], rtol=1e-6)
-
-
-def encounters():
-    """A scene of people who walk with a wobble, what they do next, and forecasts of it."""
-    rng = np.random.default_rng(1)
-    walk = np.cumsum(rng.normal(0.3, 0.2, (N, 4 + T, 2)), axis=1)
-    scene = make_scene(walk[:, :4], walk[:, 4:])
-    steps = rng.normal(0.3, 0.2, (K, N, T, 2))
-    return scene, scene.observed[:, -1:] + np.cumsum(steps, axis=2).astype(np.float32)
-
-
-def test_cold_symbols_are_scored_as_a_symbolic_forecast_says():
-    scene, samples = encounters()
-    options = LossOptions(symbols_temperature=1e-5, symbols_reach=1e3)
-    scores, there = symbol_log_scores(options, scene, samples)
-    assert scores.shape == (N * (N - 1) // 2, T, 4)
-    assert there.all()
-    # The threshold in metres a second, of steps of 0.4 s.
-    said = symbolic_forecast(samples, scene.observed, speed=0.05 / 0.4).symbols
-    truth = np.concatenate([scene.observed[:, -1:], scene.known_future], axis=1)
-    for pair, (i, j) in enumerate(zip(*np.triu_indices(N, 1))):
-        states = np.asarray(
-            qtc_c1(truth[i], truth[j], quantisation_factor=0.05, side_quantisation_factor=0.05)
-        )
-        wanted = np.take_along_axis(np.asarray(said[i, j]), states[..., None] + 1, axis=-1)
-        np.testing.assert_allclose(scores[pair], -np.log(wanted[..., 0]), rtol=1e-4)
-
-
-def test_whom_the_symbols_are_of():
-    scene, samples = encounters()
-    i, j = np.triu_indices(N, 1)
-    apart = np.linalg.norm(scene.observed[i, -1] - scene.observed[j, -1], axis=-1)
-    options = LossOptions(symbols_reach=float(np.median(apart)))
-    scores, there = symbol_log_scores(options, scene, samples)
-    assert list(there) == list(apart <= np.median(apart))
-    assert 0 < there.sum() < len(there)
-    wild = np.concatenate([samples, np.full((K, 1, T, 2), 1e6, np.float32)], axis=1)
-    more, whom = symbol_log_scores(options, pad_scene(scene, N + 1), wild)
-    assert whom.sum() == there.sum()
-    np.testing.assert_allclose(more[whom], scores[there], rtol=1e-6)
-
-
-def test_symbols_teach_even_where_everybody_stands_on_one_spot():
-    scene, samples = encounters()
-
-    def loss(samples):
-        return symbol_log_scores(LossOptions(), scene, samples)[0].mean()
-
-    before, gradient = jax.value_and_grad(loss)(samples)
-    assert loss(samples - 0.02 * gradient / jnp.abs(gradient).max()) < before
-    assert np.isfinite(jax.grad(loss)(jnp.zeros_like(samples))).all()

@@ -16,8 +16,6 @@ ALL_TERMS = {
     "adversarial_weight": 1.0,
     "criterion": "squared_displacement",
     "discriminator": DiscriminatorConfig("global", 4, 6, 8, 8),
-    "symbols_weight": 0.1,
-    "symbols_samples": 2,
 }
 
 
@@ -230,7 +228,7 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_
     with jax.debug_key_reuse(True):
         step = jax.jit(lambda key: train_step(run.generator, config, state, batches, key))
         (one, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
-    terms = {"g_variety", "g_adversarial", "g_symbols"}
+    terms = {"g_variety", "g_adversarial"}
     assert set(metrics) == {"d_loss", "g_loss", "g_gradient_norm", *terms}
     jax.tree.map(np.testing.assert_array_equal, one, again)
     assert int(one.step) == 1
