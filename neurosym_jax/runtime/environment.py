@@ -1,7 +1,4 @@
-"""What a run's bits depend on besides its configuration and data: recorded, never set.
-
-Settings of the process are `runtime`'s.
-"""
+"""The environment that a run's bits depend on: versions, threads, instruction set."""
 
 import importlib.metadata
 import os
@@ -18,10 +15,7 @@ _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
 
 
 def run_environment() -> dict[str, Any]:
-    """Versions, threads, instruction set, device and precision; JSON-able.
-
-    Starts jax's backend, so set `NPROC` or `XLA_FLAGS` before.
-    """
+    """Versions, threads, instruction set, device and precision; JSON-able. Starts JAX's backend."""
     device = jax.devices()[0]
     return {
         "python": platform.python_version(),
@@ -36,7 +30,7 @@ def run_environment() -> dict[str, Any]:
 
 
 def code_version() -> str | None:
-    """The commit of the checkout that this code lies in, `-dirty` if changed; None outside one."""
+    """The commit of this checkout, with `-dirty` if it has changes; None outside a checkout."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return None
@@ -64,7 +58,7 @@ def cpu_cores() -> int:
 
 
 def _instruction_set() -> str:
-    """The architecture and, where Linux tells, its widest vector extension."""
+    """The architecture and, on Linux, its widest vector extension."""
     machine = platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

@@ -15,7 +15,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.plugins import load_plugin, loaded
+from neurosym_jax.plugins import load_entry_points, load_plugin, loaded
 
 __all__ = ["executor"]
 
@@ -72,6 +72,7 @@ class _WithPlugins(Executor):
 
 
 def _call(plugins: Sequence[str], task: bytes) -> Any:
+    load_entry_points()
     for plugin in plugins:
         load_plugin(plugin)
     function, args, kwargs = pickle.loads(task)

@@ -1,4 +1,4 @@
-"""Whether an allocation can fit: said before it is tried, with the number that makes it smaller."""
+"""Refuse an allocation that cannot fit before it is tried, with the option that makes it smaller."""
 
 import os
 from pathlib import Path
@@ -9,7 +9,7 @@ __all__ = ["available_memory", "refuse_beyond_memory"]
 
 
 def available_memory() -> float:
-    """Bytes that can be had without swapping; all of the machine's where only that is known."""
+    """Bytes available without swapping; the machine's total where only that is known."""
     try:
         lines = Path("/proc/meminfo").read_text().splitlines()
         fields = dict(line.split(":") for line in lines)
@@ -23,12 +23,12 @@ def available_memory() -> float:
 
 
 def refuse_beyond_memory(what: str, needed: float, remedy: str) -> None:
-    """Refuse what needs more than the memory there is.
+    """Refuse work that needs more memory than is available.
 
     Args:
-        what: is to be computed, for people.
+        what: the work, for people.
         needed: bytes.
-        remedy: what to lower, for people.
+        remedy: the option to lower, for people.
 
     Raises:
         InputError: naming both sizes and the remedy.

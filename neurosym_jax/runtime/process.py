@@ -1,7 +1,6 @@
-"""This process: its cache of programs, the seconds that compiling took, and what makes it fast.
+"""Settings of this process: compilation cache, compile times, memory allocator and XLA flags.
 
-Scripts and commands switch these on, never `import neurosym_jax`. What there is to compile for is
-`environment`'s.
+Scripts and commands switch these on, never `import neurosym_jax`.
 """
 
 import contextlib
@@ -21,12 +20,12 @@ __all__ = [
 
 _LEVEL = "xla_backend_optimization_level"
 COMPILED_QUICKLY = {} if _LEVEL in os.environ.get("XLA_FLAGS", "") else {_LEVEL: 1}
-"""`compiler_options` of programs that take longer to compile than to run, as random numbers do:
-sooner, with the same bits. None where `XLA_FLAGS` says how much is to be optimised."""
+"""`compiler_options` of programs that take longer to compile than to run, such as random numbers:
+compiled sooner, with the same bits. Empty where `XLA_FLAGS` sets the optimisation level."""
 
 _VECTORS = "--xla_cpu_prefer_vector_width"
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
-"""Of glibc's malloc.h."""
+"""Parameters of mallopt in glibc's malloc.h."""
 
 _COMPILE_EVENTS = (
     "/jax/core/compile/jaxpr_trace_duration",
@@ -52,9 +51,9 @@ def compile_seconds() -> float:
 
 
 def cache_folder() -> Path | None:
-    """The user's own cache folder of this project (`$XDG_CACHE_HOME`, else `~/.cache`).
+    """The user's cache folder of this project (`$XDG_CACHE_HOME`, else `~/.cache`).
 
-    None where there is none: in a container the user may have neither a name nor a home.
+    None if it cannot be made; in a container the user may have neither a name nor a home.
     """
     try:
         folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "neurosym_jax"
@@ -67,8 +66,7 @@ def cache_folder() -> Path | None:
 def enable_compilation_cache() -> None:
     """Keep compiled programs between processes, unless `NEUROSYM_NO_CACHE` is set.
 
-    Cached programs are executed as they are found, so the folder must be the user's own; where
-    there is none they are not kept.
+    JAX runs cached programs without a check, so the folder must be the user's own.
     """
     if os.environ.get("NEUROSYM_NO_CACHE") or (folder := cache_folder()) is None:
         return
@@ -80,23 +78,22 @@ def enable_compilation_cache() -> None:
 
 
 def tune() -> None:
-    """Make compiled programs faster on a CPU, as far as the environment does not say otherwise.
+    """Make compiled programs faster on a CPU, unless the environment sets the same options.
 
-    To be called before JAX's backend starts. Buffers that a program gives back stay with the
-    process (`MALLOC_*` or `GLIBC_TUNABLES` say otherwise): the next call would else touch every
-    page for the first time, a quarter of a training iteration. Vectors are as wide as the processor
-    has them (`XLA_FLAGS` says otherwise), where XLA alone stays at 256 bits; under versions of JAX
-    that were not tried here they stay so.
+    Call it before JAX's backend starts. It keeps freed buffers in the process (unless `MALLOC_*` or
+    `GLIBC_TUNABLES` is set): otherwise each call touches every page for the first time, a quarter
+    of a training iteration. It lets XLA use 512-bit vectors (unless `XLA_FLAGS` sets their width),
+    in versions of JAX where this was tried; XLA's default is 256 bits.
     """
     if not any(name.startswith(("MALLOC_", "GLIBC_TUNABLES")) for name in os.environ):
-        # Not with another C library than glibc, whose own ways are left to it.
+        # C libraries other than glibc have no mallopt.
         with contextlib.suppress(AttributeError, OSError, TypeError):
             mallopt = ctypes.CDLL(None).mallopt
-            # One arena, because those of other threads map whatever is larger than 64 MB; nothing
-            # mapped; never trimmed.
+            # One arena, because other threads' arenas map blocks larger than 64 MB; no mapping, no
+            # trimming.
             for parameter, value in ((_ARENA_MAX, 1), (_MMAP_MAX, 0), (_TRIM_THRESHOLD, -1)):
                 mallopt(parameter, value)
     flags = os.environ.get("XLA_FLAGS", "")
-    # A flag that XLA does not know ends the process, so only where it was seen to know it.
+    # An unknown flag ends the process, so it is set only in versions that are known to have it.
     if _VECTORS not in flags and jax.__version_info__[:2] == (0, 10):
         os.environ["XLA_FLAGS"] = f"{flags} {_VECTORS}=512".strip()

@@ -1,4 +1,4 @@
-"""Where a result comes from: the code, the command, the files, the machine; for its JSON."""
+"""The provenance of a result: code, command, files and machine."""
 
 import hashlib
 import importlib.metadata
