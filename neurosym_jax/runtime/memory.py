@@ -1,4 +1,4 @@
-"""Refuse an allocation that cannot fit before it is tried, with the option that makes it smaller."""
+"""Refuse an allocation that cannot fit before it is tried, and name the option to lower."""
 
 import os
 from pathlib import Path
