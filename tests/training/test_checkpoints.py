@@ -119,37 +119,30 @@ def test_the_two_newest_and_the_best_are_kept(tmp_path):
     assert restored(tmp_path, {"a": np.zeros(3, int)})[0] == 8
 
 
-@pytest.mark.parametrize("metric", [float("nan"), float("inf"), np.float32("nan")])
-def test_a_metric_that_is_not_finite_is_refused(tmp_path, two_steps, metric):
+WEIGHTS = {name: {"w": np.array([1.0, np.nan], name)} for name in ("bfloat16", "float16")}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"metric": float("nan")}, "metric is nan: step 3 .* step 2 is kept"),
+        ({"metric": np.float32("inf")}, "metric is inf: step 3 .* step 2 is kept"),
+        ({"params": WEIGHTS["bfloat16"]}, r"params\['w'\] is not finite: .* step 2 is kept"),
+        ({"params": WEIGHTS["float16"]}, r"params\['w'\] is not finite: .* step 2 is kept"),
+        ({"record": {"ade": float("nan")}}, "record is not JSON .* step 2 is kept"),
+        ({"record": {"array": np.zeros(2)}}, "record is not JSON"),
+        ({"step": 2}, "step 2 is not after step 2, which is already there: resume"),
+        ({"step": 1}, "step 1 is not after step 2"),
+    ],
+)
+def test_what_cannot_be_saved_is_refused(tmp_path, two_steps, changes, message):
     folder = shutil.copytree(two_steps, tmp_path / "run")
-    with pytest.raises(TrainingError, match=r"metric is (nan|inf): step 3 .* step 2 is kept"):
-        TrainingCheckpoints(folder).save(3, make_state(3), {}, metric)
+    given = {"step": 3, "params": {}, "record": {}, "metric": 0.1} | changes
+    state = make_state(3).replace(params=given.pop("params"))
+    with pytest.raises(TrainingError, match=message):
+        TrainingCheckpoints(folder).save(given.pop("step"), state, **given)
     assert steps(folder) == steps(two_steps)
     assert_same(restored(folder, make_state(0))[1], make_state(2))
-
-
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.bfloat16, jnp.float16])
-def test_a_leaf_that_is_not_finite_is_refused(tmp_path, two_steps, dtype):
-    folder = shutil.copytree(two_steps, tmp_path / "run")
-    state = make_state(3).replace(params={"w": np.array([1.0, np.nan], dtype)})
-    with pytest.raises(TrainingError, match=r"params\['w'\] is not finite: .* step 2 is kept"):
-        TrainingCheckpoints(folder).save(3, state, {}, 0.1)
-    assert steps(folder) == steps(two_steps)
-    assert_same(restored(folder, make_state(0))[1], make_state(2))
-
-
-@pytest.mark.parametrize("record", [{"ade": float("nan")}, {"array": np.zeros(2)}])
-def test_a_record_that_is_not_json_is_refused(tmp_path, record):
-    with pytest.raises(TrainingError, match="record is not JSON"):
-        TrainingCheckpoints(tmp_path / "run").save(1, {"a": np.zeros(2)}, record, 0.1)
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize("step", [1, 2])
-def test_an_earlier_run_is_not_overwritten(tmp_path, two_steps, step):
-    folder = shutil.copytree(two_steps, tmp_path / "run")
-    with pytest.raises(TrainingError, match="already there: resume"):
-        TrainingCheckpoints(folder).save(step, make_state(5), {}, 0.1)
 
 
 @pytest.mark.parametrize(
