@@ -1,6 +1,7 @@
-"""For mkdocs: `{{ exports PACKAGE }}` in a page becomes the reference of what the package exports.
+"""Hook of mkdocs: expands `{{ exports PACKAGE }}` and `{{ commands }}` in the reference.
 
-What that is stands in the package's `__init__.pyi`; `{{ commands }}` becomes that of all commands.
+`{{ exports PACKAGE }}` becomes the reference of all names in the package's `__init__.pyi`. Every
+object stands on one page, that of its subpackage; the page of the whole package links to it.
 """
 
 import ast
@@ -11,26 +12,37 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def on_page_markdown(markdown: str, **_) -> str:
-    """Expand the two marks of a page."""
+    """Expand both placeholders of a page."""
     markdown = re.sub(r"{{ exports (\S+) }}", lambda match: _exports(match[1]), markdown)
     return markdown.replace("{{ commands }}", _commands())
 
 
 def _exports(package: str) -> str:
-    tree = ast.parse(ROOT.joinpath(*package.split("."), "__init__.pyi").read_text())
-    names = [
+    folder = ROOT.joinpath(*package.split("."))
+    elsewhere = {
+        name
+        for stub in folder.glob("*/__init__.pyi")
+        for name in _names(stub, f"{package}.{stub.parent.name}")
+    }
+    names = _names(folder / "__init__.pyi", package)
+    links = [f"- [`{name.rpartition('.')[2]}`][{name}]" for name in names if name in elsewhere]
+    entries = [f"::: {name}\n" for name in names if name not in elsewhere]
+    return "\n".join([*links, "", *entries])
+
+
+def _names(stub: Path, package: str) -> list[str]:
+    """Full names of the objects that a stub exports."""
+    return [
         f"{package}.{node.module}.{alias.name}"
-        for node in tree.body
+        for node in ast.parse(stub.read_text()).body
         if isinstance(node, ast.ImportFrom) and node.module
         for alias in node.names
     ]
-    return "\n".join(f"::: {name}\n" for name in names)
 
 
 def _commands() -> str:
     parts = []
-    files = ROOT.glob("neurosym_*/commands/[a-z]*.py")
-    for path in sorted(files, key=lambda path: path.stem):
+    for path in sorted(ROOT.glob("neurosym_*/commands/[a-z]*.py"), key=lambda path: path.stem):
         text = (ast.get_docstring(ast.parse(path.read_text())) or "").strip()
         parts.append(f"## neurosym {path.stem}\n\n{text}\n")
     return "\n".join(parts)
