@@ -99,14 +99,14 @@ def test_the_core_names_no_plugin():
     assert {path for path, text in texts.items() if "neurosym_robot" in text} == set()
 
 
-def test_studies_and_tests_are_imported_by_commands_alone():
+def test_the_package_imports_no_studies_or_tests():
     outside = {
         file
         for file, names in FILES.items()
         for name, _ in names
         if name.split(".")[0] in ("studies", "tests", "benchmarks", "examples")
     }
-    assert {file for file in outside if not file.startswith("commands/")} == set()
+    assert outside == set()
 
 
 def test_files_are_short_and_say_what_they_are():

@@ -1,1 +1,1 @@
-"""The robot paper's experiment on simulated recordings: `neurosym experiment` and its page."""
+"""The robot paper's experiment on simulated recordings: `python -m studies.experiment`."""

@@ -4,7 +4,7 @@ Mghames et al., "neuROSym: Deployment and Evaluation of a ROS-based Neuro-Symbol
 Motion Prediction" (2024): two scenarios, two recordings of two minutes each, SGAN beside NeuroSyM.
 Here a simulation walks, a tracker with faults sees it, and a bag keeps what the tracker says; the
 bag is read back, tracks are stitched, forecast and scored as they would be on the robot. What is
-made of the results is in `report`; the command is `neurosym experiment`.
+made of the results is in `report`; the command is `python -m studies.experiment`.
 """
 
 import re

@@ -10,17 +10,16 @@ from neurosym_robot.online.analytics import STRAIGHT
 from neurosym_robot.online.frame import Frame
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.recordings import tracks_of_frames
-from studies.experiment.document import Document
 from studies.experiment.results import Recording, complete, published
 
-__all__ = ["add_figures"]
+__all__ = ["write_figures"]
 
 DOTS, COLOURS = 150, 96
-"""Per inch, and in a figure: so that each has a few tens of kilobytes."""
+"""Dots per inch and colours of a PNG, so that each has a few tens of kilobytes."""
 
 
-def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) -> None:
-    """Write the figures of one scenario's recordings to `out / "figures"`, and show them."""
+def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
+    """Write the figures of one scenario's recordings to `out / "figures"`; Markdown of each."""
     from PIL import Image  # comes with matplotlib
 
     from neurosym_jax.plotting import plot_fan, plot_forecasts, plot_horizon_errors
@@ -28,6 +27,7 @@ def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) 
 
     first = recordings[0]
     names = [name for name in first.summary["models"] if name != STRAIGHT]
+    blocks: list[str] = []
 
     def add(kind: str, figure, caption: str) -> None:
         path = out / "figures" / f"experiment_{first.scenario}_{kind}.png"
@@ -35,7 +35,7 @@ def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) 
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=DOTS)
         Image.open(buffer).convert("RGB").quantize(COLOURS).save(path, optimize=True)
-        document.figure(path, caption)
+        blocks.extend([f"![{caption}](figures/{path.name})", caption])
 
     mended = [
         Frame(frame.stamp, ids[ids >= 0], frame.xy[ids >= 0])
@@ -73,6 +73,7 @@ def add_figures(document: Document, out: Path, recordings: Sequence[Recording]) 
         plot_horizon_errors(errors, 0.4, "error over the horizon"),
         "Mean error of the published forecast at each step, both recordings.",
     )
+    return blocks
 
 
 def _moments(recording: Recording, model: str) -> list[tuple[str, Forecast, str]]:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neurosym_jax.commands import experiment as command
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros.bags import read_people
@@ -64,12 +63,6 @@ def test_scores_by_hand():
     assert score([forecast], None).fde == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(InputError, match="too short"):
         score([lonely], "m")
-
-
-def test_without_the_repository_it_is_one_line(monkeypatch, tmp_path):
-    monkeypatch.setattr(command, "REPOSITORY", tmp_path)
-    with pytest.raises(InputError, match="a study of the repository"):
-        command.run(command.Options())
 
 
 def test_models_of_other_steps_are_refused(tmp_path):
