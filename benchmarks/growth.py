@@ -60,7 +60,7 @@ def one(axis: str, point: int) -> dict[str, Any]:
             identity=np.stack([np.zeros(len(sizes)), np.arange(len(sizes))], 1).astype(np.uint32),
             obs_len=8,
         )
-        metrics = metric_names(costly=False)
+        metrics = metric_names(collisions=False)
         arguments: dict[str, Any] = {"samples": 20, "seed": 0, "metrics": metrics}
         for _ in range(3):
             start = time.perf_counter()

@@ -55,7 +55,7 @@ def measure(options: Any) -> dict[str, Any]:
                 batches[model.dataset, model.config.pred_len],
                 samples=SAMPLES,
                 seed=0,
-                metrics=metric_names(costly=False),
+                metrics=metric_names(collisions=False),
             ).mean("joint_ade")
             for model in models
         ]
@@ -188,6 +188,6 @@ def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     clock.done("encoding and pooling")
     futures = decode_agents(forecaster, params, contexts, agents, noise)
     clock.done("decoding")
-    score_futures(chosen(metric_names(costly=False)), futures, scenes)
+    score_futures(chosen(metric_names(collisions=False)), futures, scenes)
     clock.done("errors")
     return clock.seconds

@@ -1,20 +1,17 @@
-"""A metric of one's own: how near the forecast lets people come to each other.
+"""A plugin's metric: the distance to the nearest other person in the forecast.
 
 neurosym evaluate --plugin examples/closest.py
 """
 
 import jax.numpy as jnp
 
-from neurosym_jax.evaluation import Metric, register_metric
+from neurosym_jax.evaluation import register_metric
 
 
-def closest(forecast, future, valid):
-    """Sum over people of the least distance to another, mean over samples; and the people."""
+@register_metric("closest", "nearest neighbour", unit="m", higher_is_better=True)
+def closest(forecast, scene):
+    """Least distance to another person, mean over samples; of a person alone, no value."""
     apart = jnp.linalg.norm(forecast[:, :, None] - forecast[:, None], axis=-1)  # [k, N, N, T]
-    others = valid[:, None] & valid & ~jnp.eye(len(valid), dtype=bool)
+    others = scene.valid[:, None] & scene.valid & ~jnp.eye(len(scene.valid), dtype=bool)
     least = jnp.where(others[..., None], apart, jnp.inf).min(axis=(2, 3))  # [k, N]
-    counted = others.any(axis=1)
-    return jnp.where(counted, least, 0).mean(axis=0).sum(), counted.sum()
-
-
-register_metric(Metric("closest", "nearest neighbour", "m", closest, higher_is_better=True))
+    return least.mean(axis=0), others.any(axis=1)

@@ -14,7 +14,7 @@ from .data.formats import register_format as register_format
 from .data.sources import windows_from as windows_from
 from .errors import InputError as InputError
 from .evaluation.metrics import register_metric as register_metric
-from .evaluation.run import evaluate as evaluate
+from .evaluation.results import evaluate as evaluate
 from .forecasting.batched import predict_scenes as predict_scenes
 from .forecasting.differentiable import forecast as forecast
 from .forecasting.forecasters import register_forecaster as register_forecaster

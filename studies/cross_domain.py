@@ -86,8 +86,8 @@ def _table(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         trained, own = _trained(row["checkpoint"])
         home[row["model"], trained] = own
-        errors = row["joint"]["ade"], row["joint"]["fde"]
-        found.setdefault((row["model"], trained), {})[row["scene"]] = errors
+        errors = row["joint_ade"], row["joint_fde"]
+        found.setdefault((row["model"], trained), {})[row["dataset"]] = errors
     table = {
         key: {
             test: tuple(np.mean([errors[scene] for scene in scenes], axis=0))
@@ -119,7 +119,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
             cell = " / ".join(texts)
             cells.append(f"_{cell}_" if test in home[key] else cell)
         lines.append([*key, *cells])
-    sizes = {row["scene"]: np.array([row["scenes"], row["agents"]]) for row in rows}
+    sizes = {row["dataset"]: np.array([row["scenes"], row["agents"]]) for row in rows}
     counts = {test: sum(sizes[scene] for scene in TESTS[test]) for test in tests}
     counted = "; ".join(f"{test} {scenes}/{agents}" for test, (scenes, agents) in counts.items())
     columns = ["", "trained on", *tests]

@@ -106,7 +106,7 @@ class Study:
             for row in json.loads(path.read_text())["rows"]:
                 if row["checkpoint"] in found:
                     found[row["checkpoint"]] += [
-                        row[kind][error] for kind in kinds for error in ("ade", "fde")
+                        row[f"{kind}_{error}"] for kind in kinds for error in ("ade", "fde")
                     ]
         errors = [found[run] for run in runs]
         shape = (len(self.recipes), len(others), len(self.seeds), len(ERRORS))

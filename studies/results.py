@@ -49,7 +49,7 @@ def document(rows: list[dict[str, Any]], all_windows: list[dict[str, Any]]) -> s
     """The whole page."""
     rows, all_windows = of_trainings(rows), of_trainings(all_windows)
     head = ("what was chosen", "on what", "for which cells")
-    blocks = {row["scene"]: row["blocks"] for row in rows if row["pred_len"] == 12}
+    blocks = {row["dataset"]: row["blocks"] for row in rows if row["pred_len"] == 12}
     facts = {
         "samples": max(row["samples"] for row in rows),
         "seeds": max(row["seeds"] for row in rows),
@@ -106,7 +106,7 @@ def _first(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _sizes(rows: Sequence[Mapping[str, Any]]) -> str:
-    tests = {row["scene"]: f"{row['scenes']}/{row['agents']}" for row in rows}
+    tests = {row["dataset"]: f"{row['scenes']}/{row['agents']}" for row in rows}
     return "; ".join(f"{name} {size}" for name, size in tests.items())
 
 

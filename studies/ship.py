@@ -27,11 +27,11 @@ def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
             shutil.copytree(run / "model", folder)
         names = {folder.name, run.name}
         tested = [row for row in rows if names & set(Path(row["checkpoint"] or "").parts)]
-        tests = {(row["scene"], row["pred_len"]) for row in tested}
+        tests = {(row["dataset"], row["pred_len"]) for row in tested}
         baselines = [
             row
             for row in rows
-            if row["checkpoint"] is None and (row["scene"], row["pred_len"]) in tests
+            if row["checkpoint"] is None and (row["dataset"], row["pred_len"]) in tests
         ]
         write_card(folder, json.loads((run / "run.json").read_text()), [*tested, *baselines])
         print(f"{folder.name}: {len(tested)} test sets")

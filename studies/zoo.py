@@ -37,8 +37,8 @@ def zoo_table(rows: list[dict[str, Any]]) -> str:
 def _errors(rows: list[dict[str, Any]], model: str, pred_len: int, scene: str) -> str:
     wanted = (model, pred_len, scene)
     for row in rows:
-        if (row["model"], row["pred_len"], row["scene"]) == wanted:
-            return "{ade:.2f} / {fde:.2f}".format(**row["joint"])
+        if (row["model"], row["pred_len"], row["dataset"]) == wanted:
+            return f"{row['joint_ade']:.2f} / {row['joint_fde']:.2f}"
     return "-"
 
 

@@ -18,12 +18,10 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.evaluation.load import make_test
-from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import baseline
-from neurosym_jax.evaluation.report import FORMAT, write_json
-from neurosym_jax.evaluation.rows import evaluate_into
-from neurosym_jax.evaluation.run import Settings
+from neurosym_jax.evaluation.report import evaluate_into, write_report
+from neurosym_jax.evaluation.results import Settings
+from neurosym_jax.evaluation.test_sets import TestSet as Case
+from neurosym_jax.evaluation.test_sets import baseline, make_test
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models import Generator
@@ -129,16 +127,16 @@ def test_a_training_run_is_whole_or_goes_on(run_of, tmp_path, capsys):
 
 def test_a_report_is_the_old_or_the_new_one(tmp_path):
     path = tmp_path / "rows.json"
-    old, new = ({"format": FORMAT, "rows": [number] * 100} for number in (1, 2))
+    old, new = ([{"model": number}] * 100 for number in (1, 2))
 
     def check(done):
-        found = json.loads(path.read_text())
+        found = json.loads(path.read_text())["rows"]
         assert found == new if done else found in (old, new)
         assert [each.name for each in tmp_path.iterdir()] == ["rows.json"]
-        write_json(path, old)
+        write_report(path, old, {})
 
-    write_json(path, old)
-    every_fault(lambda: write_json(path, new), check)
+    write_report(path, old, {})
+    every_fault(lambda: write_report(path, new, {}), check)
 
 
 def test_a_file_that_grows_is_there_whole_or_not_at_all(tmp_path):
@@ -169,24 +167,21 @@ def test_an_evaluation_keeps_its_rows_and_goes_on(tmp_path):
     path = tmp_path / "rows.json"
 
     def found():
-        report = json.loads(path.read_text())
-        return report["complete"], [row["joint"] for row in report["rows"]]
+        return [row["joint_ade"] for row in json.loads(path.read_text())["rows"]]
 
     def work(resume=False):
         evaluate_into(path, [test], Settings(samples=1, metrics=("joint_ade",)), resume=resume)
 
     work()
-    wanted = found()
-    assert wanted[0]
-    path.unlink()
+    wanted, log = found(), path.with_suffix(".jsonl")
 
     def check(done):
-        if done or path.exists():
-            assert found() in [wanted, (False, wanted[1][:1])][: 1 if done else 2]
+        assert found() == wanted  # The report of before, or the new one.
+        kept = log.read_text().count("\n")
         work(resume=True)
         assert found() == wanted
-        assert [each.name for each in tmp_path.iterdir()] == ["rows.json"]
-        path.unlink()
+        assert log.read_text().count("\n") == 2 >= kept
+        assert {each.name for each in tmp_path.iterdir()} == {"rows.json", "rows.jsonl"}
 
     every_fault(work, check)
 

@@ -4,7 +4,6 @@ import dataclasses
 import errno
 import signal
 import sys
-import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Annotated, TypeVar
@@ -14,7 +13,6 @@ import tyro
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
-from neurosym_jax.runtime.processes import leave
 
 __all__ = ["run_command", "with_plugins"]
 
@@ -63,14 +61,11 @@ def run_command(
         # Threads that compile are waited for; who presses it again does not wait, nor see a trace.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         print("interrupted", file=sys.stderr)
-        leave(130)
         sys.exit(130)
     except Exception as error:
         if isinstance(error, InputError) or getattr(error, "errno", None) in OF_THE_DISK:
             print(f"error: {printable(str(error))}", file=sys.stderr)
-            leave(2)
             sys.exit(2)
-        leave(1, traceback.format_exc())
         raise
     sys.exit(status if isinstance(status, int) else 0)
 

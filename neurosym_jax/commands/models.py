@@ -1,4 +1,4 @@
-"""List the models at hand: those that ship, those downloaded."""
+"""List the models that ship or were downloaded."""
 
 import dataclasses
 
@@ -11,9 +11,9 @@ __all__ = ["Options", "run"]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """List the models that can be named without a path, as --checkpoint and --model take them.
+    """List the models that --checkpoint and --model take by name.
 
-    `sgan-20v` and `sgan-20vp` name all of SGAN's without and with pooling.
+    `sgan-20v` and `sgan-20vp` name all of SGAN's models without and with pooling.
     """
 
 

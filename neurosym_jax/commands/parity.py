@@ -6,8 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from neurosym_jax.evaluation.report import write_json
 from neurosym_jax.interop.parity import TOLERANCE, format_parity, parity_json, run_parity
+from neurosym_jax.runtime.files import write_json
 
 __all__ = ["Options", "run"]
 
@@ -30,7 +30,7 @@ def run(options: Options) -> int:
     It is 1 for a miss, and where nothing was compared: that proves nothing.
 
     Raises:
-        InputError: as `run_parity`, or when the JSON file cannot be written or is not ours.
+        InputError: as `run_parity`, or when the JSON file cannot be written.
     """
     rows = run_parity(options.directory, options.tolerance)
     print(format_parity(rows))

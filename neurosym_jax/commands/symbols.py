@@ -1,10 +1,9 @@
 """Show a recording's QTC symbols and weights.
 
-The states of a scene's pairs over time as text; alpha as a heat map over pairs and time; how often
-each state occurs in all scenes, beside what it weighs; with a model, its forecast as a GIF in which
-the width of a line is the weight of the pair. With --forecast, what the pairs will do: the events
-and states that the model's samples make probable, as text, JSON lines and a figure. With --score,
-how good such forecasts are.
+States of a scene's pairs over time as text; alpha as a heat map over pairs and time; the frequency
+of each state in all scenes, and its weight; with a model, its forecast as a GIF in which line width
+is the pair's weight. With --forecast, the probabilities of the pairs' events and states in the
+model's samples, as text, JSON lines and a figure.
 """
 
 import dataclasses
@@ -21,11 +20,9 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import BASELINES, TestSet, baseline
-from neurosym_jax.evaluation.symbol_tests import score_symbols
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.runtime.files import write_json, write_text
+from neurosym_jax.runtime.files import write_text
 from neurosym_jax.symbolic.description import (
     describe_pairs,
     format_pairs,
@@ -34,7 +31,6 @@ from neurosym_jax.symbolic.description import (
     state_texts,
 )
 from neurosym_jax.symbolic.forecast_text import forecast_pairs, forecast_rows, format_forecast
-from neurosym_jax.symbolic.futures import SymbolSettings
 from neurosym_jax.symbolic.transitions import count_states
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weighting_config import WeightingConfig
@@ -43,7 +39,7 @@ from neurosym_jax.training.network import named_weighting
 __all__ = ["Options", "run"]
 
 CROWD = 5
-"""People whose pairs can be told apart in a figure."""
+"""Number of people whose pairs a figure can show."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,36 +47,33 @@ class Options:
     """Show the QTC symbols and weights of a recording, and of one of its scenes."""
 
     data: Annotated[Path | None, tyro.conf.Positional] = None
-    """A recording, a folder of them or ETH/UCY; default: the embedded simulations."""
-    dataset: Annotated[str | None, tyro.conf.arg(aliases=["--scene"])] = None
-    """Which of the data (eth, hotel, ..., or a file's name); default: the first."""
+    """Recording, a folder of them, or ETH/UCY; default: the embedded simulations."""
+    dataset: str | None = None
+    """Data set (eth, hotel, ..., or a file's name); default: the first."""
     window: int | None = None
-    """Number of the window that is shown; default: the first with the most people, up to five."""
+    """Index of the window to show; default: the first with the most people, up to five."""
     weighting: str | None = None
-    """As train's; default: the model's, else cnd."""
+    """Weighting, as in `neurosym train`; default: the model's, else cnd."""
     model: Path | None = None
-    """A model, for its learned weights and its forecast."""
+    """Model whose learned weights and forecast are shown."""
     forecast: bool = False
-    """Show instead what the model forecasts of the pairs: events and states with probabilities."""
-    score: bool = False
-    """Score instead such forecasts on the whole dataset, beside a Markov chain over states and
-    constant velocity; learns from the other recordings, see docs/symbolic_forecast.md."""
+    """Show instead the model's forecast of the pairs: events and states with probabilities."""
     calculus: str = "c1"
-    """Of the states that are forecast: c1, c2, bc1, ... (docs/symbols.md)."""
+    """Calculus of the forecast states: c1, c2, bc1, ... (docs/symbols.md)."""
     speed: float = 0.125
-    """Metres per second up to which a forecast movement is none."""
+    """Speed below which a forecast movement counts as standing, m/s."""
     at_least: float = 0.3
-    """Probability from which on a forecast event is told."""
+    """Least probability of the events that are printed."""
     samples: int = 20
-    """Forecasts of the scene, k."""
+    """Number of forecasts of the scene, k."""
     seed: int = 0
-    """Determines, with the scene and the sample, the noise."""
+    """Random seed of the noise."""
     obs_len: int = 8
-    """Observed steps, where there is no model."""
+    """Number of observed steps, without a model."""
     pred_len: int = 8
-    """Steps after them, where there is no model."""
+    """Number of steps after them, without a model."""
     out: Path = Path("results/symbols")
-    """Folder for the figures."""
+    """Folder of the figures."""
     image: Literal["png", "pdf", "svg"] = "png"
     """Format of the figures; --format is that of the files read."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
@@ -88,7 +81,7 @@ class Options:
 
 
 def run(options: Options) -> None:
-    """Print and draw what `options` ask for.
+    """Print and draw as `options` say.
 
     Raises:
         InputError: for data, a window, a weighting or a model that cannot be used.
@@ -97,14 +90,10 @@ def run(options: Options) -> None:
     refuse_below(1, {"samples": options.samples})
     refuse_seed(options.seed, "--seed")
     model = None if options.model is None else load_model(options.model)
-    if options.forecast or options.score:
+    if options.forecast:
         if model is None:
-            asked = "--forecast" if options.forecast else "--score"
-            raise InputError(f"{asked} needs a --model that forecasts")
-        if options.forecast:
-            _forecast(options, model)
-        if options.score:
-            _score(options, model)
+            raise InputError("--forecast needs a --model that forecasts")
+        _forecast(options, model)
         return
     config, given = _weighting(options, model)
     lengths = model.config if model is not None else options
@@ -142,7 +131,7 @@ def run(options: Options) -> None:
 
 
 def _forecast(options: Options, model: Model) -> None:
-    """Tell, write and draw what the model makes of the window's observation."""
+    """Print, write and draw the model's forecast of the window."""
     _, title, windows, rows = _shown(options, model.config.obs_len, model.config.pred_len)
     observed, people = windows.position[rows, : windows.obs_len], windows.agent[rows]
     samples = predict(model, observed, samples=options.samples, seed=options.seed)
@@ -164,22 +153,6 @@ def _forecast(options: Options, model: Model) -> None:
     print(f"\n{path}\n{drawn}")
 
 
-def _score(options: Options, model: Model) -> None:
-    """Tell and write how good the model's forecasts of symbols and events are."""
-    source = open_source(options.data, options.dataset, model.dataset, read=options.read)
-    name = options.dataset or (model.dataset if model.dataset in source.scenes else None)
-    name = name or source.scenes[0]
-    lengths = model.config.obs_len, model.config.pred_len
-    how = SymbolSettings(model.config.period, options.calculus, speed=options.speed)
-    models = {model.name: model}
-    models |= {(one := baseline(each, *lengths)).name: one for each in BASELINES}
-    noise = {"samples": options.samples, "seed": options.seed}
-    text, row = score_symbols(source, TestSet(name, *lengths), models, how, **noise)
-    path = options.out / "symbol_scores.json"
-    write_json(path, row)
-    print(f"{text}\n\n{path}")
-
-
 def _weighting(
     options: Options, model: Model | None
 ) -> tuple[WeightingConfig, dict[str, Any] | None]:
@@ -192,7 +165,7 @@ def _weighting(
 
 
 def _shown(options: Options, obs_len: int, pred_len: int) -> tuple[str, str, Windows, slice]:
-    """Names of the dataset and of the window shown, all windows, and which agents' are its."""
+    """Names of the data set and of the window shown, all windows, and its agent windows."""
     source = open_source(options.data, options.dataset, read=options.read)
     name = options.dataset or source.scenes[0]
     windows = cut_windows(source.recordings(name), obs_len, pred_len)
@@ -202,7 +175,7 @@ def _shown(options: Options, obs_len: int, pred_len: int) -> tuple[str, str, Win
 
 
 def _chosen(windows: Windows, asked: int | None) -> int:
-    """The number of the window to show."""
+    """The index of the window to show."""
     if asked is None:
         sizes = np.where(windows.sizes <= max(CROWD, windows.sizes.min()), windows.sizes, 0)
         return int(sizes.argmax())

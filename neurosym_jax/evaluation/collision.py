@@ -1,4 +1,4 @@
-"""Who collides in forecasts and in truth.
+"""Collisions between people in forecasts and in the truth.
 
 Few of a crowd's pairs come near each other, and which ones depends on the numbers; so this works on
 the host, where pairs whose bounding boxes lie apart are dropped before anything else is computed.
@@ -6,29 +6,28 @@ the host, where pairs whose bounding boxes lie apart are dropped before anything
 
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.evaluation.metric import Metric
+from neurosym_jax.scene import Scene
 
-__all__ = ["COLLISION_DISTANCE", "METRICS", "collisions"]
+__all__ = ["COLLISION_DISTANCE", "collisions"]
 
 COLLISION_DISTANCE = 0.2
-"""Metres between two people's centres under which they collide."""
+"""Distance between two people's centres below which they collide, metres."""
 
 PAIRS, PATHS = 2**14, 2**12
-"""Pairs, and pairs in one sample, looked at together: what they take stays in the caches."""
+"""Pairs, and pairs in one sample, processed together: their arrays stay in the caches."""
 
 REACH = COLLISION_DISTANCE + 1e-3
-"""Metres between boxes, rounding included, from which on nobody collides."""
+"""Distance between boxes, rounding included, from which on nobody collides, metres."""
 
 
 def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
-    """Which agents come closer than `COLLISION_DISTANCE` to another in the same sample.
+    """Find agents that come closer than `COLLISION_DISTANCE` to another in the same sample.
 
-    Between time steps everybody moves in a straight line, so that fast crossings count.
+    Between time steps agents move in straight lines, so that fast crossings count.
 
     Args:
         forecast: [k, N, T, 2] metres.
@@ -42,7 +41,7 @@ def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
 
 def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """[k, B, N] bool; `forecast [k, B, N, T, 2]`, `valid [B, N]`."""
-    # Samples last: what holds of a pair holds of a row of numbers.
+    # Samples last, so that a pair is a contiguous row.
     paths = forecast[:, valid].transpose(2, 3, 1, 0).copy()  # [T, 2, A, k]
     hit = np.zeros((paths.shape[2], len(forecast)), bool)
     if hit.size:
@@ -65,7 +64,7 @@ def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 
 def _pairs(sizes: Sequence[int]) -> np.ndarray:
-    """[2, P] of the agents of scenes of so many, one after the other; each pair once."""
+    """[2, P] agents of each unordered pair, for scenes of these sizes one after the other."""
     starts = np.cumsum([0, *sizes[:-1]])
     return np.concatenate([_of_scene(size) + at for size, at in zip(sizes, starts)], axis=1)
 
@@ -92,7 +91,7 @@ def _collide(paths: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarra
     end = np.square(offset[-1]).sum(axis=0)
     # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
     (x, y), (dx, dy) = (part.swapaxes(0, 1) for part in (offset[:-1], offset[1:] - offset[:-1]))
-    # The least number there is, for an offset that stays.
+    # The smallest positive number, for an offset that stays.
     length = np.maximum(dx**2 + dy**2, np.finfo(paths.dtype).tiny)
     t = x * dx
     t += y * dy
@@ -106,37 +105,16 @@ def _collide(paths: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarra
     return np.minimum(end, nearest) < COLLISION_DISTANCE**2
 
 
-def _rate(forecast: np.ndarray, future: np.ndarray, valid: np.ndarray) -> Any:
-    return _of_batch(forecast, valid).sum(axis=(0, 2)) / len(forecast), valid.sum(axis=1)
+def rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] share of samples in which an agent collides."""
+    return _of_batch(forecast, np.asarray(scene.valid)).mean(axis=0)
 
 
-def _truth(forecast: np.ndarray, future: np.ndarray, valid: np.ndarray) -> Any:
-    return _rate(future[None], future, valid)
+def truth_rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] whether an agent collides in the truth."""
+    return rate(np.asarray(scene.known_future)[None], scene)
 
 
-def _excess(forecast: np.ndarray, future: np.ndarray, valid: np.ndarray) -> Any:
-    (total, count), (true, _) = (of(forecast, future, valid) for of in (_rate, _truth))
-    return total - true, count
-
-
-METRICS = (
-    Metric("collision_rate", "people in collision", "share", _rate, costly=True, on_host=True),
-    Metric(
-        "truth_collision_rate",
-        "truth's collisions",
-        "share",
-        _truth,
-        costly=True,
-        by_default=False,
-        on_host=True,
-    ),
-    Metric(
-        "excess_collisions",
-        "collisions beyond truth's",
-        "share",
-        _excess,
-        costly=True,
-        by_default=False,
-        on_host=True,
-    ),
-)
+def excess(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] `rate` less `truth_rate`."""
+    return rate(forecast, scene) - truth_rate(forecast, scene)

@@ -1,7 +1,7 @@
-"""Scores of a forecast as a probability distribution, of which its k samples are all that is known.
+"""Scores of a forecast as a probability distribution, of which the k samples are all that is known.
 
 The energy score and the CRPS are proper: in expectation nothing scores better than the distribution
-that the truth comes from (Gneiting and Raftery, JASA 2007). Both are of the k samples as they are:
+that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the k samples as they are:
 the estimator with 1 / k^2, which also holds for samples that depend on each other, and which for a
 single forecast is its error. The one with 1 / (k (k - 1)) is unbiased, but for independent samples
 only. The price is that scores of different k are not comparable.
@@ -13,17 +13,18 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.evaluation.metric import Metric
+from neurosym_jax.evaluation.best_of_k import distances
+from neurosym_jax.scene import Scene
 
-__all__ = ["LEAST_LOG_DENSITY", "METRICS", "apart"]
+__all__ = ["LEAST_LOG_DENSITY", "apart"]
 
 LEAST_LOG_DENSITY = -20.0
-"""Nats below which no agent's step counts (Trajectron++)."""
+"""Least log density of an agent's step that counts, nats (Trajectron++)."""
 
 
 @jax.jit  # So that several metrics trace it once.
 def apart(forecast: Array) -> Array:
-    """Of each sample `[k, N, T, 2]` the sum of distances to the others: [k, N, T] metres."""
+    """[k, N, T] metres: for each sample `[k, N, T, 2]` the sum of distances to the others."""
 
     def add(total: Array, one: Array) -> tuple[Array, None]:
         offset = jnp.square(forecast - one)
@@ -32,47 +33,46 @@ def apart(forecast: Array) -> Array:
     return jax.lax.scan(add, jnp.zeros(forecast.shape[:-1], forecast.dtype), forecast)[0]
 
 
-def _energy_score(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    """Of the whole scene's joint forecast, one vector of all agents, steps and coordinates.
+def energy_score(forecast: Array, scene: Scene) -> Array:
+    """[] score of the whole scene's joint forecast, one vector of all agents, steps, coordinates.
 
     Divided by the root of agents times steps, so that a single forecast has its root mean square
-    displacement error; weighed by agents, as joint ADE is. Gneiting and Raftery, section 4.3.
+    displacement error. Gneiting and Raftery, section 4.3.
     """
-    k, n = len(forecast), valid.sum()
-    present = valid[:, None, None]
+    k, future = len(forecast), scene.known_future
+    present = scene.valid[:, None, None]
     error = jnp.square(jnp.where(present, forecast - future, 0)).sum(axis=(1, 2, 3))
     # Products of offsets from the mean, which lose nothing where samples lie close together.
     offset = jnp.where(present, forecast - forecast.mean(axis=0), 0).reshape(k, -1)
     product = offset @ offset.T
     square = jnp.diag(product)
     spread = jnp.maximum(square[:, None] + square - 2 * product, 0)
-    scale = jnp.sqrt(jnp.maximum(n, 1) * future.shape[1])
-    score = jnp.sqrt(error).mean() - jnp.sqrt(spread).mean() / 2
-    return n * score / scale, n
+    scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * future.shape[1])
+    return (jnp.sqrt(error).mean() - jnp.sqrt(spread).mean() / 2) / scale
 
 
-def _crps(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    """Of each coordinate by itself, mean over steps and both. The same, section 4.2."""
+def crps(forecast: Array, scene: Scene) -> Array:
+    """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
 
     def add(total: Array, one: Array) -> tuple[Array, None]:
         return total + jnp.abs(forecast - one).sum(axis=0), None
 
-    spread = jax.lax.scan(add, jnp.zeros_like(future), forecast)[0] / len(forecast) ** 2
-    each = jnp.abs(forecast - future).mean(axis=0) - spread / 2
-    return jnp.where(valid[:, None, None], each, 0).mean(axis=(1, 2)).sum(), valid.sum()
+    spread = jax.lax.scan(add, jnp.zeros_like(forecast[0]), forecast)[0] / len(forecast) ** 2
+    each = jnp.abs(forecast - scene.known_future).mean(axis=0) - spread / 2
+    return each.mean(axis=(1, 2))
 
 
-def _kde_nll(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-    """Negative log likelihood of an agent's position by a Gaussian kernel density, mean over steps.
+def kde_nll(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] negative log likelihood of positions by a Gaussian kernel density, mean over steps.
 
     As in Trajectron++ (Salzmann et al., ECCV 2020; `compute_kde_nll`): `scipy.stats.gaussian_kde`,
     whose kernel is the samples' covariance times k^(-1/3) (Scott's rule in two dimensions), and log
     densities of no less than `LEAST_LOG_DENSITY`. Samples on a line or a point have no density,
-    where theirs fails: the least one is taken. Less than three samples are not counted.
+    where theirs fails: the least one is taken. Fewer than three samples have no value.
     """
-    k = len(forecast)
+    k, future = len(forecast), scene.known_future
     if k < 3:
-        return jnp.zeros(()), jnp.zeros((), int)
+        return _no_value(forecast)
     tiny, eps = jnp.finfo(forecast.dtype).tiny, jnp.finfo(forecast.dtype).eps
     centred = forecast - forecast.mean(axis=0)
     x, y = centred[..., 0], centred[..., 1]
@@ -90,43 +90,56 @@ def _kde_nll(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array
     density = jax.nn.logsumexp(-(u**2 + v**2) / 2, axis=0) - jnp.log(a * c)
     density = density - math.log(2 * math.pi * k)
     density = jnp.maximum(jnp.where(flat, LEAST_LOG_DENSITY, density), LEAST_LOG_DENSITY)
-    return -jnp.where(valid, density.mean(axis=-1), 0).sum(), valid.sum()
+    return -density.mean(axis=-1), jnp.asarray(scene.valid)
 
 
-def _coverage(level: float) -> Metric:
-    """Whether the truth lies in the region that holds `level` of a forecast, by agent and step.
+def coverage_50(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] see `_coverage`."""
+    return _coverage(0.5, forecast, scene)
 
-    The region of k samples: those positions are in it whose mean distance to the samples is least.
+
+def coverage_90(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] see `_coverage`."""
+    return _coverage(0.9, forecast, scene)
+
+
+def _coverage(level: float, forecast: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] share of steps at which the truth lies in the region that holds `level` of a forecast.
+
+    The region of k samples contains the positions whose mean distance to the samples is least.
     Of k + 1 exchangeable points, the samples and the truth, each has each rank in that order
     equally often; the truth is covered where its rank is among the first `level`, in part at the
     boundary and among equals. So a forecast that is right covers exactly `level`, whatever k is.
     The rank is that of a multivariate rank histogram (Gneiting et al., TEST 2008). One sample has
     no region.
     """
-
-    def compute(forecast: Array, future: Array, valid: Array) -> tuple[Array, Array]:
-        k = len(forecast)
-        if k == 1:
-            return jnp.zeros(()), jnp.zeros((), int)
-        offset = jnp.square(forecast - future)
-        to_truth = jnp.sqrt(offset[..., 0] + offset[..., 1])
-        samples, truth = apart(forecast) + to_truth, to_truth.sum(axis=0)
-        nearer, equal = (samples < truth).sum(axis=0), 1 + (samples == truth).sum(axis=0)
-        covered = jnp.clip((level * (k + 1) - nearer) / equal, 0, 1)
-        return jnp.where(valid, covered.mean(axis=-1), 0).sum(), valid.sum()
-
-    percent = round(100 * level)
-    about = "covered: true positions in the region that should hold so many of them"
-    title = f"covered at {percent} %"
-    return Metric(f"coverage_{percent}", title, "share", compute, about, by_default=False)
+    k = len(forecast)
+    if k == 1:
+        return _no_value(forecast)
+    offset = jnp.square(forecast - scene.known_future)
+    to_truth = jnp.sqrt(offset[..., 0] + offset[..., 1])
+    samples, truth = apart(forecast) + to_truth, to_truth.sum(axis=0)
+    nearer, equal = (samples < truth).sum(axis=0), 1 + (samples == truth).sum(axis=0)
+    covered = jnp.clip((level * (k + 1) - nearer) / equal, 0, 1)
+    return covered.mean(axis=-1), jnp.asarray(scene.valid)
 
 
-_PROPER = "energy score, CRPS: proper scores of the k samples as a distribution; less is better"
+def central_ade(forecast: Array, scene: Scene) -> Array:
+    """[N] mean errors over steps of the most central sample."""
+    return _central(forecast, scene).mean(axis=-1)
 
-METRICS = (
-    Metric("energy_score", "energy score", "m", _energy_score, _PROPER, by_default=False),
-    Metric("crps", "CRPS", "m", _crps, _PROPER, by_default=False),
-    Metric("kde_nll", "KDE NLL", "nats", _kde_nll, by_default=False),
-    _coverage(0.5),
-    _coverage(0.9),
-)
+
+def central_fde(forecast: Array, scene: Scene) -> Array:
+    """[N] errors at the last step of the most central sample."""
+    return _central(forecast, scene)[:, -1]
+
+
+def _central(forecast: Array, scene: Scene) -> Array:
+    """[N, T] errors of the sample of the scene with the least mean distance to the others."""
+    spread = jnp.where(scene.valid[:, None], apart(forecast), 0).sum(axis=(1, 2))
+    return distances(forecast, scene)[spread.argmin()]
+
+
+def _no_value(forecast: Array) -> tuple[Array, Array]:
+    nothing = jnp.zeros(forecast.shape[1])
+    return nothing, nothing

@@ -1,69 +1,162 @@
-"""The table of metrics, with the built-in ones; how they are computed is in `scoring`."""
+"""What a metric is, and the table of all metrics; `scoring` computes them."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation import best_of_k, collision, distribution, single
-from neurosym_jax.evaluation.metric import Compute, Metric
+from neurosym_jax.evaluation import best_of_k, collision, distribution, symbol_scores
 from neurosym_jax.registry import Registry
 
-__all__ = [
-    "METRICS",
-    "Metric",
-    "known_metric",
-    "metric_names",
-    "register_metric",
-]
+__all__ = ["METRICS", "SYMBOLS", "Metric", "known_metric", "metric_names", "register_metric"]
+
+Compute = Callable[[Any, Any], Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class Metric:
+    """A score of k forecasts of a scene: one number, or one for each step."""
+
+    title: str
+    """Column head; its first word stands above the others."""
+    compute: Compute
+    """`compute(forecast [k, N, T, 2], scene) -> values` for one scene of N slots.
+
+    `values` has a number for each agent, [N]; for each agent and step, [N, T]; or one for the
+    scene, []. `jax.jit` and `jax.vmap` trace it. Positions are metres relative to the scene's
+    origin, the truth is `scene.future`; values of slots that are not `scene.valid` are ignored.
+
+    The mean over a test set counts each valid agent once, and a scene's number as often as the
+    scene has valid agents. To count otherwise return `(values, weights)` with weights [N] or [],
+    such as 0 where an agent has no value.
+    """
+    unit: str = "m"
+    """`m`, ...; `share` is shown in per cent; empty for a plain number."""
+    about: str = ""
+    """A line of explanation below tables; metrics with the same line share it."""
+    higher_is_better: bool = False
+    by_default: bool = True
+    """Whether it is computed without being named (`--metrics`)."""
+    noise_free: bool = False
+    """Whether `forecast` is [1, N, T, 2] for a noise of zero, instead of the k samples."""
+    on_host: bool = False
+    """Whether `compute` gets numpy arrays of a batch, [k, B, N, T, 2] and a scene with a leading
+    axis B, and returns [B, N] or [B]: for work that depends on the numbers."""
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+    def text(self, value: float | None) -> str:
+        """`value` for a table's cell, without the unit where that is metres."""
+        if value is None:
+            return "-"
+        if self.unit == "share":
+            return f"{100 * value:.1f} %"
+        return f"{value:.3f}" + (f" {self.unit}" if self.unit not in ("", "m") else "")
+
+
+def _further(
+    title: str, compute: Compute, unit: str = "m", about: str = "", **more: bool
+) -> Metric:
+    return Metric(title, compute, unit, about, by_default=False, **more)
+
+
+_JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
+_MARGINAL = "marginal: each agent's own best of k (most later papers)"
+_MISS = "missed: even the best of k samples of an agent ends more than 2 m from the truth"
+_CENTRAL = "central: the one sample of the scene that is nearest to the others"
+_NOISE_FREE = "noise-free: the forecast for a noise of zero"
+_PROPER = "energy score, CRPS: proper scores of the k samples as a distribution; less is better"
+_COVERED = "covered: true positions in the region that should hold this share of them"
+_STATES = "states: QTC_C1 states of ordered pairs within 8 m, log and Brier score; less is better"
+_EVENTS = "events: of the same pairs, mean over events; less is better"
 
 METRICS: Registry[Metric] = Registry(
     "metric",
     {
-        metric.name: metric
-        for metric in (
-            *best_of_k.METRICS,
-            *collision.METRICS,
-            *distribution.METRICS,
-            *single.METRICS,
-        )
+        "joint_ade": Metric("joint ADE", best_of_k.joint_ade, "m", _JOINT),
+        "joint_fde": Metric("joint FDE", best_of_k.joint_fde, "m", _JOINT),
+        "marginal_ade": Metric("marginal ADE", best_of_k.marginal_ade, "m", _MARGINAL),
+        "marginal_fde": Metric("marginal FDE", best_of_k.marginal_fde, "m", _MARGINAL),
+        "horizon": Metric("mean displacement error", best_of_k.horizon),
+        "collision_rate": Metric("people in collision", collision.rate, "share", on_host=True),
+        "truth_collision_rate": _further(
+            "truth's collisions", collision.truth_rate, "share", on_host=True
+        ),
+        "excess_collisions": _further(
+            "collisions beyond truth's", collision.excess, "share", on_host=True
+        ),
+        "miss_rate": _further("missed by 2 m", best_of_k.missed, "share", _MISS),
+        "energy_score": _further("energy score", distribution.energy_score, "m", _PROPER),
+        "crps": _further("CRPS", distribution.crps, "m", _PROPER),
+        "kde_nll": _further("KDE NLL", distribution.kde_nll, "nats"),
+        "coverage_50": _further("covered at 50 %", distribution.coverage_50, "share", _COVERED),
+        "coverage_90": _further("covered at 90 %", distribution.coverage_90, "share", _COVERED),
+        "central_ade": _further("central ADE", distribution.central_ade, "m", _CENTRAL),
+        "central_fde": _further("central FDE", distribution.central_fde, "m", _CENTRAL),
+        # Of a single forecast the central one is that forecast.
+        "noise_free_ade": _further(
+            "noise-free ADE", best_of_k.joint_ade, "m", _NOISE_FREE, noise_free=True
+        ),
+        "noise_free_fde": _further(
+            "noise-free FDE", best_of_k.joint_fde, "m", _NOISE_FREE, noise_free=True
+        ),
+        "state_log": _further("states log", symbol_scores.state_log, "nats", _STATES),
+        "state_brier": _further("states Brier", symbol_scores.state_brier, "", _STATES),
+        "event_log": _further("events log", symbol_scores.event_log, "nats", _EVENTS),
+        "event_brier": _further("events Brier", symbol_scores.event_brier, "", _EVENTS),
     },
 )
 
-
-def register_metric(metric: Metric, *, replace: bool = False) -> None:
-    """Have `metric` computed wherever metrics are: tables, JSON, cards, sweeps, replay.
-
-    Raises:
-        InputError: for a name that is none, or that another metric has, unless `replace`.
-    """
-    METRICS.register(metric.name, metric, replace=replace)
+SYMBOLS = ("state_log", "state_brier", "event_log", "event_brier")
+"""Names of the metrics of symbols, which take longer than all others together."""
 
 
-def metric_names(further: Sequence[str] = (), *, costly: bool = True) -> tuple[str, ...]:
-    """Of the metrics that are computed by default, in the order in which they were registered.
+def register_metric(
+    name: str, title: str, *, replace: bool = False, **fields: Any
+) -> Callable[[Compute], Compute]:
+    """Return a decorator that adds a function as a metric to tables, JSON, cards and replay.
 
     Args:
-        further: names to add; `all` adds every one.
-        costly: whether those are among the former whose work is not linear in people.
+        name: in JSON, in Python and after `--metrics`.
+        title: see `Metric`.
+        replace: replace another metric of this name.
+        **fields: of `Metric`.
 
     Raises:
-        InputError: for a name that nobody registered.
+        InputError: for a name that is no identifier, or that another metric has.
     """
-    wanted = set(METRICS) if "all" in further else {METRICS[name].name for name in further}
-    return tuple(
-        name
-        for name, metric in METRICS.items()
-        if name in wanted or (metric.by_default and (costly or not metric.costly))
-    )
+
+    def register(compute: Compute) -> Compute:
+        METRICS.register(name, Metric(title, compute, **fields), replace=replace)
+        return compute
+
+    return register
+
+
+def metric_names(further: Sequence[str] = (), *, collisions: bool = True) -> tuple[str, ...]:
+    """Names of the metrics that are computed by default, in the table's order.
+
+    Args:
+        further: names to add; `all` adds every metric but those of symbols.
+        collisions: whether the collision rate is among the defaults.
+
+    Raises:
+        InputError: for an unknown name.
+    """
+    wanted = {name for name in further if name != "all" and METRICS[name]}
+    wanted |= METRICS.keys() - set(SYMBOLS) if "all" in further else set()
+    defaults = {name for name, metric in METRICS.items() if metric.by_default}
+    wanted |= defaults if collisions else defaults - {"collision_rate"}
+    return tuple(name for name in METRICS if name in wanted)
 
 
 def known_metric(name: str) -> Metric:
-    """The metric of this name; one that nobody registered here, of a report, has its name alone."""
-    return METRICS[name] if name in METRICS else Metric(name, name, "", _not_here(name))
+    """Return the metric of this name; for one that only a report knows, a title alone."""
+    return METRICS[name] if name in METRICS else Metric(name, _unknown, "")
 
 
-def _not_here(name: str) -> Compute:
-    def compute(forecast: Any, future: Any, valid: Any) -> tuple[Any, Any]:
-        raise InputError(f"metric {name}: only its name is known here (--plugin brings it)")
-
-    return compute
+def _unknown(forecast: Any, scene: Any) -> Any:
+    raise InputError("only the metric's name is known here (--plugin adds it)")

@@ -1,36 +1,56 @@
-"""What an evaluation consists of: which models are tested on which dataset at which horizon.
+"""A plan of tests: which models are tested on which dataset at which horizon, by what protocol.
 
-Nothing is read here but the names of the datasets that there are.
+Nothing is read; a plan is made from the names of datasets alone.
 """
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Literal
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Source, Synthetic
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.evaluation.test_sets import BASELINES, Entries, TestSet, baseline
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.pooling import NOT_OF_PAIRS
 from neurosym_jax.models.poolings import POOLINGS
 
-__all__ = ["BASELINES", "Entries", "TestSet", "baseline", "make_plan", "one_of_each"]
+__all__ = ["PROTOCOLS", "Protocol", "ProtocolName", "make_plan", "one_of_each"]
 
-BASELINES = ("constant_velocity", "constant_velocity_sampled")
-"""What every model is tested beside, by names of `register_forecaster`."""
-
-Entries = list[tuple[str | None, Model]]
-"""(path as given, model) of what is tested on one test set; baselines, first, have no path."""
+ProtocolName = Literal["sgan", "joint-metrics"]
 
 
 @dataclasses.dataclass(frozen=True)
-class TestSet:
-    """A dataset at a horizon."""
+class Protocol:
+    """What a published protocol of evaluation fixes."""
 
-    dataset: str
-    """Its name, or those of recordings joined by `+`."""
-    obs_len: int
-    pred_len: int
+    min_agents: int
+    """Scenes with fewer people are left out."""
+    by_scene: bool
+    """Whether means weigh each scene the same, instead of each person."""
+    obs_len: int | None = None
+    """Observed steps; None for any."""
+    pred_len: int | None = None
+
+    def steps(self, name: str, asked: int | None) -> int | None:
+        """`obs_len` or `pred_len`: the number asked for, else the protocol's.
+
+        Raises:
+            InputError: where the protocol has another number.
+        """
+        own = getattr(self, name)
+        if None not in (own, asked) and own != asked:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(f"{option} {asked}: the protocol has {own} (--protocol sgan has any)")
+        return asked if own is None else own
+
+
+PROTOCOLS: dict[ProtocolName, Protocol] = {
+    "sgan": Protocol(2, by_scene=False),
+    "joint-metrics": Protocol(1, by_scene=True, obs_len=8, pred_len=12),
+}
+"""SGAN's (Gupta et al., CVPR 2018); and that of E. Weng, H. Hoshino, D. Ramanan and K. Kitani,
+"Joint Metrics Matter", ICCV 2023."""
 
 
 def make_plan(
@@ -42,25 +62,25 @@ def make_plan(
     obs_len: int | None = None,
     pred_len: int | None = None,
     baselines: Sequence[str] = BASELINES,
-    as_far_as_they_fit: bool = False,
+    only_matching: bool = False,
 ) -> dict[TestSet, Entries]:
-    """What is tested on each test set: in the source's order of datasets, then by horizon.
+    """Plan the entries of each test set, by the source's order of datasets, then by horizon.
 
-    A model is tested on the dataset it was trained to be tested on, where the source has it, else
-    on all of them.
+    A model is tested on its held-out dataset where the source has it, else on all datasets.
 
     Args:
         source: of the recordings.
         models: (path, model).
-        dataset: the one to test on.
-        test_on: recordings to test on, as one test set.
+        dataset: test on this one only.
+        test_on: names of recordings to test on, as one test set.
         obs_len: observed steps.
         pred_len: steps to forecast.
         baselines: forecasters without parameters, by name.
-        as_far_as_they_fit: leave out the models that contradict what is asked for.
+        only_matching: leave out models that do not match the dataset or horizon, instead of
+            refusing them.
 
     Raises:
-        InputError: when what is asked for contradicts what a model is, or is not there.
+        InputError: for a model that does not match, or an unknown dataset or baseline.
     """
     if dataset is not None and test_on:
         raise InputError("--dataset and --test-on name two test sets: give one of them")
@@ -70,7 +90,7 @@ def make_plan(
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
         if reason := _contradiction(model, source, dataset, obs_len, pred_len, bool(test_on)):
-            if as_far_as_they_fit:
+            if only_matching:
                 continue
             raise InputError(f"{path}: {reason}")
         own = model.dataset in source.scenes and not test_on
@@ -101,18 +121,17 @@ def one_of_each(
     obs_len: int | None = None,
     pred_len: int | None = None,
 ) -> list[tuple[str, Model]]:
-    """Of `models`, for each dataset the first one without symbols and the first one with them.
+    """Choose for each dataset the first model without symbols and the first one with symbols.
 
-    They are those that were trained to be tested there; where none was, as on a user's own
-    recordings, those that were trained to be tested elsewhere, else those trained on other people,
-    whoever they are.
+    Models held out for these datasets come first; where there are none, as for a user's own
+    recordings, those trained for other people, then any trained on real people.
 
     Args:
         source: of the recordings.
         models: (path, model).
-        dataset: the one to test on.
-        obs_len: observed steps.
-        pred_len: steps to forecast; by default, as for the other, a model's default.
+        dataset: test on this one only.
+        obs_len: observed steps; by default, as `pred_len`, a model's default.
+        pred_len: steps to forecast.
     """
     lengths = (obs_len or GeneratorConfig().obs_len, pred_len or GeneratorConfig().pred_len)
     fitting = [
@@ -121,38 +140,22 @@ def one_of_each(
         if (model.config.obs_len, model.config.pred_len) == lengths
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
-    # What is for other people than it learned from; the papers' networks before variants of them.
+    # General models first; then the papers' networks before their variants.
     fitting.sort(key=lambda each: (each[1].dataset != ELSEWHERE, _departures(each[1])))
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
     for path, model in own or others:
-        # Of other people's models one is as good as another, so it is not told whose they are.
+        # Held-out sets of other people's models make no difference here.
         of = model.dataset if own else None
         chosen.setdefault((of, model.weighting is None), (path, model))
     return sorted(chosen.values(), key=lambda each: each[1].weighting is not None)
 
 
 def _departures(model: Model) -> tuple[bool, bool]:
-    """In what a model departs from the papers: another pooling, another forecast."""
+    """How a model departs from the papers: in its pooling, in its forecast."""
     pooling = getattr(model.config, "pooling", None)
     return pooling != "as_described", getattr(model.config, "beside_velocity", False)
-
-
-def baseline(name: str, obs_len: int, pred_len: int) -> Model:
-    """A registered forecaster that has no parameters, at a horizon.
-
-    Raises:
-        InputError: for a name that nobody registered, or a forecaster that has parameters.
-    """
-    kind = FORECASTERS[name]
-    try:
-        config = kind.config(obs_len=obs_len, pred_len=pred_len)
-    except TypeError as error:
-        raise InputError(f"forecaster {name}: cannot be a baseline ({error})") from None
-    if kind.shapes is not None and kind.shapes(config):
-        raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
-    return Model(config, {}, kind=name)
 
 
 def _contradiction(
@@ -163,6 +166,7 @@ def _contradiction(
     pred_len: int | None,
     named: bool = False,
 ) -> str | None:
+    """Why a model cannot be tested as asked; None where it can. `named`: recordings are."""
     config = model.config
     if isinstance(config, GeneratorConfig) and not POOLINGS[config.pooling].of_pairs:
         return f"{config.pooling} {NOT_OF_PAIRS}"

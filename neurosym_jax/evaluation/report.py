@@ -1,101 +1,197 @@
-"""An evaluation's rows as a table for people and as JSON for programs."""
+"""Files of an evaluation: the report, replaced when whole, and beside it the rows as they come.
 
+`evaluation.json` has beside it `evaluation.jsonl`, a line for each row; each names by a digest what
+it depends on, so an interrupted evaluation goes on from them.
+"""
+
+import dataclasses
+import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import polars as pl
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.summary import Line, lines_of, means_of
-from neurosym_jax.evaluation.tables import (
-    Style,
-    csv_table,
-    latex_table,
-    notes,
-    paper_markdown,
-    rich_tables,
-)
+from neurosym_jax.evaluation.results import Result, Row, Settings, each_result, rows_frame
+from neurosym_jax.evaluation.test_sets import Test, TestSet
+from neurosym_jax.forecasting.parameters import flat_parameters
 from neurosym_jax.runtime import files
 
-if TYPE_CHECKING:
-    from rich.console import Console
+__all__ = ["FORMAT", "check_report", "evaluate_into", "read_report", "write_report"]
 
-__all__ = [
-    "FORMAT",
-    "check_replaceable",
-    "format_table",
-    "further_metrics",
-    "show_tables",
-    "write_json",
-]
+FORMAT = 2
 
-FORMAT = 1
+Shown = Callable[[Sequence[Row]], None]
 
 
-def format_table(
-    rows: Sequence[Mapping[str, Any]], style: Style = "text", width: int | None = None
-) -> str:
-    """Rows as tables: one for each test set and horizon and, of several, one of their means.
+def evaluate_into(
+    path: Path,
+    tests: Sequence[Test],
+    settings: Settings,
+    *,
+    resume: bool = False,
+    pool: Executor | None = None,
+    facts: Mapping[str, Any] | None = None,
+    show: Shown | None = None,
+) -> tuple[list[Row], list[Result]]:
+    """Evaluate all `tests` and write a report; rows are appended beside it as they come.
 
     Args:
-        rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ... are one line.
-        style: text for a terminal, or what a paper takes: csv, markdown, latex.
-        width: letters of a line of text; default: the terminal's.
-    """
-    lines = lines_of(rows)
-    lines += means_of(lines)
-    if style != "text":
-        return {"csv": csv_table, "markdown": paper_markdown, "latex": latex_table}[style](lines)
-    from rich.console import Console
+        path: of the report.
+        tests: to evaluate.
+        settings: of the evaluation.
+        resume: keep the rows that an interrupted evaluation of the same models, windows and
+            settings left, and evaluate the others.
+        pool: see `each_result`.
+        facts: further content of the report; JSON-able.
+        show: called with the rows of a test set as soon as all are there.
 
-    # In a notebook, too, it is text.
-    console = Console(width=width, force_jupyter=False, color_system=None)
-    with console.capture() as text:
-        show_tables(lines, console)
-    found = "\n".join(line.rstrip() for line in text.get().splitlines())
-    return f"{found}\n" + "\n".join(notes(lines, bold=False))
-
-
-def show_tables(lines: Sequence[Line], console: "Console", *, whole: bool = True) -> None:
-    """Print a table for each test set, `whole` or what fits the console's width."""
-    for test_set in dict.fromkeys(line.test_set for line in lines):
-        members = [line for line in lines if line.test_set == test_set]
-        for table in rich_tables(members, console.width, whole=whole):
-            console.print(table, "")
-
-
-def further_metrics(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """The metrics that all `rows` have beside those of their keys `joint` and `marginal`."""
-    both = {f"{protocol}_{error}" for protocol in ("joint", "marginal") for error in ("ade", "fde")}
-    # Rows of an earlier version, and no rows, have none.
-    names = [name for row in rows[:1] for name in row.get("metrics", {}) if name not in both]
-    return [name for name in names if all(row["metrics"].get(name) is not None for row in rows)]
-
-
-def check_replaceable(path: Path) -> bool:
-    """Whether a report is at `path` already.
+    Returns:
+        All rows in the order of the tests, and the results of the test sets of which no row was
+        kept.
 
     Raises:
-        InputError: when `path` holds anything but a report, or cannot be written.
+        InputError: for files that are no report or cannot be written; and as `evaluate_tests`.
     """
-    files.refuse_unwritable(path)
-    if not path.exists():
-        return False
-    try:
-        old = json.loads(path.read_text())
-    except (OSError, ValueError):
-        old = None
-    if not isinstance(old, dict) or not {"format", "rows"} <= set(old):
-        raise InputError(f"{path}: is not a report of ours, so it is not overwritten")
-    return True
+    check_report(path)
+    digests = {test.test_set: _digests(test, settings) for test in tests}
+    log = path.with_suffix(".jsonl")
+    wanted = {digest for of_test in digests.values() for digest in of_test}
+    kept = {row["inputs"]: row for row in _kept(log) if row["inputs"] in wanted} if resume else {}
+    files.write_text(log, "".join(map(_line, kept.values())))
+    todo = []
+    for test in tests:
+        left = [
+            entry
+            for entry, digest in zip(test.entries, digests[test.test_set])
+            if digest not in kept
+        ]
+        todo += [dataclasses.replace(test, entries=left)] if left else []
+    whole = {test.test_set for test in tests if not kept.keys() & set(digests[test.test_set])}
+    pending = {test.test_set: iter(digests[test.test_set]) for test in tests}
+    results: list[Result] = []
+    shown: set[TestSet] = set()
+
+    def show_whole() -> None:
+        for test_set, of_test in digests.items():
+            if show and test_set not in shown and all(digest in kept for digest in of_test):
+                show([_plain(kept[digest]) for digest in of_test])
+                shown.add(test_set)
+
+    show_whole()
+    for result in each_result(todo, settings, pool):
+        digest = next(each for each in pending[result.test_set] if each not in kept)
+        kept[digest] = {**result.row, "inputs": digest}
+        files.append_text(log, _line(kept[digest]))
+        if result.test_set in whole:
+            results.append(result)
+        show_whole()
+    rows = [_plain(kept[digest]) for of_test in digests.values() for digest in of_test]
+    readings = {how.recording: how.to_json() for test in tests for how in test.windows.reading}
+    write_report(path, rows, {**(facts or {}), "recordings": list(readings.values())})
+    return rows, results
 
 
-def write_json(path: Path, data: dict[str, Any]) -> None:
-    """Write `data`; a file that is there is replaced only if it is such a report, and said so.
+def write_report(path: Path, rows: Sequence[Row], facts: Mapping[str, Any]) -> None:
+    """Write a report of `rows` with further `facts`; say so where it replaces another.
 
     Raises:
         InputError: when `path` holds anything else, or cannot be written.
     """
-    if check_replaceable(path):
+    if check_report(path):
         print(f"replacing the report in {path}")
-    files.write_json(path, data)
+    files.write_json(path, {"format": FORMAT, **facts, "rows": list(rows)})
+
+
+def read_report(path: Path) -> pl.DataFrame:
+    """Read the rows of a report.
+
+    Raises:
+        InputError: for a file that is missing or no report of this version.
+    """
+    report = _report(path)
+    if report is None or report["format"] != FORMAT:
+        raise InputError(f"{path}: is not a report of ours of format {FORMAT}")
+    return rows_frame(report["rows"])
+
+
+def check_report(path: Path) -> bool:
+    """Whether a report is at `path` already.
+
+    Raises:
+        InputError: when `path`, or the file of rows beside it, holds anything else or cannot be
+            written.
+    """
+    if path.suffix == ".jsonl":
+        raise InputError(f"{path}: rows are kept in a .jsonl beside the report: name it .json")
+    for each in (path, path.with_suffix(".jsonl")):
+        files.refuse_unwritable(each)
+        if each.exists() and (_report(each) if each == path else _log_text(each)) is None:
+            raise InputError(f"{each}: is not a report of ours, so it is not overwritten")
+    return path.exists()
+
+
+def _report(path: Path) -> dict[str, Any] | None:
+    """The content of a report; None for anything else."""
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) and {"format", "rows"} <= set(found) else None
+
+
+def _log_text(log: Path) -> str | None:
+    """The content of a log of rows; None for anything else."""
+    try:
+        text = log.read_text()
+    except (OSError, ValueError):
+        return None
+    return text if not text or text.startswith('{"checkpoint"') else None
+
+
+def _kept(log: Path) -> list[Row]:
+    """The rows of a log, of which the last may have been written in part."""
+    rows = []
+    for line in (_log_text(log) or "").splitlines():
+        try:
+            rows.append(json.loads(line))
+        except ValueError:
+            break
+    return rows
+
+
+def _line(row: Row) -> str:
+    return json.dumps(row, allow_nan=False) + "\n"
+
+
+def _plain(row: Row) -> Row:
+    return {name: value for name, value in row.items() if name != "inputs"}
+
+
+def _digests(test: Test, settings: Settings) -> list[str]:
+    """SHA-256 of all that the row of each entry depends on: the model, windows and settings."""
+    windows = test.windows
+    common = hashlib.sha256(repr((settings, test.test_set, windows.reading)).encode())
+    arrays = [windows.bounds, windows.identity, *windows.extras.values()]
+    if any(how.file for how in windows.reading):
+        arrays.append(windows.position)
+    else:
+        # Simulated: a program that is compiled and the same one out of the cache may differ in
+        # the last digit.
+        common.update(f"{windows.position.mean():.3f} {windows.position.std():.3f}".encode())
+    for array in arrays:
+        common.update(array.tobytes())
+    found = []
+    for path, model in test.entries:
+        sha = common.copy()
+        sha.update(repr((path, model.kind, model.config, model.dataset)).encode())
+        for name, array in flat_parameters(model.params).items():
+            sha.update(f"{name} {array.dtype} {array.shape}".encode())
+            sha.update(array.tobytes())
+        while sha.hexdigest() in found:  # The same model is tested twice.
+            sha.update(b"again")
+        found.append(sha.hexdigest())
+    return found

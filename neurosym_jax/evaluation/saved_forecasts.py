@@ -1,9 +1,8 @@
-"""Forecasts of a whole test set in a file, for programs in any language (docs/evaluate.md).
+"""Forecasts of a whole test set in a file: NumPy arrays, or TrajNet++ lines (docs/evaluate.md).
 
-They are forecast anew: with the same seed they are those that were scored.
+The test set is forecast again; with the same seed these are the forecasts that were scored.
 """
 
-import csv
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.load import Test
+from neurosym_jax.evaluation.test_sets import Test
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.environment import cpu_cores
@@ -25,14 +24,11 @@ from neurosym_jax.scene import scene_identity
 __all__ = ["Forecasts", "check_forecasts_file", "forecasts_of", "save_forecasts"]
 
 DECIMALS = 4
-"""Of metres in files."""
-COLUMNS = ("recording", "scene", "person", "sample", "step", "seconds")
-COLUMNS += ("x", "y", "true_x", "true_y")
-"""Of CSV."""
+"""Decimals of metres in files."""
 
 
 class Forecasts(NamedTuple):
-    """What a model forecasts of the A agent windows of a test set; positions are world metres."""
+    """Forecasts of the A agent windows of a test set; positions are world metres."""
 
     forecast: np.ndarray
     """[k, A, pred_len, 2]."""
@@ -41,7 +37,7 @@ class Forecasts(NamedTuple):
     observed: np.ndarray
     """[A, obs_len, 2]."""
     scene: np.ndarray
-    """[A] which of the test set's scenes, from 0."""
+    """[A] index of the scene in the test set."""
     person: np.ndarray
     """[A] id in the recording."""
     recording: np.ndarray
@@ -53,7 +49,7 @@ class Forecasts(NamedTuple):
 
 
 def check_forecasts_file(path: Path) -> None:
-    """Refuse, before the work, a name that says no format, or a file that cannot be written.
+    """Refuse a file name without a known ending, or a file that cannot be written.
 
     Raises:
         InputError: naming `path`.
@@ -64,16 +60,16 @@ def check_forecasts_file(path: Path) -> None:
 
 
 def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -> list[Path]:
-    """Write a file for each model on each test set: `path`, or of several names beside it.
+    """Write a file for each model on each test set: `path`, or several names beside it.
 
     Args:
-        path: its ending, .npz, .csv or .ndjson (TrajNet++), is the format.
-        tests: what is forecast, and by which models.
+        path: its ending, .npz or .ndjson (TrajNet++), is the format.
+        tests: test sets and their models.
         samples: k.
-        seed: of the noise.
+        seed: random seed of the noise.
 
     Returns:
-        The files; those of the same name were replaced.
+        The files; existing ones of the same name were replaced.
 
     Raises:
         InputError: see `check_forecasts_file`.
@@ -98,7 +94,7 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
 
 
 def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts:
-    """All that `model` forecasts of a test set, in the order of its windows."""
+    """Forecast a whole test set by `model`, in the order of its windows."""
     windows, obs_len = test.windows, test.windows.obs_len
     forecaster = model.forecaster
     samples = samples if forecaster.noise.dim else 1
@@ -128,18 +124,6 @@ def _write_npz(path: Path, forecasts: Forecasts) -> None:
     np.savez_compressed(path, **arrays)
 
 
-def _write_csv(path: Path, forecasts: Forecasts) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for agent, who in enumerate(zip(forecasts.recording, forecasts.scene, forecasts.person)):
-            truth = np.round(forecasts.truth[agent], DECIMALS).tolist()
-            for sample, path_of in enumerate(np.round(forecasts.forecast[:, agent], DECIMALS)):
-                for step, (at, true) in enumerate(zip(path_of.tolist(), truth), 1):
-                    seconds = round(step * forecasts.period, 6)
-                    writer.writerow([*who, sample, step, seconds, *at, *true])
-
-
 def _write_trajnet(path: Path, forecasts: Forecasts) -> None:
     with path.open("w", encoding="utf-8") as file:
         for kind, fields in _trajnet_rows(forecasts):
@@ -147,8 +131,8 @@ def _write_trajnet(path: Path, forecasts: Forecasts) -> None:
 
 
 def _trajnet_rows(forecasts: Forecasts) -> Iterator[tuple[str, dict[str, object]]]:
-    """TrajNet++'s: scenes, what happened, forecasts. The file is one recording, so the frames of
-    several follow on one another, and people are numbered through."""
+    """Rows of TrajNet++: scenes, tracks, forecasts. The file is one recording, so frames and people
+    of several recordings are numbered consecutively."""
     steps = forecasts.observed.shape[1] + forecasts.truth.shape[1]
     first = forecasts.start.copy()
     begin = 0
@@ -181,6 +165,5 @@ def _trajnet_rows(forecasts: Forecasts) -> Iterator[tuple[str, dict[str, object]
 
 WRITERS: dict[str, Callable[[Path, Forecasts], None]] = {
     ".npz": _write_npz,
-    ".csv": _write_csv,
     ".ndjson": _write_trajnet,
 }

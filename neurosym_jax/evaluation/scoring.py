@@ -9,20 +9,17 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.evaluation.metrics import Metric
-from neurosym_jax.evaluation.scene_scores import Score, Scores, chosen, score_scenes, shapes
+from neurosym_jax.evaluation.scene_scores import Metrics, Score, Scores, chosen, score_scenes
 from neurosym_jax.forecasting.batched import Map, draw_noises, forecast_batches, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.runtime.processes import share, sum_over_processes
 from neurosym_jax.scene import Scene
 
-__all__ = ["Evaluation", "score_forecaster", "score_futures", "score_group"]
+__all__ = ["Evaluation", "score_forecaster", "score_futures", "score_group", "score_seeds"]
 
 GROUP = 2**17
-"""Samples of agent slots that are forecast before they are scored, some 25 MB; and what one of
-several processes takes at a time."""
+"""Samples of agent slots that are forecast before they are scored, about 25 MB."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,7 +35,7 @@ class Evaluation:
     seconds: float
 
     def mean(self, metric: str) -> float:
-        """Of a metric with one value."""
+        """Mean of a metric with one value."""
         return float(self.scores[metric].mean)
 
 
@@ -54,12 +51,12 @@ def score_forecaster(
     """Scores of `forecaster` on every scene of `batches`; the truth is in the scenes.
 
     Args:
-        forecaster: what forecasts.
+        forecaster: makes the forecasts.
         params: its parameters.
         batches: see `make_batches`.
         samples: k.
-        seed: determines, with the scene and the sample, the noise.
-        metrics: names; default: those that are computed without being asked for.
+        seed: of the noise, with the scene and the sample.
+        metrics: names; by default those that are computed without being named.
 
     Raises:
         InputError: for a seed out of range, more samples than there is memory for, or a metric
@@ -77,31 +74,63 @@ def score_forecaster(
     )
     measured = chosen(metrics)
     scenes = sum(int((batch.index >= 0).sum()) for batch in batches)
-    found: dict[str, Score] = {}
+    found: Scores = {}
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        done = {
-            number: score_group(
-                forecaster,
-                params,
-                [b.scene for b in group],
-                samples,
-                seed,
-                measured,
-                pool.map,
-            )
-            for number, group in share(groups)
-        }
-    # Every process fills in its scenes; those of the others are zero here.
-    for metric, of in zip(measured, shapes(measured, batches[0].scene, samples)):
-        total, count = (np.zeros((scenes, *shape.shape[1:])) for shape in of)
-        for number, of_batches in done.items():
-            for batch, part in zip(groups[number], of_batches):
+        for group in groups:
+            given = (forecaster, params, [batch.scene for batch in group], samples, seed)
+            for batch, scores in zip(group, score_group(*given, measured, pool.map)):
                 there = batch.index >= 0
-                total[batch.index[there]] = part[metric.name].total[there]
-                count[batch.index[there]] = part[metric.name].count[there]
-        found[metric.name] = Score(sum_over_processes(total), sum_over_processes(count))
+                for name, part in scores.items():
+                    if name not in found:
+                        shape = (scenes, *part.total.shape[1:])
+                        found[name] = Score(np.zeros(shape), np.zeros(scenes))
+                    for whole, of in zip(found[name], part):
+                        whole[batch.index[there]] = of[there]
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
     return Evaluation(found, agents, samples, time.perf_counter() - start)
+
+
+def score_seeds(
+    forecaster: Forecaster,
+    params: Any,
+    batches: Sequence[Batch],
+    *,
+    seeds: Sequence[int],
+    by_scene: bool = False,
+    **how: Any,
+) -> tuple[Evaluation, dict[str, float]]:
+    """Mean of `score_forecaster` over seeds of the noise; one seed where no noise is drawn.
+
+    Args:
+        forecaster: see `score_forecaster`, as all but the following.
+        params: see there.
+        batches: see there.
+        seeds: of the noise.
+        by_scene: give each scene its mean in place of its sum, so that all weigh the same.
+        **how: see there.
+
+    Returns:
+        The scores, with the seconds of one seed; and, of several seeds, the standard deviation
+        between their means by metric.
+    """
+    seeds = seeds if forecaster.noise.dim else seeds[:1]
+    runs = [score_forecaster(forecaster, params, batches, seed=seed, **how) for seed in seeds]
+    of_runs = [run.scores for run in runs]
+    if by_scene:
+        of_runs = [{name: each.of_each_scene() for name, each in of.items()} for of in of_runs]
+    scores = {
+        name: Score(*(np.mean(parts, axis=0) for parts in zip(*(of[name] for of in of_runs))))
+        for name in of_runs[0]
+    }
+    seconds = sum(run.seconds for run in runs) / len(runs)
+    found = dataclasses.replace(runs[0], scores=scores, seconds=seconds)
+    means = {name: [of[name].mean for of in of_runs] for name in scores}
+    spread = {
+        name: float(np.std(of, ddof=1))
+        for name, of in means.items()
+        if len(runs) > 1 and np.ndim(of[0]) == 0 and np.isfinite(of).all()
+    }
+    return found, spread
 
 
 def _groups(batches: Sequence[Batch], samples: int) -> Iterator[list[Batch]]:
@@ -122,12 +151,12 @@ def score_group(
     scenes: Sequence[Scene],
     samples: int,
     seed: int,
-    metrics: tuple[Metric, ...],
+    metrics: Metrics,
     run: Map = map,
 ) -> list[Scores]:
     """Scores of each of some batches, all forecast at once."""
     noises = draw_noises(forecaster.noise, scenes, samples, seed)
-    if any(metric.noise_free for metric in metrics) and forecaster.noise.dim:
+    if any(metric.noise_free for _, metric in metrics) and forecaster.noise.dim:
         # A sample more, which the other metrics do not see.
         noises = [np.concatenate([noise, np.zeros_like(noise[:1])]) for noise in noises]
     futures = forecast_batches(forecaster, params, scenes, noises, run)
@@ -135,7 +164,7 @@ def score_group(
 
 
 def score_futures(
-    metrics: tuple[Metric, ...],
+    metrics: Metrics,
     futures: np.ndarray,
     scenes: Sequence[Scene],
     run: Map = map,
@@ -143,16 +172,16 @@ def score_futures(
 ) -> list[Scores]:
     """Scores of each of some batches, by the `futures [k, A, T, 2]` of their valid agents.
 
-    `noise_free [1, A, T, 2]` is the forecast without noise, for metrics that are of that.
+    `noise_free [1, A, T, 2]` is the forecast without noise, for metrics of that.
     """
     ends = np.cumsum([scene.valid.sum() for scene in scenes])[:-1]
-    if not any(metric.noise_free for metric in metrics):
+    if not any(metric.noise_free for _, metric in metrics):
         noise_free = None
     alone = [None] * len(scenes) if noise_free is None else np.split(noise_free, ends, axis=1)
 
     def of_batch(scene: Scene, piece: np.ndarray, alone: np.ndarray | None) -> Scores:
-        valid, future = np.asarray(scene.valid), np.asarray(scene.known_future)
+        valid = np.asarray(scene.valid)
         without = None if alone is None else unpacked(alone, valid)
-        return score_scenes(metrics, unpacked(piece, valid), without, future, valid)
+        return score_scenes(metrics, unpacked(piece, valid), scene, without)
 
     return list(run(of_batch, scenes, np.split(futures, ends, axis=1), alone))

@@ -1,8 +1,8 @@
-"""What a table has a line for: a model on a test set, by one training or several; and means.
+"""Lines of tables: a model on a test set, by one training or several; and means over test sets.
 
-Made of rows alone, as the JSON has them. The 95 % interval of a line is
+The 95 % interval of a line is
 
-- of one training: over the scenes of the test set, in blocks (see `paired`);
+- of one training: over the scenes of the test set, in blocks (see `bootstrap`);
 - of several that differ in their seed: Student's t of the trainings' mean;
 - of a mean over test sets: Student's t of the means of each seed where there are several trainings,
   else of independent test sets.
@@ -16,30 +16,39 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neurosym_jax.evaluation.bootstrap import Interval, student_half
 from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.paired import Interval, student_half
-from neurosym_jax.evaluation.plan import TestSet
+from neurosym_jax.evaluation.test_sets import TestSet
 
-__all__ = ["Line", "Value", "family_of", "lines_of", "means_of", "told_apart"]
+__all__ = [
+    "Line",
+    "Value",
+    "conclusion",
+    "family_of",
+    "lines_of",
+    "means_of",
+    "metrics_of",
+    "told_apart",
+]
 
 Row = Mapping[str, Any]
-"""Of the JSON."""
+"""See `results.Row`."""
 
 SEED = re.compile(r"[_\-.]?seed[_\-=]?(\d+)")
-"""In a checkpoint's path: which of several trainings it is."""
+"""In a checkpoint's path, the seed of one of several trainings."""
 
 
 class Value(NamedTuple):
-    """What a line says of one metric."""
+    """The value of one metric in a line."""
 
-    mean: float | None
+    mean: float | None = None
     """None where nothing was counted."""
     interval: Interval | None = None
-    """95 %, where there is one."""
+    """95 %."""
     spread: float | None = None
     """Standard deviation between trainings or, of one, between seeds of the noise."""
     best: bool = False
-    """Whether its interval lies beyond those of all others on the test set."""
+    """Whether its interval lies beyond those of all other models on the test set."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,43 +58,48 @@ class Line:
     test_set: TestSet
     model: str
     checkpoint: str | None
-    """As given, without the seed where there are several."""
+    """As given; of several trainings without the seed."""
     rows: tuple[Row, ...]
     """One for each training; of a mean, for each training and test set."""
     seeds: tuple[int | None, ...]
-    """Of each training, where its path says it; a mean has those of one test set."""
+    """Of each training, where its path names it; of a mean, those of one test set."""
     values: dict[str, Value]
     """By the name of the metric."""
     datasets: int = 1
-    """That it is the mean of."""
+    """Number of datasets that it is the mean of."""
 
     @property
     def trainings(self) -> int:
-        """How many runs of one model it is of."""
+        """Number of trainings."""
         return len(self.seeds)
 
 
+def metrics_of(row: Row) -> list[str]:
+    """Names of the metrics that a row has columns of."""
+    return [name for name in row if f"{name}_low" in row]
+
+
 def lines_of(rows: Iterable[Row]) -> list[Line]:
-    """A line for each model on each test set, in order; runs that differ in their seed are one."""
+    """A line for each model on each test set, in order; trainings that differ in seed are one."""
     groups: dict[tuple[TestSet, str, str | None, int | None], list[tuple[int | None, Row]]] = {}
     for at, row in enumerate(rows):
         family, seed = family_of(row["checkpoint"])
-        test_set = TestSet(row["scene"], row["obs_len"], row["pred_len"])
+        test_set = TestSet(row["dataset"], row["obs_len"], row["pred_len"])
         key = (test_set, row["model"], family, at if seed is None else None)
         groups.setdefault(key, []).append((seed, row))
     lines = []
     for (test_set, model, family, _), members in groups.items():
-        seeds = tuple(seed for seed, _ in members)
-        of = tuple(row for _, row in members)
-        path = family if len(members) > 1 else members[0][1]["checkpoint"]
-        lines.append(Line(test_set, model, path, of, seeds, _values(of)))
+        seeds, of = zip(*members)
+        path = family if len(members) > 1 else of[0]["checkpoint"]
+        values = {name: _value(name, of) for name in metrics_of(of[0])}
+        lines.append(Line(test_set, model, path, of, seeds, values))
     return _marked(lines, lambda line: line.test_set)
 
 
 def means_of(lines: Sequence[Line]) -> list[Line]:
     """Means over test sets, at each horizon, of the models that were tested on all of several."""
     means = []
-    for lengths in dict.fromkeys(_lengths(line) for line in lines):
+    for lengths in dict.fromkeys(map(_lengths, lines)):
         of = [line for line in lines if _lengths(line) == lengths]
         names = list(dict.fromkeys(line.test_set.dataset for line in of))
         families: dict[tuple, list[Line]] = {}
@@ -94,19 +108,51 @@ def means_of(lines: Sequence[Line]) -> list[Line]:
             families.setdefault((line.model, family), []).append(line)
         for (model, family), members in families.items():
             if len(names) > 1 and [line.test_set.dataset for line in members] == names:
+                values = {name: _mean(name, members) for name in members[0].values}
+                test_set = TestSet(f"mean of {', '.join(names)}", *lengths)
                 rows = tuple(row for line in members for row in line.rows)
-                means.append(
-                    Line(
-                        TestSet(f"mean of {', '.join(names)}", *lengths),
-                        model,
-                        family or None,
-                        rows,
-                        _common(members),
-                        {name: _mean(name, members) for name in members[0].values},
-                        len(names),
-                    )
-                )
+                given = (family or None, rows, _common(members), values, len(names))
+                means.append(Line(test_set, model, *given))
     return _marked(means, _lengths)
+
+
+def conclusion(lines: Sequence[Line], period: float, *, simulated: bool = False) -> str:
+    """Sentences on mean errors and significant differences.
+
+    Args:
+        lines: of all models on the same test sets, at one horizon.
+        period: seconds between steps.
+        simulated: whether the people are.
+    """
+    errors: dict[str, list[float]] = {}
+    best: dict[str, list[str]] = {}
+    tests = list(dict.fromkeys(line.test_set.dataset for line in lines))
+    for line in lines:
+        ade = line.values["joint_ade"]
+        errors.setdefault(line.model, []).append(ade.mean or 0.0)
+        if ade.best:
+            best.setdefault(line.model, []).append(line.test_set.dataset)
+    samples = {line.model: line.rows[0]["samples"] for line in lines}
+    ranked = sorted(errors, key=lambda name: float(np.mean(errors[name])))
+    parts = [
+        f"{np.mean(errors[name]):.2f} m for {name}{' (one forecast)' * (samples[name] == 1)}"
+        for name in ranked
+    ]
+    seconds = f"{lines[0].test_set.pred_len * period:.1f} s"
+    text = f"Mean error over the next {seconds}, best of {max(samples.values())} forecasts: "
+    text += f"{_and(parts)}."
+    rest = [name for name in tests if not any(name in of for of in best.values())]
+    if best:
+        told = [f"{name} is significantly better on {_and(of)}" for name, of in best.items()]
+        text += f" {_and(told)} (95 % intervals do not overlap)"
+        text += f"; on {_and(rest)} no model is significantly better." if rest else "."
+    else:
+        text += " No model is significantly better than all others (95 % intervals overlap)."
+    return text + " Simulated people say nothing about real ones." * simulated
+
+
+def _and(parts: Sequence[str]) -> str:
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def _lengths(line: Line) -> tuple[int, int]:
@@ -114,7 +160,7 @@ def _lengths(line: Line) -> tuple[int, int]:
 
 
 def family_of(checkpoint: str | None) -> tuple[str | None, int | None]:
-    """A checkpoint's path without its seed, and that; None for which it has not."""
+    """A checkpoint's path without its seed, and the seed; None where it has none."""
     found = SEED.search(checkpoint or "")
     if checkpoint is None or found is None:
         return checkpoint, None
@@ -122,7 +168,7 @@ def family_of(checkpoint: str | None) -> tuple[str | None, int | None]:
 
 
 def told_apart(checkpoints: Iterable[str]) -> dict[str, str]:
-    """By path, the last part in which all of them differ; the path itself where there is none."""
+    """By path, the last part in which all paths differ; the path itself where there is none."""
     parts = {path: PurePath(path).parts for path in checkpoints}
     for back in range(1, min(map(len, parts.values()), default=0) + 1):
         if len({part[-back] for part in parts.values()}) == len(parts):
@@ -130,28 +176,20 @@ def told_apart(checkpoints: Iterable[str]) -> dict[str, str]:
     return {path: path for path in parts}
 
 
-def _values(rows: Sequence[Row]) -> dict[str, Value]:
-    names = rows[0]["metrics"]
+def _value(name: str, rows: Sequence[Row]) -> Value:
     if len(rows) > 1:
-        return {name: _student([row["metrics"].get(name) for row in rows]) for name in names}
+        return _student([row.get(name) for row in rows])
     (row,) = rows
-    # Rows of an earlier version have no more than their means.
-    intervals, spread = row.get("intervals") or {}, row.get("spread") or {}
-    return {
-        name: Value(
-            mean,
-            Interval(*intervals[name]) if name in intervals and mean is not None else None,
-            spread.get(name),
-        )
-        for name, mean in row["metrics"].items()
-    }
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    interval = None if low is None or row[name] is None else Interval(low, high)
+    return Value(row[name], interval, row.get(f"{name}_std"))
 
 
 def _student(of: Sequence[float | None]) -> Value:
     """The mean of trainings, and Student's interval of it."""
     known = [value for value in of if value is not None]
     if len(known) < len(of):
-        return Value(None)
+        return Value()
     about = _about(float(np.mean(known)), student_half(known))
     return about._replace(spread=float(np.std(known, ddof=1)))
 
@@ -166,14 +204,14 @@ def _common(members: Sequence[Line]) -> tuple[int | None, ...]:
 
 
 def _mean(name: str, members: Sequence[Line]) -> Value:
-    values = [line.values.get(name, Value(None)) for line in members]
+    values = [line.values.get(name, Value()) for line in members]
     means = [value.mean for value in values if value.mean is not None]
     intervals = [value.interval for value in values if value.interval is not None]
     if len(means) < len(members):
-        return Value(None)
+        return Value()
     if len(_common(members)) > 1:
-        # Runs of one seed are not independent of each other, so they are averaged first.
-        of_seeds = [[row["metrics"][name] for row in line.rows] for line in members]
+        # Trainings of one seed are not independent of each other, so they are averaged first.
+        of_seeds = [[row[name] for row in line.rows] for line in members]
         return _student(np.mean(of_seeds, axis=0).tolist())
     if len(intervals) < len(members):
         return Value(float(np.mean(means)))
@@ -182,13 +220,10 @@ def _mean(name: str, members: Sequence[Line]) -> Value:
 
 
 def _marked(lines: list[Line], group: Callable[[Line], object]) -> list[Line]:
-    """`lines`, with what is best among those of each group."""
-    groups: dict[object, list[Line]] = {}
-    for line in lines:
-        groups.setdefault(group(line), []).append(line)
+    """`lines`, with the best values among the lines of each group marked."""
     marked = []
     for line in lines:
-        others = [other for other in groups[group(line)] if other is not line]
+        others = [other for other in lines if other is not line and group(other) == group(line)]
         values = {
             name: value._replace(best=_beyond(name, value, others))
             for name, value in line.values.items()
@@ -198,7 +233,7 @@ def _marked(lines: list[Line], group: Callable[[Line], object]) -> list[Line]:
 
 
 def _beyond(name: str, value: Value, others: Sequence[Line]) -> bool:
-    bounds = [other.values.get(name, Value(None)).interval for other in others]
+    bounds = [other.values.get(name, Value()).interval for other in others]
     known = [interval for interval in bounds if interval is not None]
     if value.interval is None or not known or len(known) < len(bounds):
         return False

@@ -1,18 +1,22 @@
-"""Lines of an evaluation as tables: for a terminal, and as CSV, Markdown and LaTeX for a paper."""
+"""An evaluation's rows as tables: for a terminal, and as CSV, Markdown and LaTeX for a paper."""
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Literal
 
-from neurosym_jax.evaluation.markdown import csv_text, markdown_table
+import polars as pl
+
+from neurosym_jax.evaluation.bootstrap import Interval
+from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import Metric, known_metric
-from neurosym_jax.evaluation.paired import Interval
-from neurosym_jax.evaluation.summary import Line, Value, told_apart
+from neurosym_jax.evaluation.summary import Line, Value, lines_of, means_of, told_apart
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["Style", "csv_table", "labels", "latex_table", "notes", "paper_markdown", "rich_tables"]
+__all__ = ["Style", "format_table", "labels", "notes", "show_tables"]
 
 Style = Literal["text", "csv", "markdown", "latex"]
 
@@ -22,16 +26,38 @@ LATEX = {**{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}"}
 LATEX |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"}
 
 
-def rich_tables(lines: Sequence[Line], width: int, *, whole: bool = True) -> "list[Table]":
-    """Lines of one test set, for a terminal of `width` letters.
-
-    After ± stands half of the 95 % interval; what is better than all others is bold.
+def format_table(rows: pl.DataFrame, style: Style = "text", width: int | None = None) -> str:
+    """Rows as tables: one for each test set and horizon and, of several, one of their means.
 
     Args:
-        lines: of one test set.
-        width: what is wider goes on in further tables below.
-        whole: whether these are wanted.
+        rows: see `evaluate`; runs whose checkpoints differ in `seed0`, `seed1`, ... are one line.
+        style: text for a terminal; csv, markdown or latex for a paper.
+        width: columns of a terminal; default: the terminal's.
     """
+    lines = lines_of(rows.iter_rows(named=True))
+    lines += means_of(lines)
+    if style != "text":
+        return {"csv": _csv_table, "markdown": _paper_markdown, "latex": _latex_table}[style](lines)
+    from rich.console import Console
+
+    # Text in a notebook, too.
+    console = Console(width=width, force_jupyter=False, color_system=None)
+    with console.capture() as text:
+        show_tables(lines, console)
+    found = "\n".join(line.rstrip() for line in text.get().splitlines())
+    return f"{found}\n" + "\n".join(notes(lines, bold=False))
+
+
+def show_tables(lines: Sequence[Line], console: "Console", *, whole: bool = True) -> None:
+    """Print a table for each test set, `whole` or as many columns as fit the console's width."""
+    for test_set in dict.fromkeys(line.test_set for line in lines):
+        members = [line for line in lines if line.test_set == test_set]
+        for table in _rich_tables(members, console.width, whole=whole):
+            console.print(table, "")
+
+
+def _rich_tables(lines: Sequence[Line], width: int, *, whole: bool = True) -> "list[Table]":
+    """A table of one test set; columns beyond `width` are in further tables, if `whole`."""
     from rich.table import Table
 
     models, columns = _columns(lines)
@@ -62,21 +88,21 @@ def rich_tables(lines: Sequence[Line], width: int, *, whole: bool = True) -> "li
 
 
 Column = tuple[str, "list[Text]"]
-"""Its head, in which a title's first word stands above the others, and its cells."""
+"""Head, in which a title's first word stands above the others, and cells."""
 
 
 def _columns(lines: Sequence[Line]) -> tuple[Column, list[Column]]:
-    """That of the models, and those of what is known of them."""
+    """The column of models, and the others."""
     from rich.text import Text
 
     columns: list[Column] = [
         (
             metric.title.replace(" ", "\n", 1),
-            [_with_half(metric, line.values.get(metric.name)) for line in lines],
+            [_with_half(metric, line.values.get(name)) for line in lines],
         )
-        for metric in _metrics(lines)
+        for name, metric in _metrics(lines).items()
     ]
-    slowest = [max(1000 * row["seconds"]["latency"] for row in line.rows) for line in lines]
+    slowest = [max(1000 * row["latency"] for row in line.rows) for line in lines]
     rates = [min(row["forecasts_per_second"] for row in line.rows) for line in lines]
     columns.append(("k", [Text(str(line.rows[0]["samples"])) for line in lines]))
     columns.append(("forecasts\na second", [Text(f"{rate:.0f}") for rate in rates]))
@@ -90,48 +116,53 @@ def _title(line: Line) -> str:
     return f"{test.dataset}: {test.obs_len} + {test.pred_len} steps{counts}"
 
 
-def csv_table(lines: Sequence[Line]) -> str:
-    """A line each, numbers as they are; `_low` and `_high` bound the 95 % interval."""
-    metrics = _metrics(lines)
-    head = ["dataset", "obs_len", "pred_len", "model", "checkpoint", "trainings", "samples"]
-    head += ["seeds", "scenes", "agents", "blocks"]
-    head += [f"{metric.name}{part}" for metric in metrics for part in ("", "_low", "_high", "_std")]
-    rows = [head]
+def _csv_table(lines: Sequence[Line]) -> str:
+    """A line each, with unrounded numbers; `_low` and `_high` bound the 95 % interval."""
+    rows = []
     for line in lines:
-        row, test = line.rows[0], line.test_set
-        counts = [row["scenes"], row["agents"], row.get("blocks")]
-        counts = counts if line.datasets == 1 else [None] * 3
-        cells = [test.dataset, test.obs_len, test.pred_len, line.model, line.checkpoint]
-        cells += [line.trainings, row["samples"], row.get("seeds", 1), *counts]
-        for metric in metrics:
-            value = line.values.get(metric.name, Value(None))
-            cells += [value.mean, *(value.interval or (None, None)), value.spread]
+        row, one = line.rows[0], line.datasets == 1
+        cells = {
+            **dataclasses.asdict(line.test_set),
+            "model": line.model,
+            "checkpoint": line.checkpoint,
+            "trainings": line.trainings,
+            "samples": row["samples"],
+            "seeds": row["seeds"],
+            **{name: row[name] if one else None for name in ("scenes", "agents", "blocks")},
+        }
+        for name in _names(lines):
+            value = line.values.get(name, Value())
+            low, high = value.interval or (None, None)
+            cells |= {name: value.mean, f"{name}_low": low, f"{name}_high": high}
+            cells[f"{name}_std"] = value.spread
         rows.append(cells)
-    return csv_text(rows)
+    return pl.DataFrame(rows, infer_schema_length=None).write_csv()
 
 
-def paper_markdown(lines: Sequence[Line]) -> str:
-    """Means with their 95 % intervals; what is better than all others is bold."""
+def _paper_markdown(lines: Sequence[Line]) -> str:
+    """Means with 95 % intervals; the significantly best is bold."""
     metrics = _metrics(lines)
     rows = [
-        [line.test_set.dataset, label, k, *(_marked(metric, line, "**{}**") for metric in metrics)]
+        [
+            line.test_set.dataset,
+            label,
+            k,
+            *(_marked(*each, line, "**{}**") for each in metrics.items()),
+        ]
         for line, label, k in _labelled(lines)
     ]
     return markdown_table(
-        ["", "", "k", *(_head(metric) for metric in metrics)], rows, right=len(metrics) + 1
+        ["", "", "k", *map(_head, metrics.values())], rows, right=len(metrics) + 1
     )
 
 
-def latex_table(lines: Sequence[Line]) -> str:
-    r"""A `tabular` of booktabs: means with 95 % intervals, what is better than all others bold.
-
-    A comment above says which package it needs.
-    """
+def _latex_table(lines: Sequence[Line]) -> str:
+    """A `tabular` of booktabs: means with 95 % intervals, the significantly best bold."""
     metrics = _metrics(lines)
-    head = ["", "", "$k$", *(_escaped(_head(metric)) for metric in metrics)]
+    head = ["", "", "$k$", *(_escaped(_head(metric)) for metric in metrics.values())]
     body, before = [], None
     for line, label, k in _labelled(lines):
-        cells = [_marked(metric, line, r"\textbf{{{}}}", latex=True) for metric in metrics]
+        cells = [_marked(*each, line, r"\textbf{{{}}}", latex=True) for each in metrics.items()]
         test = line.test_set
         new = test != before
         if new and before is not None:
@@ -156,17 +187,16 @@ def latex_table(lines: Sequence[Line]) -> str:
 
 
 def notes(lines: Sequence[Line], *, paper: bool = False, bold: bool = True) -> list[str]:
-    """What a table, for a `paper` or a terminal, says beside its numbers; and of `bold` ones."""
+    """Explanations below a table, for a `paper` or a terminal; and of `bold` numbers."""
     interval = "[ ]: 95 % interval" if paper else "±: half of a 95 % interval"
-    found = [metric.about for metric in _metrics(lines) if metric.about]
-    blocks = [line.rows[0].get("blocks") for line in lines if line.trainings == 1]
-    counts = sorted({count for count in blocks if count is not None})
-    if counts:
+    found = [metric.about for metric in _metrics(lines).values() if metric.about]
+    blocks = [line.rows[0]["blocks"] for line in lines if line.trainings == 1]
+    if counts := sorted(set(blocks)):
         number = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
         found.append(f"{interval} by bootstrap over {number} blocks of scenes")
     if several := sorted({line.trainings for line in lines if line.trainings > 1}):
         found.append(
-            f"of {', '.join(map(str, several))} trainings: Student's interval of their mean instead"
+            f"{', '.join(map(str, several))} trainings: Student's interval of their mean instead"
         )
     spreads = [
         value.spread
@@ -178,16 +208,16 @@ def notes(lines: Sequence[Line], *, paper: bool = False, bold: bool = True) -> l
     if spreads:
         seeds = lines[0].rows[0]["seeds"]
         found.append(
-            f"means of {seeds} seeds of the noise, whose standard deviation is at most "
+            f"means over {seeds} noise seeds, between which the standard deviation is at most "
             f"{max(spreads):.3f} m"
         )
     if bold and any(value.best for line in lines for value in line.values.values()):
-        found.append("bold: the interval lies beyond those of all others")
+        found.append("bold: significantly better than all others (95 % intervals do not overlap)")
     return list(dict.fromkeys(found))
 
 
 def labels(lines: Sequence[Line]) -> list[str]:
-    """The models of one test set by name and, where several have one name, by checkpoint."""
+    """Names of the models of one test set; of equal names, with the checkpoint."""
     names = [line.model for line in lines]
     short = told_apart(line.checkpoint for line in lines if line.checkpoint)
     found = []
@@ -209,26 +239,25 @@ def _labelled(lines: Sequence[Line]) -> Iterator[tuple[Line, str, str]]:
             yield line, label, str(line.rows[0]["samples"])
 
 
-def _metrics(lines: Sequence[Line]) -> list[Metric]:
-    """Those of which some line has a value."""
-    names = dict.fromkeys(name for line in lines for name in line.values)
-    known = [
-        name
-        for name in names
-        if any(line.values.get(name, Value(None)).mean is not None for line in lines)
-    ]
-    return [known_metric(name) for name in known]
+def _metrics(lines: Sequence[Line]) -> dict[str, Metric]:
+    return {name: known_metric(name) for name in _names(lines)}
+
+
+def _names(lines: Sequence[Line]) -> list[str]:
+    """Names of the metrics of which some line has a value."""
+    values = [item for line in lines for item in line.values.items()]
+    return list(dict.fromkeys(name for name, value in values if value.mean is not None))
 
 
 def _head(metric: Metric) -> str:
-    """Of a paper's column; per cents stand in its cells."""
+    """Head of a paper's column; per cents stand in its cells."""
     return metric.title if metric.unit == "share" else metric.label
 
 
 def _with_half(metric: Metric, value: Value | None) -> "Text":
     from rich.text import Text
 
-    value = value or Value(None)
+    value = value or Value()
     text = metric.text(value.mean)
     if value.interval is not None and metric.unit in ("", "m"):
         low, high = value.interval
@@ -236,8 +265,8 @@ def _with_half(metric: Metric, value: Value | None) -> "Text":
     return Text(text, style="bold" if value.best else "")
 
 
-def _marked(metric: Metric, line: Line, bold: str, *, latex: bool = False) -> str:
-    value = line.values.get(metric.name, Value(None))
+def _marked(name: str, metric: Metric, line: Line, bold: str, *, latex: bool = False) -> str:
+    value = line.values.get(name, Value())
     text = metric.text(value.mean)
     text = _escaped(text) if latex else text
     text = bold.format(text) if value.best else text

@@ -7,7 +7,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.evaluation.run import Result
+from neurosym_jax.evaluation.results import Result
 from neurosym_jax.evaluation.summary import told_apart
 from neurosym_jax.scene import to_world
 

@@ -1,4 +1,4 @@
-"""This process: its settings, environment, memory, files, and the processes beside it."""
+"""This process: its settings, environment, memory, files, and executors of tasks."""
 
 import lazy_loader
 

@@ -1,15 +1,10 @@
-"""How far a long piece of work is: a bar in a terminal or a notebook, else a line for each step.
-
-Of several processes the first one tells.
-"""
+"""How far a long piece of work is: a bar in a terminal or a notebook, else a line for each step."""
 
 import sys
 import time
 from contextlib import AbstractContextManager
 
 from tqdm.auto import tqdm
-
-from neurosym_jax.runtime.processes import is_first
 
 __all__ = ["Progress", "without_bars"]
 
@@ -32,9 +27,8 @@ class Progress:
         """
         self._total, self._done, self._start = total, 0, time.perf_counter()
         bar = sys.stderr.isatty() or "ipykernel" in sys.modules
-        self._lines = is_first() and not bar
-        hidden = not (is_first() and bar)
-        self._bar = tqdm(total=total, desc=what, unit=unit, disable=hidden, leave=False)
+        self._lines = not bar
+        self._bar = tqdm(total=total, desc=what, unit=unit, disable=not bar, leave=False)
 
     def __enter__(self) -> "Progress":
         """As it is."""

@@ -10,7 +10,7 @@ k samples in which something never happens do not make it impossible. Of C class
 the mean of a Dirichlet distribution with the prior weight w: as if w samples more had been seen
 that fall as b says. The default w = 1 with uniform b is Perks' prior (1947, "Some observations on
 inverse probability including a new indifference rule"), and for an event, which has two classes,
-Jeffreys'. How good the probabilities are is said by `evaluation.symbols`.
+Jeffreys'. `evaluation.symbol_scores` scores the probabilities.
 """
 
 import functools

@@ -8,7 +8,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.configuration import from_json
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.report import further_metrics
+from neurosym_jax.evaluation.summary import metrics_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import CARD
 from neurosym_jax.runtime.files import write_text
@@ -48,16 +48,24 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     yield "protocol); marginal: each agent's own best. The two are not comparable."
     chosen = f"{validation['val_ade']:.3f} / {validation['val_fde']:.3f}"
     label = f"validation, which chose step {validation['step']}"
-    further = [known_metric(name) for name in further_metrics(test_rows)]
+    both = [f"{best}_{error}" for best in ("joint", "marginal") for error in ("ade", "fde")]
+    names = [name for name in metrics_of(test_rows[0]) if name not in both] if test_rows else []
+    further = {name: known_metric(name) for name in names}
     rows = [[label, str(training["best_k"]), chosen, "", *[""] * len(further)]]
     for row in test_rows:
         errors = [
-            f"{row[best]['ade']:.3f} / {row[best]['fde']:.3f}" for best in ("joint", "marginal")
+            f"{row[f'{best}_ade']:.3f} / {row[f'{best}_fde']:.3f}" for best in ("joint", "marginal")
         ]
-        errors += [metric.text(row["metrics"][metric.name]) for metric in further]
+        errors += [metric.text(row.get(name)) for name, metric in further.items()]
         label = "this model" if row["checkpoint"] else row["model"]
-        rows.append([f"test on {row['scene']}: {label}", str(row["samples"]), *errors])
-    head = ["", "k", "joint ADE / FDE", "marginal ADE / FDE", *(each.title for each in further)]
+        rows.append([f"test on {row['dataset']}: {label}", str(row["samples"]), *errors])
+    head = [
+        "",
+        "k",
+        "joint ADE / FDE",
+        "marginal ADE / FDE",
+        *(each.title for each in further.values()),
+    ]
     yield from ("", markdown_table(head, rows))
     if not test_rows:
         yield from ("", "Not tested yet.")

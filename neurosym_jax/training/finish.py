@@ -7,8 +7,8 @@ import jax
 
 from neurosym_jax.configuration import FORMAT
 from neurosym_jax.data.batching import make_batches
-from neurosym_jax.evaluation.plan import BASELINES, baseline
 from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.evaluation.test_sets import BASELINES, baseline
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.runtime.environment import code_version

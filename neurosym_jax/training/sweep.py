@@ -18,11 +18,11 @@ import numpy as np
 
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.load import files_read, load_tests
-from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.plan import make_plan
-from neurosym_jax.evaluation.report import FORMAT, write_json
-from neurosym_jax.evaluation.run import Settings, evaluate_tests
+from neurosym_jax.evaluation.report import write_report
+from neurosym_jax.evaluation.results import Settings, evaluate_tests
+from neurosym_jax.evaluation.test_sets import load_tests
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.executor import executor
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
@@ -175,15 +175,15 @@ def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[s
     for row in rows:
         run = of_path.get(row["checkpoint"])
         row["run"] = run and run.to_json()
-    of = provenance(files_read(tests), of_path)
-    write_json(out / "sweep.json", {"format": FORMAT, "rows": rows, "provenance": of})
+    files = [how.file for test in tests for how in test.windows.reading if how.file]
+    write_report(out / "sweep.json", rows, {"provenance": provenance(files, of_path)})
     write_errors(out, rows, [result.errors for result in results])
     for name, run in of_path.items():
         lengths = (run.dataset, run.generator.obs_len, run.generator.pred_len)
         own = [
             row
             for row in rows
-            if (row["scene"], row["obs_len"], row["pred_len"]) == lengths
+            if (row["dataset"], row["obs_len"], row["pred_len"]) == lengths
             and row["checkpoint"] in (None, name)
         ]
         write_card(run.model, run.facts(), own)

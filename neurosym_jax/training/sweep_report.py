@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.markdown import csv_text, markdown_table
-from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.paired import (
+from neurosym_jax.evaluation.bootstrap import (
     Difference,
     ErrorsByScene,
     mean_difference,
     paired_difference,
     student_half,
 )
-from neurosym_jax.evaluation.report import FORMAT, further_metrics, write_json
-from neurosym_jax.runtime.files import refuse_unwritable, write_text
+from neurosym_jax.evaluation.markdown import csv_text, markdown_table
+from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.evaluation.report import FORMAT
+from neurosym_jax.evaluation.summary import metrics_of
+from neurosym_jax.runtime.files import refuse_unwritable, write_json, write_text
 
 __all__ = ["ARRAYS", "ERRORS", "format_sweep", "write_report"]
 
@@ -93,12 +94,16 @@ def format_sweep(rows: Sequence[Row]) -> str:
     for lengths in dict.fromkeys((row["obs_len"], row["pred_len"]) for row in rows):
         members = [row for row in rows if (row["obs_len"], row["pred_len"]) == lengths]
         head = f"### {lengths[0]} steps observed, {lengths[1]} forecast"
+        names = metrics_of(members[0])
         for protocol in ("joint", "marginal"):
-            pairs = [(row[protocol]["ade"], row[protocol]["fde"]) for row in members]
-            blocks += [f"{head}: {protocol} best of k", _table(members, pairs)]
-        for metric in further_metrics(members):
-            values = [(row["metrics"][metric],) for row in members]
-            blocks += [f"{head}: {known_metric(metric).label}", _table(members, values)]
+            pair = (f"{protocol}_ade", f"{protocol}_fde")
+            errors = [tuple(row[name] for name in pair) for row in members]
+            blocks += [f"{head}: {protocol} best of k", _table(members, errors)]
+            names = [name for name in names if name not in pair]
+        for name in names:
+            values = [(row.get(name),) for row in members]
+            if (None,) not in values:
+                blocks += [f"{head}: {known_metric(name).label}", _table(members, values)]
     blocks.append(
         "ADE / FDE in metres, mean over training seeds ± half of the 95 % interval (Student's t). "
         "Joint: the best of k forecasts of the whole scene; marginal: each agent's own best."
@@ -108,7 +113,7 @@ def format_sweep(rows: Sequence[Row]) -> str:
 
 def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> str:
     """Models by test sets; `values` are the cells of `rows`."""
-    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    scenes = list(dict.fromkeys(row["dataset"] for row in rows))
     head = ["model", "k", "seeds", *scenes, *(["average"] if len(scenes) > 1 else [])]
     lines = []
     for model in dict.fromkeys(row["model"] for row in rows):
@@ -117,7 +122,7 @@ def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> str:
         samples = 0
         for row, of_row in zip(rows, values):
             if row["model"] == model:
-                found[row["scene"]][row["run"] and row["run"]["seed"]] = of_row
+                found[row["dataset"]][row["run"] and row["run"]["seed"]] = of_row
                 samples = row["samples"]
         seeds = {seed for of_scene in found.values() for seed in of_scene}
         cells = [_cell(list(found[scene].values())) for scene in scenes]
@@ -198,7 +203,7 @@ def _compare(
     found: dict[tuple[str, str], dict[int, ErrorsByScene]] = {}
     for at in chosen:
         row = rows[at]
-        found.setdefault((row["model"], row["scene"]), {})[row["run"]["seed"]] = errors[at]
+        found.setdefault((row["model"], row["dataset"]), {})[row["run"]["seed"]] = errors[at]
     compared = []
     for reference in references:
         for model in models:

@@ -18,16 +18,16 @@ import numpy as np
 
 from neurosym_jax.data.sources import Split
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.evaluation.paired import Difference, mean_difference, paired_difference
-from neurosym_jax.evaluation.plan import baseline
-from neurosym_jax.evaluation.symbol_cases import make_cases
-from neurosym_jax.evaluation.symbols import SymbolScores, evaluate_symbols
+from neurosym_jax.evaluation.bootstrap import Difference, mean_difference, paired_difference
+from neurosym_jax.evaluation.test_sets import baseline
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.plotting.style import save_figure
 from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.futures import SymbolSettings
+from studies.symbolic_forecast.cases import make_cases
 from studies.symbolic_forecast.page import document, figure
+from studies.symbolic_forecast.scores import SymbolScores, evaluate_symbols
 from studies.symbolic_forecast.sets import TestSet, sets_of
 
 LENGTH, SAMPLES, SEED = 8, 20, 0

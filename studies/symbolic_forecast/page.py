@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.symbols import BINS
 from neurosym_jax.plotting.palette import GREEN, model_colours
 from neurosym_jax.plotting.style import GREY, WIDTH, add_legend, dress, new_figure
 from neurosym_jax.symbolic.events import EVENTS
+from studies.symbolic_forecast.scores import BINS
 from studies.symbolic_forecast.sets import CHOOSING
 from studies.weighting.data import LEARNED
 
@@ -59,7 +59,7 @@ What comes out:
   so their part of the intervals is rough.
 
 Scores are the log score in nats, -ln of the probability of what happened, and Brier's; of both,
-less is better (`evaluation/symbols.py`). What each forecaster says is smoothed towards how often
+less is better (`scores.py`). What each forecaster says is smoothed towards how often
 things happen in the training scenes, with the weight that is best on the validation scenes, so a
 single forecast is judged by the best probabilities that can be made of it, too. The Markov chain is
 learned from the training scenes' states and smoothed by the neighbourhood diagram (Hanheide,

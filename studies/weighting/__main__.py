@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.runtime import enable_compilation_cache, tune
 from neurosym_jax.runtime.files import new_file
 from studies.weighting.arms import ARMS, RECIPE, SETS

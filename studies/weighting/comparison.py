@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from neurosym_jax.evaluation.paired import ErrorsByScene, holm, paired_difference
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene, holm, paired_difference
 
 __all__ = ["LEVEL", "MARGIN", "Comparison", "adjusted", "compare", "verdict"]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.paired import ErrorsByScene
 from neurosym_jax.plotting.style import save_figure
 from neurosym_jax.runtime.files import write_text
 from studies.weighting.alpha import interacting_share, spread

@@ -13,7 +13,7 @@ import numpy as np
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.scene_scores import chosen, score_scenes
 from neurosym_jax.forecasting.batched import draw_noises, forecast_batches, unpacked
 from neurosym_jax.forecasting.networks import GeneratorForecaster
@@ -57,13 +57,14 @@ def score(
     found: dict[str, np.ndarray] = defaultdict(lambda: np.zeros((2, windows.scenes)))
     for batch, piece in zip(batches, np.split(futures, ends, axis=1)):
         valid, there = np.asarray(batch.scene.valid), batch.index >= 0
-        places, truth = unpacked(piece, valid), np.asarray(batch.scene.known_future)
+        places = unpacked(piece, valid)
         near = interacting(np.asarray(batch.scene.observed), valid)
         for group, who, names in (
             ("interacting", near, JOINT),
             ("all", valid, (*JOINT, "excess_collisions")),
         ):
-            for name, of in score_scenes(chosen(names), places, None, truth, who).items():
+            counted = batch.scene.replace(valid=who)
+            for name, of in score_scenes(chosen(names), places, counted).items():
                 found[f"{group} {name}"][:, batch.index[there]] = np.stack(of)[:, there]
     totals, counts = np.stack(list(found.values()), axis=-1)
     steps = windows.position.shape[1]

@@ -63,7 +63,7 @@ def test_bad_places(evaluate, tmp_path):
         ("--data", tmp_path / "empty"): "no .txt, .csv, .tsv, .json or .ndjson file in it",
         ("--data", tmp_path / "short.txt"): "too few frames: 1 where a window needs 16",
         ("--data", tmp_path / "binary.txt"): "cannot be read as text",
-        ("--data", tmp_path / "walks", "--scene", "zara9"): "unknown dataset 'zara9'",
+        ("--data", tmp_path / "walks", "--dataset", "zara9"): "unknown dataset 'zara9'",
         ("--data", tmp_path / "walks", "--test-on", "run"): "run: no such file, nor a recording",
         ("--checkpoint", "absent.pt"): "absent.pt: no such checkpoint",
         ("--checkpoint", tmp_path / "corrupt.pt"): "corrupt.pt: ",
@@ -83,7 +83,7 @@ def test_contradicting_a_published_checkpoint(evaluate, shared):
     data = ("--data", shared / "data/eth_ucy", "--checkpoint", path)
     for more, reason in {
         ("--pred-len", "8"): "has pred_len 12, but --pred-len 8 is asked for",
-        ("--scene", "eth"): "leaves zara1 out of its training",
+        ("--dataset", "eth"): "leaves zara1 out of its training",
     }.items():
         status, (line,) = evaluate(*data, *more)
         assert status == 2

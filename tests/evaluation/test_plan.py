@@ -3,8 +3,8 @@ import pytest
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Files, Synthetic
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import TestSet as Case
 from neurosym_jax.evaluation.plan import make_plan, one_of_each
+from neurosym_jax.evaluation.test_sets import TestSet as Case
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
@@ -82,11 +82,9 @@ def test_what_learned_from_all_is_tested_elsewhere():
     assert list(make_plan(Files(("mine",)), [everybody])) == [Case("mine", 8, 8)]
 
 
-def test_as_far_as_they_fit():
+def test_only_matching():
     def found(**asked):
-        return list(
-            planned("zara1_12", "eth_8", "earlier", **asked, as_far_as_they_fit=True).values()
-        )
+        return list(planned("zara1_12", "eth_8", "earlier", **asked, only_matching=True).values())
 
     assert found(pred_len=12) == [["m/zara1_12"]]
     assert found(pred_len=20) == [[]] * 5

@@ -1,6 +1,5 @@
 """Forecasts in files are those that were scored, and other programs can read them."""
 
-import csv
 import json
 
 import numpy as np
@@ -8,12 +7,11 @@ import pytest
 
 from neurosym_jax.data.readers.trajnet import read_trajnet
 from neurosym_jax.data.tracks import make_tracks
-from neurosym_jax.evaluation.load import make_test
-from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import baseline
 from neurosym_jax.evaluation.saved_forecasts import forecasts_of, save_forecasts
 from neurosym_jax.evaluation.scene_scores import score
 from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.evaluation.test_sets import TestSet as Case
+from neurosym_jax.evaluation.test_sets import baseline, make_test
 
 ORIGIN = np.array([5e5, 4e6])
 
@@ -58,15 +56,6 @@ def test_a_file_for_each_model(test_set, tmp_path):
             assert (found[name] == array).all()
         else:
             np.testing.assert_allclose(found[name], array, atol=1e-4)
-
-
-def test_csv(test_set, tmp_path):
-    (first, _) = save_forecasts(tmp_path / "out.csv", [test_set], 3, 0)
-    rows = list(csv.DictReader(first.open()))
-    assert len(rows) == test_set.windows.agents * 6
-    assert rows[0]["seconds"] == "0.4"
-    apart = [float(row["x"]) - float(row["true_x"]) for row in rows]
-    assert np.abs(apart).max() < 1e-3  # x has a constant velocity
 
 
 def test_trajnet_reads_what_happened_and_skips_forecasts(test_set, tmp_path):

@@ -1,3 +1,4 @@
+import dataclasses
 from unittest import mock
 
 import jax.numpy as jnp
@@ -10,8 +11,8 @@ from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.collision import collisions
-from neurosym_jax.evaluation.metrics import METRICS, Metric, register_metric
-from neurosym_jax.evaluation.run import latency
+from neurosym_jax.evaluation.metrics import METRICS, register_metric
+from neurosym_jax.evaluation.results import latency
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.forecasting.noise import draw_noise
@@ -90,7 +91,7 @@ def own_metric():
     """Registers a metric for the length of a test and scores constant velocity by it."""
 
     def scored(compute):
-        register_metric(Metric("own", "own metric", "m", compute))
+        register_metric("own", "own metric")(compute)
         batches = make_batches(WINDOWS)
         return score_forecaster(
             ConstantVelocity(8), (), batches, samples=1, seed=0, metrics=("own",)
@@ -101,25 +102,51 @@ def own_metric():
 
 
 def test_a_metric_of_a_scene_and_one_of_each_step(own_metric):
-    found = own_metric(lambda forecast, future, valid: (jnp.where(valid, 1.0, 0).sum() ** 2, 1))
+    found = own_metric(lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1))
     assert found.mean == pytest.approx(np.mean(WINDOWS.sizes**2))
     with pytest.raises(InputError, match="another metric 'own' already"):
-        own_metric(lambda forecast, future, valid: (0, 0))
+        own_metric(lambda forecast, scene: 0.0)
 
 
 def test_a_metric_that_counts_nothing_here(own_metric):
-    found = own_metric(lambda forecast, future, valid: (jnp.zeros(8), 0))
+    found = own_metric(lambda forecast, scene: (jnp.ones(forecast.shape[1:3]), 0 * scene.valid))
     assert found.total.shape == (WINDOWS.scenes, 8)
     assert np.isnan(found.mean).all()
+
+
+def test_values_of_agents_and_of_scenes_weigh_agents(own_metric):
+    of_agents = own_metric(lambda forecast, scene: scene.observed[:, 0, 0])
+    windows = WINDOWS.position[:, 0, 0]
+    assert of_agents.count.tolist() == WINDOWS.sizes.tolist()
+    with mock.patch.dict(METRICS):
+        del METRICS["own"]
+        of_scenes = own_metric(lambda forecast, scene: scene.valid.sum().astype(float))
+    assert of_scenes.mean == pytest.approx(np.sum(WINDOWS.sizes**2) / np.sum(WINDOWS.sizes))
+    assert np.isfinite(of_agents.mean)
+    assert len(windows) == of_agents.count.sum()
+
+
+def test_a_metric_sees_the_extras(own_metric):
+    group = np.arange(WINDOWS.agents) % 3
+    batches = make_batches(dataclasses.replace(WINDOWS, extras={"group": group}))
+    own_metric(lambda forecast, scene: 0.0 * scene.observed[:, 0, 0])
+    with mock.patch.dict(METRICS):
+        register_metric("group", "share of group 2", unit="share")(
+            lambda forecast, scene: scene.extras["group"] == 2
+        )
+        found = score_forecaster(
+            ConstantVelocity(8), (), batches, samples=1, seed=0, metrics=("group",)
+        )
+    assert found.mean("group") == pytest.approx((group == 2).mean())
 
 
 @pytest.mark.parametrize(
     ("compute", "message"),
     [
-        (lambda forecast, future, valid: (future.sum(), valid), r"wanted, not \[\] and \[4\]"),
-        (lambda forecast, future, valid: (valid, 1), r"wanted, not \[4\] and \[\]"),
-        (lambda forecast, future, valid: 3, "TypeError"),
-        (lambda forecast, future, valid: forecast @ valid, "TypeError"),
+        (lambda forecast, scene: (scene.future.sum(), scene.valid), r"alike, not \[\] and \[4\]"),
+        (lambda forecast, scene: (scene.valid, 1), r"alike, not \[4\] and \[\]"),
+        (lambda forecast, scene: forecast[0], r"alike, not \[4, 8, 2\]"),
+        (lambda forecast, scene: forecast @ scene.valid, "TypeError"),
     ],
 )
 def test_what_is_no_metric_is_refused(own_metric, compute, message):

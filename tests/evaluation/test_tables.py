@@ -8,15 +8,25 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from neurosym_jax.evaluation.report import format_table
-from neurosym_jax.evaluation.summary import lines_of, means_of
+from neurosym_jax.evaluation.results import rows_frame
+from neurosym_jax.evaluation.summary import conclusion, lines_of, means_of
+from neurosym_jax.evaluation.tables import format_table
+
+
+def columns(name, mean, half):
+    return {
+        name: mean,
+        f"{name}_low": mean - half,
+        f"{name}_high": mean + half,
+        f"{name}_std": None,
+    }
 
 
 def row(model, scene, ade, checkpoint=None, half=0.01):
     return {
         "checkpoint": checkpoint,
         "model": model,
-        "scene": scene,
+        "dataset": scene,
         "obs_len": 8,
         "pred_len": 8,
         "samples": 20,
@@ -24,10 +34,10 @@ def row(model, scene, ade, checkpoint=None, half=0.01):
         "scenes": 602,
         "agents": 2253,
         "blocks": 50,
-        "metrics": {"joint_ade": ade, "collision_rate": 0.05},
-        "spread": None,
-        "intervals": {"joint_ade": [ade - half, ade + half], "collision_rate": [0.04, 0.06]},
-        "seconds": {"latency": 0.001},
+        **columns("joint_ade", ade, half),
+        **columns("collision_rate", 0.05, 0.01),
+        **dict.fromkeys(("own", "own_low", "own_high", "own_std")),
+        "latency": 0.001,
         "forecasts_per_second": 1000.0,
     }
 
@@ -79,7 +89,7 @@ def test_bold_only_where_the_interval_says_so():
 
 
 def test_csv_has_the_numbers_as_they_are():
-    table = list(csv.DictReader(io.StringIO(format_table(ROWS, "csv"))))
+    table = list(csv.DictReader(io.StringIO(format_table(rows_frame(ROWS), "csv"))))
     assert [of["dataset"] for of in table[:4]] == ["eth", "zara1", "eth", "zara1"]
     assert float(table[0]["joint_ade"]) == 0.5
     assert float(table[0]["joint_ade_low"]) == 0.49
@@ -90,7 +100,7 @@ def test_csv_has_the_numbers_as_they_are():
 
 def test_latex_is_well_formed():
     rows = [row("A&B_50%", "zara_1", 0.5), row("SGAN", "zara_1", 0.2), row("SGAN", "eth", 0.2)]
-    text = format_table(rows, "latex")
+    text = format_table(rows_frame(rows), "latex")
     assert text.startswith("% \\usepackage{booktabs}\n")
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
     columns = re.search(r"\\begin\{tabular\}\{([lr]+)\}", body)[1]
@@ -108,7 +118,7 @@ def test_latex_is_well_formed():
 
 
 def test_markdown_marks_the_best():
-    text = format_table(ROWS, "markdown")
+    text = format_table(rows_frame(ROWS), "markdown")
     assert "| eth | SGAN (3 trainings) | 20 | **0.210** [0.185, 0.235] |" in text
     assert text.count("**") == 6
 
@@ -123,6 +133,33 @@ def test_markdown_marks_the_best():
     ],
 )
 def test_checkpoints_where_they_tell_models_apart(paths, shown):
-    text = format_table([row("SGAN", "eth", 0.2, path) for path in paths], "markdown")
+    text = format_table(rows_frame([row("SGAN", "eth", 0.2, path) for path in paths]), "markdown")
     found = [line.split("|")[2].strip() for line in text.splitlines()[2:]]
     assert found == [f"SGAN {name}".strip() for name in shown]
+
+
+def test_a_table_fits_the_terminal():
+    rows = rows_frame([row("constant velocity", "eth", 0.431), row("SGAN", "eth", 0.3, "a.pt")])
+    for width in (60, 80):
+        lines = [line.rstrip() for line in format_table(rows, width=width).splitlines()]
+        assert max(map(len, lines[:-2])) <= width  # below are sentences
+        at = lines.index("eth: 8 + 8 steps, 602 scenes, 2253 people")
+        assert lines[at + 2].split()[:2] == ["model", "ADE"]
+        assert lines[at + 3].startswith("constant velocity  0.431 ±.010")
+        assert "own" not in "".join(lines)  # It has no value anywhere.
+    assert "by bootstrap over 50 blocks of scenes" in lines[-2]
+
+
+def test_the_conclusion_names_what_is_significant():
+    near = [row("a", "eth", 0.20), row("b", "eth", 0.21)]
+    assert conclusion(lines_of(near), 0.4) == (
+        "Mean error over the next 3.2 s, best of 20 forecasts: 0.20 m for a and 0.21 m for b. No "
+        "model is significantly better than all others (95 % intervals overlap)."
+    )
+    apart = [row("a", "zara1", 0.2), {**row("b", "zara1", 0.3), "samples": 1}]
+    text = conclusion(lines_of([*near, *apart]), 0.4, simulated=True)
+    assert "0.25 m for b (one forecast)" not in text
+    assert text.endswith(
+        "a is significantly better on zara1 (95 % intervals do not overlap); on eth no model is "
+        "significantly better. Simulated people say nothing about real ones."
+    )

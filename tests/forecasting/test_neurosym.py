@@ -189,7 +189,7 @@ def test_evaluated_beside_sgan(tmp_path, monkeypatch, capsys):
     )
     names = [row["model"] for row in rows[2:]]
     assert names == ["SGAN", "NeuroSyM, cnd", "NeuroSyM (robot package), cnd_shipped"]
-    assert all(np.isfinite(row["joint"]["ade"]) for row in rows)
+    assert all(np.isfinite(row["joint_ade"]) for row in rows)
     assert len({row["scenes"] for row in rows}) == 1
     printed = capsys.readouterr().out
     assert all(name in printed for name in names)

@@ -1,8 +1,8 @@
 import numpy as np
 
-from neurosym_jax.evaluation.paired import ErrorsByScene
-from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.run import Result
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.evaluation.results import Result
+from neurosym_jax.evaluation.test_sets import TestSet as Case
 from neurosym_jax.plotting.evaluation import MAX_MODELS, _drawn
 from neurosym_jax.scene import make_scene
 

@@ -11,11 +11,13 @@ def row(checkpoint, ade, half):
     return {
         "checkpoint": checkpoint,
         "model": "SGAN",
-        "scene": "eth",
+        "dataset": "eth",
         "obs_len": 8,
         "pred_len": 12,
-        "metrics": {"joint_ade": ade, "collision_rate": None},
-        "intervals": {"joint_ade": [ade - half, ade + 2 * half]},
+        "joint_ade": ade,
+        "joint_ade_low": ade - half,
+        "joint_ade_high": ade + 2 * half,
+        **dict.fromkeys(("collision_rate", "collision_rate_low", "collision_rate_high")),
     }
 
 
@@ -24,10 +26,11 @@ def test_trainings_are_one_row_whose_interval_is_of_both_scenes_and_trainings():
     several = [row(f"runs/a_eth_8_12_seed{n}/model", 0.5 + n / 10, 0.2) for n in range(3)]
     first, second = of_trainings([alone, *several])
     assert (first["trainings"], second["trainings"]) == (1, 3)
-    assert first["metrics"] == alone["metrics"]
-    assert first["intervals"] == alone["intervals"]
+    assert first == {**alone, "trainings": 1}
     assert second["checkpoint"] == "runs/a_eth_8_12/model"
-    assert second["metrics"] == {"joint_ade": pytest.approx(0.6), "collision_rate": None}
+    assert second["joint_ade"] == pytest.approx(0.6)
+    assert second["collision_rate"] is second["collision_rate_low"] is None
     # Scenes: half of 0.6; trainings: a deviation of 0.1 over the root of 3.
     half = np.hypot(0.3, t.ppf(0.975, 2) * 0.1 / 3**0.5)
-    assert second["intervals"]["joint_ade"] == pytest.approx([0.6 - half, 0.6 + half])
+    bounds = [second["joint_ade_low"], second["joint_ade_high"]]
+    assert bounds == pytest.approx([0.6 - half, 0.6 + half])

@@ -6,7 +6,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from neurosym_jax.evaluation.paired import ErrorsByScene
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.symbolic.weighting import make_weighting
 from neurosym_jax.symbolic.weighting_config import WEIGHTINGS
 from studies.weighting.alpha import spread

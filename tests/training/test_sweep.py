@@ -28,12 +28,12 @@ def row(model, scene, seed, ade, pred_len=8):
     errors = {"ade": ade, "fde": 2 * ade}
     return {
         "model": model,
-        "scene": scene,
+        "dataset": scene,
         "obs_len": 8,
         "pred_len": pred_len,
         "samples": 20 if seed is not None else 1,
-        "joint": errors,
-        "marginal": {name: value / 2 for name, value in errors.items()},
+        **{f"joint_{name}": value for name, value in errors.items()},
+        **{f"marginal_{name}": value / 2 for name, value in errors.items()},
         "run": None if seed is None else {"seed": seed},
     }
 
@@ -116,7 +116,7 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     trained = [row for row in rows if row["run"]]
     assert [row["model"] for row in rows[:2]] == ["constant velocity", "constant velocity, sampled"]
     assert [row["run"]["seed"] for row in trained] == [0, 1]
-    assert len({row["joint"]["ade"] for row in trained}) == 2
+    assert len({row["joint_ade"] for row in trained}) == 2
     table = (out / "sweep.md").read_text()
     assert "| 20 | 2 |" in table
     folder = out / "sgan_none_cross-path_8_8_seed1"

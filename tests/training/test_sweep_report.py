@@ -7,8 +7,8 @@ import pytest
 
 from neurosym_jax.configuration import to_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.paired import ErrorsByScene
-from neurosym_jax.evaluation.report import FORMAT, write_json
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.evaluation.report import write_report as write_rows
 from neurosym_jax.training.recipe import RECIPES
 from neurosym_jax.training.sweep import write_errors
 from neurosym_jax.training.sweep_report import write_report
@@ -35,14 +35,13 @@ def folder(tmp_path):
                     {
                         "checkpoint": f"{model}_{scene}_{seed}",
                         "model": model,
-                        "scene": scene,
+                        "dataset": scene,
                         "scenes": count,
                         "agents": 3 * count,
                         "obs_len": 8,
                         "pred_len": 8,
                         "samples": 20,
-                        "joint": {"ade": mean[0], "fde": mean[1]},
-                        "marginal": {"ade": mean[2], "fde": mean[3]},
+                        **dict(zip(METRICS, mean)),
                         "run": {
                             "recipe": "ours",
                             "training": to_json(
@@ -54,7 +53,7 @@ def folder(tmp_path):
                 )
     rows.insert(0, {**rows[0], "model": "constant velocity", "run": None})
     errors.insert(0, errors[0])
-    write_json(tmp_path / "sweep.json", {"format": FORMAT, "rows": rows})
+    write_rows(tmp_path / "sweep.json", rows, {})
     write_errors(tmp_path, rows, errors)
     return tmp_path
 

@@ -1,14 +1,13 @@
-"""The programs that an evaluation needs, each compiled once, ahead of its use and side by side.
+"""Compilation of an evaluation's programs ahead of use, in threads.
 
-Compiling waits for nothing but a core, so while one model is evaluated the programs of those that
-follow are made. A program is had by running it on an empty batch; what there is then, is found in
-jax's own cache.
+While one model is evaluated, the programs of those that follow are compiled. A program is compiled
+by running it on an empty batch; later calls hit JAX's cache.
 """
 
 import time
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import Any, Self
 
 import jax
 import numpy as np
@@ -21,34 +20,34 @@ from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
-__all__ = ["Programs"]
+__all__ = ["CompileAhead"]
 
 
-class Programs:
-    """Compiles, as a context, for evaluations with so many samples by the same metrics."""
+class CompileAhead:
+    """Compiles each program of an evaluation once, in a thread pool. Use as a context manager."""
 
     def __init__(self, samples: int, metrics: Sequence[str] | None):
-        """Nothing is compiled yet."""
+        """Compile nothing yet; evaluations have `samples` forecasts and these `metrics`."""
         self._samples = samples
         self._metrics = metrics
         self._pool = ThreadPoolExecutor(cpu_cores())
         self._begun: dict[Hashable, Future] = {}
 
-    def __enter__(self) -> "Programs":
-        """As it is."""
+    def __enter__(self) -> Self:
+        """Return self."""
         return self
 
     def __exit__(self, error: object, *_: object) -> None:
-        """Begin nothing more, and wait for what was begun, unless there is an error to tell."""
+        """Start nothing more, and wait for what is compiling, unless there is an error."""
         self._pool.shutdown(wait=error is None, cancel_futures=True)
 
     def of_batches(self, model: Model, batches: Sequence[Batch]) -> list[Future]:
-        """Begin, where nobody has, what scores the model on `batches`."""
+        """Start compiling the scoring program for each batch shape not compiled yet."""
         forecaster = model.forecaster
-        scenes = {batch.scene.valid.shape: batch.scene for batch in batches}
+        scenes = {_key(batch.scene): batch.scene for batch in batches}
         futures: list[Future] = []
-        for scene in scenes.values():
-            # What all shapes share is compiled with the first one, so the others wait for it.
+        for key, scene in scenes.items():
+            # All shapes share a program, compiled with the first one, so the others wait for it.
             after = futures[:1]
 
             def run(scene: Scene = scene, after: list[Future] = after) -> None:
@@ -60,11 +59,11 @@ class Programs:
                 metrics = chosen(self._metrics)
                 score_group(forecaster, model.params, [empty], samples, 0, metrics)
 
-            futures.append(self._begin((forecaster, _key(scene)), run))
+            futures.append(self._begin((forecaster, key), run))
         return futures
 
     def of_one_scene(self, model: Model, slots: int) -> Future:
-        """Begin, where nobody has, what forecasts one scene of `slots` slots."""
+        """Start compiling the forecast of one scene of `slots` slots, if not compiled yet."""
         scene = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), slots)
 
         def run() -> None:
@@ -87,5 +86,5 @@ class Programs:
 
 
 def _key(scene: Scene) -> Hashable:
-    """What programs for scenes, or batches, such as `scene` depend on."""
+    """What programs for this scene or batch depend on."""
     return scene.observed.shape, scene.observed.dtype

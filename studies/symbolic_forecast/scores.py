@@ -15,18 +15,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_jax.evaluation.paired import ErrorsByScene
-from neurosym_jax.evaluation.symbol_cases import (
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.symbolic.calculi import CALCULI
+from neurosym_jax.symbolic.cnd import states
+from neurosym_jax.symbolic.forecast import symbol_table
+from studies.symbolic_forecast.cases import (
     Answer,
     Cases,
     markov_chain,
     model_answer,
     persistence,
 )
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.symbolic.calculi import CALCULI
-from neurosym_jax.symbolic.cnd import states
-from neurosym_jax.symbolic.forecast import symbol_table
 
 __all__ = [
     "BINS",

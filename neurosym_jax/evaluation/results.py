@@ -1,23 +1,31 @@
-"""From test sets to results: every model beside the baselines, forecast, scored and timed."""
+"""Results of an evaluation: every model of every test set, forecast, scored and timed."""
 
 import dataclasses
+import functools
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from neurosym_jax.configuration import refuse_below
-from neurosym_jax.data.batching import single_scene
+from neurosym_jax.data.batching import make_batches, single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.load import Test, make_test
-from neurosym_jax.evaluation.paired import ErrorsByScene
-from neurosym_jax.evaluation.plan import BASELINES, Entries, TestSet, baseline
-from neurosym_jax.evaluation.programs import Programs
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.evaluation.compile_ahead import CompileAhead
 from neurosym_jax.evaluation.scene_scores import Scores
-from neurosym_jax.evaluation.scoring import Evaluation
-from neurosym_jax.evaluation.seeds import score_seeds
+from neurosym_jax.evaluation.scoring import Evaluation, score_seeds
+from neurosym_jax.evaluation.test_sets import (
+    BASELINES,
+    Entries,
+    Test,
+    TestSet,
+    baseline,
+    make_test,
+)
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
@@ -32,13 +40,18 @@ __all__ = [
     "evaluate",
     "evaluate_tests",
     "latency",
+    "rows_frame",
 ]
 
 EXAMPLE = 8
-"""People that a figure can show with ease."""
+"""Number of people that a figure can show."""
 
 Row = dict[str, Any]
-"""One row of the JSON."""
+"""Plain numbers and texts of a model on a test set, by column.
+
+A metric has its mean under its name, the bounds of the 95 % interval under `NAME_low` and
+`NAME_high`, and under `NAME_std` the standard deviation between seeds of the noise; None where
+there is none."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,37 +59,36 @@ class Settings:
     """How every test set is evaluated."""
 
     samples: int = 20
-    """Forecasts of each scene, k."""
+    """Number of forecasts of each scene, k."""
     seed: int = 0
-    """Determines, with the scene and the sample, the noise."""
+    """Random seed of the noise."""
     metrics: tuple[str, ...] | None = None
     """Names; None for those of every table."""
     seeds: int = 1
-    """Noise is drawn anew for so many seeds, from `seed` on; means are over all of them."""
-    scenes_alike: bool = False
-    """Whether means are over scenes, each weighing the same, and not over people."""
+    """Number of noise seeds, starting at `seed`; metrics are averaged over them."""
+    by_scene: bool = False
+    """Whether means weigh each scene the same, instead of each person."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Result:
-    """What came out for one model on one test set."""
+    """The result of one model on one test set."""
 
     test_set: TestSet
     row: Row
-    """For JSON and tables."""
     errors: ErrorsByScene
     example: Scene
     """A typical scene of the test set, padded, with its truth; the same for all models."""
     forecast: np.ndarray
     """[k, N, pred_len, 2] world metres, of the example."""
     horizons: dict[str, np.ndarray]
-    """[pred_len] means over the test set, of the metrics that have a value for each step."""
+    """[pred_len] means over the test set, of the metrics with a value for each step."""
     period: float
     """Seconds between steps."""
 
     @property
     def name(self) -> str:
-        """Of the model."""
+        """The model's name."""
         return self.row["model"]
 
 
@@ -89,22 +101,26 @@ def evaluate(
     min_agents: int = 2,
     metrics: Sequence[str] | None = None,
     baselines: Sequence[str] = BASELINES,
-) -> list[Row]:
-    """Test models on recordings: the rows that `neurosym evaluate` writes; see `format_table`.
+) -> pl.DataFrame:
+    """Test models on recordings: a row for each model, beside the baselines; see `format_table`.
 
-    Recordings are brought to the steps that a model was trained on.
+    Recordings are resampled to the steps that a model was trained on.
 
     Args:
         models: one or several, see `load_model`.
         recordings: see `make_tracks` and `read_any`.
-        samples: forecasts of each scene, k.
-        seed: determines, with the scene and the sample, the noise.
+        samples: number of forecasts of each scene, k.
+        seed: random seed of the noise.
         min_agents: scenes with fewer people are left out.
         metrics: names; default: those of every table, see `metric_names`.
         baselines: forecasters without parameters, by name.
 
+    Returns:
+        Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its name, and the
+        bounds of its 95 % interval under `NAME_low` and `NAME_high`.
+
     Raises:
-        InputError: for recordings without a single window, or numbers out of range.
+        InputError: for recordings without a window, or numbers out of range.
     """
     refuse_below(1, {"samples": samples, "min_agents": min_agents})
     models = [models] if isinstance(models, Model) else models
@@ -125,7 +141,12 @@ def evaluate(
         for (obs_len, pred_len, period), entries in tested.items()
     ]
     settings = Settings(samples, seed, None if metrics is None else tuple(metrics))
-    return [result.row for result in evaluate_tests(tests, settings)]
+    return rows_frame([result.row for result in evaluate_tests(tests, settings)])
+
+
+def rows_frame(rows: Sequence[Row]) -> pl.DataFrame:
+    """The rows of an evaluation as a data frame."""
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
@@ -137,24 +158,48 @@ def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
     return list(each_result(tests, settings))
 
 
-def each_result(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
-    """As `evaluate_tests`, each as it comes."""
+def each_result(
+    tests: Sequence[Test], settings: Settings, pool: Executor | None = None
+) -> Iterator[Result]:
+    """Yield the results of `evaluate_tests` as they come.
+
+    Args:
+        tests: see there.
+        settings: see there.
+        pool: evaluates each test set as a task of its own; by default all are evaluated here, in
+            threads.
+    """
     total = sum(len(test.entries) for test in tests)
-    with (
-        Programs(settings.samples, settings.metrics) as programs,
-        Progress(total, "evaluating", "model") as progress,
-    ):
+    results = _here(tests, settings) if pool is None else _over(pool, tests, settings)
+    with Progress(total, "evaluating", "model") as progress:
+        for result in results:
+            progress.step(f"{result.name} on {result.test_set.dataset}")
+            yield result
+
+
+def _here(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
+    with CompileAhead(settings.samples, settings.metrics) as programs:
         for test in tests:
             for _, model in test.entries:
                 programs.of_batches(model, test.batches)
                 programs.of_one_scene(model, EXAMPLE)
         for test in tests:
-            for result in _evaluate_test(programs, test, settings):
-                progress.step(f"{result.name} on {result.test_set.dataset}")
-                yield result
+            yield from _evaluate_test(programs, test, settings)
 
 
-def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterator[Result]:
+def _over(pool: Executor, tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
+    # Batches repeat the windows: they are made again where they are needed.
+    items = [dataclasses.replace(test, batches=[]) for test in tests]
+    for results in pool.map(functools.partial(_task, settings), items):
+        yield from results
+
+
+def _task(settings: Settings, test: Test) -> list[Result]:
+    test = dataclasses.replace(test, batches=make_batches(test.windows))
+    return list(_here([test], settings))
+
+
+def _evaluate_test(programs: CompileAhead, test: Test, settings: Settings) -> Iterator[Result]:
     test_set, windows, loading = test.test_set, test.windows, test.seconds
     example = None
     for path, model in test.entries:
@@ -166,7 +211,7 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
             samples=settings.samples,
             seeds=range(settings.seed, settings.seed + settings.seeds),
             metrics=settings.metrics,
-            scenes_alike=settings.scenes_alike,
+            by_scene=settings.by_scene,
         )
         if example is None:
             example = single_scene(windows, _typical(test, found))
@@ -176,36 +221,23 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
         compiling += programs.wait_for([programs.of_one_scene(model, slots)])
         common = {"samples": settings.samples, "seed": settings.seed}
         seconds, forecast = latency(model.forecaster, model.params, example, **common)
-        metrics = _means(found.scores, f"{model.name} on {test_set.dataset}")
         steps = test_set.obs_len + test_set.pred_len
         errors = ErrorsByScene.of_scores(found.scores, windows.identity, steps)
         row = {
             "checkpoint": path,
             "model": model.name,
-            "scene": test_set.dataset,
-            "obs_len": test_set.obs_len,
-            "pred_len": test_set.pred_len,
+            **dataclasses.asdict(test_set),
             "samples": found.samples,
             "seed": settings.seed,
             "seeds": settings.seeds,
             "scenes": windows.scenes,
             "agents": found.agents,
-            "recordings": [how.to_json() for how in windows.reading],
-            **{
-                best: {error: metrics.get(f"{best}_{error}") for error in ("ade", "fde")}
-                for best in ("joint", "marginal")
-            },
-            "collision_rate": metrics.get("collision_rate"),
-            "metrics": metrics,
-            "spread": spread,
-            "intervals": {name: list(of) for name, of in errors.intervals().items()},
             "blocks": int(errors.blocks.max()) + 1,
-            "seconds": {
-                "loading": loading,
-                "compiling": compiling,
-                "evaluating": found.seconds,
-                "latency": seconds,
-            },
+            **_columns(found.scores, errors, spread, f"{model.name} on {test_set.dataset}"),
+            "seconds_loading": loading,
+            "seconds_compiling": compiling,
+            "seconds_evaluating": found.seconds,
+            "latency": seconds,
             "forecasts_per_second": found.agents * found.samples / found.seconds,
         }
         horizons = {name: of.mean for name, of in found.scores.items() if of.total.ndim == 2}
@@ -213,34 +245,37 @@ def _evaluate_test(programs: Programs, test: Test, settings: Settings) -> Iterat
         loading = 0.0
 
 
+def _columns(scores: Scores, errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
+    """Mean, bounds and deviation of each metric with one value, None where nothing was counted.
+
+    Raises:
+        InputError: naming `of`, for a metric that is not finite.
+    """
+    for name in errors.metrics:
+        if not np.isfinite(scores[name].total).all():
+            raise InputError(f"metric {name}: is not finite for {of}")
+    columns: Row = {}
+    for name, interval in errors.intervals().items():
+        counted = scores[name].count.sum() > 0
+        columns[name] = float(scores[name].mean) if counted else None
+        columns[f"{name}_low"], columns[f"{name}_high"] = interval if counted else (None, None)
+        columns[f"{name}_std"] = spread.get(name)
+    return columns
+
+
 def _typical(test: Test, found: Evaluation) -> int:
-    """The scene to show: of those with at most `EXAMPLE` people, the one that the first entry
-    forecasts with the median error, so that neither luck nor taste chooses it."""
+    """Choose the scene to show: of those with at most `EXAMPLE` people, the one that the first
+    entry forecasts with the median error, so that neither luck nor taste chooses it."""
     sizes = test.windows.sizes
     error = next(iter(found.scores.values())).total / sizes
     small = np.flatnonzero(sizes <= max(EXAMPLE, sizes.min()))
     return int(small[np.argsort(error[small], kind="stable")[len(small) // 2]])
 
 
-def _means(scores: Scores, of: str) -> dict[str, float | None]:
-    """Means of the metrics that have one value, None where nothing was counted; for JSON.
-
-    Raises:
-        InputError: naming `of`, for a metric that is not finite.
-    """
-    means: dict[str, float | None] = {}
-    for name, each in scores.items():
-        if each.total.ndim == 1:
-            means[name] = float(each.mean) if each.count.sum() else None
-            if not np.isfinite(each.total).all():
-                raise InputError(f"metric {name}: is not finite for {of}")
-    return means
-
-
 def latency(
     forecaster: Forecaster, params: Any, scene: Scene, *, samples: int, seed: int
 ) -> tuple[float, np.ndarray]:
-    """Median seconds from one scene to its forecast `[k, N, pred_len, 2]`, world metres."""
+    """Median seconds to forecast one scene, and its forecast [k, N, pred_len, 2], world metres."""
     forecast = SceneForecaster(forecaster, params, samples=samples, seed=seed)
     futures, seconds = np.empty(0), []
     for _ in range(11):

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.paired import (
+from neurosym_jax.evaluation.bootstrap import (
     Difference,
     ErrorsByScene,
     holm,
