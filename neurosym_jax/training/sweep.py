@@ -16,12 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.configuration import to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.plan import make_plan
 from neurosym_jax.evaluation.report import write_report
-from neurosym_jax.evaluation.results import Settings, evaluate_tests
+from neurosym_jax.evaluation.results import Settings, evaluate_tests, rows_frame
+from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.evaluation.test_sets import load_tests
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.executor import executor
@@ -30,7 +32,7 @@ from neurosym_jax.runtime.progress import Progress
 from neurosym_jax.runtime.provenance import provenance
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.sweep_plan import SweepRun
-from neurosym_jax.training.sweep_report import ARRAYS, ERRORS, format_sweep
+from neurosym_jax.training.sweep_report import ARRAYS, ERRORS
 
 __all__ = ["run_sweep", "write_errors"]
 
@@ -76,7 +78,7 @@ def run_sweep(
     done = [run for run in runs if run.finished()]
     if not done:
         raise InputError(f"{out}: no run was finished, so there is nothing to test")
-    table = format_sweep(_test(done, out, data))
+    table = format_table(rows_frame(_test(done, out, data)), "markdown")
     write_text(out / "sweep.md", table)
     print(f"\n{table}\nrows: {out / 'sweep.json'}")
     return 1 if failed else 0
@@ -174,9 +176,11 @@ def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[s
     rows = [result.row for result in results]
     for row in rows:
         run = of_path.get(row["checkpoint"])
-        row["run"] = run and run.to_json()
+        row["training_seed"] = run and run.recipe.seed
     files = [how.file for test in tests for how in test.windows.reading if how.file]
-    write_report(out / "sweep.json", rows, {"provenance": provenance(files, of_path)})
+    recipe = {**to_json(runs[0].recipe), "seed": None}
+    facts = {"recipe": recipe, "provenance": provenance(files, of_path)}
+    write_report(out / "sweep.json", rows, facts)
     write_errors(out, rows, [result.errors for result in results])
     for name, run in of_path.items():
         lengths = (run.dataset, run.generator.obs_len, run.generator.pred_len)
@@ -197,7 +201,7 @@ def write_errors(
     arrays: dict[str, Any] = {
         f"{name}_{index}": np.asarray(getattr(of_row, name))
         for index, (row, of_row) in enumerate(zip(rows, errors))
-        if row["run"]
+        if row["training_seed"] is not None
         for name in ARRAYS
     }
     with new_file(folder / ERRORS) as beside:

@@ -25,7 +25,6 @@ class SweepRun:
 
     generator: GeneratorConfig
     recipe: TrainConfig
-    recipe_name: str
     dataset: str
     folder: Path
     arguments: tuple[str, ...]
@@ -65,15 +64,6 @@ class SweepRun:
                         f"not {value}: choose another --out"
                     )
         return True
-
-    def to_json(self) -> dict[str, Any]:
-        """The run as a row of `sweep.json` holds it."""
-        return {
-            "recipe": self.recipe_name,
-            "training": to_json(self.recipe),
-            "seed": self.recipe.seed,
-            "validation": self.facts()["validation"],
-        }
 
 
 def plan_runs(
@@ -133,7 +123,7 @@ def plan_runs(
                     name = f"{model_name(generator)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
                     own = {"dataset": dataset, "pred-len": pred_len, "seed": seed}
                     arguments = (*_options(own | named | {"out": out / name}), *common)
-                    of = (recipe, dataset, out / name, arguments)
+                    of = (dataset, out / name, arguments)
                     runs[out / name] = SweepRun(generator, config, *of)
     return list(runs.values())
 

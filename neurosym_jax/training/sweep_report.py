@@ -1,6 +1,5 @@
-"""A sweep's models as one table, and compared with a reference: paired by seed and test scene."""
+"""A sweep's models compared with a reference: paired by training seed and test scene."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,14 @@ from neurosym_jax.evaluation.bootstrap import (
     ErrorsByScene,
     mean_difference,
     paired_difference,
-    student_half,
 )
 from neurosym_jax.evaluation.markdown import csv_text, markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.report import FORMAT
-from neurosym_jax.evaluation.summary import metrics_of
+from neurosym_jax.evaluation.report import FORMAT, read_report
+from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.runtime.files import refuse_unwritable, write_json, write_text
 
-__all__ = ["ARRAYS", "ERRORS", "format_sweep", "write_report"]
+__all__ = ["ARRAYS", "ERRORS", "write_report"]
 
 ERRORS = "scenes.npz"
 """Beside `sweep.json`: each trained model's errors, scene by scene."""
@@ -69,87 +67,31 @@ def write_report(
         raise InputError(f"--out {target}: must end in .md")
     refuse_unwritable(target)
     rows, errors = _read(sweep)
-    chosen = _alike(rows, pred_len)
+    chosen = _one_horizon(rows, pred_len)
     models = list(dict.fromkeys(rows[index]["model"] for index in chosen))
     compared = _compare(rows, errors, chosen, [_named(each, models) for each in against], models)
-    data = {"format": FORMAT, "training": rows[chosen[0]]["run"]["training"], "compared": compared}
-    write_json(target.with_suffix(".json"), data)
+    write_json(target.with_suffix(".json"), {"format": FORMAT, "compared": compared})
     from neurosym_jax.plotting.forest import plot_forest
 
     plot_forest(compared, target.with_suffix(".png"))
-    text = _text(compared, [rows[index] for index in chosen], target.stem)
+    seeds = len({rows[index]["training_seed"] for index in chosen})
+    text = _text(compared, f"{len(chosen)} runs, {seeds} seed{'s' * (seeds > 1)}.", target.stem)
+    if seeds < 3:
+        text += "\nTwo seeds or one say nothing of how much trainings differ.\n"
     write_text(target, text)
     write_text(target.with_suffix(".csv"), _csv(compared))
     files = ", ".join(str(target.with_suffix(end)) for end in (".md", ".csv", ".json", ".png"))
-    return f"{text}\n{format_sweep([rows[index] for index in chosen])}\n\n{files}"
+    return f"{text}\n{format_table(read_report(sweep / 'sweep.json'), 'markdown')}\n\n{files}"
 
 
-def format_sweep(rows: Sequence[Row]) -> str:
-    """Markdown: for each horizon and protocol a table of models by scenes, ADE / FDE in metres.
-
-    Cells are the mean over training seeds and half of its 95 % interval (Student's t). The last
-    column is the mean over scenes, taken seed by seed, where there are several.
-    """
-    blocks = []
-    for lengths in dict.fromkeys((row["obs_len"], row["pred_len"]) for row in rows):
-        members = [row for row in rows if (row["obs_len"], row["pred_len"]) == lengths]
-        head = f"### {lengths[0]} steps observed, {lengths[1]} forecast"
-        names = metrics_of(members[0])
-        for protocol in ("joint", "marginal"):
-            pair = (f"{protocol}_ade", f"{protocol}_fde")
-            errors = [tuple(row[name] for name in pair) for row in members]
-            blocks += [f"{head}: {protocol} best of k", _table(members, errors)]
-            names = [name for name in names if name not in pair]
-        for name in names:
-            values = [(row.get(name),) for row in members]
-            if (None,) not in values:
-                blocks += [f"{head}: {known_metric(name).label}", _table(members, values)]
-    blocks.append(
-        "ADE / FDE in metres, mean over training seeds ± half of the 95 % interval (Student's t). "
-        "Joint: the best of k forecasts of the whole scene; marginal: each agent's own best."
-    )
-    return "\n\n".join(blocks) + "\n"
-
-
-def _table(rows: Sequence[Row], values: Sequence[tuple[float, ...]]) -> str:
-    """Models by test sets; `values` are the cells of `rows`."""
-    scenes = list(dict.fromkeys(row["dataset"] for row in rows))
-    head = ["model", "k", "seeds", *scenes, *(["average"] if len(scenes) > 1 else [])]
-    lines = []
-    for model in dict.fromkeys(row["model"] for row in rows):
-        # scene to seed to values; a baseline has no seed of training.
-        found: dict[str, dict[Any, tuple[float, ...]]] = {scene: {} for scene in scenes}
-        samples = 0
-        for row, of_row in zip(rows, values):
-            if row["model"] == model:
-                found[row["dataset"]][row["run"] and row["run"]["seed"]] = of_row
-                samples = row["samples"]
-        seeds = {seed for of_scene in found.values() for seed in of_scene}
-        cells = [_cell(list(found[scene].values())) for scene in scenes]
-        if len(scenes) > 1:
-            whole = [seed for seed in seeds if all(seed in found[scene] for scene in scenes)]
-            means = [np.mean([found[scene][seed] for scene in scenes], axis=0) for seed in whole]
-            cells.append(_cell([tuple(mean) for mean in means]))
-        lines.append([model, str(samples), "-" if seeds == {None} else str(len(seeds)), *cells])
-    return markdown_table(head, lines)
-
-
-def _cell(errors: Sequence[tuple[float, ...]]) -> str:
-    parts = []
-    for values in zip(*errors):
-        half = f" ± {student_half(values):.3f}" if len(values) > 1 else ""
-        parts.append(f"{np.mean(values):.3f}{half}")
-    return " / ".join(parts) or "-"
-
-
-def _read(folder: Path) -> tuple[list[dict[str, Any]], dict[int, ErrorsByScene]]:
+def _read(folder: Path) -> tuple[list[Row], dict[int, ErrorsByScene]]:
     """The rows of a sweep, and by their index the errors of those that were trained."""
+    rows = read_report(folder / "sweep.json").to_dicts()
     try:
-        rows = json.loads((folder / "sweep.json").read_text())["rows"]
         errors = {}
         with np.load(folder / ERRORS) as arrays:
             for index, row in enumerate(rows):
-                if row["run"]:
+                if row["training_seed"] is not None:
                     names, *of = (arrays[f"{name}_{index}"] for name in ARRAYS)
                     steps = row["obs_len"] + row["pred_len"]
                     errors[index] = ErrorsByScene(tuple(names.tolist()), *of, steps)
@@ -158,16 +100,13 @@ def _read(folder: Path) -> tuple[list[dict[str, Any]], dict[int, ErrorsByScene]]
         raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None
 
 
-def _alike(rows: Sequence[Row], pred_len: int | None) -> list[int]:
-    """Indices of the trained rows to compare: of one horizon, trained alike."""
-    chosen = [at for at, row in enumerate(rows) if row["run"]]
+def _one_horizon(rows: Sequence[Row], pred_len: int | None) -> list[int]:
+    """Indices of the trained rows to compare, which have one horizon."""
+    chosen = [at for at, row in enumerate(rows) if row["training_seed"] is not None]
     chosen = [at for at in chosen if pred_len in (None, rows[at]["pred_len"])]
     horizons = sorted({(rows[at]["obs_len"], rows[at]["pred_len"]) for at in chosen})
     if len(horizons) != 1:
         raise InputError(f"horizons in the sweep: {horizons or 'none'}; --pred-len chooses one")
-    budgets = [{**rows[at]["run"]["training"], "seed": None} for at in chosen]
-    if any(budget != budgets[0] for budget in budgets):
-        raise InputError("the runs were not trained alike, so their differences mean nothing")
     return chosen
 
 
@@ -203,7 +142,7 @@ def _compare(
     found: dict[tuple[str, str], dict[int, ErrorsByScene]] = {}
     for at in chosen:
         row = rows[at]
-        found.setdefault((row["model"], row["dataset"]), {})[row["run"]["seed"]] = errors[at]
+        found.setdefault((row["model"], row["dataset"]), {})[row["training_seed"]] = errors[at]
     compared = []
     for reference in references:
         for model in models:
@@ -244,12 +183,10 @@ def _metrics(compared: Sequence[Compared]) -> list[str]:
     return [name for name, value in compared[0].items() if isinstance(value, dict)]
 
 
-def _text(compared: Sequence[Compared], rows: Sequence[Row], name: str) -> str:
+def _text(compared: Sequence[Compared], runs: str, name: str) -> str:
     metrics = _metrics(compared)
-    scenes = list(dict.fromkeys(one["scene"] for one in compared))
-    whole = scenes[-1]  # The mean, or the only test set.
-    seeds = len({row["run"]["seed"] for row in rows})
-    parts = ["# Models compared"]
+    whole = compared[-1]["scene"]  # The mean, or the only test set.
+    parts = ["# Models compared", runs]
     for reference in dict.fromkeys(one["reference"] for one in compared):
         mine = [one for one in compared if (one["reference"], one["scene"]) == (reference, whole)]
         head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
@@ -261,8 +198,6 @@ def _text(compared: Sequence[Compared], rows: Sequence[Row], name: str) -> str:
         f"Of the {len(single)} comparisons on single test sets, {sum(map(_apart, single))} leave "
         f"out 0; by chance alone it would be about {0.05 * len(single):.0f}.",
         INTERVALS,
-        f"{len(rows)} runs, {seeds} seed{'s' * (seeds > 1)}, recipe `{rows[0]['run']['recipe']}`."
-        + (" Two seeds or one say nothing of how much trainings differ." if seeds < 3 else ""),
         f"![Differences and their intervals]({name}.png)",
         f"Differences on each test set are in `{name}.csv`, of each seed in `{name}.json`.",
     ]

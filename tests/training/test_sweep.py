@@ -19,43 +19,8 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.parameters import flat_parameters
 from neurosym_jax.training.sweep import run_sweep
 from neurosym_jax.training.sweep_plan import plan_runs
-from neurosym_jax.training.sweep_report import format_sweep
 
 ROOT = Path(__file__).parents[2]
-
-
-def row(model, scene, seed, ade, pred_len=8):
-    errors = {"ade": ade, "fde": 2 * ade}
-    return {
-        "model": model,
-        "dataset": scene,
-        "obs_len": 8,
-        "pred_len": pred_len,
-        "samples": 20 if seed is not None else 1,
-        **{f"joint_{name}": value for name, value in errors.items()},
-        **{f"marginal_{name}": value / 2 for name, value in errors.items()},
-        "run": None if seed is None else {"seed": seed},
-    }
-
-
-def test_table():
-    rows = [row("constant velocity", scene, None, 1.0) for scene in ("eth", "hotel")]
-    rows += [row("SGAN", "eth", seed, 0.5 + 0.1 * seed) for seed in range(3)]
-    rows += [row("SGAN", "hotel", seed, 0.3) for seed in range(2)]
-    joint, marginal = format_sweep(rows).split("### ")[1:3]
-    assert joint.startswith("8 steps observed, 8 forecast: joint best of k")
-    lines = joint.splitlines()
-    assert lines[2] == "| model | k | seeds | eth | hotel | average |"
-    assert lines[4] == (
-        "| constant velocity | 1 | - | 1.000 / 2.000 | 1.000 / 2.000 | 1.000 / 2.000 |"
-    )
-    # The average is over the two seeds that every scene has: .40 and .45.
-    assert lines[5] == (
-        "| SGAN | 20 | 3 | 0.600 ± 0.248 / 1.200 ± 0.497 | 0.300 ± 0.000 / 0.600 ± 0.000 "
-        "| 0.425 ± 0.318 / 0.850 ± 0.635 |"
-    )
-    assert "| 0.500 / 1.000 |" in marginal
-    assert format_sweep([row("SGAN", "eth", 0, 0.5, 12)]).count("| model | k | seeds | eth |") == 2
 
 
 CHOSEN = {
@@ -113,12 +78,12 @@ def test_a_sweep_is_finished_once(tmp_path, monkeypatch, capsys):
     # One job, so that the second run finds the first one's compiled programs.
     assert run_sweep(runs, out, jobs=1) == 0
     rows = json.loads((out / "sweep.json").read_text())["rows"]
-    trained = [row for row in rows if row["run"]]
+    trained = [row for row in rows if row["training_seed"] is not None]
     assert [row["model"] for row in rows[:2]] == ["constant velocity", "constant velocity, sampled"]
-    assert [row["run"]["seed"] for row in trained] == [0, 1]
+    assert [row["training_seed"] for row in trained] == [0, 1]
     assert len({row["joint_ade"] for row in trained}) == 2
     table = (out / "sweep.md").read_text()
-    assert "| 20 | 2 |" in table
+    assert "SGAN, no pooling (2 trainings) | 20 |" in table
     folder = out / "sgan_none_cross-path_8_8_seed1"
     assert "test on cross-path: this model" in (folder / "model" / "README.md").read_text()
     assert "threads | 1" in (folder / "model" / "README.md").read_text()
