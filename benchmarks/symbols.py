@@ -26,7 +26,7 @@ def measure(options: Any) -> dict[str, Any]:
     import jax
 
     from neurosym_jax.symbolic.cnd import alpha_table
-    from neurosym_jax.symbolic.weighting import make_weighting
+    from neurosym_jax.symbolic.weightings import make_weighting
 
     rng = np.random.default_rng(0)
     walks = rng.uniform(0, 8, (SCENES, AGENTS, 1, 2)) + rng.normal(
@@ -72,7 +72,7 @@ def _of_samples(repeats: int) -> list[Row]:
     import jax
     import jax.numpy as jnp
 
-    from neurosym_jax.symbolic.calculi import observe_pairs
+    from neurosym_jax.symbolic.calculi import observe
     from neurosym_jax.symbolic.forecast import symbolic_events, symbolic_forecast
 
     rng = np.random.default_rng(0)
@@ -81,7 +81,7 @@ def _of_samples(repeats: int) -> list[Row]:
     ).cumsum(axis=2)
     whole = jnp.asarray(walks, jnp.float32)
     last, samples = whole[0, :, :1], whole[:, :, 1:]
-    symbols = jax.jit(jax.vmap(lambda of: observe_pairs("c1", of, quantisation_factor=0.05)))
+    symbols = jax.jit(jax.vmap(lambda of: observe(of[:, None], of, quantisation_factor=0.05)))
     found = []
     for what, run in {
         "symbols": lambda: symbols(whole),
@@ -96,7 +96,7 @@ def _of_samples(repeats: int) -> list[Row]:
 def _original(walks: np.ndarray, reference: Path) -> Callable[[], None]:
     """Every pair labelled by the released code; its first run's states are held against ours."""
     from benchmarks.original import load_labelling
-    from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
+    from neurosym_jax.symbolic.calculi import observe
 
     label = load_labelling(reference)
     pairs = list(itertools.permutations(range(AGENTS), 2))
@@ -106,7 +106,7 @@ def _original(walks: np.ndarray, reference: Path) -> Callable[[], None]:
             label((scene[i], scene[j]) for i, j in pairs)
 
     for scene in walks:
-        mine = np.asarray(pairwise_qtc_c1(scene, convention="as_published"))
+        mine = np.asarray(observe(scene[:, None], scene, convention="as_published"))
         theirs, _ = label((scene[i], scene[j]) for i, j in pairs)
         agreed = np.mean(theirs == np.stack([mine[pair] for pair in pairs]))
         if agreed < 0.9999:

@@ -27,8 +27,9 @@ from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.weighting import make_weighting
-from neurosym_jax.symbolic.weighting_config import WEIGHTINGS, WeightingConfig
+from neurosym_jax.symbolic.soft_weightings import Soft
+from neurosym_jax.symbolic.weighting import Weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, Ones, make_weighting
 
 SAMPLES = 20
 
@@ -49,7 +50,7 @@ def main() -> None:
     scenes = [b.scene.bare() for b in make_batches(windows)]
 
     contestants = {"forecast": forecast(scenes)}
-    configs = [*map(WeightingConfig, WEIGHTINGS), WeightingConfig("soft", learned=True)]
+    configs = [*(each() for each in WEIGHTINGS.values()), Soft(learned=True)]
     for config in configs:
         contestants[config.name] = alpha(config, scenes)
     seconds = {name: [] for name in contestants}
@@ -71,7 +72,7 @@ def main() -> None:
 
 def forecast(scenes: list) -> Callable[[], object]:
     """A call that forecasts all `scenes`."""
-    config = GeneratorConfig(pooling="as_described", weighting=WeightingConfig("ones"))
+    config = GeneratorConfig(pooling="as_described", weighting=Ones())
     one, noise = make_scene(np.zeros((2, 8, 2))), np.zeros(config.noise_dim)
     params = Generator(config).init(jax.random.key(0), one, noise, np.zeros((2, 2, 8)))
     forecaster = GeneratorForecaster(config)
@@ -79,7 +80,7 @@ def forecast(scenes: list) -> Callable[[], object]:
     return lambda: forecast_batches(forecaster, params, scenes, noises)
 
 
-def alpha(config: WeightingConfig, scenes: list) -> Callable[[], object]:
+def alpha(config: Weighting, scenes: list) -> Callable[[], object]:
     """A call that computes alpha of all `scenes`."""
     weigh = jax.jit(jax.vmap(make_weighting(config)))
     return lambda: [weigh(s.observed, s.valid).block_until_ready() for s in scenes]

@@ -20,8 +20,8 @@ from neurosym_jax.data.sources import Synthetic
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.symbolic import WeightingConfig, alpha_table
-from neurosym_jax.symbolic.states import decode_state, format_state
+from neurosym_jax.symbolic import Learned, alpha_table
+from neurosym_jax.symbolic.description import state_texts
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.gradients import generator_gradient
 from neurosym_jax.training.recipe import TrainConfig
@@ -34,7 +34,7 @@ MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_simulati
 def main(path: Path = MODEL, steps: int = 100, learning_rate: float = 0.003) -> np.ndarray:
     """Print errors before and after, and the weights that changed most; returns the table [81]."""
     model = load_model(path)
-    config = dataclasses.replace(model.config, weighting=WeightingConfig("learned"))
+    config = dataclasses.replace(model.config, weighting=Learned())
     network = model.params
     weights: Any = initial_parameters(config.weighting)
     training, test = (
@@ -78,7 +78,7 @@ def main(path: Path = MODEL, steps: int = 100, learning_rate: float = 0.003) -> 
     table = np.asarray(weights["table"])
     change = table - alpha_table()
     for code in np.argsort(-abs(change))[:5]:
-        text = format_state(decode_state(code), "")
+        text = state_texts()[code]
         print(f"  {text}: {alpha_table()[code]:.3f} became {table[code]:.3f}")
     return table
 

@@ -25,6 +25,6 @@ from .forecasting.model_folder import save_model as save_model
 from .models.poolings import register_pooling as register_pooling
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene
-from .symbolic.weighting_config import register_weighting as register_weighting
+from .symbolic.weightings import register_weighting as register_weighting
 from .training.loop import train as train
 from .training.recipe import TrainConfig as TrainConfig

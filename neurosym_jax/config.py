@@ -5,17 +5,20 @@ line. Values are checked when a configuration is made; `configuration` has its J
 """
 
 import dataclasses
-from typing import Literal
+from typing import Annotated, Literal
 
 from neurosym_jax.configuration import (
     Count,
     Positive,
     Whole,
+    component_from_text,
     refuse_misfits,
 )
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.poolings import POOLINGS
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.state_weightings import Cnd
+from neurosym_jax.symbolic.weighting import Weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 __all__ = ["DiscriminatorConfig", "GeneratorConfig"]
 
@@ -53,13 +56,14 @@ class GeneratorConfig:
     """Drawn anew for each scene, or `fixed`: k vectors that are the same in every scene, which a
     network learns to spread its forecasts by (see `forecasting.noise`)."""
     noise_mix_type: Literal["global", "ped"] = "global"
-    weighting: WeightingConfig | None = None
+    weighting: Annotated[Weighting | None, WEIGHTINGS] = None
     """Of NeuroSyM only, where it defaults to the papers' `cnd`; a kind by name will do."""
 
     def __post_init__(self):
         """Refuse, in words, what the networks cannot be built from."""
         if isinstance(self.weighting, str):
-            object.__setattr__(self, "weighting", WeightingConfig.from_text(self.weighting))
+            weighting = component_from_text(self.weighting, WEIGHTINGS, "weighting")
+            object.__setattr__(self, "weighting", weighting)
         refuse_misfits(self)
         if self.noise_dim >= self.decoder_h_dim:
             raise InputError(
@@ -76,7 +80,7 @@ class GeneratorConfig:
         if self.weighting is not None and not self.symbolic:
             raise InputError(f"pooling {self.pooling!r} has no symbols for a weighting to weight")
         if self.weighting is None and self.symbolic:
-            object.__setattr__(self, "weighting", WeightingConfig())
+            object.__setattr__(self, "weighting", Cnd())
         if pooling.returns_hidden and self.bottleneck_dim != self.encoder_h_dim:
             raise InputError(
                 f"{self.pooling} pooling returns a hidden state: bottleneck_dim must equal "

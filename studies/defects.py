@@ -19,8 +19,8 @@ import numpy as np
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.interop.collation import alpha_rows_used
+from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.cnd import Rule, adjacency, alpha_table
-from neurosym_jax.symbolic.qtc import qtc_c1
 from neurosym_jax.symbolic.states import encode_state
 
 STEPS = 8
@@ -86,10 +86,10 @@ def pairs(windows: Windows) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
 @jax.jit
 def _count(k: jax.Array, l: jax.Array) -> jax.Array:  # noqa: E741
     """[labels, 2, CHUNK]: for each pair (how many, of how many)."""
-    exact = qtc_c1(k, l)
-    coarse = qtc_c1(k, l, quantisation_factor=0.05)
-    line = qtc_c1(k, l, convention="line")
-    unsigned = qtc_c1(k, l, convention="as_published")
+    exact = observe(k, l)
+    coarse = observe(k, l, quantisation_factor=0.05)
+    line = observe(k, l, convention="line")
+    unsigned = observe(k, l, convention="as_published")
     codes = encode_state(exact)
     before, after = codes[:, :-1], codes[:, 1:]
 

@@ -13,9 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import symbolic_events
-from neurosym_jax.symbolic.qtc import Convention, qtc_c1
+from neurosym_jax.symbolic.qtc import Convention
 from neurosym_jax.symbolic.states import format_state
 
 K, L = np.array([0.0, 0.0]), np.array([3.2, 0.0])
@@ -144,7 +145,7 @@ def example(axes: Axes) -> None:
 
 def state(k1: np.ndarray, l1: np.ndarray, convention: Convention) -> list[str]:
     """The four symbols, as printed, of one step from K and L."""
-    found = qtc_c1(np.stack([K, k1]), np.stack([L, l1]), convention=convention)
+    found = observe(np.stack([K, k1]), np.stack([L, l1]), convention=convention)
     return format_state(found[0]).translate(SIGNS).split()
 
 

@@ -7,7 +7,9 @@ import pytest
 from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.configuration import from_json, to_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.soft_weightings import Soft
+from neurosym_jax.symbolic.state_weightings import Cnd
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
 
 
@@ -19,7 +21,7 @@ from neurosym_jax.training.recipe import RECIPES, TrainConfig
         GeneratorConfig(pooling="social", bottleneck_dim=32, pool_every_timestep=True),
         GeneratorConfig(noise_type="uniform", noise_mix_type="ped", neighborhood_size=3),
         GeneratorConfig(pooling="as_described"),
-        GeneratorConfig(pooling="neurosym_ros", weighting=WeightingConfig("soft", learned=True)),
+        GeneratorConfig(pooling="neurosym_ros", weighting=Soft(learned=True)),
         DiscriminatorConfig(kind="local"),
         *RECIPES.values(),
     ],
@@ -31,14 +33,14 @@ def test_json_round_trip(config):
     assert data["format"] == 1
 
 
-def test_a_weighting_may_be_its_name_as_it_once_was():
+def test_a_weighting_may_be_given_as_text():
     for name in ("cnd", "cnd_shipped", "ones", "zeros"):
         data = {"format": 1, "pooling": "as_described", "weighting": name}
-        assert from_json(GeneratorConfig, data).weighting == WeightingConfig(name)
-    assert GeneratorConfig(pooling="as_described").weighting == WeightingConfig("cnd")
+        assert from_json(GeneratorConfig, data).weighting == WEIGHTINGS[name]()
+    assert GeneratorConfig(pooling="as_described").weighting == Cnd()
     text: Any = "soft,temperature=0.05"
     own = GeneratorConfig(pooling="as_described", weighting=text)
-    assert own.weighting == WeightingConfig("soft", temperature=0.05)
+    assert own.weighting == Soft(temperature=0.05)
 
 
 def test_defaults_are_those_of_the_published_checkpoints():

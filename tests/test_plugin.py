@@ -15,7 +15,7 @@ from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import nested_parameters
-from neurosym_jax.symbolic.weighting_config import WEIGHTINGS, register_weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
 from neurosym_jax.training.network import named_generator
 
 ROOT = Path(__file__).parents[1]

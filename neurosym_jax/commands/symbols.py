@@ -23,17 +23,11 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_text
-from neurosym_jax.symbolic.description import (
-    describe_pairs,
-    format_pairs,
-    format_shares,
-    state_tables,
-    state_texts,
-)
+from neurosym_jax.symbolic.description import describe_pairs, format_pairs, format_shares
 from neurosym_jax.symbolic.forecast_text import forecast_pairs, forecast_rows, format_forecast
-from neurosym_jax.symbolic.transitions import count_states
-from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.futures import SymbolSettings
+from neurosym_jax.symbolic.transition import count_states
+from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 from neurosym_jax.training.network import named_weighting
 
 __all__ = ["Options", "run"]
@@ -95,34 +89,35 @@ def run(options: Options) -> None:
             raise InputError("--forecast needs a --model that forecasts")
         _forecast(options, model)
         return
-    config, given = _weighting(options, model)
+    weighting, given = _weighting(options, model)
     lengths = model.config if model is not None else options
     name, title, windows, rows = _shown(options, lengths.obs_len, lengths.pred_len)
     observed = [(b.scene.observed, b.scene.valid) for b in make_batches(windows)]
-    parameters = initial_parameters(config, observed) if given is None else given
-    pairs = describe_pairs(config, parameters, windows.position[rows], windows.agent[rows])
-    counts = count_states(config, observed)
+    parameters = initial_parameters(weighting, observed) if given is None else given
+    scene = windows.position[rows], windows.agent[rows], windows.period
+    pairs = describe_pairs(weighting, parameters, *scene)
+    counts = count_states(weighting, parameters, observed)
 
-    print(f"{title}: {len(pairs.people)} people, weighting {config.name}\n")
-    print(format_pairs(pairs, windows.period))
+    print(f"{title}: {len(pairs.people)} people, weighting {weighting.name}\n")
+    print(format_pairs(pairs))
     print(f"\n{counts.sum()} observed pair-steps of {windows.scenes} windows:")
     print(format_shares(counts))
 
     from neurosym_jax.plotting import animate_forecast, plot_pairs, plot_states, save_figure
 
-    tables = state_tables(config, parameters)
-    fields = (pairs.position, pairs.people, pairs.codes, pairs.alpha)
+    table = weighting.state_weights()
+    learned = None if table is None else parameters.get("table")
     written = [
         save_figure(figure, options.out / f"{kind}.{options.image}")
         for kind, figure in {
-            "pairs": plot_pairs(*fields, state_texts(), title, windows.period),
-            "states": plot_states(counts, state_texts(), *tables, f"{name}, {config.name}"),
+            "pairs": plot_pairs(pairs, title),
+            "states": plot_states(counts, table, learned, f"{name}, {weighting.name}"),
         }.items()
     ]
     if model is not None:
         seen = slice(model.config.obs_len)
         forecast = predict(model, pairs.position[:, seen])
-        words = f"{title}: forecast of {model.name}; lines: {config.name}"
+        words = f"{title}: forecast of {model.name}; lines: {weighting.name}"
         path = options.out / "forecast.gif"
         alpha = pairs.alpha[..., seen]
         animate_forecast(path, pairs.position, forecast, alpha, words, windows.period)
@@ -135,8 +130,8 @@ def _forecast(options: Options, model: Model) -> None:
     _, title, windows, rows = _shown(options, model.config.obs_len, model.config.pred_len)
     observed, people = windows.position[rows, : windows.obs_len], windows.agent[rows]
     samples = predict(model, observed, samples=options.samples, seed=options.seed)
-    how = {"calculus": options.calculus, "speed": options.speed, "period": windows.period}
-    found = forecast_pairs(samples, observed, people, **how)
+    how = SymbolSettings(windows.period, options.calculus, speed=options.speed)
+    found = forecast_pairs(samples, observed, people, how)
     print(f"{title}: {len(people)} people, {len(samples)} samples of {model.name}\n")
     print(format_forecast(found, options.at_least))
     lines = [json.dumps(row, allow_nan=False) for row in forecast_rows(found)]
@@ -145,17 +140,12 @@ def _forecast(options: Options, model: Model) -> None:
 
     from neurosym_jax.plotting import plot_symbol_forecast, save_figure
 
-    fields = (found.pairs, found.states, found.texts, found.probability, found.seconds)
-    figure = plot_symbol_forecast(
-        observed, samples, people, *fields, found.events, title, windows.period
-    )
+    figure = plot_symbol_forecast(observed, samples, found, title)
     drawn = save_figure(figure, options.out / f"forecast.{options.image}")
     print(f"\n{path}\n{drawn}")
 
 
-def _weighting(
-    options: Options, model: Model | None
-) -> tuple[WeightingConfig, dict[str, Any] | None]:
+def _weighting(options: Options, model: Model | None) -> tuple[Weighting, dict[str, Any] | None]:
     """The weighting, and its parameters where a model has them."""
     if model is None or options.weighting is not None:
         return named_weighting(options.weighting or "cnd"), None

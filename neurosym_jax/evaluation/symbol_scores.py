@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.cnd import states
+from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of
 from neurosym_jax.symbolic.qtc import other_pairs
@@ -21,6 +21,7 @@ from neurosym_jax.symbolic.qtc import other_pairs
 __all__ = ["NEAR", "SETTINGS", "event_brier", "event_log", "state_brier", "state_log"]
 
 SETTINGS = SymbolSettings()
+STATES = len(CALCULI["c1"].states)
 NEAR = 8.0
 """Distance up to which a pair is scored, metres."""
 
@@ -28,12 +29,12 @@ NEAR = 8.0
 def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean log score of the QTC_C1 state at each step, nats, and [] the number of pairs."""
     hits, _ = _states(forecast, scene)
-    return _mean(-jnp.log(_smoothed(hits, len(forecast), len(states("c1")))), scene)
+    return _mean(-jnp.log(_smoothed(hits, len(forecast), STATES)), scene)
 
 
 def state_brier(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean Brier score of the QTC_C1 state at each step, and [] the number of pairs."""
-    k, size, weight = len(forecast), len(states("c1")), SETTINGS.smoothing
+    k, size, weight = len(forecast), STATES, SETTINGS.smoothing
     hits, squares = _states(forecast, scene)
     # The sum over classes of ((n_c + w / size) / (k + w))^2.
     square = (squares + 2 * weight * k / size + weight**2 / size) / (k + weight) ** 2

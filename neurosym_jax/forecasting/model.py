@@ -12,7 +12,7 @@ from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import AnyArray, make_scene
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.weighting import Weighting
 
 __all__ = ["Model", "predict", "refuse_other_length"]
 
@@ -44,10 +44,10 @@ class Model:
         return FORECASTERS[self.kind].make(self.config)
 
     @property
-    def weighting(self) -> WeightingConfig | None:
+    def weighting(self) -> Weighting | None:
         """How it weights pairs of agents; None for a model without symbols."""
         weighting = getattr(self.config, "weighting", None)
-        return weighting if isinstance(weighting, WeightingConfig) else None
+        return weighting if isinstance(weighting, Weighting) else None
 
     def __repr__(self) -> str:
         """Five lines, without the parameters' numbers and the config's defaults."""

@@ -10,7 +10,6 @@ for people. The digest is of both other files' bytes and stands in the second li
 It is compared before either file is parsed.
 """
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -195,7 +194,8 @@ def _files(model: Model) -> tuple[bytes, bytes]:
 
     refuse_misfit(model)
     params = save(flat_parameters(model.params))
-    values = dataclasses.asdict(model.config)
+    values = configuration.to_json(model.config)
+    del values["format"]
     head = (FORMAT, model.kind, values, model.dataset)
     fields: dict[str, Any] = dict(zip(FIELDS, head, strict=True))
     if model.plugins:

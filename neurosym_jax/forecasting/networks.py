@@ -15,7 +15,6 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.decoder import Weigh
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.weighting import scene_alpha
 
 __all__ = [
     "GeneratorForecaster",
@@ -103,7 +102,7 @@ def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
     """The config's weighting with what it has learned, None for a model without symbols."""
     if config.weighting is None:
         return None
-    return functools.partial(scene_alpha, config.weighting, params.get("weighting", {}))
+    return functools.partial(config.weighting.alpha, params.get("weighting", {}))
 
 
 def decode_scene(

@@ -12,17 +12,17 @@ import numpy as np
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.interop.parity_case import Arrays, Compared, floats, whole_numbers
-from neurosym_jax.symbolic.built_in import alpha_from_states, table_of
-from neurosym_jax.symbolic.qtc import qtc_c1
-from neurosym_jax.symbolic.weighting import make_weighting
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.cnd import alpha_from_states
+from neurosym_jax.symbolic.state_weightings import CndShipped
+from neurosym_jax.symbolic.weightings import make_weighting
 
 __all__ = ["qtc", "shipped_alpha"]
 
 DECIMALS = 4
 """Of the authors' table as they printed it, and of their coordinates."""
 
-RELEASED = WeightingConfig("cnd_shipped", convention="as_published", decimals=DECIMALS)
+RELEASED = CndShipped(convention="as_published", decimals=DECIMALS)
 
 
 def qtc(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -35,14 +35,14 @@ def qtc(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     l = floats(arrays, "l", *k.shape).astype(np.float64)  # noqa: E741 (the calculus calls them so)
     steps = (len(k), k.shape[1] - 1)
     with jax.enable_x64(True):
-        observe = jax.jit(qtc_c1, static_argnames="convention")
-        released = observe(k, l, convention="as_published")
+        compiled = jax.jit(observe, static_argnames="convention")
+        released = compiled(k, l, convention="as_published")
         ours = {
             "qtc_reference": released,
-            "qtc_signed": observe(k, l),
-            "qtc_signed_q005": observe(k, l, quantisation_factor=0.05),
+            "qtc_signed": compiled(k, l),
+            "qtc_signed_q005": compiled(k, l, quantisation_factor=0.05),
         }
-        weights = np.asarray(alpha_from_states(released, table_of(RELEASED)))
+        weights = np.asarray(alpha_from_states(released, RELEASED.state_weights()))
     compared: Compared = {}
     for name, states in ours.items():
         theirs = whole_numbers(arrays, name, *steps, 4)

@@ -18,6 +18,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = ["TorchCheckpoint", "export_torch_checkpoint", "load_torch_checkpoint"]
 
@@ -130,7 +131,7 @@ def export_torch_checkpoint(
     }
     if config.weighting is not None:
         # No argument of the released code's, whose weighting is the data's; it passes over it.
-        if config.weighting.learned:
+        if initial_parameters(config.weighting):
             raise InputError(f"the weights {config.weighting.name} are learned: no torch has them")
         arguments["weighting"] = config.weighting.name
     contents: dict[str, Any] = {

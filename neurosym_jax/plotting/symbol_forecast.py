@@ -1,6 +1,4 @@
-"""What the pairs of a scene will do: paths, the most probable state of each step, events."""
-
-from collections.abc import Sequence
+"""A forecast of a scene's pairs: paths, the most probable state of each step, events."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,63 +7,48 @@ from matplotlib.figure import Figure
 from neurosym_jax.plotting.matrix import draw_matrix
 from neurosym_jax.plotting.palette import PALETTE
 from neurosym_jax.plotting.style import LABEL, SMALL, WIDTH, dress, new_figure
+from neurosym_jax.symbolic.description import state_texts
+from neurosym_jax.symbolic.forecast_text import PairForecasts
 
 __all__ = ["plot_symbol_forecast"]
 
 PAIRS = 10
-"""That fit."""
+"""Pairs that fit the figure."""
 
 
 def plot_symbol_forecast(
-    observed: np.ndarray,
-    samples: np.ndarray,
-    people: np.ndarray,
-    pairs: Sequence[tuple[int, int]],
-    states: np.ndarray,
-    texts: list[str],
-    probability: np.ndarray,
-    seconds: np.ndarray,
-    events: Sequence[str],
-    title: str,
-    period: float = 0.4,
+    observed: np.ndarray, samples: np.ndarray, found: PairForecasts, title: str
 ) -> Figure:
-    """A scene's forecast beside what it means: the states and events of its first ten pairs.
+    """A scene's sampled paths beside the states and events of its ten most eventful pairs.
 
     Args:
         observed: [N, obs_len, 2] metres.
         samples: [k, N, T, 2] metres.
-        people: [N] ids.
-        pairs: of agents, in the order in which they are shown.
-        states: [N, N, T, S] probabilities.
-        texts: of the S states.
-        probability: [E, N, N] of events.
-        seconds: [E, N, N, 3] quartiles of their times.
-        events: E names.
+        found: states and events of these samples.
         title: of the figure.
-        period: seconds between steps.
     """
-    chosen = list(pairs)[:PAIRS]
+    people, texts = found.people, state_texts(found.settings.calculus)
+    chosen = found.pairs[:PAIRS]
     height = max(2.4, 1.0 + 0.2 * len(chosen))
     figure, ((where, when, what),) = new_figure(WIDTH, height, 1, 3, width_ratios=(1.1, 1.9, 1.5))
     _draw_samples(where, observed, samples, people)
     dress(where, "x [m]", "y [m]", title)
-    best = np.array([states[pair].argmax(axis=1) for pair in chosen])
-    share = np.array([states[pair].max(axis=1) for pair in chosen])
-    steps = share.shape[1]
-    cells = [[texts[row] for row in rows] for rows in best]
-    draw_matrix(when, share, cells, SMALL - 1.5)
-    when.set_xticks(range(steps), [f"{period * (step + 1):.1f}" for step in range(steps)])
+    best = np.array([found.states[pair].argmax(axis=1) for pair in chosen])
+    share = np.array([found.states[pair].max(axis=1) for pair in chosen])
+    draw_matrix(when, share, [[texts[row] for row in rows] for rows in best], SMALL - 1.5)
+    seconds = [f"{found.settings.period * (step + 1):.1f}" for step in range(share.shape[1])]
+    when.set_xticks(range(len(seconds)), seconds)
     when.set_yticks(range(len(chosen)), [f"{people[i]} → {people[j]}" for i, j in chosen])
     dress(when, "seconds ahead", "", "most probable state")
-    of_pairs = np.array([probability[:, i, j] for i, j in chosen])
-    medians = np.array([seconds[:, i, j, 1] for i, j in chosen])
+    probability = np.array([found.probability[:, i, j] for i, j in chosen])
+    medians = np.array([found.seconds[:, i, j, 1] for i, j in chosen])
     cells = [
         [f"{100 * p:.0f}%\n{t:.1f} s" if p >= 0.2 and np.isfinite(t) else "" for p, t in zip(*both)]
-        for both in zip(of_pairs, medians)
+        for both in zip(probability, medians)
     ]
-    draw_matrix(what, of_pairs, cells, SMALL - 2.5)
-    names = [event.replace("_", "\n") for event in events]
-    what.set_xticks(range(len(events)), names, rotation=60, ha="right", rotation_mode="anchor")
+    draw_matrix(what, probability, cells, SMALL - 2.5)
+    names = [event.replace("_", "\n") for event in found.events]
+    what.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
     what.set_yticks([])
     dress(what, "", "", "events, median time")
     for axes in (when, what):

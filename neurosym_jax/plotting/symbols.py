@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 from neurosym_jax.plotting.matrix import LETTERS, draw_matrix
 from neurosym_jax.plotting.palette import AMBER, BLUE, GREEN, INK, PALETTE, RED, SKY
 from neurosym_jax.plotting.style import LABEL, SMALL, WIDTH, add_legend, dress, new_figure
+from neurosym_jax.symbolic.description import ScenePairs, state_texts
 
 __all__ = ["plot_pairs", "plot_states"]
 
@@ -16,35 +17,19 @@ STATES = 24
 """States in the histogram; the rest are summed up."""
 
 
-def plot_pairs(
-    position: np.ndarray,
-    people: np.ndarray,
-    codes: np.ndarray,
-    alpha: np.ndarray,
-    texts: list[str],
-    title: str,
-    period: float = 0.4,
-) -> Figure:
-    """A scene's paths beside alpha of its pairs over time, the states written into it.
+def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
+    """A scene's paths beside alpha of its pairs over time, with the QTC_C1 states written in.
 
-    Where alpha is the same both ways, a pair has one row; the first 12 are shown.
-
-    Args:
-        position: [N, T, 2] metres.
-        people: [N] ids.
-        codes: [N, N, T - 1], of the states.
-        alpha: [N, N, T].
-        texts: of the 81 states, by code.
-        title: of the figure.
-        period: seconds between steps.
+    Where alpha is the same both ways, a pair has one row; the first 12 rows are shown.
     """
-    count = len(people)
+    people, alpha, texts = pairs.people, pairs.alpha, state_texts()
+    count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
-    pairs = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
-    pairs = pairs[:PAIRS]
-    height = max(2.2, 0.8 + 0.19 * len(pairs))
+    rows = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
+    rows = rows[:PAIRS]
+    height = max(2.2, 0.8 + 0.19 * len(rows))
     figure, ((where, when),) = new_figure(WIDTH, height, 1, 2, width_ratios=(1, 2.7))
-    for path, person, colour in zip(position, people, PALETTE * count):
+    for path, person, colour in zip(pairs.position, people, PALETTE * count):
         where.plot(*path.T, "-o", color=colour, ms=1.5, lw=1.0)
         look = {"textcoords": "offset points", "color": colour, "fontsize": LABEL}
         where.annotate(f"{person}", path[0], (3, 3), **look)
@@ -53,23 +38,21 @@ def plot_pairs(
     where.margins(0.15)
     dress(where, "x [m]", "y [m]", "paths, a dot at the end")
 
-    rows = np.array([alpha[i, j] for i, j in pairs])
-    steps = alpha.shape[-1]
-    highest = rows.max() if rows.size and rows.max() > 0 else 1.0
+    values = np.array([alpha[row] for row in rows])
+    highest = values.max() if values.size and values.max() > 0 else 1.0
     # Learned weights may be negative.
-    lowest = min(0.0, rows.min(initial=0.0))
+    lowest = min(0.0, values.min(initial=0.0))
     dress(when, "time [s]", "", f"alpha and QTC state: {title}")
-    # Four letters of 0.6 of their size each, and a margin, in a step's share of the width.
+    # A letter is 0.6 of its size wide; four and a margin fit into a step.
     size = min(SMALL, 0.58 * WIDTH * 72 / steps / 3)
-    cells = [["", *(texts[code] for code in codes[pair])] for pair in pairs]
-    image = draw_matrix(when, rows, cells, size, lowest, highest)
+    cells = [["", *(texts[code] for code in pairs.codes[row])] for row in rows]
+    image = draw_matrix(when, values, cells, size, lowest, highest)
     arrow = "→" if both_ways else "–"
-    when.set_yticks(range(len(pairs)), [f"{people[i]} {arrow} {people[j]}" for i, j in pairs])
+    when.set_yticks(range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows])
     ticks = range(0, steps, 2)
-    when.set_xticks(ticks, [f"{period * step:.1f}" for step in ticks])
-    when.grid(visible=False)
+    when.set_xticks(ticks, [f"{pairs.period * step:.1f}" for step in ticks])
     when.set_xticks(np.arange(0.5, steps), minor=True)
-    when.set_yticks(np.arange(0.5, len(pairs)), minor=True)
+    when.set_yticks(np.arange(0.5, len(rows)), minor=True)
     when.tick_params(which="minor", length=0)
     when.set_axisbelow(False)
     when.grid(which="minor", color="white", linewidth=0.8)
@@ -80,29 +63,24 @@ def plot_pairs(
 
 
 def plot_states(
-    counts: np.ndarray,
-    texts: list[str],
-    table: np.ndarray | None,
-    learned: np.ndarray | None,
-    title: str,
+    counts: np.ndarray, table: np.ndarray | None, learned: np.ndarray | None, title: str
 ) -> Figure:
-    """How often the states occur, and what they weigh by the table and once learned.
+    """Frequency of the QTC_C1 states, beside their weights before and after training.
 
     The 24 most frequent states are shown, coloured by their number of zeros.
 
     Args:
-        counts: [81] pair-steps.
-        texts: of the 81 states, by code.
+        counts: [81] pair-steps by state code.
         table: [81] weights before training, or None.
         learned: [81] weights after it, or None.
         title: of the figure.
     """
+    texts = state_texts()
     order = np.argsort(-counts, kind="stable")[: min(STATES, np.count_nonzero(counts))]
     share = 100 * counts / max(counts.sum(), 1)
     rest = share.sum() - share[order].sum()
     columns = 1 if table is None else 2
-    size = (WIDTH, 0.9 + 0.145 * len(order))
-    figure, (panels,) = new_figure(*size, 1, columns, sharey=True)
+    figure, (panels,) = new_figure(WIDTH, 0.9 + 0.145 * len(order), 1, columns, sharey=True)
     zeros = np.array([text.count("0") for text in texts])
     place = np.arange(len(order))
     others = f"; the other {81 - len(order)} states: {rest:.1f}\xa0%"
@@ -115,7 +93,7 @@ def plot_states(
     panels[0].set_yticks(place, [texts[code] for code in order], fontsize=SMALL, **LETTERS)
     panels[0].set_ylim(len(order) - 0.4, -0.6)
     if table is not None:
-        dress(panels[1], "weight alpha", "", "what the state weighs")
+        dress(panels[1], "weight alpha", "", "weight of the state")
         if learned is not None:
             panels[1].hlines(place, table[order], learned[order], color="#BBBBBB", lw=1.2)
             panels[1].plot(learned[order], place, "o", color=RED, ms=4, label="learned")

@@ -1,11 +1,10 @@
 """Embedded default data: two people in a 5 m x 8.2 m room for two minutes, simulated from a seed.
 
-The scenarios are those the NeuroSyM robot experiment describes: `all-forward`, people walking side
-by side to the room's end and back, and `cross-path`, people who cross each other's way and avoid
-each other. Both are walks of a social-force model (`social_force`), seen by a 10 Hz tracker whose
-faults can be switched on (`tracker`). They are not recordings, and results on them say nothing
-about a method's rank on real people; they are here so that everything runs, and can be tested,
-without a download.
+The scenarios are those of the NeuroSyM robot experiment: in `all-forward` people walk side by side
+to the room's end and back, in `cross-path` they cross each other's way and avoid each other. Both
+are walks of a social-force model (`social_force`), seen by a 10 Hz tracker with optional faults
+(`tracker`). They are not recordings, and results on them do not rank methods for real people; with
+them everything runs, and can be tested, without a download.
 """
 
 import functools
@@ -40,11 +39,7 @@ MAX_STEP = 0.05  # seconds, of the integration
 
 
 def synthetic_tracks(scenario: Scenario, seed: int = 0) -> Tracks:
-    """Two minutes of two people as a good tracker sees them, resampled to 0.4 s: 301 points each.
-
-    Raises:
-        InputError: for an unknown scenario or a seed outside 0 .. 2**32 - 1.
-    """
+    """Two minutes of two people, tracked without faults, resampled to 0.4 s: 301 points each."""
     return resample(simulate(scenario, seed), PERIOD)
 
 
@@ -56,23 +51,23 @@ def simulate(
     faults: TrackerFaults | None = None,
     rate: float = 10.0,
 ) -> Tracks:
-    """What a tracker reports of a simulated walk.
+    """Tracks of a simulated walk, as a tracker reports them.
 
     With more than two people, `all-forward` has several pairs (the last person of an odd number
-    walks alone) and `cross-path` has everybody's way through the middle of the room.
+    walks alone) and in `cross-path` all cross the middle of the room.
 
     Args:
         scenario: "all-forward" or "cross-path".
         seed: 0 .. 2**32 - 1. The same arguments give the same bits on the same machine; another
             `duration`, `people` or `rate` gives another walk.
         duration: seconds.
-        people: how many.
+        people: number of people.
         faults: of the tracker; None is `TrackerFaults()`.
         rate: frames per second.
 
     Returns:
         Tracks on the frames `n / rate`, from 0 to `duration`; a person keeps the true id
-        0 .. people - 1 until the faults give another one.
+        0 .. people - 1 until a fault changes it.
 
     Raises:
         InputError: for an argument out of range.
@@ -88,13 +83,13 @@ def simulate_labelled(
     faults: TrackerFaults | None = None,
     rate: float = 10.0,
 ) -> tuple[Tracks, np.ndarray]:
-    """`simulate`, with the person whom each row of it belongs to: [R] int64 true ids.
+    """The tracks of `simulate`, and the true id of each of their rows: [R] int64.
 
-    The label is what an identity score such as IDF1 compares the tracker's ids with.
+    An identity score such as IDF1 compares the tracker's ids with the true ones.
     """
-    faults = TrackerFaults() if faults is None else faults
     path, stamp = _walk(scenario, seed, duration, people, rate)
-    frame, person, ids, position = track(path, faults, rate, _key(seed, 1), _key(seed, 2))
+    keys = _key(seed, 1), _key(seed, 2)
+    frame, person, ids, position = track(path, faults or TrackerFaults(), rate, *keys)
     tracks = make_tracks(_name(scenario, seed), stamp[frame], ids, position)
     return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
 
@@ -117,8 +112,10 @@ def _name(scenario: str, seed: int) -> str:
     return f"synthetic/{scenario}/{seed}"
 
 
-def _walk(scenario, seed, duration, people, rate) -> tuple[np.ndarray, np.ndarray]:
-    """Path [F, P, 2] and stamps [F] in float64."""
+def _walk(
+    scenario: str, seed: int, duration: float, people: int, rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Path [F, P, 2] metres and timestamps [F] seconds, float64."""
     if scenario not in _PLANS:
         raise InputError(f"scenario must be one of {sorted(_PLANS)}, not {scenario!r}")
     refuse_seed(seed)
@@ -132,7 +129,7 @@ def _walk(scenario, seed, duration, people, rate) -> tuple[np.ndarray, np.ndarra
 
 
 def _key(seed: int, purpose: int) -> jax.Array:
-    """A key for each purpose of a seed; a Threefry key is two free words, so no need to split."""
+    """A key for each purpose of a seed; a Threefry key is two free words, so no split is needed."""
     return jax.random.wrap_key_data(jnp.array([purpose, seed], jnp.uint32), impl="threefry2x32")
 
 
@@ -154,12 +151,12 @@ def _all_forward(chance: jax.Array) -> Plan:
 
 
 def _cross_path(chance: jax.Array) -> Plan:
-    """Everybody between two opposite places at the room's edge, so that all ways meet inside."""
+    """Each person between two opposite places at the room's edge, so that all ways meet inside."""
     legs, people, _ = chance.shape
     angle = np.pi * (np.arange(people) + 0.5) / people
     way = np.stack([np.cos(angle), np.sin(angle)], -1)
     way /= np.abs(way).max(axis=-1, keepdims=True)
-    # Neighbours in angle start from opposite ends: two people meet, they do not merge.
+    # Neighbours in angle start from opposite ends, so that two people meet instead of merging.
     end = (-1.0) ** (np.arange(legs)[:, None] + np.arange(people) + 1)
     middle = np.array(ROOM) / 2
     station = middle + end[..., None] * way * (middle - [1.0, 1.1])
@@ -171,7 +168,7 @@ _PLANS = {"all-forward": _all_forward, "cross-path": _cross_path}
 
 
 def _pace(chance: jax.Array) -> jax.Array:
-    """A speed of one's own, a little less of it on some legs."""
+    """[L, P] a person's speed, a little lower on some legs."""
     return _between(chance[:1, :, 6], 1.2, 1.35) * _between(chance[..., 7], 0.92, 1.0)
 
 
@@ -187,17 +184,15 @@ def _between(chance: jax.Array, low: float, high: float) -> jax.Array:
 def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: float) -> jax.Array:
     """Positions [frames, people, 2] in metres; `key` is consumed."""
     substeps = int(np.ceil(1 / (rate * MAX_STEP) - 1e-9))
-    dt = 1 / (rate * substeps)
     # No leg takes less than two seconds: the shortest way across is 3 m.
     legs = int(frames / rate / 2) + 3
-    # One draw for everything, because each costs a third of a second to compile. float32 by name,
-    # so that the same seed is the same walk under x64. A kick of unit variance need not be normal:
-    # the wobble is the sum of many.
-    steps = frames * substeps + 1
-    plans = legs * people * 8
+    # One draw for everything, because each takes a third of a second to compile. float32 by name,
+    # so that a seed is the same walk under x64. Kicks of unit variance need not be normal: the
+    # wobble is the sum of many.
+    steps, plans = frames * substeps + 1, legs * people * 8
     chance = jax.random.uniform(key, (plans + steps * 2 * people,), jnp.float32)
     kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
-    chance = chance[:plans].reshape(legs, people, 8)
-    plan = _PLANS[scenario](chance)
+    plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
     plan = jax.tree.map(lambda array: array.astype(jnp.float32), plan)
-    return walk(plan, kicks, dt, ROOM, abreast=scenario == "all-forward")[::substeps]
+    abreast = scenario == "all-forward"
+    return walk(plan, kicks, 1 / (rate * substeps), ROOM, abreast)[::substeps]

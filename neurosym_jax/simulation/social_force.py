@@ -8,13 +8,13 @@ follows the relative velocity, as in A. Johansson, D. Helbing and P. Shukla, "Sp
 social force pedestrian model by evolutionary adjustment to video tracking data", Adv. Complex
 Syst. 10, 271 (2007): with the other's velocity alone, people in a room this small jump back.
 
-Assumed by us, because no source fixes it: the anticipation of 1 s, a body of 0.2 m inside the
+No source fixes the following, so we assume: the anticipation of 1 s, a body of 0.2 m inside the
 repulsion and a contact force below 0.5 m, a softer wall, a heading that turns at most 2.5 rad/s,
-braking before the goal and pausing there for one's partner, slow random changes of pace and
-heading, and, in place of an attraction, a spring that keeps a pair 0.8 m abreast. Gait sway,
-bystanders and the robot are left out.
+braking before the goal and pausing there for the partner, slow random changes of pace and heading,
+and, in place of an attraction, a spring that keeps a pair 0.8 m abreast. Gait sway, bystanders and
+the robot are left out.
 
-Who means to walk where is a `Plan`, made by `simulation.scenarios`.
+The goals of the people are a `Plan`, made by `simulation.scenarios`.
 """
 
 from typing import NamedTuple
@@ -33,19 +33,19 @@ BEHIND = 0.5  # of the repulsion by people out of view
 HALF_VIEW = np.deg2rad(100.0)
 WALL, WALL_RANGE = 1.0, 0.2  # m^2/s^2, m
 CONTACT, TOUCH = 30.0, 0.5  # 1/s^2, m: people nearer than this, a pair too, push apart
-MARGIN = 0.25  # m; nobody's centre comes nearer to a wall
+MARGIN = 0.25  # m; no centre of a person comes nearer to a wall
 TOP_SPEED = 1.3  # of the desired speed
 TURN_RATE = 2.5  # rad/s
 ABREAST = 0.8  # m between the two of a pair
 SPRING, DAMPING = 2.0, 1.0  # 1/s^2, 1/s: of a pair
 BRAKING, ARRIVED = 0.8, 0.3  # m from the goal
-PATIENCE = 15.0  # s on one leg, after which a blocked person is content with the place reached
+PATIENCE = 15.0  # s on one leg, after which a blocked person counts as arrived
 WOBBLE = (0.06, 0.10)  # standard deviations of relative pace and of heading (rad)
 WOBBLE_TIME = 1.5  # s
 
 
 class Plan(NamedTuple):
-    """What each person means to do on each of L legs; leg 0 is standing at the start."""
+    """Goals of P people on each of L legs; leg 0 is standing at the start."""
 
     goal: jax.Array  # [L, P, 2] metres
     pause: jax.Array  # [L, P] seconds, after the goal is reached by both of a pair
@@ -70,11 +70,10 @@ def walk(
 
     Args:
         plan: of P people; float32.
-        kicks: [F + 1, 2, P] of unit variance, which make pace and heading wander.
+        kicks: [F + 1, 2, P] of unit variance, for random changes of pace and heading.
         dt: seconds, at most 0.05.
         room: metres along x and y; one corner is the origin.
-        abreast: whether neighbours in the order of people (0 and 1, 2 and 3, ...) are pairs that
-            stay side by side across x.
+        abreast: whether people 0 and 1, 2 and 3, ... are pairs that stay side by side across x.
     """
     people = plan.goal.shape[1]
     ahead = plan.goal[1] - plan.goal[0]
@@ -103,13 +102,13 @@ def _step(
     state: _State,
     kick: jax.Array,
 ) -> _State:
-    """One Euler step of everybody."""
+    """One Euler step of all people."""
     people = len(state.leg)
     partner = np.arange(people) ^ 1
     partner = np.where(partner < people, partner, np.arange(people))
     everyone = np.arange(people)
 
-    # Turn around together: stand until one's partner has arrived too, then pause.
+    # Partners turn around together: stand until both have arrived, then pause.
     goal = plan.goal[state.leg, everyone]
     there = _length(goal - state.position) < ARRIVED
     arrived = state.arrived | there | (state.since > PATIENCE)
@@ -162,13 +161,7 @@ def _step(
     return _State(inside, velocity, heading, wobble, leg, since, pause, arrived)
 
 
-def _repulsion(
-    own: jax.Array,
-    other: jax.Array,
-    heading: jax.Array,
-    own_velocity: jax.Array,
-    velocity: jax.Array,
-) -> jax.Array:
+def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
     """Acceleration [2] of the person at `own` by the one at `other`: Helbing-Molnár (3), (4)."""
 
     def potential(offset):

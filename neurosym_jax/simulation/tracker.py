@@ -1,47 +1,38 @@
-"""What a 10 Hz people tracker does to the truth: noise, drop-outs, and ids that change.
+"""Faults of a 10 Hz people tracker: noise, drop-outs, and ids that change.
 
-It takes the paths of everybody, complete and exact, and gives the rows that a tracker would report
-with, for each, the person whom it belongs to. It does not know where the paths come from (see
-`simulation.scenarios`), and mending broken tracks is not done here.
+From complete and exact paths it makes the rows that a tracker would report, with the true person of
+each row. Broken tracks are mended elsewhere (stitching).
 """
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.configuration import Checked, NotNegative, Share
 
 __all__ = ["TrackerFaults", "track"]
 
-SWAP_DISTANCE = 0.8  # m within which a tracker can mistake two people for each other
+SWAP_DISTANCE = 0.8  # m within which a tracker can confuse two people
 
 
 @dataclasses.dataclass(frozen=True)
-class TrackerFaults:
-    """What a tracker does to the truth; the default is a good tracker with a little noise."""
+class TrackerFaults(Checked):
+    """Faults of a tracker; the default is a good tracker with a little noise."""
 
-    noise: float = 0.02
+    noise: NotNegative = 0.02
     """Standard deviation in metres of each coordinate."""
-    dropout: float = 0.0
-    """Probability per frame and person of losing the person."""
-    dropout_seconds: float = 1.0
+    dropout: Share = 0.0
+    """Probability per frame that the tracker loses a person."""
+    dropout_seconds: NotNegative = 1.0
     """Mean length of a loss, geometrically distributed, at least one frame."""
-    id_switch: float = 0.0
+    id_switch: Share = 0.0
     """Probability that a lost person comes back under a new id."""
-    id_swap: float = 0.0
+    id_swap: Share = 0.0
     """Probability per frame that two people within 0.8 m exchange their ids."""
-
-    def __post_init__(self):
-        """Refuse what is not a probability, a length or a duration."""
-        for name in ("dropout", "id_switch", "id_swap"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise InputError(f"{name} must be a probability, not {getattr(self, name)}")
-        for name in ("noise", "dropout_seconds"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise InputError(f"{name} must not be negative, not {getattr(self, name)}")
 
 
 def track(
@@ -51,7 +42,7 @@ def track(
     identity_key: jax.Array,
     noise_key: jax.Array,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The rows that a tracker reports, R of them, frame by frame.
+    """The R rows that a tracker reports, frame by frame.
 
     Args:
         path: [F, P, 2] true positions of P people, metres.
@@ -65,7 +56,7 @@ def track(
     """
     lost, label = _identities(identity_key, path, faults, rate)
     frame, person = np.nonzero(~lost)
-    noise = np.asarray(_normal(noise_key, path.shape), np.float64)
+    noise = np.asarray(_draw(jax.random.normal, noise_key, path.shape), np.float64)
     position = path[frame, person] + faults.noise * noise[frame, person]
     return frame, person, label[frame, person], position
 
@@ -73,11 +64,11 @@ def track(
 def _identities(
     key: jax.Array, path: np.ndarray, faults: TrackerFaults, rate: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Who is lost, [F, P] bool, and the tracker's id for everybody, [F, P] int64."""
+    """[F, P] bool: who is lost; and [F, P] int64: the tracker's ids."""
     frames, people, _ = path.shape
     if faults.dropout == faults.id_swap == 0:
         return np.zeros((frames, people), bool), np.tile(np.arange(people), (frames, 1))
-    chance = np.asarray(_uniform(key, (frames, people, 3 + people)), np.float64)
+    chance = np.asarray(_draw(jax.random.uniform, key, (frames, people, 3 + people)), np.float64)
     frame = np.arange(frames)[:, None]
     # Geometric length by inversion: P(more than n frames) = (1 - 1 / mean) ** n.
     mean = max(faults.dropout_seconds * rate, 1.0)
@@ -101,11 +92,6 @@ def _identities(
     return lost, label
 
 
-@functools.partial(jax.jit, static_argnames="shape")
-def _normal(key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-    return jax.random.normal(key, shape, jnp.float32)
-
-
-@functools.partial(jax.jit, static_argnames="shape")
-def _uniform(key: jax.Array, shape: tuple[int, ...]) -> jax.Array:
-    return jax.random.uniform(key, shape, jnp.float32)
+@functools.partial(jax.jit, static_argnums=(0, 2))
+def _draw(distribution: Callable[..., jax.Array], key: jax.Array, shape: tuple[int, ...]):
+    return distribution(key, shape, jnp.float32)

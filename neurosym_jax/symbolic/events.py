@@ -1,8 +1,7 @@
-"""What two people do, in words: each event is an expression over a pair's symbols and distances.
+"""Events of a pair, such as passing or meeting: expressions over its symbols and distances.
 
-The table at the end is all there is to know of the events that the package brings; `register_event`
-adds one from a file of one's own. An event says at which steps it happens; whether and when it does
-in each of several sampled futures, and how probable it is then, is `forecast`'s.
+`EVENTS` lists those that the package brings; `register_event` adds one. An event says at which
+steps it happens; `forecast` says how probable it is in sampled futures, and when it happens.
 """
 
 import dataclasses
@@ -20,46 +19,49 @@ __all__ = ["EVENTS", "Encounter", "Event", "events_named", "in_short", "register
 
 @dataclasses.dataclass(frozen=True)
 class Encounter:
-    """The future of pairs (k, l) over T steps, of any leading axes; step t ends at `period` t."""
+    """The future of pairs (k, l) over T steps, with any leading axes; step t ends at `period` t.
+
+    `who` in its methods is `"k"` or `"l"`.
+    """
 
     states: Array
     """[..., T, 4] int8 of QTC_C1, in {-1, 0, 1}."""
     k: Array
     """[..., T + 1, 2] metres, the last position observed first."""
-    l: Array  # noqa: E741 (the calculus calls the two points k and l)
+    l: Array
     """[..., T + 1, 2] metres, see `k`."""
     period: float
     """Seconds between steps."""
     speed: float
-    """Metres per second up to which somebody stands."""
+    """Speed below which a person counts as standing, m/s."""
 
     def towards(self, who: str) -> Array:
-        """[..., T] whether `who` (`"k"` or `"l"`) moves towards the other."""
+        """[..., T] bool: `who` moves towards the other."""
         return self.states[..., "kl".index(who)] < 0
 
     def away(self, who: str) -> Array:
-        """[..., T] whether `who` moves away from the other."""
+        """[..., T] bool: `who` moves away from the other."""
         return self.states[..., "kl".index(who)] > 0
 
     def side(self, who: str) -> Array:
-        """[..., T] on which side of `who`'s way the other is: -1 right, 1 left, 0 straight on.
+        """[..., T] side of `who`'s way on which the other is: -1 right, 1 left, 0 straight on.
 
-        `who` moves to the right (q3 is +) of the line to somebody on the left.
+        `who` moves to the right (q3 is +) of the line to someone on the left.
         """
         return self.states[..., 2 + "kl".index(who)]
 
     @property
     def order(self) -> Array:
-        """[..., T] int8 -1 where k walks towards l, who walks away, 1 where l does so, else 0."""
-        after, ahead = self.towards("k") & self.away("l"), self.away("k") & self.towards("l")
-        return ahead.astype(jnp.int8) - after.astype(jnp.int8)
+        """[..., T] int8: -1 where k walks behind l, towards l who walks away, 1 ahead, else 0."""
+        behind, ahead = self.towards("k") & self.away("l"), self.away("k") & self.towards("l")
+        return ahead.astype(jnp.int8) - behind.astype(jnp.int8)
 
     def place(self, who: str) -> tuple[Array, Array]:
-        """Where the other is at the end of each step, seen from `who`'s way.
+        """Where the other is at the end of each step, relative to `who`'s direction.
 
         Returns:
-            [..., T] int8 1 on the left and -1 on the right, 0 on the line of the step; and [..., T]
-            bool whether ahead. Of who stands these are 0 and False.
+            [..., T] int8 1 on the left, -1 on the right, 0 on the line of the step; and [..., T]
+            bool ahead. While `who` stands these are 0 and False.
         """
         own, other = (self.k, self.l) if who == "k" else (self.l, self.k)
         v, to = jnp.diff(own, axis=-2), (other - own)[..., 1:, :]
@@ -69,7 +71,7 @@ class Encounter:
         return jnp.where(moves, jnp.sign(left), 0).astype(jnp.int8), moves & (along > 0)
 
     def crosses(self, who: str) -> Array:
-        """[..., T] whether `who` comes from one side of the other's way to the other side.
+        """[..., T] bool: `who` comes from one side of the other's way to the other side.
 
         At 30 to 150 degrees, both walking, within 5 m.
         """
@@ -82,16 +84,11 @@ class Encounter:
         return _length(self.k - self.l)
 
     def within(self, metres: float) -> Array:
-        """[..., T] whether they are that near at the end of the step."""
+        """[..., T] bool: their distance at the end of the step is at most `metres`."""
         return self.distance[..., 1:] <= metres
 
     def angle_between(self, low: float, high: float) -> Array:
-        """[..., T] whether k's and l's directions differ by so many degrees; False if one stands.
-
-        Args:
-            low: degrees, 0 to 180.
-            high: degrees, 0 to 180.
-        """
+        """[..., T] bool: both walk, and their directions differ by `low` to `high` degrees."""
         v, w = jnp.diff(self.k, axis=-2), jnp.diff(self.l, axis=-2)
         lengths = _length(v) * _length(w)
         cosine = (v * w).sum(axis=-1)
@@ -100,7 +97,7 @@ class Encounter:
         return fits & (lengths > 0)
 
     def lasting(self, what: Array, seconds: float) -> Array:
-        """[..., T] whether `what` [..., T] has been so for this long, and is."""
+        """[..., T] bool: `what` [..., T] holds and has held for this long."""
         held = what
         for steps in range(1, round(seconds / self.period)):
             held = held & _shifted(what, steps)
@@ -108,7 +105,7 @@ class Encounter:
 
     @staticmethod
     def turns(sign: Array) -> Array:
-        """[..., T] whether a sign [..., T] is now the opposite of what it was before it was 0."""
+        """[..., T] bool: a sign [..., T] is the opposite of its last value that was not 0."""
         before, reach = _shifted(sign, 1), 1
         while reach < sign.shape[-1]:
             before = jnp.where(before != 0, before, _shifted(before, reach))
@@ -125,15 +122,86 @@ class Event:
     happens: Callable[[Encounter], Array]
     """[..., T] bool: at which steps; a function that `jax.jit` can take."""
     short: str = ""
-    """Such as `{k} follows {l}`; empty where its name between the two says enough."""
+    """Such as `{k} follows {l}`; by default its name between the two."""
 
     @property
     def mutual(self) -> bool:
-        """Whether it happens to (l, k) as well, and need be told once: `{k} and {l} ...`."""
+        """Whether it happens to (l, k) as well, so that it is reported once: `{k} and {l} ...`."""
         return self.short.startswith("{k} and {l}")
 
 
-EVENTS: Registry[Event] = Registry("event")
+def events_named(names: tuple[str, ...] | None = None) -> dict[str, Event]:
+    """The events of these names, in this order; None is all.
+
+    Raises:
+        InputError: for an unknown event, or one named twice.
+    """
+    if names is not None and len(set(names)) < len(names):
+        raise InputError(f"an event is named twice: {', '.join(names)}")
+    return {name: EVENTS[name] for name in (EVENTS if names is None else names)}
+
+
+def in_short(name: str) -> str:
+    """An event in a few words, with `{k}` and `{l}` in place of the two."""
+    return EVENTS[name].short or f"{{k}} {name.replace('_', ' ')} {{l}}"
+
+
+def _length(offset: Array) -> Array:
+    return jnp.sqrt(jnp.square(offset).sum(axis=-1))
+
+
+def _shifted(array: Array, steps: int) -> Array:
+    """`array` [..., T] as of `steps` steps before, zeros (False) before the first."""
+    kept = array[..., : max(0, array.shape[-1] - steps)]
+    missing = array.shape[-1] - kept.shape[-1]
+    return jnp.pad(kept, [(0, 0)] * (array.ndim - 1) + [(missing, 0)])
+
+
+EVENTS: Registry[Event] = Registry(
+    "event",
+    {
+        "approaches": Event(
+            "k walks towards l for 1.2 s",
+            lambda e: e.lasting(e.towards("k"), 1.2),
+        ),
+        "passes_left": Event(
+            "k, who walked towards l, walks away, with l at k's left hand within 3 m",
+            lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") > 0) & e.within(3),
+            "{k} passes with {l} on the left",
+        ),
+        "passes_right": Event(
+            "k, who walked towards l, walks away, with l at k's right hand within 3 m",
+            lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") < 0) & e.within(3),
+            "{k} passes with {l} on the right",
+        ),
+        "crosses_before": Event(
+            "k comes from one side of l's way to the other, 30 to 150 degrees, ahead of l within "
+            "5 m",
+            lambda e: e.crosses("k") & e.place("l")[1],
+        ),
+        "crosses_behind": Event(
+            "k comes from one side of l's way to the other, 30 to 150 degrees, behind l within 5 m",
+            lambda e: e.crosses("k") & ~e.place("l")[1],
+        ),
+        "follows": Event(
+            "k walks towards l and l away from k, in directions less than 45 degrees apart and "
+            "within 4 m, for 1.2 s",
+            lambda e: e.lasting(
+                e.towards("k") & e.away("l") & e.angle_between(0, 45) & e.within(4), 1.2
+            ),
+        ),
+        "overtakes": Event(
+            "k, who walked behind l, walks ahead of l, in directions less than 45 degrees apart "
+            "and within 3 m",
+            lambda e: e.turns(e.order) & (e.order > 0) & e.angle_between(0, 45) & e.within(3),
+        ),
+        "meets": Event(
+            "k and l, who were farther apart a step before, are within 1.2 m of each other",
+            lambda e: e.within(1.2) & (e.distance[..., :-1] > 1.2),
+            "{k} and {l} meet",
+        ),
+    },
+)
 
 
 def register_event(name: str, event: Event, *, replace: bool = False) -> None:
@@ -143,82 +211,3 @@ def register_event(name: str, event: Event, *, replace: bool = False) -> None:
         InputError: for a name that is taken or cannot be one.
     """
     EVENTS.register(name, event, replace=replace)
-
-
-def events_named(names: tuple[str, ...] | None = None) -> dict[str, Event]:
-    """The events of these names, in this order; all without.
-
-    Raises:
-        InputError: for a name that nobody registered.
-    """
-    if names is not None and len(set(names)) < len(names):
-        raise InputError(f"an event is named twice: {', '.join(names)}")
-    return {name: EVENTS[name] for name in (EVENTS if names is None else names)}
-
-
-def in_short(name: str) -> str:
-    """What an event is in a few words, with `{k}` and `{l}` in place of the two."""
-    return EVENTS[name].short or f"{{k}} {name.replace('_', ' ')} {{l}}"
-
-
-def _length(offset: Array) -> Array:
-    return jnp.sqrt(jnp.square(offset).sum(axis=-1))
-
-
-def _shifted(array: Array, steps: int) -> Array:
-    """`array` [..., T] of so many steps before, zeros (False) before the first."""
-    kept = array[..., : max(0, array.shape[-1] - steps)]
-    missing = array.shape[-1] - kept.shape[-1]
-    return jnp.pad(kept, [(0, 0)] * (array.ndim - 1) + [(missing, 0)])
-
-
-for _name, _sentence, _happens, *_more in (
-    (
-        "approaches",
-        "k walks towards l for 1.2 s",
-        lambda e: e.lasting(e.towards("k"), 1.2),
-    ),
-    (
-        "passes_left",
-        "k, who walked towards l, walks away, with l at k's left hand within 3 m",
-        lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") > 0) & e.within(3),
-        "{k} passes with {l} on the left",
-    ),
-    (
-        "passes_right",
-        "k, who walked towards l, walks away, with l at k's right hand within 3 m",
-        lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") < 0) & e.within(3),
-        "{k} passes with {l} on the right",
-    ),
-    (
-        "crosses_before",
-        "k comes from one side of l's way to the other, 30 to 150 degrees, ahead of l within 5 m",
-        lambda e: e.crosses("k") & e.place("l")[1],
-    ),
-    (
-        "crosses_behind",
-        "k comes from one side of l's way to the other, 30 to 150 degrees, behind l within 5 m",
-        lambda e: e.crosses("k") & ~e.place("l")[1],
-    ),
-    (
-        "follows",
-        "k walks towards l and l away from k, in directions less than 45 degrees apart and within "
-        "4 m, for 1.2 s",
-        lambda e: e.lasting(
-            e.towards("k") & e.away("l") & e.angle_between(0, 45) & e.within(4), 1.2
-        ),
-    ),
-    (
-        "overtakes",
-        "k, who walked behind l, walks ahead of l, in directions less than 45 degrees apart and "
-        "within 3 m",
-        lambda e: e.turns(e.order) & (e.order > 0) & e.angle_between(0, 45) & e.within(3),
-    ),
-    (
-        "meets",
-        "k and l, who were farther apart a step before, are within 1.2 m of each other",
-        lambda e: e.within(1.2) & (e.distance[..., :-1] > 1.2),
-        "{k} and {l} meet",
-    ),
-):
-    register_event(_name, Event(_sentence, _happens, *_more))

@@ -1,16 +1,16 @@
-"""Symbols as a forecast: from k sampled futures of a scene to what its pairs will do, in words.
+"""Probabilities of the states and events of a scene's pairs, from k sampled futures.
 
 Every sample is a joint future of the scene, so in each of them a pair is in one state at each step,
-and an event happens to it or not. How often over the samples is a probability once it is smoothed:
-k samples in which something never happens do not make it impossible. Of C classes with shares b
-(uniform unless given) the one counted n times gets
+and an event happens or not. The share of samples is smoothed, because an event that happens in none
+of k samples is not impossible: of C classes with prior shares b (uniform unless given) the one
+counted n times gets
 
     p = (n + w b) / (k + w)
 
-the mean of a Dirichlet distribution with the prior weight w: as if w samples more had been seen
-that fall as b says. The default w = 1 with uniform b is Perks' prior (1947, "Some observations on
-inverse probability including a new indifference rule"), and for an event, which has two classes,
-Jeffreys'. `evaluation.symbol_scores` scores the probabilities.
+the mean of a Dirichlet distribution with the prior weight w: as if w more samples had been seen
+that are distributed as b. The default w = 1 with uniform b is Perks' prior (1947, "Some
+observations on inverse probability including a new indifference rule"), and for an event, which has
+two classes, Jeffreys'. `evaluation.symbol_scores` scores the probabilities.
 """
 
 import functools
@@ -22,17 +22,12 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from neurosym_jax.configuration import FORMAT, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.symbolic.calculi import CALCULI, all_states
+from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.events import events_named
-from neurosym_jax.symbolic.futures import (
-    Futures,
-    SymbolSettings,
-    event_steps,
-    pair_states_of,
-    settings_of,
-)
+from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of
 from neurosym_jax.symbolic.states import ABSENT
 
 __all__ = [
@@ -48,13 +43,13 @@ class SymbolicForecast(NamedTuple):
     """Probabilities of P pairs, or of [N, N] ordered ones, over T steps."""
 
     states: Array
-    """[..., T, S] in the order of `cnd.states(calculus)`."""
+    """[..., T, S] in the order of the calculus's `states`."""
     symbols: Array
-    """[..., T, m, V] of each symbol: -, 0, + and, where symbols can be absent, that."""
+    """[..., T, m, V] of each symbol: -, 0, + and, where symbols can be absent, absence."""
 
 
 class EventForecast(NamedTuple):
-    """Of E events of P pairs, or of [N, N] ordered ones."""
+    """Probabilities and times of E events of P pairs, or of [N, N] ordered ones."""
 
     probability: Array
     """[E, ...] that it happens within the T steps."""
@@ -72,16 +67,15 @@ def symbolic_forecast(
     prior: ArrayLike | None = None,
     **settings: Any,
 ) -> SymbolicForecast:
-    """Probabilities of the states and symbols of pairs at every step to come.
+    """Probabilities of the states and symbols of pairs at every future step.
 
     Args:
         samples: [k, N, T, 2] metres, futures of the scene, see `predict`.
         observed: [N, obs_len, 2] metres in the same frame; only the last positions are used.
-        pairs: [P, 2] the ordered pairs that are asked for; None for all N^2, which takes
-            4 N^2 T (2 S + 5 k) bytes: with 20 samples of 8 steps in QTC_C1 21 MB of 50 people and
-            2.1 GB of 500.
-        valid: [N] bool, False for padding, whose pairs get zeros, as do those of one with themself.
-        prior: [S] shares of the states that counts are smoothed with; None is uniform.
+        pairs: [P, 2] ordered pairs; None for all N^2, which takes 4 N^2 T (2 S + 5 k) bytes: with
+            20 samples of 8 steps in QTC_C1 21 MB for 50 people and 2.1 GB for 500.
+        valid: [N] bool, False for padding; pairs with padding, or of an agent with itself, get 0.
+        prior: [S] shares of the states for smoothing; None is uniform.
         **settings: see `SymbolSettings`.
 
     Returns:
@@ -89,11 +83,11 @@ def symbolic_forecast(
 
     Raises:
         InputError: for shapes that do not fit, an unknown calculus or setting, or more pairs than
-            there is memory for.
+            fit into memory.
     """
-    how, futures = settings_of(settings), Futures.of(samples, observed, pairs)
+    how, futures = _settings(settings), Futures.of(samples, observed, pairs)
     others = futures.others(valid)
-    size = len(all_states(CALCULI[how.calculus]))
+    size = len(CALCULI[how.calculus].states)
     refuse_beyond_memory(
         f"symbols of {others.size} pairs",
         4.0 * others.size * futures.samples.shape[2] * (2 * size + 5 * len(futures.samples)),
@@ -114,14 +108,14 @@ def symbolic_events(
     valid: ArrayLike | None = None,
     **settings: Any,
 ) -> EventForecast:
-    """How probable the events of pairs are, and when they happen.
+    """Probabilities and times of the events of pairs.
 
     Args:
         samples: see `symbolic_forecast`.
         observed: see `symbolic_forecast`.
         events: E names, see `events`; None for all, in their order.
         pairs: see `symbolic_forecast`.
-        valid: see `symbolic_forecast`; where there is no pair nothing happens, with probability 0.
+        valid: see `symbolic_forecast`.
         **settings: see `SymbolSettings`.
 
     Returns:
@@ -130,7 +124,7 @@ def symbolic_events(
     Raises:
         InputError: as `symbolic_forecast`, and for an unknown event.
     """
-    how, futures = settings_of(settings), Futures.of(samples, observed, pairs)
+    how, futures = _settings(settings), Futures.of(samples, observed, pairs)
     others = futures.others(valid)
     names = tuple(events_named(events))
     refuse_beyond_memory(
@@ -143,10 +137,14 @@ def symbolic_events(
 
 @functools.cache
 def symbol_table(calculus: str) -> np.ndarray:
-    """[S, m, V] float32: 1 where a state has the symbol -, 0, + (or none, with V = 4), else 0."""
+    """[S, m, V] float32: 1 where a state has the symbol -, 0, + or, with V = 4, its absence."""
     value = CALCULI[calculus]
     values = np.array([-1, 0, 1, *([ABSENT] if value.optional else [])])
-    return (all_states(value)[..., None] == values).astype(np.float32)
+    return (value.states[..., None] == values).astype(np.float32)
+
+
+def _settings(given: dict[str, Any]) -> SymbolSettings:
+    return from_json(SymbolSettings, {"format": FORMAT, **given}, "symbols")
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -173,7 +171,7 @@ def _events(
     first = jnp.sort(event_steps(how, names, futures), axis=1)
     count = (first < steps).sum(axis=1)
     share = (count + how.smoothing / 2) / (samples + how.smoothing)
-    # Of n times in order the one of rank ceil(q n): a time that was seen, not one between two.
+    # Of n sorted times the one of rank ceil(q n): an observed time, not one between two.
     ranks = [jnp.maximum(-(-quarter * count // 4) - 1, 0) for quarter in (1, 2, 3)]
     times = [jnp.take_along_axis(first, rank[:, None], axis=1)[:, 0] for rank in ranks]
     seconds = how.period * (jnp.stack(times, axis=-1) + 1.0)

@@ -1,8 +1,7 @@
-"""Sampled futures of pairs: what counts as a movement, states and events sample by sample.
+"""Sampled futures of pairs: their states and events, sample by sample.
 
-Thresholds are physical, metres and metres per second, so that they mean the same at every period.
-The first step leads from the last position observed. How samples become probabilities is said by
-`forecast`.
+Thresholds are in metres and metres per second, so that they mean the same at every period. The
+first step leads from the last position observed.
 """
 
 import dataclasses
@@ -15,45 +14,44 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import NotNegative, Positive, refuse_misfits
+from neurosym_jax.configuration import Checked, NotNegative, Positive
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.calculi import CALCULI, observe, state_index
 from neurosym_jax.symbolic.events import Encounter, events_named
 from neurosym_jax.symbolic.qtc import Convention, other_pairs
 
-__all__ = ["Futures", "SymbolSettings", "event_steps", "pair_states_of", "settings_of"]
+__all__ = ["Futures", "SymbolSettings", "event_steps", "pair_states_of"]
 
 
 @dataclasses.dataclass(frozen=True)
-class SymbolSettings:
-    """What counts as a movement, and how counts become probabilities."""
+class SymbolSettings(Checked):
+    """Thresholds of movements, and the smoothing of probabilities."""
 
     period: Positive = 0.4
     """Seconds between steps."""
     calculus: str = "c1"
-    """Of the states, by name; events are of QTC_C1."""
+    """Calculus of the states; events are of QTC_C1."""
     convention: Convention = "distance"
-    """See `qtc`."""
+    """Definition of the symbols, see `qtc`."""
     speed: NotNegative = 0.125
-    """Metres per second up to which a movement towards, away or to a side is none."""
+    """Metres per second up to which a movement towards, away or to a side counts as none."""
     angle: NotNegative = 0.0
     """Degrees up to which two angles are equal, for the symbol q6."""
     near: NotNegative = 1.22
     """Metres up to which a pair of QTC_BC has sides."""
     apart: NotNegative | None = None
-    """Metres beyond which it has none again; None is `near`."""
+    """Metres beyond which a pair of QTC_BC has no sides; None is `near`."""
     smoothing: NotNegative = 1.0
-    """Weight of the prior in samples, see the module; 0 leaves shares as they are counted."""
+    """Weight of the prior in samples, see `forecast`; 0 leaves shares as they are counted."""
 
     def __post_init__(self):
-        """Refuse what cannot be."""
-        refuse_misfits(self)
-        if self.calculus not in CALCULI:
-            raise InputError(f"unknown calculus {self.calculus!r}: there are {', '.join(CALCULI)}")
+        """Refuse an unknown calculus."""
+        super().__post_init__()
+        CALCULI[self.calculus]
 
     @property
     def thresholds(self) -> dict[str, Any]:
-        """As `calculi.observe` takes them, in metres per step and radians."""
+        """Arguments of `calculi.observe`, in metres per step and radians."""
         step = self.speed * self.period
         return {
             "convention": self.convention,
@@ -66,7 +64,7 @@ class SymbolSettings:
 
 
 class Futures(NamedTuple):
-    """What people may do, and the pairs of them that are looked at."""
+    """Sampled futures of N people, and the pairs of them that are looked at."""
 
     samples: Array
     """[k, N, T, 2] metres."""
@@ -77,10 +75,10 @@ class Futures(NamedTuple):
 
     @classmethod
     def of(cls, samples: ArrayLike, observed: ArrayLike, pairs: ArrayLike | None) -> "Futures":
-        """Those of `samples [k, N, T, 2]` after `observed [N, obs_len, 2]`, in metres.
+        """Check `samples [k, N, T, 2]` and `observed [N, obs_len, 2]`, in metres, and centre them.
 
         Raises:
-            InputError: for shapes that do not fit, or a pair of somebody who is not there.
+            InputError: for shapes that do not fit, or a pair of an agent that does not exist.
         """
         shape, seen = np.shape(samples), np.shape(observed)
         if len(shape) != 4 or len(seen) != 3 or shape[3] != 2 or not all((*shape, *seen)):
@@ -94,7 +92,7 @@ class Futures(NamedTuple):
         last: Any = observed
         last = (last if isinstance(last, jax.Array) else np.asarray(last))[:, -1]
         if isinstance(last, np.ndarray):
-            # Far from the origin float32 loses what differences are made of.
+            # Far from the origin float32 would lose the differences.
             origin = last.astype(np.float64).mean(axis=0)
             given, last = given - origin, last - origin
         if pairs is not None:
@@ -104,14 +102,14 @@ class Futures(NamedTuple):
         return cls(jnp.asarray(given, float), jnp.asarray(last, float), pairs)
 
     def others(self, valid: ArrayLike | None) -> Array:
-        """[P] or [N, N] bool: pairs of two people, who are `valid [N]`."""
+        """[P] or [N, N] bool: pairs of two different people, both `valid [N]`."""
         others = other_pairs(valid, len(self.last))
         return others if self.pairs is None else others[tuple(self.pairs.T)]
 
     def ends(self) -> tuple[Array, Array]:
         """Positions of k and of l from the last observed on.
 
-        [k, P, T + 1, 2] metres, or [k, N, 1, T + 1, 2] and [k, 1, N, T + 1, 2].
+        Each [k, P, T + 1, 2] metres, or [k, N, 1, T + 1, 2] and [k, 1, N, T + 1, 2].
         """
         count, people = self.samples.shape[:2]
         start = jnp.broadcast_to(self.last[:, None], (count, people, 1, 2))
@@ -123,27 +121,23 @@ class Futures(NamedTuple):
 
 def pair_states_of(settings: SymbolSettings, futures: Futures) -> Array:
     """[k, P, T] or [k, N, N, T] rows of the pairs' states among those of the calculus."""
-    k, l = futures.ends()  # noqa: E741
-    return state_index(settings.calculus, observe(settings.calculus, k, l, **settings.thresholds))
+    states = observe(*futures.ends(), settings.calculus, **settings.thresholds)
+    return state_index(settings.calculus, states)
 
 
 def event_steps(settings: SymbolSettings, names: tuple[str, ...], futures: Futures) -> Array:
-    """When each of E events first happens.
-
-    Args:
-        settings: of the thresholds.
-        names: of the events.
-        futures: of the pairs.
+    """The step at which each of E events first happens.
 
     Returns:
         [E, k, P] or [E, k, N, N] int32 steps from 0; T where it does not happen.
 
     Raises:
-        InputError: for an event that is unknown or gives something else than it should.
+        InputError: for an unknown event, or one that returns another shape or type than `Event`
+            says.
     """
-    k, l = futures.ends()  # noqa: E741
-    states = observe("c1", k, l, **settings.thresholds)
-    k, l = jnp.broadcast_arrays(k, l)  # noqa: E741
+    k, l = futures.ends()
+    states = observe(k, l, **settings.thresholds)
+    k, l = jnp.broadcast_arrays(k, l)
     encounter = Encounter(states, k, l, settings.period, settings.speed)
     steps = states.shape[-2]
     first = []
@@ -156,15 +150,3 @@ def event_steps(settings: SymbolSettings, names: tuple[str, ...], futures: Futur
             )
         first.append(jnp.where(happens.any(axis=-1), happens.argmax(axis=-1), steps))
     return jnp.stack(first).astype(jnp.int32)
-
-
-def settings_of(given: dict[str, Any]) -> SymbolSettings:
-    """Settings by name.
-
-    Raises:
-        InputError: for a setting that there is not, or a value that does not fit.
-    """
-    known = [field.name for field in dataclasses.fields(SymbolSettings)]
-    if unknown := given.keys() - set(known):
-        raise InputError(f"unknown setting {min(unknown)!r}: there are {', '.join(known)}")
-    return SymbolSettings(**given)

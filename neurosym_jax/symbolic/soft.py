@@ -1,4 +1,4 @@
-"""Differentiable QTC: how probable each symbol and state is, and what alpha is to be expected then.
+"""Differentiable QTC: the probability of each symbol and state, and the expected alpha.
 
 A hard symbol (`qtc`) compares a margin d, metres that a step leads away from the other agent or to
 the right of the line to it, with a threshold q. A soft one blurs the comparison by a logistic error
@@ -14,11 +14,10 @@ gradients are finite everywhere, and outside of that distance each symbol is the
 its margin lies ten temperatures from the threshold (probability > 0.9999).
 
 The relative speed q5 has the difference of the steps' lengths as its margin; q6 and QTC_BC, which
-compare angles and distances, have no soft form. Symbols are taken as independent. This is neither
-the hard calculus, nor which weighting a model has (see `weighting`).
+compare angles and distances, have no soft form. Symbols are taken as independent.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -27,124 +26,89 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.calculi import CALCULI, all_states
-from neurosym_jax.symbolic.qtc import Convention, both_ways, qtc_c1, side_factor
+from neurosym_jax.symbolic.calculi import CALCULI, Calculus, observe
+from neurosym_jax.symbolic.qtc import Convention, side_factor, ways
 
-__all__ = ["soft_alpha", "soft_qtc_c1", "soft_symbols", "state_probabilities"]
+__all__ = ["soft_alpha", "soft_symbols", "state_probabilities"]
 
 
-def soft_qtc_c1(
+def soft_symbols(
     k: ArrayLike,
-    l: ArrayLike,  # noqa: E741 (the calculus calls the two points k and l)
+    l: ArrayLike,
+    calculus: str = "c1",
     *,
     temperature: ArrayLike,
     quantisation_factor: ArrayLike = 0.0,
-    convention: Convention = "distance",
     side_quantisation_factor: ArrayLike | None = None,
+    convention: Convention = "distance",
     straight_through: bool = False,
 ) -> Array:
-    """Probabilities of the symbols of the pair (k, l); everything may be differentiated.
+    """Probabilities of the symbols of the pair (k, l), differentiable in every array.
 
     Args:
         k: [..., T, 2] positions in metres.
         l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
+        calculus: `b1`, `b2`, `b12_1d`, `c1` or `c2`.
         temperature: metres per step, > 0.
-        quantisation_factor: as for `qtc.qtc_c1`.
-        convention: as for `qtc.qtc_c1`.
-        side_quantisation_factor: as for `qtc.qtc_c1`.
+        quantisation_factor: see `qtc.Thresholds`.
+        side_quantisation_factor: see `qtc.Thresholds`.
+        convention: see `qtc`.
         straight_through: give the hard symbols probability 1, with the gradients of the soft ones.
-
-    Returns:
-        [..., T-1, 4, 3] probabilities of (-, 0, +) for q1 to q4.
-    """
-    sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    ways = both_ways(k, l)
-    approach = [_approach(*way, temperature, convention) for way in ways]
-    beside = [_side(*way, temperature) for way in ways]
-    soft = jnp.stack(
-        [_probabilities(margin, quantisation_factor, temperature) for margin in approach]
-        + [_probabilities(margin, sides, temperature) for margin in beside],
-        axis=-2,
-    )
-    if convention == "as_published":
-        # Its sides are never -: what would be is +.
-        folded = jnp.stack(
-            [jnp.zeros_like(soft[..., 0]), soft[..., 1], soft[..., 0] + soft[..., 2]], axis=-1
-        )
-        soft = jnp.concatenate([soft[..., :2, :], folded[..., 2:, :]], axis=-2)
-    if not straight_through:
-        return soft
-    states = qtc_c1(
-        k,
-        l,
-        quantisation_factor=quantisation_factor,
-        convention=convention,
-        side_quantisation_factor=side_quantisation_factor,
-    )
-    return jax.nn.one_hot(states + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
-
-
-def soft_symbols(
-    calculus: str,
-    k: ArrayLike,
-    l: ArrayLike,  # noqa: E741
-    *,
-    temperature: ArrayLike,
-    quantisation_factor: ArrayLike = 0.0,
-    convention: Convention = "distance",
-    side_quantisation_factor: ArrayLike | None = None,
-) -> Array:
-    """Probabilities of the symbols of a calculus; arguments as of `soft_qtc_c1`.
 
     Returns:
         [..., T-1, m, 3] probabilities of (-, 0, +) for each symbol.
 
     Raises:
-        InputError: for an unknown calculus, or one that has other symbols than q1 to q5.
+        InputError: for an unknown calculus, or one with other symbols than q1 to q5.
     """
-    value, known = CALCULI[calculus], ("q1", "q2", "q3", "q4", "q5")
-    if value.optional or not set(value.symbols) <= set(known):
-        raise InputError(f"the calculus {calculus!r} has no soft form: {', '.join(value.symbols)}")
-    positions = soft_qtc_c1(
-        k,
-        l,
-        temperature=temperature,
-        quantisation_factor=quantisation_factor,
-        convention=convention,
-        side_quantisation_factor=side_quantisation_factor,
-    )
-    speeds = [_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in both_ways(k, l)]
-    speed = _probabilities(speeds[0] - speeds[1], quantisation_factor, temperature)
-    every = jnp.concatenate([positions, speed[..., None, :]], axis=-2)
-    return every[..., jnp.array([known.index(name) for name in value.symbols]), :]
+    names = _refuse_hard(calculus).symbols
+    sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
+    pair, probabilities = ways(k, l), {}
+    for place, way in enumerate(pair):
+        approach = _approach(*way, temperature, convention)
+        probabilities[f"q{place + 1}"] = _probabilities(approach, quantisation_factor, temperature)
+        if f"q{place + 3}" in names:
+            side = _probabilities(_side(*way, temperature), sides, temperature)
+            if convention == "as_published":  # Its sides are never -: what would be is +.
+                folded = [jnp.zeros_like(side[..., 0]), side[..., 1], side[..., 0] + side[..., 2]]
+                side = jnp.stack(folded, axis=-1)
+            probabilities[f"q{place + 3}"] = side
+    if "q5" in names:
+        of_k, of_l = (_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in pair)
+        probabilities["q5"] = _probabilities(of_k - of_l, quantisation_factor, temperature)
+    soft = jnp.stack([probabilities[name] for name in names], axis=-2)
+    if not straight_through:
+        return soft
+    thresholds: dict[str, Any] = {"quantisation_factor": quantisation_factor}
+    thresholds["side_quantisation_factor"] = side_quantisation_factor
+    hard = observe(k, l, calculus, convention=convention, **thresholds)
+    return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
 
 
-def state_probabilities(calculus: str, probabilities: ArrayLike) -> Array:
-    """How probable each state is if the symbols are independent, but for those that others force.
+def state_probabilities(probabilities: ArrayLike, calculus: str = "c1") -> Array:
+    """Probability of each state if the symbols are independent, but for those that others imply.
 
-    Of a state in which k stands, say, q5 is given by q1 to q4, as in the hard calculus.
+    In a state in which k stands, for example, q5 follows from q1 to q4, as in the hard calculus.
 
     Args:
-        calculus: its name.
         probabilities: [..., m, 3] of (-, 0, +) for each symbol, see `soft_symbols`.
+        calculus: as of `soft_symbols`.
 
     Returns:
-        [..., S] in the order of `cnd.states(calculus)`, adding up to 1.
+        [..., S] in the order of the calculus's `states`, adding up to 1.
 
     Raises:
-        InputError: for an unknown calculus, or one whose symbols can be absent.
+        InputError: for an unknown calculus, or one without a soft form.
     """
-    value, probabilities = CALCULI[calculus], jnp.asarray(probabilities)
-    if value.optional:
-        raise InputError(f"the calculus {calculus!r} has no soft form: symbols can be absent")
-    states = all_states(value).astype(int)
+    probabilities = jnp.asarray(probabilities)
+    states = _refuse_hard(calculus).states.astype(int)
     joint = jnp.ones((), probabilities.dtype)
     alike = np.ones((len(states), len(states)), bool)
     for symbol, of_states in enumerate(states.T):
         equal = of_states[:, None] == of_states
-        # Where no state with the same symbols before has another one here, it is forced.
-        forced = ~(alike & ~equal).any(axis=1)
-        joint = joint * jnp.where(forced, 1, probabilities[..., symbol, of_states + 1])
+        # A symbol is implied where no state with the same symbols before it has another value.
+        implied = ~(alike & ~equal).any(axis=1)
+        joint = joint * jnp.where(implied, 1, probabilities[..., symbol, of_states + 1])
         alike &= equal
     return joint
 
@@ -152,14 +116,14 @@ def state_probabilities(calculus: str, probabilities: ArrayLike) -> Array:
 def soft_alpha(
     probabilities: ArrayLike, table: Literal["cnd", "cnd_shipped"] | ArrayLike = "cnd"
 ) -> Array:
-    """The expected weight of a state whose symbols are independent.
+    """The expected weight of a QTC_C1 state whose symbols are independent.
 
-    Both named tables look at the number of zeros alone. `cnd_shipped`, 1 / (2^nonzero 3^zero), is
+    Both named tables depend on the number of zeros alone. `cnd_shipped`, 1 / (2^nonzero 3^zero), is
     a product over symbols, and so is its expectation: prod (1/2 - p0 / 6). For `cnd` the
-    distribution of the number of zeros is made, symbol by symbol.
+    distribution of the number of zeros is built symbol by symbol.
 
     Args:
-        probabilities: [..., 4, 3] of (-, 0, +), see `soft_qtc_c1`.
+        probabilities: [..., 4, 3] of (-, 0, +), see `soft_symbols`.
         table: a name, or [81] weights by state code.
 
     Returns:
@@ -177,8 +141,18 @@ def soft_alpha(
     return (approaches @ weights * sides).sum(axis=-1)
 
 
+def _refuse_hard(calculus: str) -> Calculus:
+    value = CALCULI[calculus]
+    if value.optional or not set(value.symbols) <= {"q1", "q2", "q3", "q4", "q5"}:
+        raise InputError(
+            f"the calculus {calculus!r} has no soft form: it has {', '.join(value.symbols)}"
+            + (", which can be absent" if value.optional else "")
+        )
+    return value
+
+
 def _both(first: Array, second: Array) -> Array:
-    """[..., 9] probabilities of two symbols from [..., 3] of each."""
+    """[..., 9] joint probabilities of two symbols from [..., 3] of each."""
     return (first[..., :, None] * second[..., None, :]).reshape(*first.shape[:-1], 9)
 
 
@@ -194,7 +168,7 @@ def _expected_by_zeros(zero: Array) -> Array:
 
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:
-    """[..., T-1, 3] of (-, 0, +) from a margin [T-1, ...], steps first as in `qtc.frames`."""
+    """[..., T-1, 3] of (-, 0, +) from a margin [T-1, ...], steps first as in `qtc.ways`."""
     margin = jnp.moveaxis(margin, 0, -1)
     not_plus = jax.nn.sigmoid((factor - margin) / temperature)
     not_minus = jax.nn.sigmoid((factor + margin) / temperature)
@@ -203,8 +177,8 @@ def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> 
     return jnp.stack([1 - not_minus, zero, 1 - not_plus], axis=-1)
 
 
-def _approach(before, after, other, temperature: ArrayLike, convention: str) -> Array:
-    """Metres away from `other`, of q1 if the positions are k's and `other` is l's."""
+def _approach(before: Any, after: Any, other: Any, temperature: ArrayLike, convention: str):
+    """Margin of q1 if the mover is k: metres away from `other`."""
     (x0, y0), (x1, y1), (x, y) = before, after, other
     if convention == "line":
         away = -((x1 - x0) * (x - x0) + (y1 - y0) * (y - y0))
@@ -212,8 +186,8 @@ def _approach(before, after, other, temperature: ArrayLike, convention: str) -> 
     return _length(x1 - x, y1 - y) - _length(x0 - x, y0 - y)
 
 
-def _side(before, after, other, temperature: ArrayLike) -> Array:
-    """Metres to the right of the line to `other`, of q3."""
+def _side(before: Any, after: Any, other: Any, temperature: ArrayLike) -> Array:
+    """Margin of q3 if the mover is k: metres to the right of the line to `other`."""
     (x0, y0), (x1, y1), (x, y) = before, after, other
     right = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
     return right / jnp.maximum(_length(x - x0, y - y0), temperature)

@@ -1,112 +1,138 @@
-"""Weights of the interaction of two agents: `(positions [N, T, 2], valid [N]) -> alpha [N, N, T]`.
+"""Weightings: how much agent j matters to agent i at each step, alpha [N, N, T].
 
-NeuroSyM (Mghames et al., 2023) multiplies what the pooling knows of a pair by alpha, looked up by
-the QTC_C1 state that the pair was last observed in. Which weighting is a value, `WeightingConfig`;
-`scene_alpha` is the one place where a scene's alpha is computed, `make_weighting` the same as a
-function of one's own to call. The kinds:
-
-- `cnd`: 1 / N_Tr, N_Tr the neighbours of the state in the conceptual neighbourhood diagram of the
-  theory. What the papers describe.
-- `cnd_shipped`: the authors' own table, 1 / (2^nonzero 3^zero), which counts neighbours by
-  continuity alone and staying as one of them; 4 decimals give it as they printed it.
-- `quantised`: `cnd` of symbols that are 0 below 5 cm a step; the threshold may be learnt, by
-  straight-through gradients.
-- `soft`: what `cnd` is expected to be where symbols fade into each other, see `soft`.
-- `learned`: 81 free weights, one a state, and one for the first step; they start at the table.
-- `transition`: P(q_t | q_(t-1)), how often people in the state before came into this one, counted
-  in the training data; at the first state P(q_t).
-- `ones`: nothing is weighted, at any step, observed or not: the neural part alone.
-- `zeros`: no weight for anyone but oneself. What the released training was fed with the authors'
-  table, because its reader took the first character of a label such as `0.0625`.
-- `shuffled`: the weights of `quantised` with the wrong pairs. Each neighbour of an agent gets those
-  of the next nearer one, the nearest those of the farthest, and the last step first. A control: the
-  same weights in the same scene, saying nothing.
-
-This is neither how each of them is computed (see `built_in`) nor the pooling that uses the weights
-(see `models.symbolic_pooling`).
+NeuroSyM (Mghames et al., 2023) multiplies what its pooling knows of a pair by alpha, looked up by
+the QTC_C1 state that the pair was last observed in. A weighting is a frozen dataclass: its fields
+are its options, and equal weightings share compiled programs. What it learns or estimates is in the
+model's parameters, `params["weighting"]`. The built-in ones are listed in `weightings`.
 """
 
-from collections.abc import Callable
-from typing import Any
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.qtc import pair_mask
-from neurosym_jax.symbolic.weighting_config import (
-    WEIGHTINGS,
-    Parameters,
-    Scenes,
-    WeightingConfig,
-)
+from neurosym_jax.configuration import Checked, NotNegative
+from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.qtc import Convention
+from neurosym_jax.symbolic.states import encode_state
 
-__all__ = ["Weighting", "initial_parameters", "make_weighting", "scene_alpha"]
+__all__ = ["Parameters", "Scenes", "SymbolicWeighting", "Weighting", "initial_parameters"]
 
-Weighting = Callable[..., Array]
-"""`(positions [N, T, 2] metres, valid [N] or None) -> alpha [N, N, T]`."""
+Parameters = Mapping[str, Any]
+"""Arrays that a weighting learns or estimates, by name."""
+
+Scenes = Iterable[tuple[Any, Any]]
+"""Batches (positions [B, N, T, 2] metres, valid [B, N]) of the observed part of scenes."""
 
 
-def make_weighting(
-    config: WeightingConfig | str = "cnd", parameters: Parameters | None = None
-) -> Weighting:
-    """The weighting as a function of a scene.
+@dataclasses.dataclass(frozen=True)
+class Weighting(Checked):
+    """A weighting; a subclass has its options as fields and overrides `weigh`."""
 
-    Args:
-        config: a value, or text as `WeightingConfig.name` gives it: `soft,temperature=0.05`.
-        parameters: what it has learned; by default, where it starts.
+    title: ClassVar[str] = ""
+    """The name by which it is registered, in text forms and tables."""
 
-    Raises:
-        InputError: for an unknown kind or setting.
-    """
-    chosen = WeightingConfig.from_text(config) if isinstance(config, str) else config
-    given = initial_parameters(chosen) if parameters is None else parameters
+    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """[N, N, T] weights of all ordered pairs of one scene, before the rules of `alpha`.
 
-    def weigh(positions: ArrayLike, valid: ArrayLike | None = None) -> Array:
-        return scene_alpha(chosen, given, positions, valid)
+        Args:
+            parameters: as `start()`, or trained.
+            positions: [N, T, 2] metres.
+            valid: [N] bool, False for padding; None for no padding.
+        """
+        raise NotImplementedError
 
-    return weigh
+    def start(self, scenes: Scenes | None = None) -> Parameters:
+        """Parameters before training; `scenes` is the training data, where known."""
+        return {}
+
+    def state_weights(self) -> np.ndarray | None:
+        """[81] weights of the QTC_C1 states by code before training, if it looks them up."""
+        return None
+
+    def thresholds(self, parameters: Parameters) -> dict[str, Any]:
+        """Arguments of `calculi.observe` with which it observes states."""
+        return {}
+
+    def codes(self, parameters: Parameters, positions: ArrayLike) -> Array:
+        """[N, N, T-1] codes of the QTC_C1 states of all ordered pairs of `positions [N, T, 2]`."""
+        positions = jnp.asarray(positions)
+        return encode_state(observe(positions[:, None], positions, **self.thresholds(parameters)))
+
+    def alpha(
+        self, parameters: Parameters, positions: ArrayLike, valid: ArrayLike | None = None
+    ) -> Array:
+        """Weights of the interactions of every ordered pair of one scene.
+
+        The state observed from t-1 to t weights the interaction at t, so t = 0 has no state and
+        weighs 0 unless a weighting says otherwise. An agent weighs 1 for itself at every step.
+        Pairs with an agent that is not valid weigh 0. So does everything in a scene of exactly one
+        valid agent, which interacts with no one; this depends on `valid`, not on the padded size.
+
+        Args:
+            parameters: as `start()`, or trained.
+            positions: [N, T, 2] metres, T >= 1.
+            valid: [N] bool, False for padding; None for no padding.
+
+        Returns:
+            [N, N, T] weights in the floating type of `positions`; (i, j) is how much j matters to
+            i.
+        """
+        positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
+        present = jnp.ones(len(positions), bool) if valid is None else jnp.asarray(valid)
+        alpha = self.weigh(parameters, positions, valid).astype(positions.dtype)
+        alpha = jnp.where(jnp.eye(len(positions), dtype=bool)[..., None], 1, alpha)
+        pairs = present[:, None] & present[None]
+        return jnp.where((pairs & (present.sum() != 1))[..., None], alpha, 0)
+
+    @property
+    def name(self) -> str:
+        """Its title and the options that differ from their defaults: `soft,temperature=0.1`."""
+        usual, options = type(self)(), dataclasses.asdict(self)
+        changed = [
+            f"{option}={value if isinstance(value, str) else json.dumps(value)}"
+            for option, value in options.items()
+            if value != getattr(usual, option)
+        ]
+        return ",".join([self.title, *changed])
+
+
+@dataclasses.dataclass(frozen=True)
+class SymbolicWeighting(Weighting):
+    """A weighting by QTC_C1 states, with the options of their observation."""
+
+    quantisation_factor: NotNegative = 0.0
+    """Metres a step up to which a movement counts as none, see `qtc.Thresholds`."""
+    side_quantisation_factor: NotNegative | None = None
+    """The same for q3 and q4, see `qtc.Thresholds`."""
+    convention: Convention = "distance"
+    """Definition of the symbols, see `qtc`."""
+
+    def thresholds(self, parameters: Parameters) -> dict[str, Any]:
+        """See `Weighting.thresholds`; a learned quantisation factor replaces the option."""
+        factor = self.quantisation_factor
+        if "log_quantisation_factor" in parameters:
+            factor = jnp.exp(parameters["log_quantisation_factor"])
+        return {
+            "quantisation_factor": factor,
+            "side_quantisation_factor": self.side_quantisation_factor,
+            "convention": self.convention,
+        }
 
 
 def initial_parameters(
-    config: WeightingConfig | None, scenes: Scenes | None = None
-) -> dict[str, Any]:
-    """What the weighting has to learn or to estimate, float32; empty where there is nothing.
+    weighting: Weighting | None, scenes: Scenes | None = None
+) -> dict[str, np.ndarray]:
+    """Parameters of the weighting before training, float32; empty if it has none.
 
     Args:
-        config: the weighting, None for a model without.
-        scenes: the training data; `transition` is estimated from it, and without it knows nothing.
+        weighting: None for a model without.
+        scenes: the training data, from which `transition` is estimated.
     """
-    start = {} if config is None else WEIGHTINGS[config.kind].start(config, scenes)
+    start = {} if weighting is None else weighting.start(scenes)
     return {name: np.asarray(value, np.float32) for name, value in start.items()}
-
-
-def scene_alpha(
-    config: WeightingConfig,
-    parameters: Parameters,
-    positions: ArrayLike,
-    valid: ArrayLike | None = None,
-) -> Array:
-    """Weights of the interactions of every ordered pair of one scene.
-
-    The state observed from t-1 to t weights the interaction at t, so t = 0 has no state and weighs
-    0 (with `ones`: 1). An agent with itself weighs 1 at every step, whatever the weighting. Pairs
-    with an agent that is not valid weigh 0. So does everything in a scene of exactly one valid
-    agent, who interacts with nobody: this is told from `valid`, not from the padded size.
-
-    Args:
-        config: the weighting.
-        parameters: as `initial_parameters(config)`, or what they were learnt to be.
-        positions: [N, T, 2] metres, T >= 1.
-        valid: [N] bool, False for padding; None for no padding.
-
-    Returns:
-        [N, N, T] weights in the floating type of `positions`; (i, j) is how much j matters to i.
-    """
-    positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
-    count = len(positions)
-    alpha = WEIGHTINGS[config.kind].weigh(config, parameters, positions, valid)
-    alpha = jnp.where(jnp.eye(count, dtype=bool)[..., None], 1, alpha.astype(positions.dtype))
-    pairs = pair_mask(valid, count)
-    return jnp.where((pairs & (pairs.sum() != 1))[..., None], alpha, 0)

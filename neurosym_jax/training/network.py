@@ -4,11 +4,12 @@ import dataclasses
 from collections.abc import Sequence
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.configuration import changed
+from neurosym_jax.configuration import changed, component_from_text
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.weighting import Weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 __all__ = ["POOLING_OF", "model_name", "named_generator", "named_weighting"]
 
@@ -55,7 +56,7 @@ def named_generator(
     return changed(config, changes, "--network", "network")
 
 
-def named_weighting(text: str) -> WeightingConfig:
+def named_weighting(text: str) -> Weighting:
     """The weighting KIND[,FIELD=VALUE...]; `MODULE:KIND` imports the module that registers it.
 
     Raises:
@@ -64,7 +65,7 @@ def named_weighting(text: str) -> WeightingConfig:
     module, _, name = text.rpartition(":")
     if module:
         load_plugin(module)
-    return WeightingConfig.from_text(name, f"weighting {text}")
+    return component_from_text(name, WEIGHTINGS, f"weighting {text}")
 
 
 def model_name(config: GeneratorConfig) -> str:

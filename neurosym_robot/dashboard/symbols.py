@@ -9,10 +9,8 @@ import numpy as np
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
-from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.weighting import scene_alpha
-from neurosym_jax.symbolic.weighting_config import Parameters, WeightingConfig
+from neurosym_jax.symbolic.state_weightings import Cnd
+from neurosym_jax.symbolic.weighting import Parameters, Weighting
 
 __all__ = ["PairSymbols"]
 
@@ -25,7 +23,8 @@ class PairSymbols:
         symbolic = {name: each for name, each in models.items() if each.weighting}
         self.model = next(iter(symbolic), None)
         """Its name, None where no model weights pairs."""
-        self.weighting, self._parameters = WeightingConfig(), {}
+        self.weighting: Weighting = Cnd()
+        self._parameters: Parameters = {}
         if self.model is not None:
             chosen = symbolic[self.model]
             self.weighting = chosen.weighting or self.weighting
@@ -50,17 +49,7 @@ class PairSymbols:
 
 @functools.partial(jax.jit, static_argnums=0)
 def _newest(
-    config: WeightingConfig, parameters: Parameters, positions: jax.Array, valid: jax.Array
+    weighting: Weighting, parameters: Parameters, positions: jax.Array, valid: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
-    factor = config.quantisation_factor or 0.0
-    if "log_quantisation_factor" in parameters:
-        factor = jax.numpy.exp(parameters["log_quantisation_factor"])
-    states = pairwise_qtc_c1(
-        positions[:, -2:],
-        valid,
-        quantisation_factor=factor,
-        convention=config.convention,
-        side_quantisation_factor=config.side_quantisation_factor,
-    )
-    alpha = scene_alpha(config, parameters, positions, valid)
-    return encode_state(states[:, :, -1]), alpha[:, :, -1]
+    codes = weighting.codes(parameters, positions[:, -2:])
+    return codes[:, :, -1], weighting.alpha(parameters, positions, valid)[:, :, -1]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.symbolic.cnd import states
+from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.states import format_state
 from neurosym_robot.online.likely import AT_LEAST, LikelyEvents
 from neurosym_robot.online.pair_states import PairStates
@@ -122,7 +122,7 @@ def states_message(new: New, forecast: Forecast, model: str, period: float, fram
     put_stamp(message.header, forecast.stamp, frame_id)
     message.model, message.period, message.pairs = model, period, []
     message.calculus, message.speed = of.settings.calculus, of.settings.speed
-    texts = [format_state(state, "") for state in states(message.calculus)]
+    texts = [format_state(state, "") for state in CALCULI[message.calculus].states]
     near, found = of(forecast, model)
     for (k, l), shares, symbols in zip(near.tolist(), *found):  # noqa: E741
         pair = new(PAIR_STATES)

@@ -1,7 +1,7 @@
 """Pairs whose symbols and events are forecast: what happened to them, and what forecasters say.
 
 An answer holds samples or probabilities; how good they are is `symbols`'. States are rows of
-`cnd.states(calculus)`.
+a calculus's `states`.
 """
 
 import dataclasses
@@ -16,7 +16,8 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.forecasting.batched import draw_noises, forecast_batches
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.symbolic.cnd import adjacency, states
+from neurosym_jax.symbolic.calculi import CALCULI
+from neurosym_jax.symbolic.cnd import adjacency
 from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of
 
 __all__ = ["Answer", "Cases", "make_cases", "markov_chain", "model_answer", "persistence"]
@@ -72,7 +73,7 @@ class Answer:
         if self.samples is None:
             assert self.table is not None
             return self.table[step][cases.start]
-        size, pairs = len(states(cases.settings.calculus)), np.arange(len(cases.start))
+        size, pairs = len(CALCULI[cases.settings.calculus].states), np.arange(len(cases.start))
         keys = (pairs * size + self.samples[:, :, step]).ravel()
         return np.bincount(keys, minlength=size * len(pairs)).reshape(-1, size)
 
@@ -164,7 +165,7 @@ def markov_chain(cases: Cases, *, within: bool = False) -> Answer:
         cases: of training scenes.
         within: count no transition that is not of the diagram, which sampled states often skip.
     """
-    size, steps = len(states(cases.settings.calculus)), cases.states.shape[1]
+    size, steps = len(CALCULI[cases.settings.calculus].states), cases.states.shape[1]
     chain = np.concatenate([cases.start[:, None], cases.states], axis=1)
     keys = chain[:, :-1] * size + chain[:, 1:]
     counts = np.bincount(keys.ravel(), minlength=size * size).reshape(size, size).astype(float)

@@ -18,7 +18,6 @@ import numpy as np
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.symbolic.calculi import CALCULI
-from neurosym_jax.symbolic.cnd import states
 from neurosym_jax.symbolic.forecast import symbol_table
 from studies.symbolic_forecast.cases import (
     Answer,
@@ -122,7 +121,7 @@ def evaluate_symbols(
     scores["Markov chain, diagram only"] = score_answer(test, inside, priors, known)
     stays = tuned_weights(tune, persistence(tune), priors)
     scores["persistence"] = score_answer(test, persistence(test), priors, stays)
-    size = len(states(test.settings.calculus))
+    size = len(CALCULI[test.settings.calculus].states)
     steps = test.states.shape[1]
     rates = Answer(
         table=np.stack(

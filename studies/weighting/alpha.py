@@ -4,7 +4,7 @@ import numpy as np
 
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.symbolic.weighting import make_weighting
+from neurosym_jax.symbolic.weightings import make_weighting
 from studies.weighting.scores import interacting
 
 __all__ = ["interacting_share", "spread"]

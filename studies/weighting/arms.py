@@ -6,9 +6,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.symbolic.built_in import alpha_from_states, to_the_wrong_pairs
-from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
-from neurosym_jax.symbolic.weighting_config import WeightingConfig, register_weighting
+from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.cnd import alpha_from_states
+from neurosym_jax.symbolic.shuffled import to_wrong_pairs
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
 from neurosym_jax.training.recipe import RECIPES
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
 
@@ -39,13 +40,13 @@ class Arm:
 
 def _right(positions: Array, valid: Array) -> Array:
     """[N, N, T] 1 for who was last seen on one's path (see `control`), else 0."""
-    return _from_first(alpha_from_states(pairwise_qtc_c1(positions, valid), ON_ONES_PATH))
+    return _from_first(alpha_from_states(observe(positions[:, None], positions), ON_ONES_PATH))
 
 
 def _wrong(positions: Array, valid: Array) -> Array:
     """[N, N, T] the weights of `_right` with the wrong pairs, as `shuffled` has those of `cnd`."""
-    right = alpha_from_states(pairwise_qtc_c1(positions, valid), ON_ONES_PATH)
-    return _from_first(to_the_wrong_pairs(right, positions[:, -1], valid))
+    right = alpha_from_states(observe(positions[:, None], positions), ON_ONES_PATH)
+    return _from_first(to_wrong_pairs(right, positions[:, -1], valid))
 
 
 def _from_first(observed: Array) -> Array:
@@ -72,7 +73,7 @@ def _network(pooling: str, weighting: str | None = None) -> GeneratorConfig:
         obs_len=LENGTHS[0],
         pred_len=LENGTHS[1],
         pooling=pooling,
-        weighting=None if weighting is None else WeightingConfig(weighting),
+        weighting=None if weighting is None else WEIGHTINGS[weighting](),
     )
     if pooling != "encounter":
         return network

@@ -14,7 +14,7 @@ import numpy as np
 from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import scene_identity
-from neurosym_jax.symbolic.qtc import qtc_c1
+from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.states import encode_state
 
 __all__ = ["LENGTHS", "ON_ONES_PATH", "control"]
@@ -72,7 +72,7 @@ def control(scenes: int, seed: int) -> Windows:
 def _giving_way(before: np.ndarray, now: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     """Accelerations [S, N, 2], of positions [S, N, 2] a step apart and the velocities."""
     steps = np.stack([before, now], axis=2)
-    states = qtc_c1(steps[:, :, None], steps[:, None])[..., 0, :]
+    states = observe(steps[:, :, None], steps[:, None])[..., 0, :]
     # Nobody is on their own path: the state of a pair with oneself is not one of these.
     on_path = ON_ONES_PATH[np.asarray(encode_state(states))] > 0
     distance = np.linalg.norm(now[:, :, None] - now[:, None], axis=-1)

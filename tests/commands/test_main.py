@@ -43,7 +43,7 @@ def test_nothing_heavy_is_imported_before_it_is_asked_for(script):
 
 
 def test_what_is_asked_for_is_imported():
-    assert "jax" in imported_by("import neurosym_jax; neurosym_jax.symbolic.qtc.qtc_c1")
+    assert "jax" in imported_by("import neurosym_jax; neurosym_jax.symbolic.observe")
 
 
 @pytest.mark.parametrize("package", PACKAGES)

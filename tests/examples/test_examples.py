@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.symbolic import alpha_table
-from neurosym_jax.symbolic.weighting_config import WEIGHTINGS
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples"
 TESTED = {

@@ -12,8 +12,7 @@ from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene, scene_identity
-from neurosym_jax.symbolic import WeightingConfig
-from neurosym_jax.symbolic.weighting import initial_parameters, scene_alpha
+from neurosym_jax.symbolic import Cnd, Soft, initial_parameters
 
 LENGTHS = {"obs_len": 5, "pred_len": 3, "pool_hidden_dim": 16}
 OBSERVED = 5.0 + np.random.default_rng(0).normal(0, 0.4, (3, 5, 2)).cumsum(axis=1)
@@ -35,13 +34,13 @@ def model_of(weighting):
 
 @pytest.fixture(scope="module")
 def soft():
-    return model_of(WeightingConfig("soft", learned=True))
+    return model_of(Soft(learned=True))
 
 
 NOISE = draw_noise(NoiseSpec(8), 0, scene_identity("", 0)[None], 4, 1)[:, 0]
 
 
-@pytest.mark.parametrize("weighting", [None, WeightingConfig(), WeightingConfig("soft")])
+@pytest.mark.parametrize("weighting", [None, Cnd(), Soft()])
 def test_it_is_predict(weighting):
     model = model_of(weighting)
     found = FORECAST(model.config, model.params, OBSERVED, NOISE)
@@ -62,7 +61,7 @@ def test_padding_and_a_batch_change_nothing(soft):
 
 
 def test_an_alpha_of_ones_own(soft):
-    own = scene_alpha(soft.config.weighting, soft.params["weighting"], OBSERVED)
+    own = soft.config.weighting.alpha(soft.params["weighting"], OBSERVED)
     found = FORECAST(soft.config, soft.params, OBSERVED, NOISE)
     given = FORECAST(soft.config, soft.params, OBSERVED, NOISE, own)
     assert_allclose(given, found, atol=1e-6)

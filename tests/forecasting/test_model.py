@@ -21,7 +21,7 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic import WeightingConfig
+from neurosym_jax.symbolic import Quantised
 
 UTM = np.array([4e5, 5e6])
 LENGTHS: dict[str, Any] = {"obs_len": 4, "pred_len": 4, "pool_hidden_dim": 32, "grid_size": 4}
@@ -281,7 +281,7 @@ def test_published_checkpoint_on_real_people(shared, kind):
 
 
 def test_a_model_shows_itself_in_five_lines():
-    weighting = WeightingConfig("quantised", quantisation_factor=0.1)
+    weighting = Quantised(quantisation_factor=0.1)
     config = GeneratorConfig(pooling="as_described", weighting=weighting, pred_len=12)
     model = Model(config, {"layer": {"kernel": np.zeros((40, 50)), "bias": np.zeros(50)}}, "zara1")
     assert repr(model).splitlines() == [

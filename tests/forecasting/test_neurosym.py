@@ -23,7 +23,7 @@ from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
 from neurosym_jax.plotting import line_styles
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_jax.symbolic.weighting import make_weighting
+from neurosym_jax.symbolic.weightings import make_weighting
 
 CONFIGS = {
     name: GeneratorConfig(pooling=name, weighting=weighting, pred_len=4, pool_hidden_dim=32)
@@ -146,7 +146,8 @@ def test_a_folder_names_variant_and_weighting(tmp_path, sign, name):
     save_model(folder, model)
     fields = json.loads((folder / "config.json").read_text())["config"]
     assert fields["pooling"] == model.config.pooling
-    assert fields["weighting"] == vars(model.config.weighting)
+    weighting = model.config.weighting
+    assert fields["weighting"] == {"kind": weighting.title, **vars(weighting)}
     loaded = load_model(folder)
     assert loaded.config == model.config
     jax.tree.map(assert_array_equal, loaded.params, model.params)

@@ -12,7 +12,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.poolings import make_pooling
 from neurosym_jax.models.symbolic_pooling import IjcnnPooling, RosPooling, SymbolicPooling
 from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.weighting import make_weighting
+from neurosym_jax.symbolic.weightings import make_weighting
 
 N, T, E, H, B = 6, 5, 4, 3, 7
 SIZES = (T, E, H, 9, B)

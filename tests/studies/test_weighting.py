@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
-from neurosym_jax.symbolic.weighting import make_weighting
-from neurosym_jax.symbolic.weighting_config import WEIGHTINGS
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, make_weighting
 from studies.weighting.alpha import spread
 from studies.weighting.comparison import adjusted, compare, verdict
 from studies.weighting.control import LENGTHS, PEOPLE, control

@@ -68,7 +68,7 @@ def towards_and_aside(k0, k1, l0, convention, factor, side_factor):
     return towards, abs(aside) if convention == "as_published" else aside
 
 
-def symbols(k, l, convention="distance", factor=0.0, side_factor=None):  # noqa: E741
+def symbols(k, l, convention="distance", factor=0.0, side_factor=None):
     """[T-1, 4]: q1 to q4 of every step of k and l [T, 2]; thresholds in metres per step."""
     if side_factor is None:
         side_factor = factor if convention == "line" else 0.0
@@ -81,7 +81,7 @@ def symbols(k, l, convention="distance", factor=0.0, side_factor=None):  # noqa:
     return found
 
 
-def six_symbols(k, l):  # noqa: E741
+def six_symbols(k, l):
     """[T-1, 6]: q1 to q6 in the line convention, without thresholds."""
     found = symbols(k, l, "line")
     for q, (k0, k1), (l0, l1) in zip(found, itertools.pairwise(k), itertools.pairwise(l)):

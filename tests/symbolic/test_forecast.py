@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.calculi import all_states, observe_pairs
-from neurosym_jax.symbolic.cnd import CALCULI, states
+from neurosym_jax.symbolic.calculi import CALCULI, observe
 from neurosym_jax.symbolic.events import EVENTS, Encounter, Event, register_event
 from neurosym_jax.symbolic.forecast import symbol_table, symbolic_events, symbolic_forecast
 
@@ -27,11 +26,12 @@ def crowd():
 def test_probabilities_are_smoothed_shares_of_the_samples(crowd, calculus):
     samples, observed = crowd
     found = symbolic_forecast(samples, observed, calculus=calculus, smoothing=2.0, near=2.0)
-    table, expected = states(calculus), np.zeros((4, 4, 5, len(states(calculus))))
+    table = CALCULI[calculus].states
+    expected = np.zeros((4, 4, 5, len(table)))
     for sample in samples:
         path = np.concatenate([observed[:, -1:], sample], axis=1)
         how = {"quantisation_factor": 0.05, "side_quantisation_factor": 0.05, "near": 2.0}
-        seen = np.asarray(observe_pairs(calculus, path, **how))
+        seen = np.asarray(observe(path[:, None], path, calculus, **how))
         expected += (seen[..., None, :] == table).all(axis=-1)
     expected = (expected + 2 / len(table)) / (len(samples) + 2)
     expected[np.arange(4), np.arange(4)] = 0
@@ -47,7 +47,7 @@ def test_pairs_padding_origin_and_compilation_change_nothing(crowd):
     every = symbolic_forecast(samples, observed)
     events = symbolic_events(samples, observed)
     pairs = np.array([[2, 0], [1, 3]])
-    k, l = pairs.T  # noqa: E741
+    k, l = pairs.T
     some, of_some = (
         f(samples, observed, pairs=pairs) for f in (symbolic_forecast, symbolic_events)
     )
@@ -77,7 +77,7 @@ def test_a_threshold_in_metres_per_second_holds_at_every_period():
             np.testing.assert_allclose(found, towards, atol=1e-6)
 
 
-def both(k, l, steps=8):  # noqa: E741
+def both(k, l, steps=8):
     """Samples [1, 2, T, 2] and observed [2, 1, 2] of two who walk straight, m and m/s."""
     t = STEP * np.arange(steps + 1)[:, None]
     paths = np.stack([np.array(at) + t * np.array(speed) for at, speed in (k, l)])
@@ -151,7 +151,7 @@ def test_an_event_of_ones_own_is_forecast_like_the_others():
     [
         ({"calculus": "z9"}, "unknown calculus 'z9'"),
         ({"speed": -1.0}, "speed must"),
-        ({"sped": 1.0}, "unknown setting 'sped'"),
+        ({"sped": 1.0}, "unknown field 'sped'"),
         ({"prior": np.ones(3)}, r"prior must be \[81\]"),
         ({"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),
     ],
@@ -164,7 +164,7 @@ def test_what_cannot_be_is_refused(crowd, change, message):
 
 
 def test_states_are_in_the_order_of_the_diagram():
-    assert len(symbol_table("c1")) == len(all_states(CALCULI["c1"])) == 81
+    assert len(symbol_table("c1")) == len(CALCULI["c1"].states) == 81
     assert symbol_table("bc1").shape == (90, 4, 4)
 
 

@@ -5,10 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.symbolic.built_in import alpha_from_states
-from neurosym_jax.symbolic.cnd import alpha_table
-from neurosym_jax.symbolic.qtc import qtc_c1
-from neurosym_jax.symbolic.soft import soft_alpha, soft_qtc_c1
+from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.cnd import alpha_from_states, alpha_table
+from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
 from tests.symbolic import literal
 
 pytestmark = pytest.mark.usefixtures("double")
@@ -21,8 +20,8 @@ TABLES = {
 
 
 @functools.partial(jax.jit, static_argnames=("convention", "straight_through"))
-def soft(k, l, temperature, factor=0.0, convention="distance", straight_through=False):  # noqa: E741
-    return soft_qtc_c1(
+def soft(k, l, temperature, factor=0.0, convention="distance", straight_through=False):
+    return soft_symbols(
         k,
         l,
         temperature=temperature,
@@ -34,13 +33,13 @@ def soft(k, l, temperature, factor=0.0, convention="distance", straight_through=
 
 
 @functools.partial(jax.jit, static_argnames="convention")
-def hard(k, l, factor=0.0, convention="distance"):  # noqa: E741
-    return qtc_c1(
+def hard(k, l, factor=0.0, convention="distance"):
+    return observe(
         k, l, quantisation_factor=factor, convention=convention, side_quantisation_factor=factor
     )
 
 
-def margins(k, l, convention):  # noqa: E741
+def margins(k, l, convention):
     """[..., T-1, 4] metres, and [..., T-1, 1] the distance, as the conventions define them."""
     found = []
     for a, b in ((k, l), (l, k)):
@@ -60,7 +59,7 @@ def chains():
     """(k, l [..., T, 2], convention, quantisation factor), with and without ties."""
     draw = np.random.default_rng(0)
     anywhere = draw.normal(0, 0.3, (2, 300, 8, 2)).cumsum(axis=2)
-    for k, l in (literal.unit_steps(), literal.grid_walks(400), anywhere):  # noqa: E741
+    for k, l in (literal.unit_steps(), literal.grid_walks(400), anywhere):
         for convention in CONVENTIONS:
             for factor in (0.0, 0.05):
                 yield np.array(k), np.array(l), convention, factor
@@ -69,7 +68,7 @@ def chains():
 def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
     temperature = 1e-6
     compared = ties = 0
-    for k, l, convention, factor in chains():  # noqa: E741
+    for k, l, convention, factor in chains():
         found = np.asarray(soft(k, l, temperature, factor, convention))
         np.testing.assert_allclose(found.sum(axis=-1), 1, atol=1e-12)
         states = np.asarray(hard(k, l, factor, convention))
@@ -86,7 +85,7 @@ def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
 
 
 def test_ties_without_quantisation_are_half_and_half():
-    k, l = np.array([[0.0, 0], [0, 1]]), np.array([[4.0, 0], [4, 0]])  # noqa: E741
+    k, l = np.array([[0.0, 0], [0, 1]]), np.array([[4.0, 0], [4, 0]])
     np.testing.assert_allclose(soft(k, l, 0.01)[0, 3], [0.5, 0, 0.5])
     stands = soft(l, l, 0.01, 0.05)[0]  # Two who stand on one spot.
     np.testing.assert_allclose(stands[:, 1], np.tanh(0.05 / 0.01 / 2))
@@ -94,7 +93,7 @@ def test_ties_without_quantisation_are_half_and_half():
 
 def test_probabilities_fade_over_a_temperature():
     """k steps 6, 5 and 4 cm towards l at a threshold of 5: the half-way points are logistic."""
-    l = np.array([[4.0, 0], [4, 0]])  # noqa: E741
+    l = np.array([[4.0, 0], [4, 0]])
     for step, odds in ((0.06, 1), (0.05, 0), (0.04, -1)):
         towards = soft(np.array([[0.0, 0], [step, 0]]), l, 0.01, 0.05)[0, 0]
         np.testing.assert_allclose(towards[0], 1 / (1 + np.exp(-odds)), rtol=1e-9)
@@ -103,7 +102,7 @@ def test_probabilities_fade_over_a_temperature():
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
 def test_straight_through_is_hard_with_soft_gradients(convention):
-    k, l = random_pairs(200)  # noqa: E741
+    k, l = random_pairs(200)
     through = soft(k, l, 0.05, 0.1, convention, straight_through=True)
     states = np.asarray(hard(k, l, 0.1, convention))
     np.testing.assert_array_equal(through, np.eye(3)[states + 1])
@@ -141,7 +140,7 @@ def random_pairs(count, seed=0):
     """Steps of two people [count, 2, 2]: a fifth of each kind of degeneracy, the rest at random."""
     draw = np.random.default_rng(seed)
     k = draw.uniform(-2, 2, (count, 1, 2)) + draw.normal(0, 0.3, (count, 2, 2))
-    l = draw.uniform(-2, 2, (count, 1, 2)) + draw.normal(0, 0.3, (count, 2, 2))  # noqa: E741
+    l = draw.uniform(-2, 2, (count, 1, 2)) + draw.normal(0, 0.3, (count, 2, 2))
     kind = np.arange(count) % 10
     k[kind == 1, 1] = k[kind == 1, 0]  # k stands.
     l[kind == 2] = l[kind == 2][:, :1]  # l stands.
@@ -164,7 +163,7 @@ def test_gradients_are_finite_differences(convention):
     table = np.random.default_rng(2).normal(size=81)
 
     def alpha(inputs):
-        k, l = inputs[:8].reshape(2, 2, 2)  # noqa: E741
+        k, l = inputs[:8].reshape(2, 2, 2)
         return soft_alpha(soft(k, l, inputs[8], inputs[9], convention), table)[0]
 
     gradient = np.asarray(jax.jit(jax.vmap(jax.grad(alpha)))(inputs))

@@ -10,8 +10,8 @@ from orbax.checkpoint import v1 as ocp
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.symbolic.transition import Transition
 from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
 from neurosym_jax.training import loop
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
@@ -254,7 +254,7 @@ def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch)
 def test_what_a_weighting_estimates_is_kept_as_it_was_counted(with_recipe, make_windows, tmp_path):
     same = make_windows([3] * 13)  # One class to compile.
     run = dataclasses.replace(with_recipe(steps=25, ema=0.0), training=same, validation=same)
-    weighting = WeightingConfig("transition")
+    weighting = Transition()
     network = dataclasses.replace(run.generator, pooling="as_described", weighting=weighting)
     train_run(dataclasses.replace(run, generator=network), tmp_path / "run")
     model = load_model(tmp_path / "run" / "model")

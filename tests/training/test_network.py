@@ -1,7 +1,8 @@
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.state_weightings import Cnd, Learned
+from neurosym_jax.symbolic.weightings import Ones
 from neurosym_jax.training.network import model_name, named_generator, named_weighting
 
 
@@ -10,13 +11,13 @@ def test_generators():
     social = named_generator(pooling="social")
     assert social.bottleneck_dim == social.encoder_h_dim
     symbolic = named_generator("neurosym", weighting="ones")
-    assert (symbolic.pooling, symbolic.weighting) == ("as_described", WeightingConfig("ones"))
+    assert (symbolic.pooling, symbolic.weighting) == ("as_described", Ones())
 
 
 def test_changes():
     changed = named_generator("neurosym", changes=["noise_type=fixed", "encoder_h_dim=48"])
     assert (changed.noise_type, changed.encoder_h_dim) == ("fixed", 48)
-    assert (changed.pooling, changed.weighting) == ("as_described", WeightingConfig())
+    assert (changed.pooling, changed.weighting) == ("as_described", Cnd())
     for change, reason in (
         ("noise_dim=99", "network: noise_dim must lie in"),
         ("noise=fixed", "--network noise=fixed: must be NAME=VALUE"),
@@ -51,14 +52,14 @@ def test_names():
 
 
 def test_weightings(tmp_path, monkeypatch):
-    assert named_weighting("cnd") == WeightingConfig()
+    assert named_weighting("cnd") == Cnd()
     coarse = named_weighting("learned,quantisation_factor=0.1,table=cnd_shipped")
-    assert coarse == WeightingConfig("learned", table="cnd_shipped", quantisation_factor=0.1)
+    assert coarse == Learned(table="cnd_shipped", quantisation_factor=0.1)
     assert named_weighting(coarse.name) == coarse
     for text, reason in (
         ("cdn", "weighting cdn: unknown weighting 'cdn'"),
         ("cnd,tabel=cnd", "unknown field 'tabel'"),
-        ("cnd,decimals=x", "decimals must be a whole number"),
+        ("cnd_shipped,decimals=x", "decimals must be a whole number"),
         ("no_such_module:mine", "plugin no_such_module: cannot be imported"),
     ):
         with pytest.raises(InputError, match=reason):

@@ -4,7 +4,6 @@ import json
 import math
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -12,9 +11,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.symbolic.qtc import pairwise_qtc_c1
-from neurosym_jax.symbolic.weighting import initial_parameters, scene_alpha
-from neurosym_jax.symbolic.weighting_config import WeightingConfig
+from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.soft_weightings import Soft
+from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_robot.dashboard import ReplayFile
 from neurosym_robot.dashboard.moments import MAX_NAMED
 from neurosym_robot.dashboard.symbols import PairSymbols
@@ -41,10 +40,8 @@ def test_a_forecast_is_told_whole(moments, stream):
 
 
 def test_symbols_and_weights_are_the_models_own():
-    weigh = jax.jit(scene_alpha, static_argnums=0)
-    observe = jax.jit(lambda path: pairwise_qtc_c1(path, quantisation_factor=0.2)[:, :, -1])
     path = np.random.default_rng(0).normal(0, 0.2, (5, 8, 2)).cumsum(axis=1)
-    config = WeightingConfig("soft", learned=True)
+    config = Soft(learned=True)
     parameters = initial_parameters(config) | {"log_quantisation_factor": np.float32(np.log(0.2))}
     generator = GeneratorConfig(pooling="as_described", weighting=config)
     models = {
@@ -54,9 +51,10 @@ def test_symbols_and_weights_are_the_models_own():
     symbols = PairSymbols(models)
     codes, alpha = symbols(path)
     assert symbols.model == "own"
-    assert_array_equal(codes, (np.asarray(observe(path)) + 1) @ [27, 9, 3, 1])
+    states = observe(path[:, None], path, quantisation_factor=0.2)[:, :, -1]
+    assert_array_equal(codes, (np.asarray(states) + 1) @ [27, 9, 3, 1])
     centred = path - path[:, -1].mean(axis=0)
-    assert_allclose(alpha, weigh(config, parameters, centred)[..., -1], rtol=1e-4)
+    assert_allclose(alpha, config.alpha(parameters, centred)[..., -1], rtol=1e-4)
     assert PairSymbols({"SGAN": Model(GeneratorConfig(), {})})(path)[1] is None
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.symbolic.cnd import states
+from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.forecast import symbolic_forecast
 from neurosym_jax.symbolic.states import format_state
 from neurosym_robot.online.likely import PAIRS, LikelyEvents
@@ -105,7 +105,7 @@ def test_states_of_the_nearest_pairs_step_by_step(store, crowd):
         assert_allclose(pair.symbols.reshape(4, 4, 3), found.symbols[row], atol=1e-6)
         shares = np.asarray(found.states[row])
         assert_allclose(pair.probability, shares.max(axis=1), atol=1e-6)
-        likeliest = [format_state(states("c1")[each], "") for each in shares.argmax(axis=1)]
+        likeliest = [format_state(CALCULI["c1"].states[each], "") for each in shares.argmax(axis=1)]
         assert pair.states == likeliest
 
 
