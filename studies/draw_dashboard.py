@@ -14,12 +14,12 @@ from playwright.sync_api import sync_playwright
 
 from neurosym_jax import load_model
 from neurosym_jax.simulation.scenarios import ROOM, simulate
-from neurosym_robot.dashboard import write_replay
+from neurosym_robot.dashboard import ReplayFile
 from neurosym_robot.dashboard.floor_map import read_floor_map
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.analytics import Analytics
+from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.recordings import frames_of_tracks
 from neurosym_robot.online.replay import replay
 
 ROOT = Path(__file__).parents[1]
@@ -52,9 +52,10 @@ def main() -> None:
         moments = Moments(
             models, title="Four people cross", floor_map=read_floor_map(draw_room(folder))
         )
-        events = replay(frames_of_tracks(tracks), predictor, analytics)
-        shown = ((event.frame, event.forecast, analytics.summary()) for event in events)
-        write_replay(shown, folder / "replay.html", moments)
+        file = ReplayFile(folder / "replay.html", moments)
+        for event in replay(frames_of_tracks(tracks), predictor, analytics):
+            file.show(event.frame, event.forecast, analytics.summary())
+        file.close()
         with sync_playwright() as play:
             chromium = play.chromium.launch(
                 executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]

@@ -25,7 +25,7 @@ from neurosym_jax.evaluation.test_sets import baseline, make_test
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models import Generator
-from neurosym_jax.runtime.files import GrowingFile, write_text
+from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene
 from neurosym_jax.training import loop
 from neurosym_jax.training.arrays import digest, write_arrays
@@ -137,26 +137,6 @@ def test_a_report_is_the_old_or_the_new_one(tmp_path):
 
     write_report(path, old, {})
     every_fault(lambda: write_report(path, new, {}), check)
-
-
-def test_a_file_that_grows_is_there_whole_or_not_at_all(tmp_path):
-    path = tmp_path / "run" / "forecasts.jsonl"
-
-    def work():
-        file = GrowingFile(path)
-        try:
-            for number in range(3):
-                file.write(f"{number}\n")
-        finally:
-            file.close("end\n")
-
-    def check(done):
-        if done or path.exists():
-            assert path.read_text() == "0\n1\n2\nend\n"
-            path.unlink()
-        assert not path.parent.exists() or not list(path.parent.iterdir())
-
-    every_fault(work, check)
 
 
 def test_an_evaluation_keeps_its_rows_and_goes_on(tmp_path):

@@ -11,7 +11,6 @@ import json
 import os
 import secrets
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +19,6 @@ from typing import Any
 from neurosym_jax.errors import InputError
 
 __all__ = [
-    "GrowingFile",
     "append_text",
     "folder_digest",
     "new_file",
@@ -90,44 +88,6 @@ def write_text(path: Path | str, text: str) -> None:
     """
     with new_file(path) as beside:
         beside.write_text(text, encoding="utf-8")
-
-
-class GrowingFile:
-    """A new text file that is written while things come: it is at `path` once it is closed."""
-
-    def __init__(self, path: Path | str):
-        """Begin the file, beside its place.
-
-        Raises:
-            InputError: naming `path`, where it is there already or cannot be written.
-        """
-        if Path(path).exists():
-            raise InputError(f"{path}: already there, and nothing is overwritten")
-        with contextlib.ExitStack() as stack:
-            beside = stack.enter_context(new_file(path))
-            self._file = stack.enter_context(beside.open("w", encoding="utf-8"))
-            self._open = stack.pop_all()
-
-    def write(self, text: str) -> None:
-        """Add `text`; where that fails, nothing is left of the file, and nothing more to close.
-
-        Raises:
-            InputError: naming `path`, where it cannot be written.
-        """
-        try:
-            self._file.write(text)
-        except OSError:
-            self._open.__exit__(*sys.exc_info())
-
-    def close(self, last: str = "") -> None:
-        """Add `last` and put the file in its place, unless that was done.
-
-        Raises:
-            InputError: as `write`.
-        """
-        if not self._file.closed:
-            self.write(last)
-            self._open.close()
 
 
 def append_text(path: Path | str, text: str) -> None:

@@ -1,4 +1,4 @@
-"""The options that every command on a stream of people has, and what they describe."""
+"""Options of every command on a stream of people, and the objects that they configure."""
 
 import dataclasses
 import functools
@@ -12,8 +12,8 @@ import tyro
 from neurosym_robot.dashboard import Dashboard
 from neurosym_robot.dashboard.floor_map import read_floor_map
 from neurosym_robot.dashboard.moments import Moments
-from neurosym_robot.online.likely import AT_LEAST, LikelyEvents
 from neurosym_robot.online.models import load_models
+from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.programs import When
 from neurosym_robot.ros.source import Source
@@ -26,27 +26,27 @@ __all__ = ["LiveOptions", "SourceOptions", "ViewOptions"]
 
 @dataclasses.dataclass(frozen=True)
 class ViewOptions:
-    """A web page of what is seen and forecast."""
+    """A web page of people and forecasts."""
 
     dashboard: bool = False
-    """Serve the page while it goes on."""
+    """Serve a live web page of people and forecasts."""
     port: int = 8765
-    """Of the page; 0 for any that is free."""
+    """Port of the page; 0 for any free port."""
     host: str = "127.0.0.1"
-    """Address to serve at; 0.0.0.0 lets other computers look, without a password."""
+    """Address of the page; 0.0.0.0 makes it visible to other computers, without a password."""
     map: Path | None = None
-    """The floor underneath: a ROS map's .yaml."""
+    """Floor map to draw on the page: the .yaml file of a ROS map."""
 
     at_least: float = AT_LEAST
-    """Probability from which on an event of a pair is told, here and to others."""
+    """Least probability of a pair's event to show, write and publish."""
 
     def moments(self, predictor: Predictor, title: str) -> Moments:
-        """How this predictor's stream is told.
+        """The lines of JSON of this predictor's stream.
 
         Raises:
-            InputError: where the map cannot be read, or for a probability that is none.
+            InputError: if the map cannot be read, or for a probability outside (0, 1].
         """
-        LikelyEvents.of(predictor, self.at_least)  # Compiled before it is asked for.
+        LikelyEvents.of(predictor, self.at_least)  # Compiled ahead of use.
         return Moments(
             predictor.models,
             predictor.window.period,
@@ -58,10 +58,10 @@ class ViewOptions:
         )
 
     def open(self, predictor: Predictor, title: str) -> Dashboard | None:
-        """A dashboard that serves already, where one is asked for.
+        """A dashboard that is being served, if the options ask for one.
 
         Raises:
-            InputError: where the map cannot be read, or the address cannot be had.
+            InputError: if the map cannot be read or the address cannot be used.
         """
         if not self.dashboard:
             return None
@@ -75,50 +75,51 @@ class SourceOptions:
     """Which messages of people belong to the stream."""
 
     fixed_frame: str = ""
-    """Frame that coordinates are taken to by /tf; without one they stay in that of the first
-    message, and those in another are left out."""
+    """Frame into which coordinates are transformed by /tf; by default that of the first message,
+    and messages in other frames are left out."""
     several_publishers: bool = False
-    """Take in all publishers of the topic; else those beside the first are left out."""
+    """Accept all publishers of the topic; by default only the first."""
     robot_frame: str = ""
-    """The robot's own frame, such as base_link: by /tf it is drawn, and of more people than are
-    forecast those who are nearest to it go first."""
+    """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
+    nearest to it are forecast first."""
 
     def source(self, report: Callable[[str], None]) -> Source:
-        """What takes in the messages, and tells `report` of those it leaves out."""
+        """The stream of people; `report` is called about messages that are left out."""
         return Source(self.fixed_frame, self.several_publishers, report, self.robot_frame)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LiveOptions:
-    """Which models forecast a stream, and how."""
+    """Models that forecast a stream, and their settings."""
 
     model: tuple[Path, ...]
-    """Folders of models, or torch checkpoints; several forecast side by side."""
+    """Models by name, folder or torch checkpoint; several forecast side by side."""
     period: float | None = None
-    """Seconds between steps; default: those that the models were trained on."""
+    """Seconds between steps; by default those of the models' training data."""
     max_people: int = 64
-    """In a forecast; of more, the nearest to the robot (--robot-frame) or to the middle."""
+    """Maximum number of people in a forecast: those nearest to the robot (--robot-frame) or to the
+    centre of all people."""
     samples: int = 20
-    """Futures that each model draws."""
+    """Number of samples of each model."""
     seed: int = 0
-    """Of the noise."""
+    """Random seed of the noise."""
     hold: float = 1.0
-    """Seconds for which somebody unseen is still forecast, from where they would be."""
+    """Seconds for which a person out of sight is extrapolated at constant velocity and forecast."""
     far: float = FAR
-    """Metres; people with a coordinate as large are left out: trackers put there whom they lost."""
+    """Metres; people with a coordinate this large are left out (trackers put lost people there)."""
     max_speed: float = MAX_SPEED
-    """Metres per second; who moves faster from one frame to the next is somebody new."""
+    """Maximum speed in m/s; a person who moves faster between two frames gets a new track."""
     stitch: bool = False
-    """Join the tracks that occlusions broke."""
+    """Join tracks that occlusions broke."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
-    """With --stitch: when two tracks may be one person's."""
+    """With --stitch: when two tracks are joined."""
     stream: Annotated[SourceOptions, tyro.conf.OmitArgPrefixes] = SourceOptions()
     view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
         default_factory=ViewOptions
     )
 
     def predictor(self, compile: When = "meanwhile") -> Predictor:
-        """Load the models and begin to compile.
+        """Load the models and start compiling.
 
         Raises:
             InputError: as `load_models` and `Predictor` do.
@@ -137,7 +138,7 @@ class LiveOptions:
         )
 
     def stitcher(self) -> OnlineStitcher | None:
-        """What mends ids, where that is asked for."""
+        """The stitcher of ids, if the options ask for it."""
         if not self.stitch:
             return None
         return OnlineStitcher(self.links, far=self.far, max_speed=self.max_speed)

@@ -1,8 +1,7 @@
-"""What roslaunch, rosrun and `ros2 run` add to a command line, as options of our own.
+"""Arguments of roslaunch, rosrun and `ros2 run`, turned into options of our own.
 
-Parameters are options by name, so that each option is a parameter: `samples: 4` is `--samples 4`, a
-list is several values, and `links: {max_gap: 3}` is `--links.max-gap 3`. An option that stands on
-the command line goes first.
+Each option is also a parameter: `samples: 4` is `--samples 4`, a list is several values, and
+`links: {max_gap: 3}` is `--links.max-gap 3`. An option on the command line overrides a parameter.
 """
 
 import os
@@ -14,17 +13,17 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["ros1_arguments", "ros2_arguments"]
 
+# Environment variables with the meaning of ROS 1's special arguments.
 VARIABLES = {"__ns": "ROS_NAMESPACE", "__ip": "ROS_IP", "__hostname": "ROS_HOSTNAME"}
-"""Where ROS 1's special arguments can as well be said."""
+# Options with the meaning of special arguments; others, such as `__log`, are ignored.
 OPTIONS = {"__name": "--name", "__master": "--master"}
-"""What else they are to us; others, such as `__log`, are nothing."""
 
 
 def ros1_arguments(arguments: Sequence[str]) -> list[str]:
     """`a:=b` as `--remap a:=b`, `_parameter:=value` and the master's parameters as options.
 
     Raises:
-        InputError: where a node that roslaunch started cannot ask the master for its parameters.
+        InputError: if a node that roslaunch started cannot get its parameters from the master.
     """
     import yaml
 
@@ -52,7 +51,7 @@ def ros1_arguments(arguments: Sequence[str]) -> list[str]:
 
 
 def ros2_arguments(arguments: Sequence[str]) -> list[str]:
-    """What stands between `--ros-args` and `--` as one option, and its parameters as options."""
+    """The part between `--ros-args` and `--` as one option, and its parameters as options."""
     rest, told = list(arguments), []
     while "--ros-args" in rest:
         begin = rest.index("--ros-args")
@@ -61,7 +60,7 @@ def ros2_arguments(arguments: Sequence[str]) -> list[str]:
         del rest[begin : end + 1]
     if not told:
         return rest
-    from neurosym_robot.ros.ros2_parameters import node_parameters
+    from neurosym_robot.ros.ros2 import node_parameters
 
     return [
         *_options(node_parameters(told, _named(rest))),
@@ -82,7 +81,7 @@ def _named(
 
 
 def _parameters_of_master(arguments: Sequence[str], must: bool) -> dict[str, Any]:
-    """The node's private parameters; none where no master answers, unless they `must` be had."""
+    """The node's private parameters; none if no master answers, unless it `must`."""
     from neurosym_robot.ros.tcpros import node_name
     from neurosym_robot.ros.tcpros.names import master_uri
     from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, call

@@ -18,11 +18,11 @@ from neurosym_robot.dashboard.replay_file import ReplayFile
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.forecast_lines import ForecastLines
 from neurosym_robot.online.replay import replay
-from neurosym_robot.online.summary import format_summary
-from neurosym_robot.ros.bag_names import SUFFIXES, is_bag
-from neurosym_robot.ros.bags import frame_id_of
-from neurosym_robot.ros.forecast_bag import ForecastBag
-from neurosym_robot.ros.recordings import read_frames
+from neurosym_robot.online.status import format_summary
+from neurosym_robot.plugin import SUFFIXES
+from neurosym_robot.ros.bag_writer import ForecastBag
+from neurosym_robot.ros.bags import read_frames
+from neurosym_robot.ros.source import Source
 
 __all__ = ["Options", "run"]
 
@@ -36,24 +36,21 @@ class Options(LiveOptions):
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How the recording is read."""
     hold: float = 0.0
-    """Seconds for which somebody unseen is still forecast, from where they would be; live it is 1,
-    here 0, so that errors are those of `evaluate`."""
+    """Seconds for which a person out of sight is still forecast, extrapolated at constant velocity;
+    1 in live commands, 0 here, for the same errors as `evaluate`."""
     rate: float | Literal["max"] | None = None
-    """1 is as fast as it was, and so it is with --dashboard by default; else max."""
+    """Speed: 1 is real time (default with --dashboard), max does not wait (default otherwise)."""
     out: Path | None = None
-    """Forecasts and what happened: `.bag`, `.db3`, `.mcap` or `.jsonl`; nothing is overwritten."""
+    """File of forecasts and observed futures to write: `.bag`, `.db3`, `.mcap` or `.jsonl`; nothing
+    is overwritten."""
     frame_id: str = ""
-    """The coordinates' frame, in a bag that is written; by default that of a bag read, else map."""
+    """Coordinate frame in a bag that is written; by default that of the bag read, else map."""
     html: Path | None = None
-    """The page of --dashboard with everything inside, to share; nothing is overwritten."""
+    """HTML file to write: the page of --dashboard with its data inside; nothing is overwritten."""
 
 
 def run(options: Options) -> None:
-    """Forecast the recording, show and write what comes of it.
-
-    Raises:
-        InputError: naming the file, and what is wrong with it or with a model.
-    """
+    """Forecast the recording; InputError names the file or model and the reason."""
     rate = options.rate if options.rate is not None else 1.0 if options.view.dashboard else "max"
 
     def warn(text: str) -> None:
@@ -63,14 +60,14 @@ def run(options: Options) -> None:
     frames = read_frames(options.recording, options.read, source)
     analytics, title = Analytics(), options.recording.stem
     with contextlib.ExitStack() as stack:
-        # Ended by others, too, it finishes what it writes.
+        # Files are finished on SIGTERM, too.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         stack.callback(signal.signal, signal.SIGTERM, before)
         predictor = options.predictor("needed")
         files = stack.enter_context(contextlib.ExitStack())
         out = page = None
         if options.out is not None:
-            out = _open(options.out, predictor.window.period, options)
+            out = _open(options.out, predictor.window.period, options, source)
             files.callback(out.close)
         if options.html is not None:
             page = ReplayFile(options.html, options.view.moments(predictor, title))
@@ -113,13 +110,14 @@ def run(options: Options) -> None:
                 threading.Event().wait()
 
 
-def _open(path: Path, period: float, options: Options) -> ForecastBag | ForecastLines:
-    """The file of forecasts that a path's ending asks for."""
+def _open(
+    path: Path, period: float, options: Options, source: Source
+) -> ForecastBag | ForecastLines:
+    """The file of forecasts, by the ending of its path."""
     if path.suffix == ".jsonl":
         return ForecastLines(path, period, options.view.at_least)
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: forecasts go to {', '.join(SUFFIXES)} or .jsonl")
-    frame_id = options.frame_id or options.stream.fixed_frame
-    if not frame_id and is_bag(options.recording):
-        frame_id = frame_id_of(options.recording, options.read.topic)
-    return ForecastBag(path, period, frame_id or "map", options.view.at_least)
+    return ForecastBag(
+        path, period, lambda: options.frame_id or source.frame_id or "map", options.view.at_least
+    )

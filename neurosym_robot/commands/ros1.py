@@ -7,7 +7,7 @@ import sys
 
 from neurosym_robot.commands._live_options import LiveOptions
 from neurosym_robot.commands._ros_arguments import ros1_arguments
-from neurosym_robot.online.summary import format_summary
+from neurosym_robot.online.status import format_summary
 from neurosym_robot.ros.ros1 import ForecastNode
 
 __all__ = ["PREPARE", "Options", "run"]
@@ -19,21 +19,21 @@ PREPARE = ros1_arguments
 class Options(LiveOptions):
     """Forecast the people of a ROS 1 graph until interrupted; needs no ROS here.
 
-    With --stitch the people are published under their mended names on
+    With --stitch the people are published with their mended ids on
     /people_tracker/people_filtered.
     """
 
     topic: str | None = None
-    """Of the people, in any type of message that `ros2 --message` names; by default
-    /people_tracker/people_filtered and, with --stitch, /people_tracker/people."""
+    """Topic of the people, of any message type that `ros2 --message` lists; by default
+    /people_tracker/people_filtered or, with --stitch, /people_tracker/people."""
     master: str | None = None
-    """URI; by default $ROS_MASTER_URI, else http://localhost:11311."""
+    """URI of the master; by default $ROS_MASTER_URI, else http://localhost:11311."""
     name: str = "neurosym_jax"
-    """Of this node; in $ROS_NAMESPACE, if that is set."""
+    """Name of this node, in $ROS_NAMESPACE if that is set."""
     remap: tuple[str, ...] = ()
-    """FROM:=TO, a name of the graph instead of one of ours; as roslaunch's <remap>."""
+    """FROM:=TO, a name in the graph instead of one of ours; as roslaunch's <remap>."""
     status: float = 10.0
-    """Seconds between lines that say how it goes; 0 for none."""
+    """Seconds between status lines; 0 for none."""
 
 
 def run(options: Options) -> None:

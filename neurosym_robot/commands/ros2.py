@@ -6,13 +6,12 @@
 import dataclasses
 import shlex
 
-from neurosym_jax.errors import InputError
 from neurosym_robot.commands._live_options import LiveOptions
 from neurosym_robot.commands._ros_arguments import ros2_arguments
-from neurosym_robot.online.summary import format_summary
+from neurosym_robot.online.status import format_summary
 from neurosym_robot.ros.messages import PEOPLE_TOPICS
 from neurosym_robot.ros.people import kind_named
-from neurosym_robot.ros.ros2 import ForecastNode, message_type
+from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type
 
 __all__ = ["PREPARE", "Options", "run"]
 
@@ -24,13 +23,14 @@ class Options(LiveOptions):
     """Forecast the people of a ROS 2 graph until interrupted."""
 
     topic: str = PEOPLE_TOPICS[0]
-    """Of the people."""
+    """Topic of the people."""
     message: str = "People"
-    """Their type: People, Humans, TrackedPersons, Agents, Detection3DArray or PoseArray."""
+    """Type of their messages: People, Humans, TrackedPersons, Agents, Detection3DArray or
+    PoseArray."""
     name: str = "neurosym_jax"
-    """Of this node."""
+    """Name of this node."""
     status: float = 10.0
-    """Seconds between lines that say how it goes; 0 for none."""
+    """Seconds between status lines; 0 for none."""
     ros_args: str = ""
     """What stands between --ros-args and -- on the command line of a launch file."""
 
@@ -41,13 +41,9 @@ def run(options: Options) -> None:
     Raises:
         InputError: for a model that cannot be used, or where ROS 2 or a message is missing.
     """
-    try:
-        import rclpy
-        from rclpy.executors import ExternalShutdownException
-    except ImportError:
-        raise InputError(
-            "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
-        ) from None
+    rclpy = import_rclpy()
+    from rclpy.executors import ExternalShutdownException
+
     message_type(kind_named(options.message))
     kind, predictor = kind_named(options.message), options.predictor()
     rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])

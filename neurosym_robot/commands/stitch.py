@@ -29,28 +29,24 @@ class Options:
     out: Path
     """File to write; nothing is overwritten."""
     period: float = 0.1
-    """Seconds between frames, where they are numbered; 0.1 is a people tracker's, 0.4 that of
-    ETH/UCY. What is written has numbered frames."""
+    """Seconds between numbered frames, in the input and in the file written: 0.1 for most people
+    trackers, 0.4 for ETH/UCY."""
     fill: float = 2.0
-    """Seconds; gaps up to this long are filled."""
+    """Fill gaps of up to this many seconds."""
     ids: Path | None = None
-    """JSON {"old": new} of ids decided by hand."""
+    """JSON file {"old": new} of ids decided by hand."""
     polygon: Path | None = None
-    """JSON [[x, y], ...] of the map's corners; points outside are dropped."""
+    """JSON file [[x, y], ...] of the map's corners; points outside are dropped."""
     report: bool = False
-    """Say which tracks were joined."""
+    """List the joined tracks."""
     links: LinkOptions = LOOKING_BACK
-    """When two tracks may be one person's."""
+    """When two tracks are joined."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How the file is read."""
 
 
 def run(options: Options) -> None:
-    """Do what the verb says.
-
-    Raises:
-        InputError: naming the file and what is wrong with it.
-    """
+    """Read, stitch and write; InputError names the file and the reason."""
     if options.out.exists():
         raise InputError(f"{options.out}: already there, and nothing is overwritten")
     files.refuse_unwritable(options.out)
@@ -72,11 +68,7 @@ def run(options: Options) -> None:
 
 
 def read_ids(path: Path) -> dict[int, int]:
-    """The manual map of ids `{"old": new}`.
-
-    Raises:
-        InputError: for a file that is something else.
-    """
+    """The map of ids `{"old": new}`; InputError for a file with anything else."""
     data = _json(path)
     try:
         if not isinstance(data, dict):
@@ -89,7 +81,7 @@ def read_ids(path: Path) -> dict[int, int]:
 def write_text(path: Path, tracks: Tracks, period: float) -> None:
     """Rows `frame ped x y`, frame by frame, such that `read_text(path, period)` gives them back."""
     place = tracks.stamp / period
-    # Recordings have points between their usual steps, too: count in a unit that has them all.
+    # Points may lie between the usual steps: choose the unit of frame numbers that fits them all.
     fits = [np.abs(place * unit - np.rint(place * unit)).max() < 1e-3 for unit in range(1, 101)]
     unit = 1 + int(np.argmax(fits)) if any(fits) else 1000
     frame = np.rint(place * unit).astype(np.int64)
@@ -100,7 +92,7 @@ def write_text(path: Path, tracks: Tracks, period: float) -> None:
 
 
 def format_stitched(mended: Stitched, joins: bool = False) -> str:
-    """What was done, in words; with the joins one by one if asked for."""
+    """A summary, with a line for each join if `joins`."""
     lines = [
         f"{mended.before} ids became {len(np.unique(mended.tracks.id))}: {len(mended.joins)} joins",
         f"{mended.filled} points filled in, {mended.outside} outside the map dropped",

@@ -1,12 +1,7 @@
-"""A live view of people and their forecasts: one web page, live over HTTP or as a file to share.
+"""A view of people and their forecasts: one web page, live over HTTP or as a file to share.
 
-`Dashboard` serves the page and a stream of what happens; `ReplayFile` writes the same page with
-everything inside. Both `show` a frame at a time and know nothing of ROS, files of tracks or
-models' insides.
-
-The page is `page.html` with `page.css` and the `.js` files in it (`page.py`); `moments.py` says
-what it is told and `symbols.py` finds the QTC symbols in it; `server.py` serves it, `stream.py`
-is what waits for slow readers, and `floor_map.py` reads the map underneath.
+`Dashboard` serves the page and a stream of events; `ReplayFile` writes the same page with its data
+inside. `page.py` assembles the page, `moments.py` describes the stream in JSON.
 """
 
 import lazy_loader

@@ -12,10 +12,8 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["read_floor_map"]
 
-LARGEST = 4096
-"""Pixels along a side; larger maps are shown coarser."""
-UNKNOWN = 48
-"""Opacity of cells of which nothing is known, of 255."""
+LARGEST = 4096  # pixels along a side; larger maps are shown coarser
+UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
 
 def read_floor_map(path: Path) -> dict[str, Any]:

@@ -1,19 +1,19 @@
-"""What the page is told of a stream: first what it is, then a moment for every frame, as JSON.
+"""The stream as lines of JSON for the page: an introduction, then a moment for every frame.
 
-Everything is bounded: whatever a tracker sends, a moment names at most `MAX_NAMED` people.
+A moment names at most `MAX_NAMED` people, whatever a tracker sends.
 
-`Introduction` (the first line) has `title`, `period` [s], `models` (names, in order), `weighting`
-(the model whose symbols and weights are told, and its name; or null), `map` (see `floor_map`),
-`speed` ([m/s] up to which a forecast movement is none) and `likely`: of which `model` events are
-told, `at_least` how probable, and `words` by event, with `{k}` and `{l}` in place of the two.
+The introduction has `title`, `period` [s], `models` (names, in order), `weighting` (the model whose
+symbols and weights are shown, and their name; or null), `map` (see `floor_map`), `speed` ([m/s] up
+to which a forecast movement counts as none) and `likely`: the `model` whose events are shown, their
+least probability `at_least`, and `words` by event, with `{k}` and `{l}` in place of the two people.
 
 A moment has
 
-- `t`: seconds since the first frame; never falls, even where the stream's clock is set back;
+- `t`: seconds since the first frame; it increases even if the stream's clock is set back;
 - `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
 - `more`: how many others were seen;
 - `robot`: x, y [m] and heading [rad] of the robot, or null;
-- `step`, where a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres, of
+- `step`, if a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres, of
   which the last `extrapolated` [N] steps were not;
   `models`: by name `central` and `samples` [N][k][pred_len * 2] whole centimetres from the
   person's last observed position; `dropped` reasons by id; `latency` [ms]; `codes`, the QTC_C1
@@ -37,24 +37,22 @@ from neurosym_jax.data.tracks import LATE
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.symbolic.events import EVENTS, in_short
 from neurosym_jax.symbolic.futures import SymbolSettings
-from neurosym_robot.dashboard.symbols import PairSymbols
-from neurosym_robot.online.frame import Frame
-from neurosym_robot.online.likely import AT_LEAST, LikelyEvents
+from neurosym_robot.dashboard.pair_symbols import PairSymbols
+from neurosym_robot.online.frames import Frame
+from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.tracking.motion import FAR
 
-__all__ = ["MAX_NAMED", "Moments"]
+__all__ = ["MAX_NAMED", "Moments", "View"]
 
-MAX_NAMED = 256
-"""People named in a moment, and people without a forecast named in a step."""
-MAX_LIKELY = 16
-"""Events told of a forecast."""
+MAX_NAMED = 256  # people named in a moment, and people without a forecast named in a step
+MAX_LIKELY = 16  # events told of a forecast
+# Seconds on the page between what was before the clock was set back and what comes after.
 BREAK = 60.0
-"""Seconds on the page between what was before the clock was set back and what comes after."""
 
 
 class Moments:
-    """From frames and forecasts to the lines of JSON that the page understands."""
+    """Turns frames and forecasts into lines of JSON for the page."""
 
     def __init__(
         self,
@@ -67,16 +65,16 @@ class Moments:
         far: float = FAR,
         at_least: float = AT_LEAST,
     ):
-        """A stream of which nothing was shown yet.
+        """Before the first frame.
 
         Args:
-            models: by the name that forecasts have them under.
+            models: by their names in forecasts.
             period: seconds between the models' steps.
-            title: what is shown, such as the recording's name.
+            title: of the page, such as the recording's name.
             floor_map: see `floor_map.read_floor_map`.
             reset_after: seconds; see `Window`.
             far: metres; see `Window`.
-            at_least: probability from which on an event of a pair is told.
+            at_least: least probability of an event that is shown.
         """
         self._symbols, self._likely = PairSymbols(models), LikelyEvents(period, at_least)
         self._reset_after, self._far = reset_after, far
@@ -84,7 +82,6 @@ class Moments:
         weighting = None
         if self._symbols.model is not None:
             weighting = {"model": self._symbols.model, "name": self._symbols.weighting.name}
-        # That of the symbols, else the first.
         self._of_events = self._symbols.model or next(iter(models))
         likely = {
             "model": self._of_events,
@@ -102,7 +99,6 @@ class Moments:
                 "likely": likely,
             }
         )
-        """The first line."""
 
     def moment(
         self,
@@ -111,9 +107,13 @@ class Moments:
         summary: Mapping[str, Any],
         robot: np.ndarray | None = None,
     ) -> str | None:
-        """The line of a frame; None where its stamp is refused, as by the predictor.
+        """The line of a frame; None if its stamp is refused, as by the predictor.
 
-        `robot` [3] is where it is: metres, metres, radians.
+        Args:
+            frame: as the predictor saw it.
+            forecast: if the frame completed a step.
+            summary: `Analytics.summary()` then.
+            robot: [3] metres, metres, radians, if known.
         """
         if not self._accept(float(frame.stamp)):
             return None
@@ -133,11 +133,11 @@ class Moments:
 
     @staticmethod
     def ending(summary: Mapping[str, Any]) -> str:
-        """The last line: what the score came to when nothing more was to come."""
+        """The last line, with the final score."""
         return _json({"score": summary})
 
     def _accept(self, stamp: float) -> bool:
-        """Whether time goes on; begins it, and bridges where the clock was set back."""
+        """Whether the stamp is newer; a clock that was set back continues after `BREAK`."""
         if not abs(stamp) < LATE:
             return False
         if math.isnan(self._start):
@@ -153,7 +153,7 @@ class Moments:
         codes, alpha = self._symbols(forecast.observed)
         upper = np.triu_indices(len(codes), 1)
         last = forecast.observed[:, -1:]
-        # The most probable of every kind, then the second: what is frequent hides nothing.
+        # The most probable of every kind, then the second, so that frequent kinds hide no other.
         turns = collections.Counter()
         likely = sorted(
             self._likely(forecast, self._of_events),
@@ -180,6 +180,31 @@ class Moments:
         }
 
 
+class View:
+    """Shows a stream frame by frame; a subclass says where the lines of `Moments` go."""
+
+    _moments: Moments
+
+    def _write(self, line: str) -> None:
+        raise NotImplementedError
+
+    def show(
+        self,
+        frame: Frame,
+        forecast: Forecast | None,
+        summary: Mapping[str, Any],
+        robot: np.ndarray | None = None,
+    ) -> None:
+        """Show a frame; the arguments are those of `Moments.moment`."""
+        line = self._moments.moment(frame, forecast, summary, robot)
+        if line is not None:
+            self._write(line)
+
+    def end(self, summary: Mapping[str, Any]) -> None:
+        """Show the final score; nothing more will be shown."""
+        self._write(self._moments.ending(summary))
+
+
 def _centimetres(samples: np.ndarray) -> list[list[list[int]]]:
     """[k, N, pred_len, 2] metres as [N][k][pred_len * 2] whole centimetres."""
     count, people = samples.shape[:2]
@@ -188,6 +213,6 @@ def _centimetres(samples: np.ndarray) -> list[list[list[int]]]:
 
 
 def _json(value: Any) -> str:
-    """One line that can stand in HTML, where `<` could end the script that it stands in."""
+    """One line that can stand in an HTML script, which `<` could end."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c")

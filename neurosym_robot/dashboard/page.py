@@ -7,11 +7,11 @@ from importlib import resources
 
 __all__ = ["page_parts"]
 
+# In the order in which they build on each other; together they are one module.
 SCRIPTS = (
     *("recording.js", "view.js", "stage.js", "charts.js", "panels.js", "layers.js"),
     *("player.js", "app.js", "controls.js", "main.js"),
 )
-"""In the order in which they build on each other; together they are one module."""
 POLICY = (
     "default-src 'none'; script-src '{script}'; style-src '{style}'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'"

@@ -1,32 +1,26 @@
-"""A small HTTP server of one page and one stream of events, and of nothing else.
+"""A small HTTP server of one page and one stream of events.
 
-Readers that are slow or vanish, requests that are no HTTP, and floods of connections cost a thread
-for some seconds and delay nobody. Pages of other sites that point a name of theirs at this address
-("DNS rebinding") are refused by the name they ask for.
+Slow or vanished readers, malformed requests and floods of connections cost a thread for some
+seconds and delay no other reader. Requests for a host name that is not ours are refused, because
+another site can point its name at this address ("DNS rebinding").
 """
 
 import contextlib
 import ipaddress
 import socket
 import sys
-import threading
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from typing import Any
 
-from neurosym_jax.runtime.deadline import deadline
 from neurosym_robot.dashboard.stream import Stream
+from neurosym_robot.server import BoundedServer, deadline
 
 __all__ = ["PageServer"]
 
-CONNECTIONS = 64
-"""At once; others are closed unheard."""
-PATIENCE = 10.0
-"""Seconds that a request may take to arrive, or an event to be taken."""
-HEARTBEAT = 5.0
-"""Seconds of silence after which a reader is written to, to see whether it is there."""
-BUFFER = 2**18
-"""Bytes on the way to a reader; by itself the system would let megabytes pile up."""
+PATIENCE = 10.0  # seconds that a request may take to arrive, or an event to be taken
+HEARTBEAT = 5.0  # seconds of silence after which a reader is written to, to see whether it is there
+BUFFER = 2**18  # bytes on the way to a reader; by itself the system would let megabytes pile up
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "frame-ancestors 'none'",
@@ -36,50 +30,27 @@ HEADERS = {
 }
 
 
-class PageServer(ThreadingHTTPServer):
+class PageServer(BoundedServer):
     """Serves `page` at / and `stream` at /events."""
 
-    daemon_threads = True
-    block_on_close = False
-    request_queue_size = CONNECTIONS
+    allow_reuse_address = sys.platform != "win32"  # There it would share the port.
 
     def __init__(self, address: tuple[str, int], page: str, introduction: str, stream: Stream):
-        """Bind to an address, whose port may be 0 for any that is free.
+        """Bind to an address, whose port may be 0 for any free one.
 
         Raises:
-            OSError: where that cannot be had.
+            OSError: if it cannot be used.
         """
         family, *_, place = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
         self.address_family = family
         self.page, self.introduction, self.stream = page.encode(), introduction.encode(), stream
         self.names = {"localhost", address[0].lower(), socket.gethostname().lower()}
-        self._room = threading.BoundedSemaphore(CONNECTIONS)
         super().__init__(place[:2], _Handler)  # pyright: ignore
 
-    def server_bind(self) -> None:
-        """Bind, without HTTPServer's look-up of our own name, which can take seconds."""
-        if sys.platform == "win32":
-            self.allow_reuse_address = False  # There it would share the port.
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.socket.bind(self.server_address)
-        self.server_address = self.socket.getsockname()
-        self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, if there is room."""
-        if not self._room.acquire(blocking=False):
-            return self.shutdown_request(request)
-        super().process_request(request, client_address)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer, and make room."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._room.release()
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Readers come and go as they like: say nothing."""
+    def close(self) -> None:
+        """Close the port; readers are told the end of the stream by their own threads."""
+        self.shutdown()
+        self.server_close()
 
     def knows(self, host: str) -> bool:
         """Whether a Host header names us: by address, or by a name that is ours."""

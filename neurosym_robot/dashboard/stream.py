@@ -6,8 +6,7 @@ import threading
 
 __all__ = ["Stream"]
 
-BATCH = 64
-"""Events that a reader takes at once, and so what it may hold that the stream has let go."""
+BATCH = 64  # events that a reader takes at once, and so what it may hold that the stream has let go
 
 
 class Stream:

@@ -1,9 +1,9 @@
 from .analytics import Analytics as Analytics
-from .frame import Frame as Frame
+from .frames import Frame as Frame
+from .frames import frames_of_tracks as frames_of_tracks
+from .frames import tracks_of_frames as tracks_of_frames
 from .predictor import Forecast as Forecast
 from .predictor import ModelForecast as ModelForecast
 from .predictor import Predictor as Predictor
-from .recordings import frames_of_tracks as frames_of_tracks
-from .recordings import tracks_of_frames as tracks_of_frames
 from .replay import Event as Event
-from .summary import format_summary as format_summary
+from .status import format_summary as format_summary

@@ -19,30 +19,27 @@ from neurosym_robot.online.predictor import Forecast, Predictor
 
 __all__ = ["STRAIGHT", "Analytics", "Score", "straight"]
 
+# What is scored beside the models, for whoever wants to know what they are worth.
 STRAIGHT = "constant velocity"
-"""What is scored beside the models, for whoever wants to know what they are worth."""
 
-LATENCIES = 4096
-"""The newest so many are kept for the percentiles."""
+LATENCIES = 4096  # the newest so many are kept for the percentiles
 PERCENTILES = (50, 90, 99)
-RECENT = 150
-"""Forecasts of the sliding window: a minute of them."""
+RECENT = 150  # forecasts of the sliding window: a minute of them
 
 
 @dataclasses.dataclass
 class Score:
     """The running score of one model: what its metrics sum up to."""
 
-    forecasts: int = 0
-    """With at least one person whose future is known."""
+    forecasts: int = 0  # with at least one person whose future is known
     people: int = 0
+    # (total [] or [pred_len], count) of each metric, see `evaluation.metrics.Metric`.
     sums: dict[str, tuple[np.ndarray, float]] = dataclasses.field(default_factory=dict)
-    """(total [] or [pred_len], count) of each metric, see `evaluation.metrics.Metric`."""
 
+    # What was added last.
     newest: collections.deque[tuple[Scores, int]] = dataclasses.field(
         default_factory=lambda: collections.deque(maxlen=RECENT)
     )
-    """What was added last."""
 
     def recent(self) -> "Score":
         """That of the newest forecasts alone."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.runtime.files import GrowingFile
-from neurosym_robot.online.likely import AT_LEAST, LikelyEvents
+from neurosym_robot.online.growing_file import GrowingFile
+from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import Event
 

@@ -11,8 +11,7 @@ from typing import Literal
 
 __all__ = ["Programs", "When"]
 
-When = Literal["start", "needed", "meanwhile"]
-"""When a program is compiled."""
+When = Literal["start", "needed", "meanwhile"]  # when a program is compiled
 
 
 class Programs:

@@ -1,8 +1,4 @@
-"""A stream of frames through stitching, prediction and analytics; as fast as it was, or can be.
-
-`for event in replay(...)` is all there is: screens and files look at the events. Files are opened
-elsewhere (`online.recordings`, `online.forecast_files`), the command is `commands.replay`.
-"""
+"""A stream of frames through stitching, prediction and analytics, in real time or faster."""
 
 import math
 import time
@@ -13,25 +9,21 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast, Predictor
-from neurosym_robot.tracking.live import NOBODY, OnlineStitcher
+from neurosym_robot.tracking.live import OnlineStitcher, mend
 
 __all__ = ["Event", "advance", "replay"]
 
-LONGEST = 10.0
-"""Seconds of the recording that are waited for at most between two frames."""
+LONGEST = 10.0  # seconds waited at most between two frames
 
 
 class Event(NamedTuple):
-    """What a frame led to."""
+    """What follows from a frame."""
 
-    frame: Frame
-    """As the predictor saw it, its ids mended where there is a stitcher."""
-    forecast: Forecast | None
-    """Where the frame completed a step."""
-    scored: list[Forecast]
-    """Those whose future is known now."""
+    frame: Frame  # as the predictor saw it, with mended ids if there is a stitcher
+    forecast: Forecast | None  # if the frame completed a step
+    scored: list[Forecast]  # those whose future is known now
 
 
 def advance(
@@ -41,14 +33,11 @@ def advance(
     stitcher: OnlineStitcher | None = None,
     robot: np.ndarray | None = None,
 ) -> Event:
-    """Push one frame through everything; who is nearest to the `robot` [3] goes first."""
+    """Push one frame; the people nearest to the `robot` [3] are forecast first."""
     if stitcher is not None:
-        ids = stitcher.push(*frame)
-        somebody = ids != NOBODY
-        frame = Frame(frame.stamp, ids[somebody], frame.xy[somebody])
+        frame, _ = mend(stitcher, frame)
     forecast = predictor.push(*frame, focus=None if robot is None else robot[:2])
-    scored = [] if forecast is None else analytics.add(forecast)
-    return Event(frame, forecast, scored)
+    return Event(frame, forecast, [] if forecast is None else analytics.add(forecast))
 
 
 def replay(
@@ -65,12 +54,12 @@ def replay(
     At the end, `analytics.finish()` scores the forecasts that still wait.
 
     Args:
-        frames: a live stream or a recording's.
+        frames: of a live stream or a recording.
         predictor: of one or several models.
-        analytics: their score.
-        rate: speed, 1 is that of the stamps; infinite does not wait.
+        analytics: scores the forecasts.
+        rate: 1 is the speed of the stamps; infinite does not wait.
         stitcher: mends ids first, if given.
-        robot: where it is [3] at a stamp, if that is known.
+        robot: returns the robot's pose [3] at a stamp, if known.
 
     Raises:
         InputError: for a rate that is not positive.

@@ -23,32 +23,23 @@ __all__ = ["Health", "Window"]
 class Health:
     """What was wrong with a stream so far; every field is a count."""
 
-    frames: int = 0
-    """Frames pushed, those refused included."""
-    bad_stamps: int = 0
-    """Frames refused: the stamp is no usable number."""
-    duplicate_stamps: int = 0
-    """Frames refused: the stamp of the frame before."""
+    frames: int = 0  # frames pushed, those refused included
+    bad_stamps: int = 0  # frames refused: the stamp is no usable number
+    duplicate_stamps: int = 0  # frames refused: the stamp of the frame before
+    # Frames refused: older than the newest frame, by less than `reset_after`.
     backward_stamps: int = 0
-    """Frames refused: older than the newest frame, by less than `reset_after`."""
+    # The clock went back by more: everything was forgotten, the grid begins anew.
     clock_resets: int = 0
-    """The clock went back by more: everything was forgotten, the grid begins anew."""
+    # Nothing was heard for longer than `max_gap`, a jump of the clock ahead included.
     pauses: int = 0
-    """Nothing was heard for longer than `max_gap`, a jump of the clock ahead included."""
-    bad_ids: int = 0
-    """People refused: the id is not a whole number."""
-    duplicate_ids: int = 0
-    """People refused: the id is in the frame already."""
-    bad_positions: int = 0
-    """People refused: a coordinate is not finite."""
+    bad_ids: int = 0  # people refused: the id is not a whole number
+    duplicate_ids: int = 0  # people refused: the id is in the frame already
+    bad_positions: int = 0  # people refused: a coordinate is not finite
+    # People left out: a coordinate is `far` or beyond, where trackers put those they lost.
     far_positions: int = 0
-    """People left out: a coordinate is `far` or beyond, where trackers put those they lost."""
-    jumps: int = 0
-    """People who moved farther than anybody walks: somebody new begins there."""
-    refused: int = 0
-    """People refused: `max_tracks` are followed already."""
-    forgotten: int = 0
-    """Tracks forgotten: not seen for `timeout`."""
+    jumps: int = 0  # people who moved farther than anybody walks: somebody new begins there
+    refused: int = 0  # people refused: `max_tracks` are followed already
+    forgotten: int = 0  # tracks forgotten: not seen for `timeout`
 
 
 class Window:

@@ -1,49 +1,105 @@
-"""Bags read and written without ROS: ROS 1 `.bag`, ROS 2 sqlite3 and mcap.
+"""Bags read without ROS: ROS 1 `.bag`, ROS 2 sqlite3 and mcap.
 
-Needs rosbags, which is imported when a bag is opened. What people's messages say is in
-`ros.messages`; other recordings of people are read in `online.recordings`. Of a bag that was cut
-short (`ros.cut_bags`) what is whole is read, with a warning.
+rosbags is imported when a bag is opened. A bag that was cut short is refused by an error that names
+the tool that mends it. `bag_writer.py` writes bags.
 """
 
-import contextlib
-import tempfile
-import time
+import dataclasses
+import os
+import sqlite3
 import warnings
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.errors import InputError, InputWarning
-from neurosym_robot.online.frame import Frame
-from neurosym_robot.ros.bag_integrity import counted, refuse_damaged
-from neurosym_robot.ros.bag_names import ACTIVE, SUFFIXES, files_of, tool_for
-from neurosym_robot.ros.cut_bags import CutBag, is_cut
-from neurosym_robot.ros.definitions import blank, typestore
+import numpy as np
+
+from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
+from neurosym_robot.plugin import ACTIVE, SUFFIXES, is_bag
+from neurosym_robot.ros.definitions import typestore
 from neurosym_robot.ros.messages import PEOPLE_TOPICS
 from neurosym_robot.ros.people import KINDS, POSES
 from neurosym_robot.ros.source import Source
+from neurosym_robot.tracking.motion import FAR
 
-__all__ = ["TF_TOPICS", "BagWriter", "frame_id_of", "read_messages", "read_people"]
+__all__ = ["read_bag", "read_frames", "read_messages", "read_people"]
 
 TF_TOPICS = ("/tf", "/tf_static")
-"""Where frames of coordinates lie, in messages of `ros.definitions.TRANSFORMS`."""
-KEEP = 1.0
-"""Seconds of recording that are lost at most where the one who writes is killed."""
+TOOLS = {".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
+
+
+def read_frames(
+    path: Path, options: ReadOptions = AS_IT_SAYS, source: Source | None = None
+) -> Iterator[Frame]:
+    """Frames of a bag or of a file of tracks, in its order.
+
+    Args:
+        path: a bag, or any file that `data.formats.read_any` reads.
+        options: what the file does not say itself; for a bag, the topic of the people.
+        source: for a bag, which messages belong to the stream.
+
+    Raises:
+        InputError: naming the file and the reason, possibly after some frames of a damaged bag.
+    """
+    path = Path(path)
+    if is_bag(path):
+        return read_people(path, options.topic, source)
+    if not path.is_file():
+        raise InputError(f"{path}: " + ("not a bag" if path.exists() else "no such file"))
+    recordings = read_any(path, options)
+    if len(recordings) != 1:
+        raise InputError(f"{path}: holds {len(recordings)} recordings, and a stream is one")
+    return frames_of_tracks(recordings[0])
+
+
+def read_bag(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+    """Tracks of the people on one topic of a bag, `options.topic`; `period` is not used.
+
+    Messages older than the one before, repeated ids in a message, and positions that are not finite
+    or beyond `FAR` are left out, and counted in the warnings of `reading`.
+
+    Raises:
+        InputError: as `read_people`, or if no position is left.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", InputWarning)
+        frames = [frame for frame in read_people(path, options.topic) if np.isfinite(frame.stamp)]
+    said = [str(each.message).removeprefix(f"{path}: ") for each in caught]
+    kept: list[Frame] = []
+    for stamp, ids, xy in frames:
+        if not kept or stamp > kept[-1].stamp:
+            near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
+            first = near[np.unique(ids[near], return_index=True)[1]]
+            kept.append(Frame(stamp, ids[first], xy[first]))
+    lost = sum(len(frame.ids) for frame in frames) - sum(len(frame.ids) for frame in kept)
+    if lost:
+        said.append(f"{lost} positions are left out: nowhere, far away, twice, or out of order")
+    tracks = tracks_of_frames(iter(kept), printable(path.stem))
+    where = printable(str(path))
+    how = Reading(tracks.recording, where, rows=len(tracks.id), warnings=tuple(said))
+    return [dataclasses.replace(tracks, reading=how)]
 
 
 def read_people(
     path: Path, topic: str | None = None, source: Source | None = None
 ) -> Iterator[Frame]:
-    """The people of a bag, frame by frame in the order of recording.
+    """Frames of people in a bag, in the order of recording.
 
     Args:
         path: file of ROS 1, or folder or file of ROS 2.
         topic: of the people; if None, one of `PEOPLE_TOPICS`, else the only one with people.
-        source: which messages belong to the stream, and where they are taken to; by default those
-            of one publisher in one frame of coordinates, and warnings of the others.
+        source: which messages belong to the stream and into which frame they are transformed; by
+            default those of one publisher in one frame, with warnings about others.
 
     Raises:
-        InputError: at the first frame, or where the bag is damaged, naming the file and the reason.
+        InputError: naming the file and the reason, for a topic or a damaged bag.
     """
     source = source or Source(report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3))
 
@@ -53,28 +109,16 @@ def read_people(
     for name, message, publisher, received in _read(path, choose):
         if name in TF_TOPICS:
             source.transforms.hear(message, static=name == TF_TOPICS[1])
-        # Two publishers may have disagreed about the type of one topic.
-        elif message.__msgtype__ in KINDS:
+        elif message.__msgtype__ in KINDS:  # Two publishers may disagree about a topic's type.
             frame = source.take(message.__msgtype__, message, publisher, received)
             if frame is not None:
                 yield frame
 
 
-def frame_id_of(path: Path, topic: str | None = None) -> str:
-    """The coordinates' frame in a bag's first message of people; `topic` as for `read_people`.
-
-    Raises:
-        InputError: as `read_people`.
-    """
-    for _, message in read_messages(path, lambda topics: [_choose(path, topics, topic)]):
-        return message.header.frame_id.removeprefix("/")
-    return ""
-
-
 def read_messages(
-    path: Path, choose: Callable[[dict[str, str]], Collection[str]] | None = None
+    path: Path, choose: Callable[[dict[str, str]], Collection[str]] = list
 ) -> Iterator[tuple[str, Any]]:
-    """Topic and message of those topics that `choose({topic: type})` names; of all if None.
+    """Topic and message on those topics that `choose({topic: type})` names; by default all.
 
     Raises:
         InputError: naming the file and the reason.
@@ -83,19 +127,26 @@ def read_messages(
 
 
 def _read(
-    path: Path, choose: Callable[[dict[str, str]], Collection[str]] | None
+    path: Path, choose: Callable[[dict[str, str]], Collection[str]]
 ) -> Iterator[tuple[str, Any, str, float]]:
-    """Topic, message, its publisher's name (known in ROS 1 only), and when it was recorded [s]."""
+    """Topic, message, publisher's name (known in ROS 1 only), and time of recording [s]."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
-    store = typestore(2)
+    store = typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    files = [file for file in files if file.name.endswith((*SUFFIXES, ACTIVE))]
     try:
-        with _reader(path, store) as reader:
+        from rosbags.highlevel import AnyReader
+
+        for file in files:
+            _refuse_unfinished(file)
+        whole = path.is_file() or (path / "metadata.yaml").is_file()
+        with AnyReader([path] if whole else files, default_typestore=store) as reader:
             topics = {each.topic: each.msgtype for each in reader.connections}
-            chosen = list(topics) if choose is None else choose(topics)
+            chosen = choose(topics)
             connections = [each for each in reader.connections if each.topic in chosen]
-            for connection, at, data in counted(reader, connections):
+            for connection, at, data in _counted(reader, connections):
                 message = reader.deserialize(data, connection.msgtype)
                 publisher = getattr(connection.ext, "callerid", None) or ""
                 yield connection.topic, message, publisher, 1e-9 * at
@@ -104,52 +155,46 @@ def _read(
     except Exception as error:
         # A damaged file makes rosbags, its databases and its decompressors raise anything at all.
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: cannot be read as a bag: {reason}{_advice(path)}") from None
+        tools = [TOOLS.get(file.suffix, "rosbag reindex") for file in files]
+        advice = f"; if it was cut short, `{tools[0]}` may mend it" if tools else ""
+        raise InputError(f"{path}: cannot be read as a bag: {reason}{advice}") from None
 
 
-@contextlib.contextmanager
-def _reader(path: Path, store: Any) -> Iterator[Any]:
-    """rosbags' reader of a bag; where a file was cut short, `CutBag` is in the place of its own."""
-    from rosbags.highlevel import AnyReader
-
-    files = files_of(path)
-    cut = [file for file in files if is_cut(file)]
-    for file in files:
-        if file not in cut:
-            refuse_damaged(file)
-    whole = not cut and (path.is_file() or (path / "metadata.yaml").is_file())
-    with tempfile.TemporaryDirectory() as folder:
-        ours = {file: CutBag(file, Path(folder)) for file in cut}
-        # Recorders before ROS 2 Iron did not store what their types are.
-        mixed = [_Unread(file) if file in ours else file for file in files]
-        paths: Any = [path] if whole else mixed
-        reader: Any = AnyReader(paths, default_typestore=store)
-        if not whole:
-            found = ", ".join(f"{bag.text} in {file.name}" for file, bag in ours.items())
-            text = "was cut short, or never finished; what there is of it is read"
-            warnings.warn(f"{path}: {text}{found and ': '}{found}", InputWarning, stacklevel=2)
-            reader.readers = [ours.get(file, each) for file, each in zip(files, reader.readers)]
-        with reader:
-            yield reader
+def _refuse_unfinished(file: Path) -> None:
+    """ValueError for a file that its recorder did not finish, or a database that is damaged."""
+    journals = [file.with_name(file.name + end) for end in ("-wal", "-journal")]
+    if file.name.endswith(ACTIVE) or any(os.path.isfile(each) for each in journals):
+        raise ValueError("its recorder did not finish it")
+    if file.suffix == ".db3":
+        uri = f"{file.absolute().as_uri()}?mode=ro"
+        with closing(sqlite3.connect(uri, uri=True)) as base:
+            (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
+        if found != "ok":
+            raise ValueError(f"its database is damaged: {found}")
 
 
-class _Unread:
-    """What rosbags asks a path for before it opens it."""
-
-    def __init__(self, path: Path):
-        self.suffix = ".bag" if path.name.endswith(ACTIVE) else path.suffix
-
-    def exists(self) -> bool:
-        return True
-
-    def is_dir(self) -> bool:
-        return False
-
-
-def _advice(path: Path) -> str:
-    """What may help where a recorder was interrupted."""
-    tools = [tool_for(file) for file in files_of(path)]
-    return f"; if it was cut short, `{tools[0]}` may mend it" if tools else ""
+def _counted(reader: Any, connections: Collection[Any]) -> Iterator[tuple[Any, int, Any]]:
+    """Messages of some connections; ValueError at the end if the bag's index has another number."""
+    found = Counter()
+    for connection, stamp, data in reader.messages(connections=connections):
+        found[connection.id, connection.topic] += 1
+        yield connection, stamp, data
+    said = Counter()
+    for each in reader.readers:
+        chunks = Counter()  # In ROS 1 another index finds the messages than counts them.
+        for info in getattr(each, "chunk_infos", ()):
+            chunks.update(info.connection_counts)
+        for connection in each.connections:
+            is_ros1 = hasattr(each, "chunk_infos")
+            count = chunks.pop(connection.id, 0) if is_ros1 else connection.msgcount
+            said[connection.id, connection.topic] += count
+        if chunks:
+            raise ValueError(f"it has {chunks.total()} messages of no topic that it describes")
+    for id, topic in {(each.id, each.topic) for each in connections} | set(found):
+        if said[id, topic] != found[id, topic]:
+            raise ValueError(
+                f"{topic} has {found[id, topic]} messages where the bag says {said[id, topic]}"
+            )
 
 
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
@@ -165,104 +210,9 @@ def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
     for name in PEOPLE_TOPICS:
         if name in usable:
             return name
-    # Poses may be of anything, such as a robot's guesses where it is.
+    # Poses may be of anything, such as a robot's hypotheses of its own pose.
     usable = [name for name in usable if topics[name] != POSES] or usable
     if len(usable) != 1:
         wanted = "choose one with --topic" if usable else f"none carries {' or '.join(KINDS)}"
         raise InputError(f"{path}: which topic has the people? There are: {there}; {wanted}")
     return usable[0]
-
-
-class BagWriter:
-    """Writes a new bag; `with BagWriter(path) as bag`, which closes it whatever happens.
-
-    Until it is finished it can be told, and read, as one that was cut short: a file of ROS 1 is
-    called `NAME.bag.active`, a folder has no `metadata.yaml`.
-    """
-
-    def __init__(self, path: Path):
-        """Open for writing.
-
-        Args:
-            path: `NAME.bag` is a ROS 1 file; `NAME.db3` and `NAME.mcap` are ROS 2 bags, folders
-                `NAME` as ROS 2 has them, in sqlite3 and mcap.
-
-        Raises:
-            InputError: for another ending, a bag that is there already, a folder that is not.
-        """
-        path = Path(path)
-        if path.suffix not in SUFFIXES:
-            raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
-        self.ros = 1 if path.suffix == ".bag" else 2
-        self.path = path if self.ros == 1 else path.with_suffix("")
-        self._store = typestore(self.ros)
-        self.types = self._store.types
-        """Classes of the messages by name."""
-        from rosbags import rosbag1, rosbag2
-
-        if self.path.exists():
-            raise InputError(f"{self.path}: already there, and nothing is overwritten")
-        self._writer: Any
-        if self.ros == 1:
-            active = self.path.with_name(self.path.stem + ACTIVE)
-            if active.exists():
-                raise InputError(f"{active}: already there, and nothing is overwritten")
-            self._writer = rosbag1.Writer(active)
-        else:
-            plugin = rosbag2.StoragePlugin
-            storage = plugin.MCAP if path.suffix == ".mcap" else plugin.SQLITE3
-            self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=storage)
-        self._connections: dict[str, Any] = {}
-        self._kept = time.monotonic()
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer.open()
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
-
-    def new(self, kind: str) -> Any:
-        """An empty message, by its type."""
-        return blank(self._store, kind)
-
-    def write(self, topic: str, stamp: float, message: Any) -> None:
-        """Append a message, received at `stamp` seconds.
-
-        Raises:
-            InputError: for a time that ROS has no numbers for, before 1970 or after 2038.
-        """
-        if not 0 <= stamp < 2**31:
-            raise InputError(f"{self.path}: the time {stamp} s does not fit into a bag")
-        kind = message.__msgtype__
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=self._store
-            )
-        store = self._store
-        serialise = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
-        self._writer.write(self._connections[topic], round(stamp * 1e9), serialise(message, kind))
-        if time.monotonic() - self._kept > KEEP:
-            self._kept = time.monotonic()
-            self._keep()
-
-    def _keep(self) -> None:
-        """Give the disk what was written so far, which rosbags keeps in memory for long."""
-        if self.ros == 1:
-            self._writer.write_chunk(self._writer.chunks[-1])
-            self._writer.bio.flush()
-        elif hasattr(self._writer.storage, "conn"):
-            self._writer.storage.conn.commit()
-        else:
-            self._writer.storage.close_chunk()
-            self._writer.storage.bio.flush()
-
-    def __enter__(self) -> "BagWriter":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Write index and metadata, so that what was written before an interruption is there."""
-        self._writer.close()
-        if self.ros == 1:
-            self._writer.path.rename(self.path)

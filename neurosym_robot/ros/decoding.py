@@ -1,39 +1,33 @@
-"""Serialised messages of ROS 1, whose publishers say at the beginning what they send."""
+"""Messages of ROS 1 deserialised, by the definition that their publisher sends first."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from neurosym_robot.ros.definitions import DEFINITIONS, PEOPLE, ros1_name, typestore
+from neurosym_robot.ros.definitions import PEOPLE, definitions, ros1_name, typestore
 from neurosym_robot.ros.people import KINDS
 
 __all__ = ["Decoder"]
 
-MOST = 64
-"""Definitions that are learned: a publisher may send nonsense under a new checksum each time."""
+MOST = 64  # definitions that are learned: a publisher may send a new one each time
 
 
 class Decoder:
     """Reads messages of people of any type in `KINDS`, defined as their publisher defines them.
 
-    A definition of our own goes first: one that differs is refused.
+    A type that we define is refused if its publisher's definition differs. Raises InputError if
+    rosbags is not installed.
     """
 
     def __init__(self):
-        """Our own definitions only.
-
-        Raises:
-            InputError: if rosbags is not installed.
-        """
         self._learned: dict[tuple[str, str], Any] = {}
         self.store = typestore(1)
-        """The types that we know without being told."""
 
     def refuse(self, header: Mapping[str, str]) -> str | None:
-        """Why a publisher that begins with this header cannot be understood, or None."""
+        """Why messages of a publisher with this header cannot be read, or None."""
         kind, md5 = header.get("type", "").replace("/", "/msg/"), header.get("md5sum", "")
         if kind not in KINDS:
             return f"none of {', '.join(map(ros1_name, KINDS))}"
-        if kind in DEFINITIONS:
+        if kind in definitions():
             ours = self.store.generate_msgdef(kind, ros_version=1)[1]
             return None if md5 == ours else f"not {ros1_name(kind)} with md5 {ours}"
         if (kind, md5) in self._learned:
@@ -47,7 +41,7 @@ class Decoder:
             types = get_types_from_msg(header.get("message_definition", ""), kind)
             store.register({name: form for name, form in types.items() if name not in store.types})
             theirs = store.generate_msgdef(kind, ros_version=1)[1]
-        except Exception as error:  # A stranger's text can make a parser raise anything.
+        except Exception as error:  # The text is not ours and can make the parser raise anything.
             return f"whose definition cannot be read ({type(error).__name__})"
         if theirs != md5:
             return f"whose definition has the md5 {theirs}"

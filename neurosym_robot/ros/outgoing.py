@@ -1,6 +1,6 @@
-"""What ROS 1 and ROS 2 are told alike: samples, what pairs will do, lines for RViz, the status.
+"""What is published of a forecast, by type of message, and the status; on ROS 1, ROS 2 and in bags.
 
-Messages come from `new(type)`, which gives empty ones: rclpy's own, or `definitions.blank`.
+Messages come from `new(type)`; see `messages.py`.
 """
 
 import functools
@@ -11,42 +11,42 @@ import numpy as np
 
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.states import format_state
-from neurosym_robot.online.likely import AT_LEAST, LikelyEvents
-from neurosym_robot.online.pair_states import PairStates
+from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents, PairStates
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.status import Status
-from neurosym_robot.ros.definitions import EVENT, EVENTS, FORECAST, PAIR_STATES, STATES
+from neurosym_robot.ros.definitions import EVENTS, FORECAST, HUMANS_TRAJS, STATES
+from neurosym_robot.ros.messages import New, put_stamp
+from neurosym_robot.ros.people import POSES
+from neurosym_robot.ros.trajectories import forecast_message, truth_message
 
-__all__ = [
-    "DIAGNOSTICS",
-    "ENDINGS",
-    "MARKERS",
-    "central_path",
-    "diagnostics_message",
-    "events_message",
-    "makers",
-    "markers_message",
-    "put_stamp",
-    "samples_message",
-    "states_message",
-]
-
-New = Callable[[str], Any]
+__all__ = ["DIAGNOSTICS", "ENDINGS", "MARKERS", "TRUTH", "diagnostics_message", "makers"]
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
-ENDINGS = {FORECAST: "/samples", EVENTS: "/events", STATES: "/states", MARKERS: "/markers"}
-"""How the topics end that a forecast goes to on either ROS, by type; `makers` has what they say."""
+# Endings of the topics that a forecast goes to, by type; `makers` has what makes the messages.
+ENDINGS = {
+    HUMANS_TRAJS: "",
+    POSES: "",
+    FORECAST: "/samples",
+    EVENTS: "/events",
+    STATES: "/states",
+    MARKERS: "/markers",
+}
+# Colours of people's lines, after Okabe and Ito.
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
-"""Of the people's lines, after Okabe and Ito."""
-FAINT = 0.35
-"""Opacity of somebody whom nobody sees at the moment."""
+FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
 
 
-def put_stamp(header: Any, stamp: float, frame_id: str) -> None:
-    """Write time [s] and frame into a header."""
-    header.stamp.sec, header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
-    header.frame_id = frame_id
+def makers(at_least: float = AT_LEAST) -> dict[str, Callable[..., Any]]:
+    """Functions (new, forecast, model, period, frame_id) that make the messages of `ENDINGS`."""
+    return {
+        HUMANS_TRAJS: forecast_message,
+        POSES: poses_message,
+        FORECAST: samples_message,
+        EVENTS: functools.partial(events_message, at_least=at_least),
+        STATES: states_message,
+        MARKERS: markers_message,
+    }
 
 
 def central_path(forecast: Forecast, model: str) -> np.ndarray:
@@ -74,10 +74,10 @@ def samples_message(new: New, forecast: Forecast, model: str, period: float, fra
 def markers_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
     """A line for each person, from the last position observed; `ns` is model and id.
 
-    Lines of people whom nobody sees at the moment are faint.
+    Lines of people who are not seen at the moment are faint.
     """
     array = new(MARKERS)
-    markers = []
+    array.markers = []
     paths = central_path(forecast, model).tolist()
     for n, (id, path) in enumerate(zip(forecast.ids.tolist(), paths)):
         marker = new("visualization_msgs/msg/Marker")
@@ -87,11 +87,14 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
         marker.color.a = FAINT if forecast.extrapolated[n] else 1.0
         colour = [part / 255 for part in COLOURS[n % len(COLOURS)]]
         marker.color.r, marker.color.g, marker.color.b = colour
-        # It disappears by itself when nobody is forecast any more.
+        # The line disappears by itself when forecasts end.
         marker.lifetime.sec, marker.lifetime.nanosec = divmod(round(2e9 * period), 10**9)
-        marker.points = [_point(new, x, y) for x, y in path]
-        markers.append(marker)
-    array.markers = markers
+        marker.points = []
+        for x, y in path:
+            point = new("geometry_msgs/msg/Point")
+            point.x, point.y = x, y
+            marker.points.append(point)
+        array.markers.append(marker)
     return array
 
 
@@ -103,12 +106,12 @@ def events_message(
     frame_id: str,
     at_least: float = AT_LEAST,
 ) -> Any:
-    """The neurosym_msgs/Events of one model: what is at least `at_least` probable."""
+    """The neurosym_msgs/Events of one model: events with probability `at_least` or more."""
     message = new(EVENTS)
     put_stamp(message.header, forecast.stamp, frame_id)
     message.model, message.events = model, []
     for each in LikelyEvents(period, at_least)(forecast, model):
-        event = new(EVENT)
+        event = new("neurosym_msgs/msg/Event")
         event.name, event.words = each.name, each.words(forecast.ids)
         event.k, event.l = (int(forecast.ids[row]) for row in (each.k, each.l))
         event.probability, event.seconds = each.probability, each.seconds
@@ -117,15 +120,16 @@ def events_message(
 
 
 def states_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
-    """The neurosym_msgs/States of one model: how the nearest pairs will move, step by step."""
-    message, of = new(STATES), PairStates(period)
+    """The neurosym_msgs/States of one model: states of the nearest pairs, step by step."""
+    message, states_of = new(STATES), PairStates(period)
+    settings = states_of.settings
     put_stamp(message.header, forecast.stamp, frame_id)
     message.model, message.period, message.pairs = model, period, []
-    message.calculus, message.speed = of.settings.calculus, of.settings.speed
+    message.calculus, message.speed = settings.calculus, settings.speed
     texts = [format_state(state, "") for state in CALCULI[message.calculus].states]
-    near, found = of(forecast, model)
+    near, found = states_of(forecast, model)
     for (k, l), shares, symbols in zip(near.tolist(), *found):  # noqa: E741
-        pair = new(PAIR_STATES)
+        pair = new("neurosym_msgs/msg/PairStates")
         pair.k, pair.l = int(forecast.ids[k]), int(forecast.ids[l])
         pair.states = [texts[row] for row in shares.argmax(axis=1)]
         pair.probability, pair.symbols = shares.max(axis=1), symbols.ravel()
@@ -133,19 +137,39 @@ def states_message(new: New, forecast: Forecast, model: str, period: float, fram
     return message
 
 
-def makers(at_least: float = AT_LEAST) -> dict[str, Callable[..., Any]]:
-    """What makes the messages of `ENDINGS`, by type."""
-    told = functools.partial(events_message, at_least=at_least)
-    return {
-        FORECAST: samples_message,
-        EVENTS: told,
-        STATES: states_message,
-        MARKERS: markers_message,
-    }
+def poses_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
+    """The PoseArray of one model: the most central sample, person by person."""
+    return _poses(new, central_path(forecast, model), forecast.stamp, frame_id)
+
+
+def poses_of_truth(new: New, forecast: Forecast, period: float, frame_id: str) -> Any:
+    """The PoseArray of what happened to those seen to the end."""
+    assert forecast.future is not None
+    seen = np.isfinite(forecast.future).all(axis=(1, 2))
+    path = np.concatenate([forecast.observed[:, -1:], forecast.future], axis=1)[seen]
+    return _poses(new, path, forecast.stamp, frame_id)
+
+
+# Functions (new, forecast, period, frame_id) that make the message of an observed future.
+TRUTH = {HUMANS_TRAJS: truth_message, POSES: poses_of_truth}
+
+
+def _poses(new: New, path: np.ndarray, stamp: float, frame_id: str) -> Any:
+    """Every step of [N, 1 + T, 2] after the first, facing the direction of walking."""
+    array = new(POSES)
+    put_stamp(array.header, stamp, frame_id)
+    heading = np.diff(path, axis=1)
+    half = 0.5 * np.arctan2(heading[..., 1], heading[..., 0])
+    for xy, angle in zip(path[:, 1:].reshape(-1, 2).tolist(), half.ravel().tolist()):
+        pose = new("geometry_msgs/msg/Pose")
+        pose.position.x, pose.position.y = xy
+        pose.orientation.z, pose.orientation.w = float(np.sin(angle)), float(np.cos(angle))
+        array.poses.append(pose)
+    return array
 
 
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
-    """How the stream goes, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
+    """Status of the stream, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
     message, row = new(DIAGNOSTICS), new("diagnostic_msgs/msg/DiagnosticStatus")
     put_stamp(message.header, now, "")
     row.name, row.hardware_id = f"{name.removeprefix('/')}: forecasts", "neurosym_jax"
@@ -158,9 +182,3 @@ def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
         row.values.append(pair)
     message.status = [row]
     return message
-
-
-def _point(new: New, x: float, y: float) -> Any:
-    point = new("geometry_msgs/msg/Point")
-    point.x, point.y = x, y
-    return point

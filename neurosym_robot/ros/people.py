@@ -1,7 +1,4 @@
-"""Messages of people, whatever their type: who is seen, and where. One entry each in a table.
-
-Positions and ids only; whether a message belongs to the stream is for `ros.source`.
-"""
+"""Ids and positions from messages of people, of the types in `KINDS`."""
 
 import hashlib
 import re
@@ -22,14 +19,10 @@ POSES = "geometry_msgs/msg/PoseArray"
 class Seen(NamedTuple):
     """What a message says."""
 
-    stamp: float
-    """Seconds, of its header."""
-    frame_id: str
-    """Of the coordinates, without the slash that ROS's first names began with."""
-    ids: np.ndarray | None
-    """[N] int64; None where somebody has no id."""
-    xyz: np.ndarray
-    """[N, 3] metres."""
+    stamp: float  # seconds, of its header
+    frame_id: str  # of the coordinates, without the slash of ROS's early names
+    ids: np.ndarray | None  # [N] int64; None if a person has no id
+    xyz: np.ndarray  # [N, 3] metres
 
     @property
     def xy(self) -> np.ndarray:
@@ -40,18 +33,15 @@ class Seen(NamedTuple):
 class Kind(NamedTuple):
     """Where a type of message has its people."""
 
-    people: str
-    """Field with one entry a person."""
-    position: str
-    """Of an entry: the way to its x, y, z."""
-    id: Callable[[Any], int | None]
-    """Of an entry; None where it has none."""
+    people: str  # field with one entry per person
+    position: str  # path from an entry to its x, y, z
+    id: Callable[[Any], int | None]  # id of an entry; None if it has none
 
 
 def id_of_name(name: str) -> int:
-    """The id of a person's name, the same everywhere: the number it is, or else a hash of it.
+    """The id of a person's name: the number it is, or else a hash of it.
 
-    Hashes lie between 2**52 and 2**53, where floats and JavaScript still count in ones.
+    Hashes lie between 2**52 and 2**53, where floats and JavaScript still represent every integer.
     """
     if re.fullmatch("-?[0-9]{1,18}", name):
         return int(name)
@@ -59,7 +49,7 @@ def id_of_name(name: str) -> int:
 
 
 def _signed(id: int) -> int:
-    """A uint64 as the int64 with its bits: negative ids were written so."""
+    """A uint64 as the int64 with the same bits, as which negative ids are written."""
     return (int(id) + 2**63) % 2**64 - 2**63
 
 
@@ -69,6 +59,7 @@ def _id_of_detection(detection: Any) -> int | None:
     return id_of_name(name) if name else None
 
 
+# Messages of people by type, as ROS 2 writes it.
 KINDS = {
     PEOPLE: Kind("people", "position", lambda person: id_of_name(person.name)),
     HUMANS: Kind("humans", "centroid.pose.position", lambda human: _signed(human.id)),
@@ -81,7 +72,6 @@ KINDS = {
     ),
     POSES: Kind("poses", "position", lambda pose: None),
 }
-"""By type, as ROS 2 writes it."""
 
 
 def kind_named(name: str) -> str:
@@ -97,7 +87,7 @@ def kind_named(name: str) -> str:
 
 
 def see(kind: str, message: Any) -> Seen:
-    """What a message of type `kind`, a key of `KINDS`, says; any object with the right fields."""
+    """What a message of type `kind`, a key of `KINDS`, says."""
     form = KINDS[kind]
     people = list(getattr(message, form.people))
     ids = [form.id(each) for each in people]

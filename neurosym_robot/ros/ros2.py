@@ -1,33 +1,80 @@
-"""A predictor in a ROS 2 graph, with rclpy.
-
-People in, poses, markers and samples out. rclpy is imported when the node is made: this file is the
-only one that needs it, and the predictor knows nothing of it.
-"""
+"""A predictor in a ROS 2 graph, with rclpy, and the parameters that a launch file gives it."""
 
 # pyright: reportMissingImports=false
-# ROS 2 has its own installer; where the linters run there is none.
+# ROS 2 has its own installer and is absent where the linters run.
 
 import functools
 import importlib
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.likely import AT_LEAST
-from neurosym_robot.online.predictor import Forecast, Predictor
+from neurosym_robot.online.pairs import AT_LEAST
+from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.bags import TF_TOPICS
 from neurosym_robot.ros.definitions import PEOPLE, TRANSFORMS
 from neurosym_robot.ros.forecasting_node import DIAGNOSE, ForecastingNode
 from neurosym_robot.ros.messages import PEOPLE_TOPICS, WAITING
-from neurosym_robot.ros.outgoing import DIAGNOSTICS, central_path, diagnostics_message, put_stamp
 from neurosym_robot.ros.people import POSES
 from neurosym_robot.ros.source import Source
 from neurosym_robot.tracking.live import OnlineStitcher
 
-__all__ = ["ForecastNode", "has", "message_type"]
+__all__ = ["ForecastNode", "import_rclpy", "message_type", "node_parameters"]
+
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides")
+
+
+def import_rclpy() -> Any:
+    """The module rclpy.
+
+    Raises:
+        InputError: if ROS 2 is not set up.
+    """
+    try:
+        return importlib.import_module("rclpy")
+    except ImportError:
+        text = "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
+        raise InputError(text) from None
+
+
+def message_type(kind: str) -> Any:
+    """The class of a message, by its type.
+
+    Raises:
+        InputError: if its package is missing.
+    """
+    package, _, name = kind.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise InputError(f"this ROS 2 has no {package}") from None
+
+
+def node_parameters(arguments: Sequence[str], name: str) -> dict[str, Any]:
+    """A node's parameters by name, from files and from `-p`, as rclpy resolves them.
+
+    Args:
+        arguments: what stands after `--ros-args`.
+        name: of the node, unless the arguments name it.
+
+    Raises:
+        InputError: for arguments that ROS 2 refuses, or if it is missing.
+    """
+    rclpy = import_rclpy()
+    context = rclpy.context.Context()
+    try:
+        rclpy.init(args=["--ros-args", *arguments], context=context)
+        node = rclpy.create_node(
+            name, context=context, automatically_declare_parameters_from_overrides=True
+        )
+        found = {key: value.value for key, value in node.get_parameters_by_prefix("").items()}
+        node.destroy_node()
+    except Exception as error:  # rclpy passes on several kinds of errors of its C library.
+        raise InputError(f"--ros-args: {' '.join(str(error).split())}") from None
+    finally:
+        rclpy.try_shutdown(context=context)
+    return {key: value for key, value in found.items() if key.split(".")[0] not in OF_EVERY_NODE}
 
 
 class ForecastNode(ForecastingNode):
@@ -50,28 +97,25 @@ class ForecastNode(ForecastingNode):
         Args:
             predictor: of one or several models, each with topics of its own.
             topic: of the people.
-            kind: their type, a key of `people.KINDS`.
-            source: which messages belong to the stream, and where they are taken to.
+            kind: type of their messages, a key of `people.KINDS`.
+            source: which messages belong to the stream and into which frame they are transformed.
             stitcher: mends ids, if given.
             name: of the node.
-            status: seconds between lines on how it goes; 0 for none.
-            at_least: probability from which on an event of a pair is told.
+            status: seconds between lines about the stream; 0 for none.
+            at_least: least probability of an event that is published.
 
         Raises:
-            InputError: where ROS 2 has no such message.
+            InputError: if ROS 2 has no such message.
         """
-        import rclpy
+        rclpy, people = import_rclpy(), message_type(kind)
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-        people = message_type(kind)
         self.kind, self.node = kind, rclpy.create_node(name)
         report = self.node.get_logger().info
         super().__init__(predictor, source or Source(), stitcher, at_least, status, report)
-        self._make[POSES] = _path
-        self.publish_on(POSES, self._advertise)
+        self.publish(POSES)
         self.node.create_timer(DIAGNOSE, self._look)
-        self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
-        # Best effort hears publishers of either kind.
+        # A best-effort subscription receives from reliable publishers, too.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
         heard = self.node.create_subscription(people, topic, self.hear, quality)
         self.topic = heard.topic_name
@@ -83,75 +127,27 @@ class ForecastNode(ForecastingNode):
                 self.node.create_subscription(message_type(TRANSFORMS), name, hear, quality)
 
     def hear(self, message: Any, info: Mapping[str, Any]) -> None:
-        """Take in a message of people, and publish what it leads to."""
+        """Take in a message of people, and publish what follows from it."""
         publisher = (info.get("publisher_gid") or {}).get("data", b"")
         frame = self.source.take(self.kind, message, bytes(publisher).hex(), time.monotonic())
         if frame is not None:
             self.forecast(frame, self.stitcher)
 
+    def _look(self) -> None:
+        self.status.look()
+        self.diagnose(self.node.get_fully_qualified_name())
+
+    def _new(self, kind: str) -> Any:
+        return message_type(kind)()
+
     def _advertise(self, topic: str, kind: str) -> Any:
-        return self.node.create_publisher(message_type(kind), topic, 10) if has(kind) else None
+        try:
+            return self.node.create_publisher(message_type(kind), topic, 10)
+        except InputError:  # This ROS 2 lacks the message's package.
+            return None
 
     def _is_heard(self, publisher: Any) -> bool:
         return publisher.get_subscription_count() > 0
 
     def _send(self, publisher: Any, message: Any) -> None:
         publisher.publish(message)
-
-    def _new(self, kind: str) -> Any:
-        return _new(kind)
-
-    def _happened(self, done: Forecast, period: float, frame_id: str) -> Any:
-        assert done.future is not None
-        seen = np.isfinite(done.future).all(axis=(1, 2))
-        path = np.concatenate([done.observed[:, -1:], done.future], axis=1)[seen]
-        return _poses(path, done.stamp, frame_id)
-
-    def _look(self) -> None:
-        self.status.look()
-        if self._diagnostics is not None:
-            now, name = time.time(), self.node.get_fully_qualified_name()
-            self._diagnostics.publish(diagnostics_message(_new, self.status, name, now))
-
-
-def _path(new: Any, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
-    return _poses(central_path(forecast, model), forecast.stamp, frame_id)
-
-
-def _poses(path: np.ndarray, stamp: float, frame_id: str) -> Any:
-    """Person by person, every step of [N, 1 + T, 2] after the first, facing the way of walking."""
-    array = _new(POSES)
-    put_stamp(array.header, stamp, frame_id)
-    heading = np.diff(path, axis=1)
-    half = 0.5 * np.arctan2(heading[..., 1], heading[..., 0])
-    for xy, angle in zip(path[:, 1:].reshape(-1, 2).tolist(), half.ravel().tolist()):
-        pose = _new("geometry_msgs/msg/Pose")
-        pose.position.x, pose.position.y = xy
-        pose.orientation.z, pose.orientation.w = float(np.sin(angle)), float(np.cos(angle))
-        array.poses.append(pose)
-    return array
-
-
-def _new(kind: str) -> Any:
-    return message_type(kind)()
-
-
-def has(kind: str) -> bool:
-    """Whether this ROS 2 has the package of a message."""
-    try:
-        return bool(message_type(kind))
-    except InputError:
-        return False
-
-
-def message_type(kind: str) -> Any:
-    """The class of a message, by its type.
-
-    Raises:
-        InputError: where its package is missing.
-    """
-    package, _, name = kind.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError):
-        raise InputError(f"this ROS 2 has no {package}") from None

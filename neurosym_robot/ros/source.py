@@ -1,8 +1,7 @@
-"""A stream of people out of messages: of one publisher, in one frame of coordinates.
+"""A stream of people from messages: of one publisher, in one frame of coordinates.
 
-Two trackers on a topic, or coordinates that change, would be mixed without a trace: people of one
-jump to where the other has theirs. Whatever does not belong to the stream is refused, counted, and
-said once.
+Two trackers on a topic, or coordinates in changing frames, would be mixed silently. Messages that
+do not belong to the stream are refused, counted, and reported once.
 """
 
 import collections
@@ -11,21 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.ros.people import id_of_name, see
 from neurosym_robot.ros.transforms import Transforms
 from neurosym_robot.tracking.nearest import NearestIds
 
 __all__ = ["Source"]
 
-SILENCE = 2.0
-"""Seconds after which a publisher that says nothing may be replaced by another."""
-SAID = 64
-"""Different complaints that are said; more are counted only."""
+SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
+SAID = 64  # different reasons that are reported; more are only counted
 
 
 class Source:
-    """Turns messages of people into the frames of a stream, and says what it leaves out."""
+    """Turns messages of people into the frames of a stream, and reports what it leaves out."""
 
     def __init__(
         self,
@@ -34,25 +31,24 @@ class Source:
         report: Callable[[str], None] = print,
         robot_frame: str = "",
     ):
-        """Nothing heard yet.
+        """Configure the stream.
 
         Args:
-            fixed_frame: what the coordinates are taken to, by `transforms`; if empty they stay in
-                the frame of the first message, and others are refused.
-            several: take in several publishers side by side; their ids are kept apart.
-            report: is told, in one line, what begins to be refused.
-            robot_frame: the robot's own, such as base_link, where it is to be known where it is.
+            fixed_frame: frame that coordinates are transformed into; if empty, the frame of the
+                first message, and other frames are refused.
+            several: accept several publishers side by side; their ids are kept apart.
+            report: called with one line when messages begin to be refused.
+            robot_frame: the robot's own frame, such as base_link, to locate the robot.
         """
         self.fixed_frame, self.several, self._report = fixed_frame, several, report
         self.robot_frame = robot_frame
         self.frame_id: str | None = fixed_frame or None
         """Of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
-        """What is told of frames, for `fixed_frame` and `robot_frame`."""
         self.refused: collections.Counter[str] = collections.Counter()
-        """Messages left out, by reason."""
+        """Number of messages left out, by reason."""
         self.is_there: Callable[[str], bool] = lambda publisher: True
-        """Whether a publisher may say more, where that is known."""
+        """Whether a publisher is still connected, if that is known."""
         self._publisher: str | None = None
         self._heard = -np.inf
         self._said: set[str] = set()
@@ -60,11 +56,11 @@ class Source:
 
     @property
     def needs_transforms(self) -> bool:
-        """Whether somebody is to tell `transforms`."""
+        """Whether `transforms` must be fed."""
         return bool(self.fixed_frame or self.robot_frame)
 
     def robot(self, stamp: float) -> np.ndarray | None:
-        """[3] metres, metres, radians: where the robot is among the people, as far as is known."""
+        """[3] metres, metres, radians: the robot's pose in the stream's frame, or None."""
         if not (self.robot_frame and self.frame_id):
             return None
         try:
@@ -76,13 +72,13 @@ class Source:
     def take(
         self, kind: str, message: Any, publisher: str = "", received: float = 0.0
     ) -> Frame | None:
-        """The frame that a message is; None where it does not belong to the stream.
+        """The frame that a message holds; None if it does not belong to the stream.
 
         Args:
             kind: the message's type, a key of `KINDS`.
             message: of people.
-            publisher: who sent it.
-            received: seconds of any clock that goes on, when it came.
+            publisher: name of its sender.
+            received: time of arrival in seconds of any monotonic clock.
         """
         seen = see(kind, message)
         if not self._is_ours(publisher, received):
@@ -105,7 +101,7 @@ class Source:
             xyz = xyz @ matrix[:3, :3].T + matrix[:3, 3]
         xy, ids = xyz[:, :2], seen.ids
         if ids is None:
-            # What is far in one publisher's view may be near in another's: each has its own.
+            # Each publisher has its own, so that two views are not mixed.
             ids = self._nearest.setdefault(publisher, NearestIds()).push(seen.stamp, xy)
         if self.several and publisher != self._publisher:
             ids = np.array([id_of_name(f"{publisher} {id}") for id in ids.tolist()], np.int64)

@@ -1,6 +1,6 @@
-"""Where frames of coordinates lie in each other, as the messages of /tf and /tf_static tell.
+"""Poses of coordinate frames in each other over time, from the messages of /tf and /tf_static.
 
-The part of ROS's tf2 that a stream of people needs, the same for ROS 1, ROS 2 and bags.
+The part of ROS's tf2 that a stream of people needs, for ROS 1, ROS 2 and bags.
 """
 
 import bisect
@@ -8,21 +8,19 @@ import threading
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from neurosym_robot.ros.people import seconds_of
 
 __all__ = ["Transforms"]
 
-KEPT = 10.0
-"""Seconds of each frame's past."""
-AHEAD = 0.5
-"""Seconds for which the newest that is known still holds."""
-MOST = 4096
-"""Frames, and moments of each: what a broken publisher can make us remember."""
+KEPT = 10.0  # seconds of each frame's past
+AHEAD = 0.5  # seconds for which the newest pose still holds
+MOST = 4096  # frames, and poses of each, whatever a broken publisher sends
 
 
 class _Edge:
-    """How one frame lies in its parent, moment by moment."""
+    """Poses of one frame in its parent, by time."""
 
     def __init__(self, parent: str):
         self.parent = parent
@@ -40,9 +38,9 @@ class _Edge:
         del self.times[:old], self.poses[:old]
 
     def at(self, stamp: float) -> np.ndarray:
-        """[4, 4] from this frame to the parent's, linearly between two moments."""
+        """[4, 4] from this frame to the parent's, linear between two poses."""
         times = self.times
-        if len(times) == 1 and times[0] == -np.inf:
+        if times == [-np.inf]:
             return _matrix(self.poses[0])
         if not times[0] <= stamp <= times[-1] + AHEAD:
             raise LookupError(f"known from {times[0]:.2f} to {times[-1]:.2f} s, not at {stamp:.2f}")
@@ -51,18 +49,17 @@ class _Edge:
             return _matrix(self.poses[min(after, len(times) - 1)])
         first, last = self.poses[after - 1], self.poses[after]
         share = (stamp - times[after - 1]) / (times[after] - times[after - 1])
-        # q and -q are one rotation; between messages a robot turns so little that a straight way
-        # and one on the sphere are the same.
+        # q and -q are the same rotation. Between messages a robot turns so little that linear and
+        # spherical interpolation agree.
         if first[3:] @ last[3:] < 0:
             last = np.concatenate([last[:3], -last[3:]])
         return _matrix((1 - share) * first + share * last)
 
 
 class Transforms:
-    """A tree of frames; any thread may tell it and ask it."""
+    """A tree of frames; safe to use from any thread."""
 
     def __init__(self):
-        """Nothing known yet."""
         self._edges: dict[str, _Edge] = {}
         self._lock = threading.Lock()
 
@@ -85,10 +82,10 @@ class Transforms:
                 edge.add(-np.inf if static else seconds_of(each.header.stamp), pose)
 
     def matrix(self, source: str, target: str, stamp: float) -> np.ndarray:
-        """[4, 4] that takes coordinates in `source` to those in `target` at `stamp` seconds.
+        """[4, 4] from coordinates in `source` to those in `target` at `stamp` seconds.
 
         Raises:
-            LookupError: where that is not known, with the reason.
+            LookupError: with the reason, if it is not known.
         """
         with self._lock:
             from_source, from_target = self._to_root(source), self._to_root(target)
@@ -102,7 +99,7 @@ class Transforms:
         return np.linalg.inv(down) @ up
 
     def _to_root(self, frame: str) -> list[str]:
-        """The frame, its parent, and so on; each once, should they run in a circle."""
+        """The frame, its parent, and so on; each once, should they form a circle."""
         frames = [frame]
         while (edge := self._edges.get(frames[-1])) is not None and edge.parent not in frames:
             frames.append(edge.parent)
@@ -120,12 +117,6 @@ class Transforms:
 
 def _matrix(pose: np.ndarray) -> np.ndarray:
     """[4, 4] of translation and quaternion [7]."""
-    x, y, z, w = pose[3:] / np.linalg.norm(pose[3:])
     matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = pose[:3]
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
     return matrix

@@ -15,18 +15,13 @@ from neurosym_robot.tracking.motion import FAR, MAX_SPEED, is_jump
 
 __all__ = ["Follower", "Track"]
 
-POINTS = 20
-"""Kept of each track; at 10 Hz twice what its velocity is taken from."""
+POINTS = 20  # kept of each track; at 10 Hz twice what its velocity is taken from
+# Share of the old velocity that is kept from frame to frame: noise is as large as a step.
 SMOOTH = 0.7
-"""Share of the old velocity that is kept from frame to frame: noise is as large as a step."""
-CERTAIN = 0.15
-"""Metres off where somebody was expected, within which an id is believed at once."""
-OTHER_ID = 0.2
-"""Metres that a track must be nearer to be somebody's who has another id."""
-REACH = 0.75
-"""Metres off where somebody was expected, at most, for somebody of another id."""
-RECENT = 0.5
-"""Seconds; for longer losses an id is believed, and there is `linking`."""
+CERTAIN = 0.15  # metres off where somebody was expected, within which an id is believed at once
+OTHER_ID = 0.2  # metres that a track must be nearer to be somebody's who has another id
+REACH = 0.75  # metres off where somebody was expected, at most, for somebody of another id
+RECENT = 0.5  # seconds; for longer losses an id is believed, and there is `linking`
 
 
 class Track:

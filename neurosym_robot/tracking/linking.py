@@ -1,8 +1,8 @@
-"""Which new track goes on where a lost one ended: constant velocity and an assignment.
+"""Links from lost tracks to new ones: constant velocity and an optimal assignment.
 
-A lost person is expected to go on as before, and a new one to have come as they go on: who has left
-is expected outside, and whoever enters there later is somebody else. The same rule serves a whole
-recording and a live stream, where little of the new track is known yet.
+A lost track is extrapolated forward, a new one backward, so that a person who left the area is
+expected outside it. One rule serves a recording and a live stream, where little of the new track is
+known yet.
 """
 
 import dataclasses
@@ -15,29 +15,28 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["UNLINKED", "LinkOptions", "TrackEnds", "assign", "velocity"]
 
-UNLINKED = 1e6
-"""Cost of no link, above that of any that is allowed."""
+UNLINKED = 1e6  # cost of no link, above that of any allowed one
 
 
 @dataclasses.dataclass(frozen=True)
 class LinkOptions:
-    """When two tracks may be one person's."""
+    """When two tracks may belong to one person."""
 
     max_gap: float = 6.0
-    """Seconds between the end of one and the start of the other."""
+    """Maximum seconds between the end of one track and the start of the other."""
     reach: float = 0.6
-    """Metres that the start may lie off where it is expected, at once."""
+    """Maximum distance in metres of the start from its expected position, for a gap of 0 s."""
     drift: float = 0.8
-    """Metres more for each second of the gap."""
+    """Metres added to --reach for each second of the gap."""
     turn: float = 0.2
-    """Metres that count as much as velocities that differ by 1 m/s."""
+    """Metres of distance that count as much as a velocity difference of 1 m/s."""
     memory: float = 1.0
-    """Seconds at an end or a start from which its velocity is taken."""
+    """Seconds at an end or a start over which its velocity is estimated."""
     least: float = 0.3
-    """Seconds for which somebody new must be seen, or else is a tracker's ghost and left out."""
+    """Minimum duration of a track in seconds; shorter ones are a tracker's ghosts and left out."""
 
     def __post_init__(self):
-        """Refuse what is negative or no number."""
+        """Refuse negative and infinite values."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not 0 <= value < float("inf"):
@@ -48,12 +47,9 @@ class LinkOptions:
 class TrackEnds:
     """The ends, or the starts, of L tracks."""
 
-    stamp: np.ndarray
-    """[L] seconds."""
-    position: np.ndarray
-    """[L, 2] metres."""
-    velocity: np.ndarray
-    """[L, 2] metres per second; NaN where a single point is known."""
+    stamp: np.ndarray  # [L] seconds
+    position: np.ndarray  # [L, 2] metres
+    velocity: np.ndarray  # [L, 2] metres per second; NaN where a single point is known
 
 
 def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:

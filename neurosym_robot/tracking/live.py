@@ -6,18 +6,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.tracking.following import Follower, Track
 from neurosym_robot.tracking.linking import LinkOptions, TrackEnds, assign
 from neurosym_robot.tracking.motion import FAR, MAX_SPEED
 
-__all__ = ["NOBODY", "OnlineStitcher"]
+__all__ = ["NOBODY", "OnlineStitcher", "mend"]
 
+# The id of who is not believed to be somebody: far away, nowhere, or seen too briefly so far.
 NOBODY = int(np.iinfo(np.int64).min)
-"""The id of who is not believed to be somebody: far away, nowhere, or seen too briefly so far."""
+# Seconds after which a newcomer's velocity is known, and any link that is allowed is made.
 MOVED = 0.3
-"""Seconds after which a newcomer's velocity is known, and any link that is allowed is made."""
+# Cost of a link up to which it is made at first sight, before the newcomer's velocity is known.
 SURE = 0.1
-"""Cost of a link up to which it is made at first sight, before the newcomer's velocity is known."""
+
+
+def mend(stitcher: "OnlineStitcher", frame: Frame) -> tuple[Frame, np.ndarray]:
+    """The people of a frame under mended ids, and [N] bool which of them are left."""
+    ids = stitcher.push(*frame)
+    known = ids != NOBODY
+    return Frame(frame.stamp, ids[known], frame.xy[known]), known
 
 
 class OnlineStitcher:

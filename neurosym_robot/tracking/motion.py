@@ -4,12 +4,10 @@ import numpy as np
 
 __all__ = ["FAR", "MAX_SPEED", "is_jump"]
 
+# Metres; the original robot's filter puts people whom it does not see at (-3000, -3000).
 FAR = 3000.0
-"""Metres; the original robot's filter puts people whom it does not see at (-3000, -3000)."""
-MAX_SPEED = 5.0
-"""Metres per second: people run, but trackers are for those who walk."""
-SLACK = 1.0
-"""Metres that a tracker may be off, both observations together."""
+MAX_SPEED = 5.0  # metres per second: people run, but trackers are for those who walk
+SLACK = 1.0  # metres that a tracker may be off, both observations together
 
 
 def is_jump(moved: np.ndarray, gap: np.ndarray, max_speed: float = MAX_SPEED) -> np.ndarray:

@@ -10,10 +10,8 @@ from neurosym_robot.tracking.following import Follower
 
 __all__ = ["NearestIds"]
 
-FORGET = 1.0
-"""Seconds; somebody not seen for longer is somebody new."""
-MOST = 512
-"""People followed at once; the rest of a frame is new every time."""
+FORGET = 1.0  # seconds; somebody not seen for longer is somebody new
+MOST = 512  # people followed at once; the rest of a frame is new every time
 
 
 class NearestIds:

@@ -20,8 +20,8 @@ from neurosym_robot.tracking.live import NOBODY
 
 __all__ = ["LOOKING_BACK", "Join", "Stitched", "inside", "stitch", "stitched_ids"]
 
+# A ghost can be told from a person later than live, where everybody waits.
 LOOKING_BACK = LinkOptions(least=1.0)
-"""A ghost can be told from a person later than live, where everybody waits."""
 
 
 class Join(NamedTuple):
@@ -29,8 +29,7 @@ class Join(NamedTuple):
 
     old: int
     new: int
-    gap: float
-    """Seconds."""
+    gap: float  # seconds
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,15 +37,11 @@ class Stitched:
     """A mended recording and what was done to it."""
 
     tracks: Tracks
-    before: int
-    """Ids before."""
+    before: int  # ids before
     joins: list[Join]
-    outside: int
-    """Rows dropped because they lie outside the map."""
-    ghosts: int
-    """Rows dropped because whoever they are was seen for less than `least`, or far away."""
-    filled: int
-    """Rows added, by interpolation."""
+    outside: int  # rows dropped because they lie outside the map
+    ghosts: int  # rows dropped because whoever they are was seen for less than `least`, or far away
+    filled: int  # rows added, by interpolation
 
 
 def stitch(

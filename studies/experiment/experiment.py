@@ -18,12 +18,12 @@ from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.online.analytics import STRAIGHT, Analytics
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame, frames_of_tracks
 from neurosym_robot.online.models import load_models
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.recordings import frames_of_tracks
 from neurosym_robot.online.replay import replay
-from neurosym_robot.ros.bags import BagWriter, read_people
+from neurosym_robot.ros.bag_writer import BagWriter
+from neurosym_robot.ros.bags import read_people
 from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
 from neurosym_robot.tracking.live import NOBODY, OnlineStitcher
 from studies.experiment.report import write_report
@@ -110,7 +110,7 @@ def _record(
     with BagWriter(path) as bag:
         for frame in frames_of_tracks(tracks):
             frame = frame._replace(stamp=START + frame.stamp)
-            bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.types, frame))
+            bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.new, frame))
     # In the order of each frame's tracks, which is that of the tracker's ids.
     order = np.lexsort((tracks.id, tracks.stamp))
     cuts = np.flatnonzero(np.diff(tracks.stamp[order])) + 1

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_robot.online.analytics import STRAIGHT
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame, tracks_of_frames
 from neurosym_robot.online.predictor import Forecast
-from neurosym_robot.online.recordings import tracks_of_frames
 from studies.experiment.results import Recording, complete, published
 
 __all__ = ["write_figures"]

@@ -12,7 +12,7 @@ from neurosym_jax.evaluation.scene_scores import score as score_scene
 from neurosym_jax.simulation.scenarios import Scenario
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.online.analytics import straight
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.tracking.identity import idf1
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
-from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.tracking.identity import idf1
 from neurosym_robot.tracking.linking import LinkOptions
 from neurosym_robot.tracking.live import NOBODY, OnlineStitcher

@@ -3,7 +3,7 @@
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
-from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.tracking.linking import LinkOptions, velocity
 
 __all__ = ["greedy", "norfair_ids"]

@@ -16,14 +16,10 @@ __all__ = ["Names", "Topic", "global_name", "local_host", "master_uri", "node_na
 class Topic:
     """A topic and the type of its messages."""
 
-    name: str
-    """Global: it begins with a slash."""
-    type: str = "*"
-    """"package/Name"; a subscriber takes "*" for any."""
-    md5: str = "*"
-    """Of the type's definition, as ROS computes it; a subscriber takes "*" for any."""
-    definition: str = ""
-    """Text of the definition and of those that it uses; recorders ask for it."""
+    name: str  # global: it begins with a slash
+    type: str = "*"  # "package/Name"; a subscriber takes "*" for any
+    md5: str = "*"  # of the type's definition, as ROS computes it; a subscriber takes "*" for any
+    definition: str = ""  # text of the definition and of those that it uses; recorders ask for it
 
 
 def global_name(name: str, namespace: str = "/") -> str:

@@ -6,18 +6,16 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from neurosym_jax.runtime.deadline import deadline
 from neurosym_robot.ros.tcpros.names import Names, Topic, local_host, master_uri, node_name
 from neurosym_robot.ros.tcpros.publisher import Publisher
-from neurosym_robot.ros.tcpros.server import ConnectionServer
 from neurosym_robot.ros.tcpros.subscriber import HANDSHAKE, Subscriber
 from neurosym_robot.ros.tcpros.wire import MAX_HEADER, decode_header, prepare, read_block
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
+from neurosym_robot.server import ConnectionServer, deadline
 
 __all__ = ["Node"]
 
-WATCH = 1.0
-"""Seconds between looks whether the master still knows the node."""
+WATCH = 1.0  # seconds between looks whether the master still knows the node
 
 
 class Node:

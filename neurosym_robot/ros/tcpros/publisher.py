@@ -11,10 +11,8 @@ from neurosym_robot.ros.tcpros.wire import encode_block, encode_header
 
 __all__ = ["Publisher"]
 
-SLOW = 5.0
-"""Seconds that a subscriber may take for one message; then it is dropped."""
-LOOK = 1.0
-"""Seconds between looks whether a subscriber is gone, while there is nothing to send."""
+SLOW = 5.0  # seconds that a subscriber may take for one message; then it is dropped
+LOOK = 1.0  # seconds between looks whether a subscriber is gone, while there is nothing to send
 
 
 class Publisher:

@@ -5,7 +5,6 @@ import socket
 import threading
 from collections.abc import Callable, Iterable, Mapping
 
-from neurosym_jax.runtime.deadline import deadline
 from neurosym_robot.ros.tcpros.names import Topic
 from neurosym_robot.ros.tcpros.wire import (
     MAX_HEADER,
@@ -17,15 +16,13 @@ from neurosym_robot.ros.tcpros.wire import (
     read_block,
 )
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
+from neurosym_robot.server import deadline
 
 __all__ = ["Subscriber"]
 
-HANDSHAKE = 5.0
-"""Seconds for each step until messages come."""
-PATIENCE = (0.1, 2.0)
-"""Seconds before a lost publisher is tried again: at first, and at most."""
-MOST = 32
-"""Publishers of a topic that are listened to at once."""
+HANDSHAKE = 5.0  # seconds for each step until messages come
+PATIENCE = (0.1, 2.0)  # seconds before a lost publisher is tried again: at first, and at most
+MOST = 32  # publishers of a topic that are listened to at once
 
 
 class Mismatch(ProtocolError):

@@ -19,10 +19,8 @@ __all__ = [
     "read_block",
 ]
 
-MAX_HEADER = 1 << 20
-"""Bytes; a header carries the message's definition, a few kilobytes at most."""
-MAX_MESSAGE = 4 << 20
-"""Bytes; ten thousand people are about 1 MB."""
+MAX_HEADER = 1 << 20  # bytes; a header carries the message's definition, a few kilobytes at most
+MAX_MESSAGE = 4 << 20  # bytes; ten thousand people are about 1 MB
 
 
 class ProtocolError(ConnectionError):

@@ -13,15 +13,12 @@ from typing import Any
 from xml.parsers.expat import ExpatError
 from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler
 
-from neurosym_jax.runtime.deadline import deadline
-from neurosym_robot.ros.tcpros.server import BoundedServer
+from neurosym_robot.server import BoundedServer, deadline
 
 __all__ = ["CallError", "Refused", "SlaveServer", "call"]
 
-MAX_BODY = 4 << 20
-"""Bytes; the state of a graph of thousands of topics stays below."""
-TIMEOUT = 5.0
-"""Seconds."""
+MAX_BODY = 4 << 20  # bytes; the state of a graph of thousands of topics stays below
+TIMEOUT = 5.0  # seconds
 
 
 _NONSENSE = (http.client.HTTPException, xmlrpc.client.Error, ExpatError)

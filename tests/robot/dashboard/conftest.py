@@ -10,7 +10,7 @@ from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.model import Model
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")

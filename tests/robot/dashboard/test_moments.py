@@ -16,8 +16,8 @@ from neurosym_jax.symbolic.soft_weightings import Soft
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_robot.dashboard import ReplayFile
 from neurosym_robot.dashboard.moments import MAX_NAMED
-from neurosym_robot.dashboard.symbols import PairSymbols
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.dashboard.pair_symbols import PairSymbols
+from neurosym_robot.online.frames import Frame
 
 
 def test_a_forecast_is_told_whole(moments, stream):

@@ -10,15 +10,22 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.symbolic import symbolic_forecast
-from neurosym_robot.dashboard import Dashboard, write_replay
+from neurosym_robot.dashboard import Dashboard, ReplayFile
 from neurosym_robot.online.analytics import STRAIGHT
-from neurosym_robot.online.likely import LikelyEvents
+from neurosym_robot.online.pairs import LikelyEvents
 from neurosym_robot.online.predictor import ModelForecast
 
 ADE = "#errors tbody tr:has-text('{}') td[data-key=joint_ade]"
 
 
 @pytest.fixture
+def write_replay(events, path, moments):
+    file = ReplayFile(path, moments)
+    for event in events:
+        file.show(*event)
+    file.close()
+
+
 def live(moments, stream):
     """A dashboard that is shown 12 s at once, then three minutes as fast as they would be."""
     dashboard = Dashboard(moments, port=0)

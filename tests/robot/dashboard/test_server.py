@@ -160,7 +160,7 @@ def test_a_flood_of_connections_is_bounded(dashboard):
     flood = [socket.create_connection(("127.0.0.1", port_of(dashboard))) for _ in range(150)]
     time.sleep(0.3)
     # A thread that answers and, while a request is awaited, one that ends the waiting.
-    assert threading.active_count() - before <= 2 * server.CONNECTIONS
+    assert threading.active_count() - before <= 2 * server.PageServer.most
     for client in flood:
         client.close()
     deadline = time.monotonic() + 5

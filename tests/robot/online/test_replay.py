@@ -18,14 +18,14 @@ from neurosym_jax.simulation.scenarios import simulate
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.commands import replay as replay_verb
 from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame, frames_of_tracks
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.recordings import frames_of_tracks
 from neurosym_robot.online.replay import replay
-from neurosym_robot.online.summary import format_summary
+from neurosym_robot.online.status import format_summary
 from neurosym_robot.online.window import Health
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
+from neurosym_robot.ros.bag_writer import BagWriter
+from neurosym_robot.ros.bags import read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS
 from neurosym_robot.ros.people import seconds_of, see
 from neurosym_robot.tracking.live import OnlineStitcher
@@ -67,7 +67,7 @@ def recording(tmp_path_factory) -> Path:
     with BagWriter(tmp_path_factory.mktemp("bags") / "run.db3") as bag:
         for frame in frames_of_tracks(tracks):
             frame = frame._replace(stamp=frame.stamp + 1.7e9)
-            bag.write("/people", frame.stamp, messages.make_people(bag.types, frame, "odom"))
+            bag.write("/people", frame.stamp, messages.make_people(bag.new, frame, "odom"))
     return bag.path
 
 

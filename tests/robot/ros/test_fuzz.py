@@ -11,7 +11,7 @@ import pytest
 
 from neurosym_jax.runtime.process import compile_seconds
 from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.replay import advance
 from neurosym_robot.ros import messages
@@ -92,7 +92,7 @@ def node(forecast_node):
 
 def people(node: ForecastNode, frame: Frame) -> bytes:
     store = node._store
-    return bytes(store.serialize_ros1(messages.make_people(store.types, frame), PEOPLE))
+    return bytes(store.serialize_ros1(messages.make_people(node._new, frame), PEOPLE))
 
 
 def broken(data: bytes, rng: random.Random) -> bytes:

@@ -1,15 +1,17 @@
 """Messages carry what went in, and are those that robots speak."""
 
+import functools
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_robot.online.frame import Frame
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.definitions import HUMANS, HUMANS_TRAJS, PEOPLE, typestore
+from neurosym_robot.ros.definitions import HUMANS, HUMANS_TRAJS, PEOPLE, blank, typestore
 from neurosym_robot.ros.people import id_of_name, seconds_of, see
+from neurosym_robot.ros.trajectories import make_trajectories
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -41,7 +43,10 @@ def test_people_there_and_back(store):
     for ids in ([3, -7, 2**52 + 5], []):
         xy = np.random.default_rng(0).normal(size=(len(ids), 2))
         frame = Frame(1700000000.123456, np.array(ids, np.int64), xy)
-        back = see(PEOPLE, through_bytes(store, messages.make_people(store.types, frame)))
+        back = see(
+            PEOPLE,
+            through_bytes(store, messages.make_people(functools.partial(blank, store), frame)),
+        )
         assert back.stamp == pytest.approx(frame.stamp, abs=1e-6)
         assert_array_equal(back.ids, frame.ids)
         assert_array_equal(back.xy, frame.xy)
@@ -52,9 +57,8 @@ def test_trajectories_there_and_back(store):
     ids, steps, xy = np.array([4, -1]), 100 + 0.4 * np.arange(5), rng.normal(size=(2, 5, 2))
     covariance = np.zeros((2, 5, 2, 2))
     covariance[1, 4] = [[1, 2], [3, 4]]
-    message = through_bytes(
-        store, messages.make_trajectories(store.types, 100.8, steps, ids, xy, covariance)
-    )
+    new = functools.partial(blank, store)
+    message = through_bytes(store, make_trajectories(new, 100.8, steps, ids, xy, covariance))
     frames = [see(HUMANS, step) for step in message.trajs]
     assert seconds_of(message.header.stamp) == pytest.approx(100.8)
     assert_allclose([frame.stamp for frame in frames], steps, rtol=0, atol=1e-6)

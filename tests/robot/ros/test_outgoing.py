@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.forecast import symbolic_forecast
 from neurosym_jax.symbolic.states import format_state
-from neurosym_robot.online.likely import PAIRS, LikelyEvents
+from neurosym_robot.online.pairs import PAIRS, LikelyEvents
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros.definitions import EVENTS, STATES, blank, typestore
 from neurosym_robot.ros.outgoing import (

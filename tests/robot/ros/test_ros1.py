@@ -19,10 +19,10 @@ from numpy.testing import assert_allclose
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.simulation.scenarios import simulate
-from neurosym_robot.online.frame import Frame
-from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.online.frames import Frame, frames_of_tracks
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
+from neurosym_robot.ros.bag_writer import BagWriter
+from neurosym_robot.ros.bags import read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, typestore
 from neurosym_robot.ros.people import seconds_of
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
@@ -197,7 +197,7 @@ def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_n
         # The tracker loses person 1 for half a second and takes them for somebody new.
         ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
         xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
-        message = messages.make_people(store.types, Frame(1e9 + n / 10, ids, xy), "odom")
+        message = messages.make_people(node._new, Frame(1e9 + n / 10, ids, xy), "odom")
         for person in message.people:
             person.tags = ["kept"]
         node.work(bytes(store.serialize_ros1(message, PEOPLE)))
@@ -265,7 +265,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
     with BagWriter(path) as bag:
         for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=3)):
             frame = frame._replace(stamp=frame.stamp + 1e9)
-            people = messages.make_people(bag.types, frame, "odom")
+            people = messages.make_people(bag.new, frame, "odom")
             bag.write("/people", frame.stamp, people)
     listener = graph.listener()
     recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS, STATES)

@@ -21,8 +21,8 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.simulation.scenarios import simulate
+from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.recordings import frames_of_tracks
 
 ROOT = Path(__file__).resolve().parents[3]
 MODEL = ROOT / "checkpoints" / "neurosym_zara1_8_8"

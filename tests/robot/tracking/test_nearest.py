@@ -3,7 +3,7 @@
 import numpy as np
 
 from neurosym_jax.simulation.scenarios import simulate_labelled
-from neurosym_robot.online.recordings import frames_of_tracks
+from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.tracking.identity import idf1
 from neurosym_robot.tracking.nearest import FORGET, MOST, NearestIds
 

@@ -11,9 +11,9 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from neurosym_robot.ros.tcpros.server import ConnectionServer
 
 from neurosym_robot.ros.tcpros import Topic
-from neurosym_robot.ros.tcpros.server import ConnectionServer
 from neurosym_robot.ros.tcpros.subscriber import MOST
 from neurosym_robot.ros.tcpros.wire import (
     MAX_MESSAGE,

@@ -1,20 +1,39 @@
-"""TCP servers with one thread a connection, bounded in number, that end with all their threads."""
+"""TCP servers with one thread per connection, bounded in number and in time."""
 
 import contextlib
 import socket
 import socketserver
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-__all__ = ["BoundedServer", "ConnectionServer"]
+__all__ = ["BoundedServer", "ConnectionServer", "deadline"]
+
+
+@contextlib.contextmanager
+def deadline(connection: socket.socket, seconds: float) -> Iterator[None]:
+    """Close the connection unless the block ends within `seconds`.
+
+    A socket's timeout is for each byte: a peer that sends one every three seconds stays for ever.
+    """
+
+    def end() -> None:
+        with contextlib.suppress(OSError):  # It may have been closed in between.
+            connection.shutdown(socket.SHUT_RDWR)
+
+    timer = threading.Timer(seconds, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 class BoundedServer(socketserver.TCPServer):
-    """A server that serves in the background until it is closed."""
+    """A server that serves in the background from `start` until `close`."""
 
-    most = 64
-    """Connections at once; more are closed as they come."""
+    most = 64  # connections at once; more are closed as they come
     request_queue_size = 64
 
     def start(self) -> None:
@@ -49,19 +68,16 @@ class BoundedServer(socketserver.TCPServer):
         self._open = {one: request for one, request in self._open.items() if one.is_alive()}
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A stranger's nonsense is not worth a traceback."""
+        """Print no traceback: clients send what they like and vanish."""
 
     def _serve(self, request: Any, client_address: Any) -> None:
-        try:
+        with contextlib.suppress(Exception):
             self.finish_request(request, client_address)
-        except Exception:
-            self.handle_error(request, client_address)
-        finally:
-            self.shutdown_request(request)
+        self.shutdown_request(request)
 
 
 class ConnectionServer(BoundedServer):
-    """Hands every connection to a function; when that returns, the connection is closed."""
+    """Passes every connection to a function; when that returns, the connection is closed."""
 
     def __init__(self, host: str, serve: Callable[[socket.socket], None]):
         """Bind to any free port of `host` and start."""

@@ -6,7 +6,7 @@ import pytest
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic import symbolic_events
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_robot.online.likely import PAIRS, LikelyEvents
+from neurosym_robot.online.pairs import PAIRS, LikelyEvents
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 
 

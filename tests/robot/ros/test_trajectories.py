@@ -1,6 +1,7 @@
 """What others are told of a forecast is what it says."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
@@ -8,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.predictor import Forecast, ModelForecast
-from neurosym_robot.ros.definitions import HUMANS, typestore
-from neurosym_robot.ros.forecast_messages import forecast_message, truth_message
+from neurosym_robot.ros.definitions import HUMANS, blank, typestore
 from neurosym_robot.ros.people import seconds_of, see
+from neurosym_robot.ros.trajectories import forecast_message, truth_message
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -18,8 +19,8 @@ STEPS = 100 + 0.4 * np.arange(-2, 5)
 
 
 @pytest.fixture(scope="module")
-def types():
-    return typestore(1).types
+def new():
+    return functools.partial(blank, typestore(1))
 
 
 def forecast() -> Forecast:
@@ -32,9 +33,9 @@ def forecast() -> Forecast:
     )
 
 
-def test_a_forecast_is_the_observed_and_the_most_central_future(types):
+def test_a_forecast_is_the_observed_and_the_most_central_future(new):
     there = forecast()
-    message = forecast_message(types, there, "SGAN", 0.4, "odom")
+    message = forecast_message(new, there, "SGAN", 0.4, "odom")
     frames = [see(HUMANS, step) for step in message.trajs]
     assert seconds_of(message.header.stamp) == 100.0
     assert message.header.frame_id == "odom"
@@ -50,16 +51,16 @@ def test_a_forecast_is_the_observed_and_the_most_central_future(types):
     assert not message.trajs[2].humans[1].centroid.covariance.any()
 
 
-def test_the_truth_is_of_those_seen_to_the_end(types):
+def test_the_truth_is_of_those_seen_to_the_end(new):
     future = np.random.default_rng(1).normal(size=(2, 4, 2))
     future[0, 3] = np.nan
     there = dataclasses.replace(forecast(), future=future)
-    message = truth_message(types, there, 0.4)
+    message = truth_message(new, there, 0.4)
     frames = [see(HUMANS, step) for step in message.trajs]
     assert seconds_of(message.header.stamp) == 100.0
     assert [frame.ids.tolist() for frame in frames] == [[8]] * 7
     assert_array_equal(np.stack([frame.xy[0] for frame in frames[3:]]), future[1])
     nobody = dataclasses.replace(there, future=np.full_like(future, np.nan))
-    assert truth_message(types, nobody, 0.4) is None
+    assert truth_message(new, nobody, 0.4) is None
     with pytest.raises(InputError, match="not known yet"):
-        truth_message(types, forecast(), 0.4)
+        truth_message(new, forecast(), 0.4)

@@ -1,18 +1,29 @@
-"""Between a table of tracks and the frames of a stream."""
+"""Frames of a stream of people, and the way between them and a table of tracks."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.frame import Frame
 
-__all__ = ["frames_of_tracks", "tracks_of_frames"]
+__all__ = ["Frame", "frames_of_tracks", "tracks_of_frames"]
+
+
+class Frame(NamedTuple):
+    """Everybody seen at one moment, as `Predictor.push` takes it."""
+
+    stamp: float
+    """Seconds, of the message's header."""
+    ids: np.ndarray
+    """[N] int64."""
+    xy: np.ndarray
+    """[N, 2] float64 world metres."""
 
 
 def frames_of_tracks(tracks: Tracks) -> Iterator[Frame]:
-    """Everybody at each stamp; where agents have clocks of their own, they are put on one first."""
+    """Everybody at each stamp; agents with clocks of their own are resampled to one first."""
     frames = np.unique(tracks.stamp)
     steps = np.diff(tracks.stamp)[np.diff(tracks.id) == 0]
     if len(steps) and np.median(np.diff(frames)) < 0.5 * np.median(steps):
@@ -25,10 +36,10 @@ def frames_of_tracks(tracks: Tracks) -> Iterator[Frame]:
 
 
 def tracks_of_frames(frames: Iterator[Frame], recording: str = "") -> Tracks:
-    """The track table of a stream whose frames are sound.
+    """Tracks of a stream.
 
     Raises:
-        InputError: for no people at all, or frames that `make_tracks` refuses.
+        InputError: without people, or for frames that `make_tracks` refuses.
     """
     kept = [frame for frame in frames if len(frame.ids)]
     if not kept:

@@ -1,0 +1,141 @@
+"""Bags written without ROS: messages, or the forecasts of a replay."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from neurosym_jax.errors import InputError
+from neurosym_robot.online.pairs import AT_LEAST
+from neurosym_robot.online.predictor import Forecast
+from neurosym_robot.online.replay import Event
+from neurosym_robot.plugin import ACTIVE, SUFFIXES
+from neurosym_robot.ros.definitions import EVENTS, FORECAST, HUMANS_TRAJS, STATES, blank, typestore
+from neurosym_robot.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
+from neurosym_robot.ros.outgoing import ENDINGS, makers
+from neurosym_robot.ros.trajectories import truth_message
+
+__all__ = ["BagWriter", "ForecastBag"]
+
+
+class BagWriter:
+    """Writes a new bag; `with BagWriter(path) as bag` closes it whatever happens.
+
+    Until it is closed, a file of ROS 1 is called `NAME.bag.active` and a folder has no
+    `metadata.yaml`.
+    """
+
+    def __init__(self, path: Path):
+        """Open for writing.
+
+        Args:
+            path: `NAME.bag` is a ROS 1 file; `NAME.db3` and `NAME.mcap` are ROS 2 bags: folders
+                `NAME` with a file in sqlite3 or mcap.
+
+        Raises:
+            InputError: for another ending, a bag that exists, or a folder that cannot be written.
+        """
+        path = Path(path)
+        if path.suffix not in SUFFIXES:
+            raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
+        self.ros = 1 if path.suffix == ".bag" else 2
+        self.path = path if self.ros == 1 else path.with_suffix("")
+        self._store = typestore(self.ros)
+        from rosbags import rosbag1, rosbag2
+
+        active = self.path.with_name(self.path.stem + ACTIVE)
+        for each in (self.path, active):
+            if each.exists():
+                raise InputError(f"{each}: already there, and nothing is overwritten")
+        self._writer: Any
+        if self.ros == 1:
+            self._writer = rosbag1.Writer(active)
+        else:
+            plugin = rosbag2.StoragePlugin
+            storage = plugin.MCAP if path.suffix == ".mcap" else plugin.SQLITE3
+            self._writer = rosbag2.Writer(self.path, version=8, storage_plugin=storage)
+        self._connections: dict[str, Any] = {}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer.open()
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
+
+    def new(self, kind: str) -> Any:
+        """An empty message, by its type."""
+        return blank(self._store, kind)
+
+    def write(self, topic: str, stamp: float, message: Any) -> None:
+        """Append a message, received at `stamp` seconds.
+
+        Raises:
+            InputError: for a time that ROS has no numbers for, before 1970 or after 2038.
+        """
+        if not 0 <= stamp < 2**31:
+            raise InputError(f"{self.path}: the time {stamp} s does not fit into a bag")
+        kind, store = message.__msgtype__, self._store
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=store)
+        serialise = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
+        self._writer.write(self._connections[topic], round(stamp * 1e9), serialise(message, kind))
+
+    def __enter__(self) -> "BagWriter":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write index and metadata."""
+        self._writer.close()
+        if self.ros == 1:
+            self._writer.path.rename(self.path)
+
+
+class ForecastBag:
+    """People, forecasts of every model and what happened, on the robot experiment's topics."""
+
+    def __init__(
+        self,
+        path: Path,
+        period: float,
+        frame_id: Callable[[], str] = lambda: "map",
+        at_least: float = AT_LEAST,
+    ):
+        """Open the bag.
+
+        Args:
+            path: see `BagWriter`.
+            period: seconds between the models' steps.
+            frame_id: returns the frame of the coordinates.
+            at_least: least probability of an event that is written.
+
+        Raises:
+            InputError: as `BagWriter` does.
+        """
+        self._bag = BagWriter(path)
+        self.path = self._bag.path
+        self._period, self._frame_id = period, frame_id
+        self._stamp = 0.0
+        self._make = makers(at_least)
+
+    def add(self, event: Event) -> None:
+        """Write a frame with its forecast and the futures that it completed."""
+        self._stamp = event.frame.stamp
+        new, forecast, frame_id = self._bag.new, event.forecast, self._frame_id()
+        self._bag.write(PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, frame_id))
+        for name in () if forecast is None else forecast.models:
+            for kind in (HUMANS_TRAJS, FORECAST, EVENTS, STATES):
+                message = self._make[kind](new, forecast, name, self._period, frame_id)
+                self._bag.write(forecast_topic(name) + ENDINGS[kind], self._stamp, message)
+        for done in event.scored:
+            self.score(done)
+
+    def score(self, forecast: Forecast) -> None:
+        """Write the observed future of a forecast."""
+        message = truth_message(self._bag.new, forecast, self._period, self._frame_id())
+        if message is not None:
+            self._bag.write(TRUTH_TOPIC, self._stamp, message)
+
+    def close(self) -> None:
+        """Finish the bag."""
+        self._bag.close()
