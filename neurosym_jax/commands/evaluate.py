@@ -20,13 +20,19 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names
-from neurosym_jax.evaluation.plan import PROTOCOLS, ProtocolName, make_plan, one_of_each
+from neurosym_jax.evaluation.plan import (
+    PROTOCOLS,
+    ProtocolName,
+    load_tests,
+    make_plan,
+    one_of_each,
+)
 from neurosym_jax.evaluation.report import check_report, evaluate_into
 from neurosym_jax.evaluation.results import Result, Row, Settings, rows_frame
 from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
 from neurosym_jax.evaluation.summary import conclusion, lines_of, means_of
-from neurosym_jax.evaluation.tables import Style, format_table, notes, show_tables
-from neurosym_jax.evaluation.test_sets import BASELINES, Test, load_tests
+from neurosym_jax.evaluation.tables import Style, format_table, notes, text_tables
+from neurosym_jax.evaluation.test_sets import BASELINES, Test
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
@@ -149,7 +155,8 @@ def run(options: Options) -> list[Row]:
         said += ["No model was given, or none matches: these are the baselines."]
     elif not chosen:
         text = conclusion(lines_of(rows), tests[0].windows.period, simulated=bool(source.name))
-        said += [textwrap.fill(text, min(100, shutil.get_terminal_size().columns))]
+        width = min(100, shutil.get_terminal_size().columns)
+        said += [textwrap.fill(text, width, break_on_hyphens=False)]
     said += ["", *_write_files(options, tests, rows, results, overview=not chosen)]
     said += [f"rows: {options.json}"]
     if chosen:
@@ -207,12 +214,10 @@ def _provenance(tests: list[Test]) -> dict[str, Any]:
 
 def _show(before: list[str], rows: Sequence[Row], *, whole: bool) -> None:
     """Print the table of a test set as soon as it is there, and `before` the first one."""
-    from rich.console import Console
-
     with without_bars():
         while before:
             print(f"{before.pop()}\n")
-        show_tables(lines_of(rows), Console(), whole=whole)
+        print(text_tables(lines_of(rows), whole=whole))
 
 
 def _print_rest(options: Options, tests: list[Test], rows: list[Row], *, means: bool) -> list[str]:
@@ -220,13 +225,11 @@ def _print_rest(options: Options, tests: list[Test], rows: list[Row], *, means: 
     if options.table != "text":
         print(format_table(rows_frame(rows), options.table))
         return []
-    from rich.console import Console
-
-    lines, console = lines_of(rows), Console()
-    if means:
-        show_tables(means_of(lines), console)
+    lines = lines_of(rows)
+    if means and (over_sets := means_of(lines)):
+        print(text_tables(over_sets))
     read = describe_readings(how for test in tests for how in test.windows.reading)
-    return [*notes(lines, bold=console.is_terminal), "", *([read, ""] if read else [])]
+    return [*notes(lines), "", *([read, ""] if read else [])]
 
 
 def _write_files(

@@ -8,6 +8,7 @@ from .metrics import METRICS as METRICS
 from .metrics import Metric as Metric
 from .metrics import metric_names as metric_names
 from .metrics import register_metric as register_metric
+from .plan import load_tests as load_tests
 from .plan import make_plan as make_plan
 from .report import read_report as read_report
 from .results import Settings as Settings
@@ -21,5 +22,4 @@ from .scoring import Evaluation as Evaluation
 from .scoring import score_forecaster as score_forecaster
 from .tables import format_table as format_table
 from .test_sets import TestSet as TestSet
-from .test_sets import load_tests as load_tests
 from .test_sets import make_test as make_test

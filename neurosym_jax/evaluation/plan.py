@@ -1,21 +1,22 @@
-"""A plan of tests: which models are tested on which dataset at which horizon, by what protocol.
-
-Nothing is read; a plan is made from the names of datasets alone.
-"""
+"""A plan of tests: which models are tested on which dataset at which horizon, by what protocol."""
 
 import dataclasses
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Literal
 
 from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Source, Synthetic
+from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.test_sets import BASELINES, Entries, TestSet, baseline
+from neurosym_jax.evaluation.test_sets import BASELINES, Entries, Test, TestSet, baseline, make_test
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.pooling import NOT_OF_PAIRS
 from neurosym_jax.models.poolings import POOLINGS
+from neurosym_jax.runtime.environment import cpu_cores
 
-__all__ = ["PROTOCOLS", "Protocol", "ProtocolName", "make_plan", "one_of_each"]
+__all__ = ["PROTOCOLS", "Protocol", "ProtocolName", "load_tests", "make_plan", "one_of_each"]
 
 ProtocolName = Literal["sgan", "joint-metrics"]
 
@@ -185,3 +186,39 @@ def _contradiction(
             "what it was trained on (--test-on with file names does so all the same)"
         )
     return None
+
+
+def load_tests(
+    source: Source,
+    plan: Mapping[TestSet, Entries],
+    *,
+    test_on: Sequence[str] = (),
+    min_agents: int = 2,
+    start: float | None = None,
+) -> list[Test]:
+    """Read the plan's test sets, in its order; each recording once.
+
+    Args:
+        source: of the recordings.
+        plan: see `make_plan`.
+        test_on: names of the recordings, where the plan is of those.
+        min_agents: scenes with fewer people are left out.
+        start: `time.perf_counter()` from which the first test set's seconds count.
+
+    Raises:
+        InputError: for recordings that cannot be read, or have no window.
+    """
+    since = time.perf_counter() if start is None else start
+
+    def read(name: str) -> list[Tracks]:
+        return source.files(test_on) if test_on else source.recordings(name)
+
+    names = list(dict.fromkeys(test_set.dataset for test_set in plan))
+    # Side by side, for simulations are programs that are compiled first.
+    with ThreadPoolExecutor(cpu_cores()) as pool:
+        recordings = dict(zip(names, pool.map(read, names)))
+    tests: list[Test] = []
+    for test_set, entries in plan.items():
+        tests.append(make_test(test_set, entries, recordings[test_set.dataset], min_agents, since))
+        since = time.perf_counter()
+    return tests

@@ -3,19 +3,16 @@
 import dataclasses
 import time
 import warnings
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 
 from neurosym_jax.data.batching import Batch, make_batches
-from neurosym_jax.data.sources import Source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.runtime.environment import cpu_cores
 
-__all__ = ["BASELINES", "Entries", "Test", "TestSet", "baseline", "load_tests", "make_test"]
+__all__ = ["BASELINES", "Entries", "Test", "TestSet", "baseline", "make_test"]
 
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
 """Forecasters that every model is tested beside, by name."""
@@ -60,42 +57,6 @@ def baseline(name: str, obs_len: int, pred_len: int) -> Model:
     if kind.shapes is not None and kind.shapes(config):
         raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
     return Model(config, {}, kind=name)
-
-
-def load_tests(
-    source: Source,
-    plan: Mapping[TestSet, Entries],
-    *,
-    test_on: Sequence[str] = (),
-    min_agents: int = 2,
-    start: float | None = None,
-) -> list[Test]:
-    """Read the plan's test sets, in its order; each recording once.
-
-    Args:
-        source: of the recordings.
-        plan: see `make_plan`.
-        test_on: names of the recordings, where the plan is of those.
-        min_agents: scenes with fewer people are left out.
-        start: `time.perf_counter()` from which the first test set's seconds count.
-
-    Raises:
-        InputError: for recordings that cannot be read, or have no window.
-    """
-    since = time.perf_counter() if start is None else start
-
-    def read(name: str) -> list[Tracks]:
-        return source.files(test_on) if test_on else source.recordings(name)
-
-    names = list(dict.fromkeys(test_set.dataset for test_set in plan))
-    # Side by side, for simulations are programs that are compiled first.
-    with ThreadPoolExecutor(cpu_cores()) as pool:
-        recordings = dict(zip(names, pool.map(read, names)))
-    tests: list[Test] = []
-    for test_set, entries in plan.items():
-        tests.append(make_test(test_set, entries, recordings[test_set.dataset], min_agents, since))
-        since = time.perf_counter()
-    return tests
 
 
 def make_test(

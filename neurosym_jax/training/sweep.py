@@ -20,11 +20,10 @@ from neurosym_jax.configuration import to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
-from neurosym_jax.evaluation.plan import make_plan
+from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.results import Settings, evaluate_tests, rows_frame
 from neurosym_jax.evaluation.tables import format_table
-from neurosym_jax.evaluation.test_sets import load_tests
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.executor import executor
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text

@@ -112,3 +112,26 @@ def test_the_others_do_not_see_the_sample_without_noise():
 def test_samples_alone_have_no_noise_free_one():
     with pytest.raises(InputError, match="noise_free_ade: samples alone"):
         score(np.zeros((2, 1, 3, 2)), np.zeros((1, 3, 2)), metrics=["noise_free_ade"])
+
+
+def test_symbols_by_hand():
+    """Two people who approach, one beyond 8 m; forecasts as it happened, and standing still."""
+    step = np.arange(5)[:, None] * np.array([1.0, 0])
+    paths = np.stack([step - [4, 0], [4, 0] - step, 0 * step + 100])
+    observed, future = paths[:, :2], paths[:, 2:]
+    standing = np.repeat(observed[:, -1:], 3, axis=1)
+    cases = {
+        (3, 0): (-np.log((3 + 1 / 81) / 4), 1 - 2 * (3 + 1 / 81) / 4),
+        (0, 1): (-np.log((1 / 81) / 2), 1 - 2 * (1 / 81) / 2),
+    }
+    for (right, wrong), (log, brier) in cases.items():
+        forecast = np.stack([future] * right + [standing] * wrong)
+        found = score(forecast, future, observed=observed, metrics=SYMBOLS)
+        assert found["state_log"].count == 2  # Ordered pairs.
+        assert found["state_log"].mean == pytest.approx(log, rel=1e-5)
+        k = right + wrong
+        square = ((k + 1 / 81) ** 2 + 80 / 81**2) / (k + 1) ** 2
+        assert found["state_brier"].mean == pytest.approx(brier + square, rel=1e-5)
+    found = score(np.stack([future] * 3), future, observed=observed, metrics=SYMBOLS)
+    assert found["event_log"].mean == pytest.approx(-np.log(3.5 / 4), rel=1e-5)
+    assert found["event_brier"].mean == pytest.approx(2 * 0.125**2, rel=1e-5)

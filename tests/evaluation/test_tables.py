@@ -142,12 +142,14 @@ def test_a_table_fits_the_terminal():
     rows = rows_frame([row("constant velocity", "eth", 0.431), row("SGAN", "eth", 0.3, "a.pt")])
     for width in (60, 80):
         lines = [line.rstrip() for line in format_table(rows, width=width).splitlines()]
-        assert max(map(len, lines[:-2])) <= width  # below are sentences
+        note = next(at for at, line in enumerate(lines) if line.startswith("joint: "))
+        assert max(map(len, lines[:note])) <= width
         at = lines.index("eth: 8 + 8 steps, 602 scenes, 2253 people")
         assert lines[at + 2].split()[:2] == ["model", "ADE"]
         assert lines[at + 3].startswith("constant velocity  0.431 ±.010")
         assert "own" not in "".join(lines)  # It has no value anywhere.
     assert "by bootstrap over 50 blocks of scenes" in lines[-2]
+    assert lines[-1].startswith("*: significantly better than all others")
 
 
 def test_the_conclusion_names_what_is_significant():
