@@ -56,6 +56,17 @@ from neurosym_jax.scene import make_scene  # noqa: E402
 jax.config.update("jax_debug_nans", True)
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Give Hypothesis few examples a test, and many where exhaustive tests run."""
+    try:
+        from hypothesis import settings
+    except ImportError:
+        return
+    complete = "not exhaustive" not in config.option.markexpr
+    settings.register_profile("run", max_examples=300 if complete else 15, deadline=None)
+    settings.load_profile("run")
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave the tests that hang on rounding to `test_optimised.py`, where that is run."""
     if any(item.path.name == "test_optimised.py" for item in items) and os.environ["XLA_FLAGS"]:
