@@ -63,13 +63,14 @@ def load_plugin(plugin: str) -> None:
 
 
 def loaded() -> list[str]:
-    """What `load_plugin` was called with, in order, so that another process can load it too."""
+    """The arguments of `load_plugin` so far, so that another process can load the same."""
     return list(_loaded)
 
 
 def names(plugins: Iterable[str]) -> tuple[str, ...]:
-    """What `plugins` are called wherever they lie: modules by name, files without their folder."""
-    return tuple(Path(each).name if each.endswith(".py") else each for each in plugins)
+    """Names of `plugins` on any machine, each once: modules, and files without their folder."""
+    named = (Path(each).name if each.endswith(".py") else each for each in plugins)
+    return tuple(dict.fromkeys(named))
 
 
 def _load_file(path: Path) -> None:
