@@ -1,16 +1,17 @@
-"""What `neurosym_jax` loads of this package by its entry point: the reader of bags.
+"""What `neurosym_jax` loads of this package by its entry point: the format of bags.
 
 rosbags is imported when a bag is read.
 """
 
+import dataclasses
 import os
 from pathlib import Path
 
-from neurosym_jax.data.formats import Format, register_format
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.formats import format_of, register_format
+from neurosym_jax.data.reading import Format, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 
-__all__ = ["is_bag"]
+__all__ = ["Bag", "is_bag", "topic_of"]
 
 # Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag.
 SUFFIXES = (".bag", ".mcap", ".db3")
@@ -26,19 +27,27 @@ def is_bag(path: Path) -> bool:
     return any(os.path.isfile(path / name) for name in names)
 
 
-def _read(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-    from neurosym_robot.ros.bags import read_bag
+@register_format("bag")
+@dataclasses.dataclass(frozen=True)
+class Bag(Format):
+    """Bags of ROS 1 and ROS 2, known by their names."""
 
-    return read_bag(path, options, period)
+    title = "a bag of ROS 1 or ROS 2 with messages of people"
+    topic: str | None = None
+    """Topic of the people; default: the only one there is."""
+
+    def owns(self, path: Path) -> bool:
+        """Also a folder with the files of a bag."""
+        return is_bag(path)
+
+    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+        """The people of `topic`, see `read_bag`."""
+        from neurosym_robot.ros.bags import read_bag
+
+        return read_bag(path, self.topic)
 
 
-register_format(
-    "bag",
-    Format(
-        text="a bag of ROS 1 or ROS 2 with messages of people",
-        knows=lambda head: False,
-        owns=is_bag,
-        read=_read,
-        uses=frozenset({"topic"}),
-    ),
-)
+def topic_of(path: Path, options: ReadOptions) -> str | None:
+    """The topic that `--format bag,topic=NAME` asks for."""
+    form = format_of(path, options)
+    return form.topic if isinstance(form, Bag) else None

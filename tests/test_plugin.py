@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
 
-from neurosym_jax.data.formats import Format, register_format
+from neurosym_jax.data import Format, register_format
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.evaluation import register_metric
 from neurosym_jax.forecasting import Forecaster, register_forecaster
@@ -67,12 +67,16 @@ def halves(positions, valid):
     return jnp.full((len(positions), *positions.shape[:2]), 0.5)
 
 
-def read(path, options, period):
-    rows = np.array([line.split("|")[1:] for line in path.read_text().splitlines()], float)
-    return [make_tracks(path.stem, rows[:, 0] * period, rows[:, 1].astype(int), rows[:, 2:])]
+@register_format("barred")
+class Barred(Format):
+    title = "rows between bars"
 
+    def knows(self, head):
+        return head.first[:1] == "|"
 
-register_format("barred", Format("rows between bars", lambda head: head.first[:1] == "|", read))
+    def read(self, path, options, period):
+        rows = np.array([line.split("|")[1:] for line in path.read_text().splitlines()], float)
+        return [make_tracks(path.stem, rows[:, 0] * period, rows[:, 1].astype(int), rows[:, 2:])]
 """
 
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import tyro
 
-from neurosym_jax.data.formats import FORMATS, is_folder, read_any
-from neurosym_jax.data.inspection import describe, files_below
+from neurosym_jax.data.formats import FORMATS, files_below, is_folder, read_any
+from neurosym_jax.data.inspection import describe
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
@@ -48,7 +48,7 @@ def run(options: Options) -> int:
                 print(f"{printable(str(error))}\n")
                 continue
         names = {tracks.reading.format for tracks in found if tracks.reading}
-        kinds = ", ".join(FORMATS[name].text for name in names if name)
+        kinds = ", ".join(FORMATS[name].title for name in names if name)
         print("\n".join([printable(f"{path}: {kinds}"), *map(describe, found), ""]))
         recordings += found
     if len(recordings) > 1:

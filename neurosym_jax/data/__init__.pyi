@@ -1,10 +1,10 @@
 from .batching import Batch as Batch
 from .batching import make_batches as make_batches
 from .batching import single_scene as single_scene
-from .formats import Format as Format
 from .formats import read_any as read_any
 from .formats import register_format as register_format
-from .provenance import Reading as Reading
+from .reading import Format as Format
+from .reading import Reading as Reading
 from .reading import ReadOptions as ReadOptions
 from .sources import EthUcy as EthUcy
 from .sources import Files as Files

@@ -1,17 +1,26 @@
-"""The table of formats of files, with the built-in ones; a plugin adds to it.
+"""The table of file formats, and reading with whichever format fits.
 
-A format says of a file's beginning whether it knows it, and which options of `ReadOptions` it uses.
+A format is told by how a file begins. A plugin adds a format with `register_format`.
 """
 
 import dataclasses
 import os
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
-from neurosym_jax.data.format import Format
-from neurosym_jax.data.provenance import Reading
-from neurosym_jax.data.readers import columns, eth_ucy, qtm, thor, trajnet
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.configuration import component_from_text
+from neurosym_jax.data.built_in_formats import (
+    Cliff,
+    Columns,
+    Obsmat,
+    Qtm,
+    Text,
+    Tracklets,
+    Trajnet,
+)
+from neurosym_jax.data.reading import AS_IT_SAYS, Format, Reading, ReadOptions
 from neurosym_jax.data.suspicions import suspicions
 from neurosym_jax.data.text import Head, read_head
 from neurosym_jax.data.tracks import PERIOD, Tracks
@@ -22,8 +31,9 @@ from neurosym_jax.registry import Registry
 __all__ = [
     "FORMATS",
     "SUFFIXES",
-    "Format",
     "data_files",
+    "files_below",
+    "format_of",
     "is_folder",
     "owner_of",
     "read_any",
@@ -31,51 +41,64 @@ __all__ = [
     "sniff",
 ]
 
-SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson")
-"""Endings of the files that are looked at in a folder."""
+F = TypeVar("F", bound=Format)
+
+SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson", ".gz", ".parquet", ".arrow", ".feather")
+"""Endings of the files that are taken from a folder."""
 
 
-FORMATS: Registry[Format] = Registry(
+FORMATS: Registry[type[Format]] = Registry(
     "format",
     {
-        **columns.FORMATS,
-        **eth_ucy.FORMATS,
-        **qtm.FORMATS,
-        **thor.FORMATS,
-        **trajnet.FORMATS,
+        "text": Text,
+        "obsmat": Obsmat,
+        "qtm": Qtm,
+        "tracklets": Tracklets,
+        "cliff": Cliff,
+        "trajnet": Trajnet,
+        "columns": Columns,
     },
 )
-"""By name."""
 
 
-def known_formats() -> Registry[Format]:
+def register_format(name: str, *, replace: bool = False) -> Callable[[type[F]], type[F]]:
+    """Decorate a class of `Format`, which `read_any` then asks too.
+
+    Raises:
+        InputError: for an invalid name, or one that another format has.
+    """
+    return FORMATS.register(name, replace=replace)
+
+
+def known_formats() -> Registry[type[Format]]:
     """`FORMATS`, with those of installed packages."""
     load_entry_points()
     return FORMATS
 
 
-def register_format(name: str, form: Format, *, replace: bool = False) -> None:
-    """Add a format, which is asked from then on whether it knows a file.
+def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
+    """The format of a file, as `options` or the file itself say.
 
     Raises:
-        InputError: for what is no name, or one that another format has.
+        InputError: if the file cannot be read, or for an unknown format or option of it.
     """
-    FORMATS.register(name, form, replace=replace)
+    name = options.format or ("columns" if options.columns else sniff(path))
+    return component_from_text(name, known_formats(), str(path))
 
 
 def sniff(path: Path) -> str:
-    """The format of a file, a key of `FORMATS`.
+    """Name of the format of a file.
 
     Raises:
-        InputError: if it cannot be read, or several formats know it.
+        InputError: if the file cannot be read, or several formats know it.
     """
     path = Path(path)
     return owner_of(path) or _known(path, read_head(path))
 
 
 def owner_of(path: Path) -> str | None:
-    """The format that a path is of by its name alone, or None."""
-    return next((name for name, form in known_formats().items() if form.owns(path)), None)
+    """Name of the format that a path has by its name alone, or None."""
+    return next((name for name, form in known_formats().items() if form().owns(path)), None)
 
 
 def is_folder(path: Path) -> bool:
@@ -86,13 +109,13 @@ def is_folder(path: Path) -> bool:
 def _known(path: Path, head: Head) -> str:
     for general in (False, True):
         names = [
-            name for name, form in FORMATS.items() if form.general == general and form.knows(head)
+            name for name, form in FORMATS.items() if form.general == general and form().knows(head)
         ]
         if len(names) > 1 and not general:
             choices = " or ".join(f"--format {name}" for name in names)
             raise InputError(f"{path}: may be of several formats: say {choices}")
         if names:
-            return names[-1]  # A general format of a plugin's comes last, and goes before ours.
+            return names[-1]  # A plugin's general format comes last and goes first.
     raise InputError(f"{path}: of no known format: there are {', '.join(FORMATS)} (--format NAME)")
 
 
@@ -103,34 +126,33 @@ def read_any(
 
     Args:
         path: of the file.
-        options: what the file does not say; it is a table if columns are named.
-        frame_period: seconds of the most common step between frames, or of the stride given, where
-            frames are numbered and the format does not fix their rate.
+        options: what the file does not say; naming columns makes it a table.
+        frame_period: seconds between frames, where they are numbered and neither the format nor
+            `options` fix their rate: the most common step between frame numbers.
 
     Returns:
-        Tracks that say in `reading` how they were read.
+        Tracks with `reading`.
 
     Raises:
-        InputError: naming file, row and reason; for an option that the format has no use for.
+        InputError: naming file, row and reason; for an option that the format does not use.
 
     Warns:
-        InputWarning: of what looks wrong; it stands in `reading` as well.
+        InputWarning: of what looks wrong, which is in `reading` too.
     """
     path = Path(path)
-    name = options.format or ("columns" if options.columns else sniff(path))
-    form = known_formats()[name]
+    form = format_of(path, options)
     options.metres(path)
     for option in options.given():
         if option not in form.uses:
             shown = option.replace("_", "-")
-            raise InputError(f"{path}: --{shown} is of no use for {form.text}, which fixes it")
+            raise InputError(f"{path}: --{shown} is of no use for {form.title}, which fixes it")
     found = []
     for tracks in form.read(path, options, frame_period):
         how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))
         lines = (*how.warnings, *suspicions(tracks, how.frame_step is not None))
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
-        how = dataclasses.replace(how, format=name, warnings=lines)
+        how = dataclasses.replace(how, format=FORMATS.name_of(type(form)), warnings=lines)
         found.append(dataclasses.replace(tracks, reading=how))
     return found
 
@@ -139,24 +161,19 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     """The recordings of a folder, by the endings `SUFFIXES`, in order of name; at least one.
 
     Raises:
-        InputError: for a folder that is not there or has none.
+        InputError: for a folder that is missing or has none.
 
     Warns:
-        InputWarning: of a table that is left out, because it has no columns of tracks.
+        InputWarning: of a table that is left out because it has no columns of tracks.
     """
     try:
-        paths = sorted(
-            path
-            for path in folder.iterdir()
-            if path.suffix.lower() in SUFFIXES or owner_of(path) is not None
-        )
+        paths = sorted(path for path in folder.iterdir() if _may_be_read(path))
     except OSError as error:
         raise InputError(f"{folder}: no such file or folder ({error.strerror})") from None
-    if not paths:
-        raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")
+    _refuse_none(folder, paths)
     if options.columns or options.format:
         return paths
-    others = [path for path in paths if _is_of_something_else(path)]
+    others = [path for path in paths if owner_of(path) is None and _lacks_tracks(path)]
     for path in others:
         warnings.warn(f"{path}: left out: it has no columns of tracks", InputWarning, stacklevel=2)
     if len(others) == len(paths):
@@ -164,8 +181,28 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     return [path for path in paths if path not in others]
 
 
-def _is_of_something_else(path: Path) -> bool:
-    if owner_of(path) is not None:
-        return False
+def files_below(folder: Path) -> list[Path]:
+    """Every file below `folder` that may be a recording, by its ending; at least one.
+
+    Raises:
+        InputError: if there is none.
+    """
+    paths = sorted(
+        path for path in folder.rglob("*") if _may_be_read(path) and not owner_of(path.parent)
+    )
+    _refuse_none(folder, paths)
+    return paths
+
+
+def _refuse_none(folder: Path, paths: list[Path]) -> None:
+    if not paths:
+        raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")
+
+
+def _may_be_read(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES or owner_of(path) is not None
+
+
+def _lacks_tracks(path: Path) -> bool:
     head = read_head(path)
-    return FORMATS[_known(path, head)].other(head)
+    return FORMATS[_known(path, head)]().lacks_tracks(head)

@@ -2,18 +2,16 @@
 
 import dataclasses
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.formats import SUFFIXES, owner_of
-from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.reading import Reading
 from neurosym_jax.data.suspicions import GAP, steps_of
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["Summary", "describe", "describe_readings", "files_below", "summarise"]
+__all__ = ["Summary", "describe", "describe_readings", "summarise"]
 
 WINDOWS = ((8, 8), (8, 12))
 """Observed and forecast steps of the windows that are counted."""
@@ -80,22 +78,6 @@ def describe_readings(readings: Iterable[Reading]) -> str:
         parts += [f"{how.gaps} gaps in time between {how.runs} runs"] * (how.gaps > 0)
         lines.append(f"read {printable(how.recording)}: {', '.join(parts)}")
     return "\n".join(lines)
-
-
-def files_below(folder: Path) -> list[Path]:
-    """Every file below `folder` that may be a recording, by its ending; there must be one.
-
-    Raises:
-        InputError: where there is none.
-    """
-    paths = sorted(
-        path
-        for path in folder.rglob("*")
-        if path.suffix.lower() in SUFFIXES or (owner_of(path) and not owner_of(path.parent))
-    )
-    if not paths:
-        raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")
-    return paths
 
 
 def describe(tracks: Tracks) -> str:

@@ -1,68 +1,67 @@
-"""What a user says of files that do not say it themselves, and how a file was read in the end."""
+"""How files are read: what a user says of them, what a format is, and what a reading reports."""
 
 import dataclasses
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.errors import InputError
 
-__all__ = ["AS_IT_SAYS", "METRES", "ReadOptions", "TimeUnit", "Unit"]
+if TYPE_CHECKING:
+    from neurosym_jax.data.text import Head
+    from neurosym_jax.data.tracks import Tracks
+
+__all__ = ["AS_IT_SAYS", "METRES", "Format", "ReadOptions", "Reading", "TimeUnit", "Unit"]
 
 Unit = Literal["m", "cm", "mm"]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""In each unit."""
+"""Metres in each unit."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ReadOptions:
-    """What files do not say themselves; what a file's format has no use for is refused."""
+    """What files do not say themselves. An option that a format does not use is refused."""
 
     format: str | None = None
-    """Format of the files, see docs/data.md; by default their content tells."""
+    """Format of the files, NAME or NAME,OPTION=VALUE,...; default: detected from the content."""
     columns: tuple[str, ...] = ()
-    """Names of a table's columns, or their numbers from 1: time=t id=person x=px y=py (or
-    frame=...)."""
+    """Columns of a table by name or number (from 1): time=t id=person x=px y=py, or frame=...;
+    any other NAME=column is kept as an extra of each agent, as group=g."""
     unit: Unit = "m"
     """Unit of the coordinates, where the format does not fix it."""
     time_unit: TimeUnit | None = None
-    """Unit of a table's times; by default what the column's name says (`t_ms`), else seconds."""
+    """Unit of a table's times; default: the one in the column's name (`t_ms`), else seconds."""
     fps: float | None = None
-    """Frame numbers in a second, where frames are numbered."""
+    """Frames per second, where frames are numbered."""
     stride: float | None = None
-    """The same as frame numbers in 0.4 s; their most common step if neither is given."""
+    """Frame numbers per 0.4 s, instead of fps; default: their most common step."""
     eth_stride: float | None = None
-    """The same for files called biwi_eth* alone: 6 gives the true time of SGAN's eth, whose frames
-    are 10 apart in a video of 15 a second. Published numbers rest on the wrong one."""
-    topic: str | None = None
-    """Of the people in a bag; found by itself where there is only one."""
+    """Stride of files called biwi_eth* only: 6 gives the true time of SGAN's eth, whose frames are
+    10 apart in a video of 15 frames per second. Published numbers use the wrong one."""
 
     def given(self) -> list[str]:
-        """The options that say something, `format` and `eth_stride` not counted."""
-        silent = ReadOptions()
-        names = ("columns", "unit", "time_unit", "fps", "stride", "topic")
-        return [name for name in names if getattr(self, name) != getattr(silent, name)]
+        """Names of the options that are set, except `format` and `eth_stride`."""
+        names = {field.name for field in dataclasses.fields(self)} - {"format", "eth_stride"}
+        return sorted(name for name in names if getattr(self, name) != getattr(AS_IT_SAYS, name))
 
-    def stride_of(self, path: Path, period: float = PERIOD) -> float | None:
-        """Frame numbers in `period` seconds in this file; None if its frames are to tell.
+    def stride_of(self, path: Path, period: float) -> float | None:
+        """Frame numbers in `period` seconds in this file; None if the frames are to tell.
 
         Raises:
-            InputError: for two answers.
+            InputError: if both fps and stride are given.
         """
         if self.fps is not None and self.stride is not None:
             raise InputError(f"{path}: --fps and --stride say the same: give one of them")
-        own = self.eth_stride if path.stem.startswith("biwi_eth") else None
-        if own is not None:
-            return own
+        if self.eth_stride is not None and path.stem.startswith("biwi_eth"):
+            return self.eth_stride
         return self.stride if self.fps is None else self.fps * period
 
     def metres(self, path: Path) -> float:
-        """Metres in a unit of coordinates.
+        """Metres in a unit of the coordinates.
 
         Raises:
-            InputError: for a unit that is not known.
+            InputError: for an unknown unit.
         """
         if self.unit not in METRES:
             raise InputError(f"{path}: the unit is one of {', '.join(METRES)}, not {self.unit!r}")
@@ -70,4 +69,64 @@ class ReadOptions:
 
 
 AS_IT_SAYS = ReadOptions()
-"""Nothing is said of a file that it does not say itself."""
+"""No option is set: everything is taken from the files."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Format:
+    """A format of files. A subclass with these attributes and methods is registered by name; its
+    fields, if any, are options that only this format has."""
+
+    title: ClassVar[str] = ""
+    """What messages call it."""
+    uses: ClassVar[frozenset[str]] = frozenset()
+    """The fields of `ReadOptions` that it uses."""
+    general: ClassVar[bool] = False
+    """Whether it is asked only if no other format knows the file."""
+
+    def knows(self, head: "Head") -> bool:
+        """Whether a file that begins so is of this format."""
+        return False
+
+    def owns(self, path: Path) -> bool:
+        """Whether a path is of this format by its name alone; it may be a folder."""
+        return False
+
+    def lacks_tracks(self, head: "Head") -> bool:
+        """Whether a file of this format holds something else, so that folders are read without."""
+        return False
+
+    def read(self, path: Path, options: ReadOptions, period: float) -> "list[Tracks]":
+        """The recordings in a file; where frames are numbered, one step is `period` seconds.
+
+        Raises:
+            InputError: naming file, row and reason.
+        """
+        raise NotImplementedError
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """How a recording was read; people, model cards and JSON reports show it."""
+
+    recording: str
+    file: str | None = None
+    """Path of the file; None for recordings that come from none."""
+    format: str | None = None
+    """Name of the file's format."""
+    rows: int = 0
+    """Rows, or points, that were read."""
+    skipped: int = 0
+    """Rows that are no observation of a person."""
+    frame_step: float | None = None
+    """Frame numbers that were assumed to be one step, where the user did not give the rate."""
+    runs: int = 1
+    """Parts between gaps in time, once windows are cut; windows do not cross gaps."""
+    gaps: int = 0
+    """Gaps in time between the runs."""
+    warnings: tuple[str, ...] = ()
+    """What looks wrong, a line each."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields by name."""
+        return {**dataclasses.asdict(self), "warnings": list(self.warnings)}

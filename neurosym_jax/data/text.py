@@ -1,141 +1,170 @@
-"""Text files as lines, fields and JSON values, strictly: what every reader of tracks begins with.
+"""Files as text: plain or gzip, in pieces of whole lines, and the head that formats are told by.
 
-A file is read piece by piece, so that memory is a few times its size at most; what is no regular
-file (a pipe would block for ever) or no text is refused before anything of it is kept.
+Anything that is not a regular file (opening a pipe would block), not text, or too large is refused
+before its content is kept.
 """
 
 import contextlib
 import dataclasses
 import functools
-import json
+import gzip
+import io
 import re
 import stat
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO
 
 import numpy as np
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 
 __all__ = [
     "Head",
-    "JsonNumber",
-    "decode_json",
-    "number",
+    "numbers_in",
     "read_head",
     "read_lines",
-    "read_number",
     "read_pieces",
+    "recording_name",
+    "refuse_irregular",
     "separator_of",
     "split_row",
 ]
 
 LINE = 1 << 24
-"""Characters; the longest line that is read. A header of 300,000 bodies has a quarter of them."""
+"""Longest line accepted, characters; a QTM header of 300,000 bodies has a quarter of that."""
 
-_HEAD = 1 << 16  # characters to tell a format by; a THÖR header is about 10 kB
+UNPACKED = (256_000_000, 10)
+"""Characters that a gzip file may hold: at least the first, else the second times its size."""
 
+_HEAD = 1 << 16  # characters that a format is told by; a THÖR header has about 10,000
 _NAME = re.compile(r"""(?:^|[\s,;])["'(]*[^\W\d]""")
-
-_GROWTH = 12.0  # bytes of memory for each of a file, at most
+_GROWTH = 12.0  # bytes of memory for each byte of a file, at most
 
 
 class NotText(InputError):
-    """A file's content is no text."""
+    """The content of a file is not text."""
 
 
-def read_lines(path: Path) -> Iterator[str]:
-    """The lines of a UTF-8 file without their ends and its byte-order mark.
-
-    Raises:
-        InputError: see `read_pieces`.
-    """
-    for lines in read_pieces(path):
-        yield from lines
+def recording_name(path: Path) -> str:
+    """Name of the recording in a file: its name without the ending."""
+    return printable(Path(path.name.removesuffix(".gz")).stem)
 
 
-def read_pieces(path: Path, size: int = 1 << 20) -> Iterator[list[str]]:
-    """The lines of `read_lines`, as many at a time as have some `size` characters.
+def refuse_irregular(path: Path, growth: float = _GROWTH) -> int:
+    """Size in bytes of a regular file that can be read with `growth` times its size of memory.
 
     Raises:
-        InputError: for what cannot be read, is no regular file, no text, or larger than memory; for
-            a line longer than `LINE`.
+        InputError: if the file cannot be read, is a folder, pipe, socket or device, or too large.
     """
     try:
-        status = path.stat()  # Before it is opened, which blocks where it is a pipe.
-        if not stat.S_ISREG(status.st_mode):
-            raise InputError(f"{path}: is a {_kind(status.st_mode)}, not a file")
-        refuse_beyond_memory(f"{path}: reading it", _GROWTH * status.st_size, "split it")
-        with path.open(encoding="utf-8-sig") as file:
-            while piece := file.read(size):
-                rest = "" if "\0" in piece else file.readline(LINE)
-                piece += rest
+        status = path.stat()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if not stat.S_ISREG(status.st_mode):
+        tests = {"folder": stat.S_ISDIR, "pipe": stat.S_ISFIFO, "socket": stat.S_ISSOCK}
+        kind = next((name for name, test in tests.items() if test(status.st_mode)), "device")
+        raise InputError(f"{path}: is a {kind}, not a file")
+    refuse_beyond_memory(f"{path}: reading it", growth * status.st_size, "split it")
+    return status.st_size
+
+
+def read_pieces(path: Path, size: int = 1 << 20) -> Iterator[str]:
+    """The text of a UTF-8 file, without byte-order mark, in pieces of whole lines.
+
+    Args:
+        path: plain text or gzip.
+        size: characters in a piece, apart from the rest of its last line.
+
+    Raises:
+        InputError: if the file cannot be read, is not text, or is too large.
+    """
+    limit = max(UNPACKED[0], UNPACKED[1] * refuse_irregular(path))
+    try:
+        with path.open("rb") as raw, _unpacked(raw) as file:
+            text, total = io.TextIOWrapper(file, encoding="utf-8-sig"), 0
+            while piece := text.read(size):
+                if "\0" not in piece:
+                    rest = text.readline(LINE)
+                    if len(rest) >= LINE:
+                        raise NotText(f"{path}: not text (a line is longer than {LINE:,})")
+                    piece += rest
                 if "\0" in piece:
-                    raise NotText(f"{path}: cannot be read as text (there are zero bytes in it)")
-                if len(rest) >= LINE:
-                    reason = f"a line is longer than {LINE:,}"
-                    raise NotText(f"{path}: cannot be read as text ({reason})")
-                # str.splitlines would split at characters that JSON allows inside a text.
-                yield piece.removesuffix("\n").split("\n")
+                    raise NotText(f"{path}: not text (it contains zero bytes)")
+                total += len(piece)
+                if total > limit:
+                    raise InputError(f"{path}: unpacks to more than {limit:,} bytes: unpack it")
+                yield piece.removesuffix("\n")
     except UnicodeDecodeError as error:
-        raise NotText(f"{path}: cannot be read as text ({error.reason})") from None
+        raise NotText(f"{path}: not text ({error.reason})") from None
+    except (EOFError, zlib.error) as error:
+        raise InputError(f"{path}: damaged gzip file ({error})") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
 
-def _kind(mode: int) -> str:
-    for test, name in (
-        (stat.S_ISDIR, "folder"),
-        (stat.S_ISFIFO, "pipe"),
-        (stat.S_ISSOCK, "socket"),
-    ):
-        if test(mode):
-            return name
-    return "device"
+def _unpacked(raw: IO[bytes]) -> contextlib.AbstractContextManager[IO[bytes]]:
+    packed = raw.read(2) == b"\x1f\x8b"
+    raw.seek(0)
+    return gzip.GzipFile(fileobj=raw) if packed else contextlib.nullcontext(raw)  # pyright: ignore
+
+
+def read_lines(path: Path) -> Iterator[str]:
+    """The lines of a file without their ends, see `read_pieces`."""
+    for piece in read_pieces(path):
+        # str.splitlines would also split at characters that JSON allows inside a text.
+        yield from piece.split("\n")
 
 
 @dataclasses.dataclass(frozen=True)
 class Head:
-    """How a file begins."""
+    """How a file begins: all that a format is told by."""
 
-    lines: tuple[str, ...]
-    """The lines that say something, each as far as it matters."""
-    text: str = ""
-    """The beginning itself, comments and all."""
+    text: str
+    """Its first lines, comments included; empty if it is not text."""
+    magic: bytes = b""
+    """Its first eight bytes."""
 
     @property
+    def columnary(self) -> bool:
+        """Whether the file is Parquet or Arrow (IPC, Feather)."""
+        return self.magic.startswith((b"PAR1", b"ARROW1"))
+
+    @functools.cached_property
+    def lines(self) -> list[str]:
+        """The first lines that are neither empty nor comments."""
+        return [line.strip() for line in self.text.split("\n") if _said(line)]
+
+    @functools.cached_property
     def first(self) -> str:
-        """The first of them."""
-        return self.lines[0].strip() if self.lines else ""
+        """The first line that is neither empty nor a comment."""
+        return next((line.strip() for line in self.text.split("\n") if _said(line)), "")
 
     @property
     def named(self) -> bool:
-        """Whether it begins with names of columns, as a header or in JSON; not in a binary file."""
+        """Whether it begins with the names of columns, as a header line or in JSON."""
         if self.first.startswith(("{", "[")):
             return True
         readable = self.first.isprintable() or "\t" in self.first
         return readable and not self.columns and _NAME.search(self.first) is not None
 
     @functools.cached_property
+    def columns(self) -> int:
+        """How many numbers the first line has; 0 if it has anything else."""
+        return len(numbers_in(self.first))
+
+    @functools.cached_property
     def rows(self) -> np.ndarray:
-        """[R, columns] numbers of the first rows, as far as they are numbers and equally many."""
+        """[R, columns] numbers of the first lines, up to the first line of another kind."""
         found: list[list[float]] = []
         for line in self.lines:
-            try:
-                row = [number(field) for field in split_row(line)]
-            except ValueError:
-                break
-            if found and len(row) != len(found[0]):
+            row = numbers_in(line)
+            if not row or len(row) != self.columns:
                 break
             found.append(row)
         return np.array(found) if found else np.zeros((0, 0))
-
-    @property
-    def columns(self) -> int:
-        """How many numbers the first row has; 0 where it has anything else."""
-        return self.rows.shape[1]
 
 
 def read_head(path: Path) -> Head:
@@ -144,80 +173,36 @@ def read_head(path: Path) -> Head:
     Raises:
         InputError: if it cannot be read.
     """
-    lines: list[str] = []
-    # What is wrong with the content is said by the reader, which knows more of it.
+    text, magic = "", b""
+    # The reader explains why content is not text; here it only fits no format.
     with contextlib.suppress(NotText):
-        lines = next(read_pieces(path, _HEAD), [])
-    told = (line[:_HEAD].strip() for line in lines if line.split("#")[0].strip())
-    return Head(tuple(told), "\n".join(lines)[:_HEAD])
+        text = next(read_pieces(path, _HEAD), "")
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        magic = file.read(8)
+    return Head(text, magic)
+
+
+def _said(line: str) -> str:
+    return line.split("#", 1)[0].strip()
 
 
 def separator_of(line: str) -> str | None:
-    """What stands between the fields of a row: a semicolon, else a comma, else blanks (None)."""
+    """What separates the numbers of a row: a semicolon, else a comma, else blanks (None)."""
     return next((mark for mark in ";," if mark in line), None)
 
 
 def split_row(line: str) -> list[str]:
-    """The fields of a row of numbers; a separator at its end adds none, `#` begins a comment."""
-    line = line.split("#")[0].strip()
+    """The fields of a row of numbers; a final separator adds none, `#` begins a comment."""
+    line = _said(line)
     mark = separator_of(line)
     if mark is None:
         return line.split()
     return [field.strip() for field in line.removesuffix(mark).split(mark)]
 
 
-def number(value: Any) -> float:
-    """A number of a table, written as programs write numbers.
-
-    Raises:
-        ValueError: for anything else: true, 1_000, 1,5.
-    """
-    if isinstance(value, bool) or (isinstance(value, str) and "_" in value):
-        raise ValueError(f"{value!r} is not a number")
-    return float(value)
-
-
-def read_number(path: Path, row: int, field: str) -> float:
-    """The number in a field of row `row` of a file.
-
-    Raises:
-        InputError: naming file, row and field, for anything else.
-    """
+def numbers_in(line: str) -> list[float]:
+    """The numbers of a row; none if any field is something else."""
     try:
-        return number(field)
+        return [] if "_" in line else [float(field) for field in split_row(line)]
     except ValueError:
-        raise InputError(f"{path}: row {row}: {field[:60]!r} is not a number") from None
-
-
-class JsonNumber(str):
-    """A number in JSON as it is written, where it is no whole one: 1.0 and 1e0 stay different."""
-
-
-def decode_json(text: str) -> Any:
-    """The value of a JSON text; of numbers that are not whole, their text.
-
-    Raises:
-        ValueError: for what is not strict JSON, or has a key twice in one object.
-    """
-    try:
-        return _DECODER.decode(text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    keys = dict(pairs)
-    if len(keys) < len(pairs):
-        seen: set[str] = set()
-        twice = next(key for key, _ in pairs if key in seen or seen.add(key))
-        raise ValueError(f"the key {twice[:40]!r} is there twice")
-    return keys
-
-
-def _constant(name: str) -> Any:
-    raise ValueError(f"{name} is not a number in JSON")
-
-
-_DECODER = json.JSONDecoder(
-    object_pairs_hook=_object, parse_float=JsonNumber, parse_constant=_constant
-)
+        return []

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.reading import Reading
 from neurosym_jax.errors import InputError
 
 __all__ = [

@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.reading import Reading
 from neurosym_jax.data.tracks import PERIOD, SNAP, Tracks, common
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.memory import refuse_beyond_memory

@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data.formats import read_any
-from neurosym_jax.data.provenance import Reading
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS, Reading, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
-from neurosym_robot.plugin import ACTIVE, SUFFIXES, is_bag
+from neurosym_robot.plugin import ACTIVE, SUFFIXES, is_bag, topic_of
 from neurosym_robot.ros.definitions import typestore
 from neurosym_robot.ros.messages import PEOPLE_TOPICS
 from neurosym_robot.ros.people import KINDS, POSES
@@ -42,7 +41,7 @@ def read_frames(
 
     Args:
         path: a bag, or any file that `data.formats.read_any` reads.
-        options: what the file does not say itself; for a bag, the topic of the people.
+        options: what the file does not say itself; for a bag, `format="bag,topic=/people"`.
         source: for a bag, which messages belong to the stream.
 
     Raises:
@@ -50,7 +49,7 @@ def read_frames(
     """
     path = Path(path)
     if is_bag(path):
-        return read_people(path, options.topic, source)
+        return read_people(path, topic_of(path, options), source)
     if not path.is_file():
         raise InputError(f"{path}: " + ("not a bag" if path.exists() else "no such file"))
     recordings = read_any(path, options)
@@ -59,8 +58,8 @@ def read_frames(
     return frames_of_tracks(recordings[0])
 
 
-def read_bag(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-    """Tracks of the people on one topic of a bag, `options.topic`; `period` is not used.
+def read_bag(path: Path, topic: str | None = None) -> list[Tracks]:
+    """Tracks of the people on one topic of a bag; default: the only one there is.
 
     Messages older than the one before, repeated ids in a message, and positions that are not finite
     or beyond `FAR` are left out, and counted in the warnings of `reading`.
@@ -70,7 +69,7 @@ def read_bag(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", InputWarning)
-        frames = [frame for frame in read_people(path, options.topic) if np.isfinite(frame.stamp)]
+        frames = [frame for frame in read_people(path, topic) if np.isfinite(frame.stamp)]
     said = [str(each.message).removeprefix(f"{path}: ") for each in caught]
     kept: list[Frame] = []
     for stamp, ids, xy in frames:
@@ -213,6 +212,7 @@ def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
     # Poses may be of anything, such as a robot's hypotheses of its own pose.
     usable = [name for name in usable if topics[name] != POSES] or usable
     if len(usable) != 1:
-        wanted = "choose one with --topic" if usable else f"none carries {' or '.join(KINDS)}"
+        wanted = "choose one with --format bag,topic=NAME"
+        wanted = wanted if usable else f"none carries {' or '.join(KINDS)}"
         raise InputError(f"{path}: which topic has the people? There are: {there}; {wanted}")
     return usable[0]

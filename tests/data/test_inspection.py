@@ -89,13 +89,13 @@ def test_command(tmp_path, capsys, monkeypatch):
 def test_folder_with_a_file_that_is_none(tmp_path, capsys):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub/bad.txt").write_text("0 1 2\n")
-    with pytest.raises(InputError, match="row 1 has 3 columns"):
+    with pytest.raises(InputError, match="row 1: 3 columns"):
         inspect.run(inspect.Options(tmp_path / "sub/bad.txt"))
     assert inspect.run(inspect.Options(tmp_path)) == 2
     (tmp_path / "good.txt").write_text("0 1 2 3\n1 1 2 3\n")
     assert inspect.run(inspect.Options(tmp_path)) == 0
     out = capsys.readouterr().out
-    assert "bad.txt: row 1 has 3 columns" in out
+    assert "bad.txt: row 1: 3 columns" in out
     with pytest.raises(InputError, match="absent: cannot be read"):
         inspect.run(inspect.Options(tmp_path / "absent"))
 

@@ -8,28 +8,32 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from neurosym_jax.data import Format, Head, ReadOptions, make_tracks, read_any, register_format
+from neurosym_jax.data import Head, ReadOptions, make_tracks, read_any, register_format
 from neurosym_jax.data.formats import FORMATS, data_files, sniff
 from neurosym_jax.data.sources import open_source, windows_from
 from neurosym_jax.data.tracks import on_grid
 from neurosym_jax.errors import InputError, InputWarning
 
 PLUGIN = """
+import dataclasses
+import numpy as np
 from neurosym_jax.data import Format, make_tracks, register_format
 
-def read(path, options, period):
-    rows = [line.split("|") for line in path.read_text().splitlines()[1:]]
-    stamp, who, x, y = zip(*rows)
-    position = [[float(a) * options.metres(path), float(b) * options.metres(path)]
-                for a, b in zip(x, y)]
-    return [make_tracks(path.stem, [float(t) for t in stamp], [int(w) for w in who], position)]
+@register_format("pipes")
+@dataclasses.dataclass(frozen=True)
+class Pipes(Format):
+    title = "tracks between pipes"
+    uses = frozenset({"unit"})
+    shift: float = 0.0
 
-register_format("pipes", Format(
-    "tracks between pipes",
-    lambda head: head.text.startswith("#!pipes"),
-    read,
-    uses=frozenset({"unit"}),
-))
+    def knows(self, head):
+        return head.text.startswith("#!pipes")
+
+    def read(self, path, options, period):
+        rows = [line.split("|") for line in path.read_text().splitlines()[1:]]
+        stamp, who, x, y = zip(*((float(t), int(w), float(x), float(y)) for t, w, x, y in rows))
+        position = options.metres(path) * np.stack([x, y], axis=1) + self.shift
+        return [make_tracks(path.stem, stamp, who, position)]
 """
 
 
@@ -114,12 +118,13 @@ def test_a_format_of_ones_own(tmp_path):
         assert windows.reading[0].format == "pipes"
         with pytest.raises(InputError, match="--fps is of no use for tracks between pipes"):
             read_any(tmp_path / "walk.csv", ReadOptions(fps=25))
-        register_format(
-            "twin", Format("twin", lambda head: head.text.startswith("#!pipes"), lambda *_: [])
-        )
+        register_format("twin")(FORMATS["pipes"])
         with pytest.raises(InputError, match="say --format pipes or --format twin"):
             sniff(tmp_path / "walk.csv")
-        (tracks,) = read_any(tmp_path / "walk.csv", ReadOptions(format="pipes"))
+        (tracks,) = read_any(tmp_path / "walk.csv", ReadOptions(format="pipes,shift=10"))
+        assert tracks.position[0].tolist() == [1010, 2010]
+        with pytest.raises(InputError, match=r"walk\.csv: unknown field 'shfit' for Pipes"):
+            read_any(tmp_path / "walk.csv", ReadOptions(format="pipes,shfit=10"))
     finally:
         for name in ("pipes", "twin"):
             FORMATS.pop(name, None)
@@ -128,9 +133,10 @@ def test_a_format_of_ones_own(tmp_path):
 
 
 def test_what_a_head_says():
-    assert Head(("0 1 2 3", "1 1 2 3 # x", "2 1 2")).rows.tolist() == [[0, 1, 2, 3], [1, 1, 2, 3]]
-    assert Head(("0;1;2,5;3",)).columns == 0
-    assert [Head((line,)).named for line in ("t,id", "0 1 2", "{", "1,5 2", "\x00abc", "")] == [
+    head = Head("# x\n0 1 2 3\n1 1 2 3 # x\n\n2 1 2")
+    assert head.rows.tolist() == [[0, 1, 2, 3], [1, 1, 2, 3]]
+    assert Head("0;1;2,5;3").columns == 0
+    assert [Head(line).named for line in ("t,id", "0 1 2", "{", "1,5 2", "\x00abc", "")] == [
         *(True, False, True, False, False, False)
     ]
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.provenance import Reading
+from neurosym_jax.data.reading import Reading
 from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 

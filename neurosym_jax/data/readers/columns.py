@@ -1,30 +1,26 @@
-"""A user's own table: CSV, or JSON, whose columns are named, numbered or have usual names.
+"""A user's own table, whose columns are named, numbered or have usual names.
 
-JSON is a list of objects, an object of lists, or an object a line. The time is a number, ISO 8601,
-or a frame number that counts periods as in `eth_ucy.read_text`; ids may be texts. What the columns
-are called may say their units (`t_ms`, `x [mm]`).
+The time is a number, ISO 8601, or a frame number as in `eth_ucy.read_text`; ids may be texts. The
+names of the columns may give their units (`t_ms`, `x [mm]`).
 """
 
 import dataclasses
 import re
-from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import polars as pl
 
-from neurosym_jax.data.format import Format
 from neurosym_jax.data.reading import AS_IT_SAYS, METRES, ReadOptions
-from neurosym_jax.data.rows import People, assemble, frame_step, refuse_unwhole
-from neurosym_jax.data.tables import read_table
-from neurosym_jax.data.text import number
+from neurosym_jax.data.rows import assemble, frame_step
+from neurosym_jax.data.tables import Table, read_table
 from neurosym_jax.data.tracks import LATE, PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["FORMATS", "Columns", "names_tracks", "parse_columns", "read_columns"]
+__all__ = ["Columns", "names_tracks", "parse_columns", "read_columns"]
 
 _USUAL = {
     "time": ("", "time", "t", "timestamp", "stamp", "ts", "datetime"),
@@ -45,129 +41,94 @@ _SECONDS = {
     **dict.fromkeys(("ns", "nsec", "nanos", "nanoseconds"), 1e-9),
 }
 _SUFFIX = re.compile(rf"(?:^|[ _.\[(-]+)({'|'.join([*_SECONDS, *METRES])})[\])]?$")
+_ISO = r"^\d{4}-?\d\d"
 
 
 @dataclasses.dataclass(frozen=True)
 class Columns:
-    """The names of a table's columns, or their numbers from 1; empty for the usual names."""
+    """Columns of a table by name or number (from 1); empty for the usual names."""
 
     time: str = ""
-    """Seconds, or what the name or `ReadOptions.time_unit` says, or ISO 8601."""
+    """Seconds, or the unit in the name or in `ReadOptions.time_unit`, or ISO 8601."""
     frame: str = ""
-    """Frame numbers, where there is no time."""
+    """Frame numbers, instead of a time."""
     id: str = ""
-    """Who: numbers or texts."""
+    """Ids of people: numbers or texts."""
     x: str = ""
     y: str = ""
+    extras: dict[str, str] = dataclasses.field(default_factory=dict)
+    """name: column that is kept as an extra."""
 
 
 def parse_columns(pairs: Sequence[str]) -> Columns:
-    """Columns from `time=t id=person x=px y=py`.
+    """Columns from `time=t id=person x=px y=py`, and extras of any other name.
 
     Raises:
         InputError: for anything else.
     """
-    known = [field.name for field in dataclasses.fields(Columns)]
-    given = {}
+    usual: dict[str, str] = {}
+    extras: dict[str, str] = {}
     for pair in pairs:
-        key, sign, name = pair.partition("=")
-        if key not in known or not sign or not name or key in given:
-            raise InputError(f"{pair}: columns are given as {'=.. '.join(known)}=.., each once")
-        given[key] = name
-    return Columns(**given)
+        key, _, name = pair.partition("=")
+        if not key.isidentifier() or not name or key in usual or key in extras:
+            known = "=.. ".join(_USUAL)
+            raise InputError(f"{pair}: columns are given as {known}=.. (or EXTRA=..), each once")
+        (usual if key in _USUAL else extras)[key] = name
+    return Columns(**usual, extras=extras)
 
 
 def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
-    """Read one table.
+    """Read one table: delimited text, JSON, Parquet or Arrow.
 
     Args:
-        path: of a CSV (comma, semicolon or tab between the fields) or JSON file.
-        options: names of the columns, units, and how many frames a second has.
+        path: of the file.
+        options: names of the columns, units, and frames per second.
         period: seconds of the most common step between frames, where these are numbered and
-            `options` do not say how many a second has.
+            `options` do not give their rate.
 
     Raises:
         InputError: naming file, row (from 1, the header not counted) and reason.
     """
-    path = Path(path)
     columns = parse_columns(options.columns)
-    names, rows = read_table(path)
-    who, *places = (_find(path, names, key, getattr(columns, key)) for key in ("id", "x", "y"))
-    numbered = bool(columns.frame and not columns.time) or not (
-        columns.time or any(_is_usual("time", name) for name in names)
-    )
+    table = read_table(path)
+    who, x, y = (_find(table, key, getattr(columns, key)) for key in ("id", "x", "y"))
+    extras = {name: _find(table, name, given) for name, given in columns.extras.items()}
+    has_time = columns.time or any(_is_usual("time", name) for name in table.names)
+    numbered = bool(columns.frame and not columns.time) or not has_time
     key = "frame" if numbered else "time"
-    clock = _find(path, names, key, getattr(columns, key))
-    stride = options.stride_of(path, period)
-    if numbered and options.time_unit:
-        raise InputError(f"{path}: --time-unit is of no use: {names[clock]!r} counts frames")
-    if not numbered and stride is not None:
-        raise InputError(f"{path}: --fps and --stride count frames, and {names[clock]!r} is a time")
-    metres = _metres(path, [names[place] for place in places], options)
-
-    wanted = (clock, *places)
-    if len({who, *wanted}) < 4:
+    clock = _find(table, key, getattr(columns, key))
+    if len({who, x, y, clock}) < 4:
         raise InputError(f"{path}: time, id, x and y are four columns, not {columns}")
-    time, x, y, ids, iso = _collect(path, names, rows, wanted, who, not numbered)
-    position = np.stack([x, y], axis=1) * metres
+    stride = options.stride_of(path, period)
+    metres = _metres(path, [table.names[x], table.names[y]], options)
+    guessed = None
     if numbered:
-        refuse_unwhole(path, time, "frame")
-        step = frame_step(path, time, stride)
-        guessed = step if stride is None else None
-        return assemble(path, time / step * period, ids, position, frame_step=guessed)
-    time = time * _seconds(path, names[clock], options, iso)
-    if np.abs(time).max() > LATE:
-        row = int(np.argmax(np.abs(time))) + 1
-        raise InputError(
-            f"{path}: row {row}: time {time[row - 1]:g} is not a usable number of seconds: say "
-            "--time-unit ms, us or ns"
-        )
-    return assemble(path, time, ids, position)
-
-
-def _collect(
-    path: Path,
-    names: Sequence[str],
-    rows: Iterator[Sequence[Any]],
-    wanted: Sequence[int],
-    who: int,
-    may_be_iso: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, bool]:
-    """[R] times, x and y (the columns `wanted`), [R] ids, and whether the times are ISO 8601."""
-    people, codes = People(path), array("q")
-    numbers = array("d"), array("d"), array("d")
-    iso = False
-    for row, fields in enumerate(rows, 1):
-        iso = iso or (row == 1 and may_be_iso and _is_iso(fields[wanted[0]]))
-        codes.append(people.code(fields[who], row))
-        for column, out in zip(wanted, numbers):
-            if iso and column == wanted[0]:
-                out.append(_moment(path, row, fields[column]))
-                continue
-            try:
-                out.append(number(fields[column]))
-            except (TypeError, ValueError, OverflowError):
-                shown = f"{names[column][:30]} {fields[column]!r}"[:90]
-                hint = " (numbers are written with points)" if "," in str(fields[column]) else ""
-                raise InputError(f"{path}: row {row}: {shown} is not a number{hint}") from None
-    if not codes:
-        raise InputError(f"{path}: the table has no rows")
-    time, x, y = (np.array(values) for values in numbers)
-    for column, values in zip(wanted, (time, x, y)):
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            raise InputError(f"{path}: row {bad[0] + 1}: {names[column][:30]} is not finite")
-    return time, x, y, people.numbers(codes), iso
+        if options.time_unit:
+            name = table.names[clock]
+            raise InputError(f"{path}: --time-unit is of no use: {name!r} counts frames")
+        frame = table.whole_numbers(clock)
+        step = frame_step(path, frame, stride)
+        time, guessed = frame / step * period, step if stride is None else None
+    else:
+        time = _seconds(table, clock, options, stride)
+    return assemble(
+        path,
+        time,
+        table.ids(who),
+        table.numbers(x, y) * metres,
+        {name: table.extra(place) for name, place in extras.items()},
+        frame_step=guessed,
+    )
 
 
 def names_tracks(names: Sequence[str]) -> bool:
-    """Whether some of a header's names are usual for a time or frame, a person, x and y."""
+    """Whether a header has usual names for a time or frame, an id, x and y."""
     found = {key for key in _USUAL for name in names if _is_usual(key, name)}
     return found >= {"id", "x", "y"} and bool(found & {"time", "frame"})
 
 
 def _unit(name: str) -> tuple[str, str]:
-    """What a column's name is without the unit that it says, and the unit or nothing."""
+    """A column's name without the unit in it, and the unit or nothing."""
     plain = name.strip().lower()
     match = _SUFFIX.search(plain) if len(plain) < 60 else None
     return (plain[: match.start()], match[1]) if match else (plain, "")
@@ -181,8 +142,9 @@ def _is_usual(key: str, name: str) -> bool:
     return bool(plain or unit) and plain in _USUAL[key]
 
 
-def _find(path: Path, names: Sequence[str], key: str, given: str) -> int:
-    """The place of the column that serves as `key`: the one given, else the one usual name."""
+def _find(table: Table, key: str, given: str) -> int:
+    """Place of the column that serves as `key`: the given one, else the only one of usual name."""
+    path, names = table.path, table.names
     places = [
         at for at, name in enumerate(names) if (name == given if given else _is_usual(key, name))
     ]
@@ -201,7 +163,7 @@ def _find(path: Path, names: Sequence[str], key: str, given: str) -> int:
 
 
 def _metres(path: Path, names: Sequence[str], options: ReadOptions) -> float:
-    """Metres in the unit of two columns, as their names or the options say."""
+    """Metres in the unit of x and y, as their names or the options say."""
     units = {_unit(name)[1] for name in names} & METRES.keys()
     if options.unit != AS_IT_SAYS.unit:
         units.add(options.unit)
@@ -210,46 +172,40 @@ def _metres(path: Path, names: Sequence[str], options: ReadOptions) -> float:
     return METRES[units.pop()] if units else options.metres(path)
 
 
-def _seconds(path: Path, name: str, options: ReadOptions, iso: bool) -> float:
-    """Seconds in the unit of a column of times."""
-    if iso and options.time_unit:
-        raise InputError(f"{path}: --time-unit is of no use: {name!r} has dates and times")
+def _seconds(table: Table, place: int, options: ReadOptions, stride: float | None) -> np.ndarray:
+    """[R] seconds in a column of times."""
+    path, name, unit = table.path, table.names[place], options.time_unit
+    if stride is not None:
+        raise InputError(f"{path}: --fps and --stride count frames, and {name!r} is a time")
+    texts = table.column(place)
+    if re.match(_ISO, texts[0] or "") and texts[:1].cast(pl.Float64, strict=False).null_count():
+        if unit:
+            raise InputError(f"{path}: --time-unit is of no use: {name!r} has dates and times")
+        return _moments(table, texts)
     own = _SECONDS.get(_unit(name)[1])
-    asked = _SECONDS[options.time_unit] if options.time_unit else own
-    if own is not None and asked != own and not iso:
-        raise InputError(f"{path}: {name!r} says its unit, and --time-unit {options.time_unit}")
-    return 1.0 if iso or asked is None else asked
-
-
-def _is_iso(value: Any) -> bool:
-    try:
-        number(value)
-    except (TypeError, ValueError):
-        return isinstance(value, str) and bool(re.match(r"\s*\d{4}-?\d\d", value))
-    return False
-
-
-def _moment(path: Path, row: int, value: Any) -> float:
-    """Seconds since 1970 of a date and time; without a zone it is taken for UTC."""
-    try:
-        moment = datetime.fromisoformat(str(value).strip())
-    except ValueError:
-        raise InputError(f"{path}: row {row}: {str(value)[:40]!r} is no date and time") from None
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
-
-
-FORMATS = {
-    "columns": Format(
-        "table with named columns",
-        lambda head: head.named,
-        lambda path, how, period: [read_columns(path, how, period)],
-        uses=frozenset({"columns", "unit", "time_unit", "fps", "stride"}),
-        general=True,
-        other=lambda head: (
-            head.named
-            and "," in head.first
-            and head.first[:1] not in ("{", "[")
-            and not names_tracks(head.first.split(","))
+    asked = own if unit is None else _SECONDS[unit]
+    if own is not None and asked != own:
+        raise InputError(f"{path}: {name!r} says its unit, and --time-unit {unit}")
+    time = table.numbers(place)[:, 0] * (1.0 if asked is None else asked)
+    table.refuse(
+        np.abs(time) > LATE,
+        lambda at: (
+            f"time {time[at]:g} is not a usable number of seconds: say --time-unit ms, us or ns"
         ),
-    ),
-}
+    )
+    return time
+
+
+def _moments(table: Table, texts: pl.Series) -> np.ndarray:
+    """[R] seconds since 1970 of dates and times; UTC where they name no zone."""
+
+    def moment(text: str | None) -> float:
+        try:
+            found = datetime.fromisoformat(text or "")
+        except ValueError:
+            return np.nan
+        return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+    seconds = np.array([moment(text) for text in texts])
+    table.refuse(np.isnan(seconds), lambda at: f"{str(texts[at])[:40]!r} is not a date and time")
+    return seconds

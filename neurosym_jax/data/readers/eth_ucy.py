@@ -1,33 +1,25 @@
-"""Text files of `frame ped x y`, and the ETH/UCY leave-one-out splits made of them.
+"""Text files of `frame ped x y`, ETH's obsmat, and the leave-one-out splits of ETH/UCY.
 
-Any such file is user data, whatever its delimiter. The folder of ETH/UCY as SGAN arranges it has
-`all/` (whole recordings, for testing), `train/` and `val/`. Choosing windows is not done here.
+The folder of ETH/UCY as SGAN arranges it has `all/` (whole recordings, for testing), `train/` and
+`val/`.
 """
 
 from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.format import Format
-from neurosym_jax.data.reading import ReadOptions
-from neurosym_jax.data.rows import (
-    assemble,
-    consecutive,
-    frame_step,
-    number_table,
-    refuse_unwhole,
-)
-from neurosym_jax.data.text import Head
+from neurosym_jax.data.rows import assemble, consecutive, frame_step
+from neurosym_jax.data.tables import Table, read_table
 from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
 __all__ = [
-    "FORMATS",
     "SCENES",
     "is_eth_ucy",
     "read_obsmat",
     "read_split",
     "read_text",
+    "refuse_swapped",
     "split_files",
     "text_files",
 ]
@@ -39,130 +31,83 @@ SCENES = {
     "zara1": ("crowds_zara01",),
     "zara2": ("crowds_zara02",),
 }
-"""Recordings that each of the benchmark's five scenes tests on."""
-
-NAMES = ("frame", "ped", "x", "y")
-OBSMAT = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
+"""The recordings that each of the benchmark's five data sets tests on."""
 
 DECIMALS = 4
 """SGAN rounds coordinates to this many decimals."""
+
+_PAIRS = 20  # steps that are enough to tell the order of two columns
 
 
 def read_text(
     path: Path, period: float = PERIOD, stride: float | None = None, metres: float = 1.0
 ) -> Tracks:
-    """Read one file of rows `frame ped x y` (tab, space, comma or semicolon between them).
+    """Read rows `frame ped x y` (separated by commas, semicolons, or tabs and blanks).
 
-    Frames are taken to be `period` seconds apart, whatever the numbers count in: the most common
-    step between consecutive frame numbers is one period. That is SGAN's reading, and for the eth
-    recording a trap: its frames are 10 numbers apart in a video of 15 a second, so 0.67 s. With
-    `stride=6`, 6 numbers are one period, and the steps of that file become 10/6 periods long.
+    As in SGAN, the most common step between consecutive frame numbers is taken for `period`
+    seconds, whatever the numbers count. For the eth recording this is wrong: its frames are 10
+    apart in a video of 15 frames per second, which is 0.67 s. With `stride=6`, 6 frame numbers are
+    one period, and the steps of that file are 10/6 periods long.
 
     Args:
         path: of the file.
         period: seconds.
-        stride: frame numbers a period; their most common step if None.
+        stride: frame numbers per period; default: their most common step.
         metres: in a unit of the coordinates.
 
     Raises:
         InputError: naming file, row and reason.
     """
-    path = Path(path)
-    rows, ids = number_table(path, NAMES)
-    refuse_unwhole(path, rows[:, 1], "ped")
-    frame, position = rows[:, 0].copy(), rows[:, 2:] * metres
-    del rows  # The memory of a large file.
-    return _whole_frames(path, frame, ids, position, period, stride)
+    table = read_table(path, ("frame", "ped", "x", "y"))
+    return _numbered(table, table.numbers(2, 3) * metres, period, stride)
 
 
 def read_obsmat(path: Path, period: float = PERIOD, stride: float | None = None) -> Tracks:
-    """Read an `obsmat.txt` of ETH's own: rows `frame id x z y vx vz vy`, as `read_text` otherwise.
+    """Read an `obsmat.txt` of ETH, rows `frame id x z y vx vz vy`, otherwise as `read_text`.
 
-    There the frames of both recordings are 0.4 s apart: 6 numbers at 15 a second in eth, 10 at 25
-    in hotel.
+    There the frames of both recordings are 0.4 s apart: 6 numbers at 15 frames per second in eth,
+    10 at 25 in hotel.
 
     Raises:
         InputError: naming file, row and reason.
     """
-    path = Path(path)
-    rows, ids = number_table(path, OBSMAT)
-    refuse_unwhole(path, rows[:, 1], "id")
-    return _whole_frames(path, rows[:, 0], ids, rows[:, [2, 4]], period, stride)
+    table = read_table(path, ("frame", "id", "x", "z", "y", "vx", "vz", "vy"))
+    return _numbered(table, table.numbers(*range(2, 8))[:, [0, 2]], period, stride)
 
 
-def _whole_frames(
-    path: Path,
-    frame: np.ndarray,
-    ids: np.ndarray,
-    metres: np.ndarray,
-    period: float,
-    stride: float | None,
-) -> Tracks:
-    refuse_unwhole(path, frame, "frame")
-    step = frame_step(path, frame, stride)
+def _numbered(table: Table, metres: np.ndarray, period: float, stride: float | None) -> Tracks:
+    frame = table.whole_numbers(0)
+    table.whole_numbers(1)
+    step = frame_step(table.path, frame, stride)
     return assemble(
-        path,
+        table.path,
         frame / step * period,
-        ids,
+        table.ids(1),
         np.round(metres, DECIMALS),
         frame_step=step if stride is None else None,
     )
 
 
-def _is_obsmat(head: Head) -> bool:
-    """Eight numbers a row, of which z and its velocity are zero and the others agree."""
-    if head.columns != len(OBSMAT) or head.rows[:, [3, 6]].any():
-        return False
-    before, after = consecutive(head.rows[:, 0], head.rows[:, 1])
-    apart = head.rows[after, 0] > head.rows[before, 0]
-    before, after = before[apart], after[apart]
-    frames = (head.rows[after] - head.rows[before])[:, :1]
-    moved = (head.rows[after] - head.rows[before])[:, [2, 4]] / frames
-    velocity = (head.rows[after] + head.rows[before])[:, [5, 7]] / 2
-    # Whatever the frames count in.
-    scale = np.vdot(moved, velocity) / max(float(np.vdot(velocity, velocity)), 1e-12)
-    error = np.abs(moved - scale * velocity).sum()
-    return bool(scale > 0 and error < 0.5 * np.abs(moved).sum())
+def refuse_swapped(path: Path, tracks: Tracks) -> None:
+    """Refuse tracks whose ids would make far smoother times than their stamps, and vice versa.
 
-
-def _read_text(path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-    tracks = read_text(path, period, options.stride_of(path, period), options.metres(path))
-    paces = [
-        np.median(np.linalg.norm(tracks.position[after] - tracks.position[before], axis=1))
-        if len(after) > _PAIRS
-        else np.nan
-        for times, ids in ((tracks.stamp, tracks.id), (tracks.id, tracks.stamp))
-        for before, after in [consecutive(times, ids)]
-    ]
-    if options.format is None and paces[1] < paces[0] / 3:
+    Raises:
+        InputError: with the options that settle the order of the columns.
+    """
+    paces = []
+    for times, ids in ((tracks.stamp, tracks.id), (tracks.id, tracks.stamp)):
+        before, after = consecutive(times, ids)
+        moved = np.linalg.norm(tracks.position[after] - tracks.position[before], axis=1)
+        paces.append(np.median(moved) if len(moved) > _PAIRS else np.nan)
+    if paces[1] < paces[0] / 3:
         raise InputError(
             f"{path}: its rows look like `ped frame x y`: say --columns frame=2 id=1 x=3 y=4, or "
             "--format text where they are `frame ped x y` all the same"
         )
-    return [tracks]
-
-
-_PAIRS = 20  # points that follow on another, from which on they tell an order of columns
-
-FORMATS = {
-    "obsmat": Format(
-        "ETH's obsmat (`frame id x z y vx vz vy`)",
-        _is_obsmat,
-        lambda path, how, period: [read_obsmat(path, period, how.stride_of(path, period))],
-        uses=frozenset({"stride", "fps"}),
-    ),
-    "text": Format(
-        "rows of `frame ped x y`",
-        lambda head: not head.named,
-        _read_text,
-        uses=frozenset({"unit", "stride", "fps"}),
-        general=True,
-    ),
-}
 
 
 def is_eth_ucy(folder: Path) -> bool:
-    """Whether `folder` is laid out as SGAN's ETH/UCY: whole recordings under `all/`."""
+    """Whether `folder` is arranged as SGAN's ETH/UCY: whole recordings in `all/`."""
     return (folder / "all").is_dir()
 
 
@@ -171,11 +116,11 @@ def split_files(folder: Path, scene: str, split: str) -> list[Path]:
 
     Args:
         folder: holds `all/`, `train/` and `val/`.
-        scene: the scene left out of training, a key of `SCENES`.
-        split: `test` (the scene's whole recordings), `train` or `val` (all others' parts).
+        scene: the data set left out of training, a key of `SCENES`.
+        split: `test` (its whole recordings), `train` or `val` (parts of all others).
 
     Raises:
-        InputError: for an unknown scene or missing files.
+        InputError: for an unknown data set or missing files.
     """
     if scene not in SCENES:
         raise InputError(f"unknown scene {scene!r}: ETH/UCY has {', '.join(SCENES)}")
@@ -193,16 +138,16 @@ def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
     """Recordings of one split, see `split_files`, as SGAN reads them.
 
     Raises:
-        InputError: also naming file, row and reason of what cannot be read.
+        InputError: for files that are missing or cannot be read.
     """
     return [read_text(path) for path in split_files(folder, scene, split)]
 
 
 def text_files(folder: Path) -> list[Path]:
-    """Every `.txt` and `.csv` file of a folder, in order of name; there must be one.
+    """Every `.txt` and `.csv` file of a folder, in order of name; at least one.
 
     Raises:
-        InputError: where there is none.
+        InputError: if there is none.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such file or folder")

@@ -1,8 +1,9 @@
 """QTM exports of THÖR and THÖR-MAGNI: people with helmets in a motion-capture room.
 
 Tab-separated (THÖR) or comma-separated (THÖR-MAGNI): metadata rows, a header that begins with
-`Frame`, a row a frame, millimetres, usually 100 a second. A body's position is its centroid where
-the file has one, else the mean of its markers that are seen. Nothing is smoothed or filled in.
+`Frame`, one row per frame, millimetres, usually 100 frames per second. A body's position is its
+centroid where the file has one, else the mean of its visible markers. Nothing is smoothed or filled
+in.
 
 Sources: A. Rudenko et al., "THÖR", RA-L 5(2), 2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024.
 """
@@ -10,35 +11,33 @@ Sources: A. Rudenko et al., "THÖR", RA-L 5(2), 2020; T. Schreiter et al., "THÖ
 import re
 from collections.abc import Iterator
 from itertools import islice
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.format import Format
 from neurosym_jax.data.rows import assemble
-from neurosym_jax.data.text import Head, number, read_lines, read_number
+from neurosym_jax.data.tables import Table, lines_of, split_lines
+from neurosym_jax.data.text import read_lines, read_pieces
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["FORMATS", "HELMETS", "ROBOTS", "read_qtm"]
+__all__ = ["HELMETS", "ROBOTS", "read_qtm"]
 
 HELMETS = r"Helmet_(\d+)"
-"""The bodies that are people; the group is the id."""
+"""Names of the bodies that are people; the group is the id."""
 
 ROBOTS = r"(?:Citi|DARKO(?:_Robot)?|LO)_?(\d*)"
-"""The robots' bodies (and the forklift), to be read apart from the people."""
+"""Names of the robots' bodies (and the forklift's), to be read separately from the people."""
 
 _PREAMBLE = 200  # rows among which the header must be
 _RATE = 100.0  # frames a second, where the file does not say
-_PIECE = 1 << 20  # numbers that are worked on at a time
 _COLUMN = re.compile(r"(\S+?)(?:\s*-\s*(\w+))?\s+(Centroid_)?([XYZ])")
 
 
 def read_qtm(path: Path, bodies: str = HELMETS) -> Tracks:
     """People of a QTM export (`Exp_1_run_1.tsv`, `..._6D.tsv`, or a THÖR-MAGNI CSV).
 
-    A body is missing in a frame where its coordinates are all zero, or any is empty.
+    A body is not visible in a frame where its coordinates are all zero, or any is empty.
 
     Args:
         path: of the file.
@@ -47,50 +46,63 @@ def read_qtm(path: Path, bodies: str = HELMETS) -> Tracks:
     Raises:
         InputError: naming file, row and reason.
     """
-    path = Path(path)
-    lines = read_lines(path)
-    header, separator, rate, above = _header(path, lines)
+    header, mark, rate, above = _header(path, read_lines(path))
     clock = header.index("Time") if "Time" in header else 0
     ids, columns, first = _places(path, header, bodies)
-    wanted = [clock, *columns.ravel().tolist()]
-    rows = _floats(path, lines, separator, wanted, header, above)
     parts: list[tuple[np.ndarray, ...]] = []
-    kind = np.dtype((np.float64, 1 + len(wanted)))
-    while True:
-        table: np.ndarray = np.fromiter(islice(rows, _PIECE // len(wanted) + 1), kind)
-        if not len(table):
-            break
-        row, stamp = table[:, 0].astype(int), table[:, 1] / (1 if clock else rate)
-        bad = np.flatnonzero(~np.isfinite(stamp))
-        if len(bad):
-            raise InputError(f"{path}: row {row[bad[0]]}: the time is not a number")
-        centre, seen = _centres(table[:, 2:].reshape(len(table), -1, 3) / 1000, first)
+    for table in _tables(path, header, mark, above):
+        stamp = table.numbers(clock)[:, 0] / (1 if clock else rate)
+        points = table.numbers(*columns.ravel().tolist(), missing=True)
+        centre, seen = _centres(points.reshape(len(stamp), -1, 3) / 1000, first)
         frame, body = np.nonzero(seen)
-        parts.append((stamp[frame], ids[body], centre[frame, body, :2], row[frame]))
+        assert table.row is not None
+        parts.append((stamp[frame], ids[body], centre[frame, body, :2], table.row[frame]))
     if not parts:
         raise InputError(f"{path}: no rows follow the header")
     stamps, people, position, row = (np.concatenate(part) for part in zip(*parts))
     if len(stamps) == 0:
-        raise InputError(f"{path}: none of its {len(ids)} bodies is ever seen")
+        raise InputError(f"{path}: none of its {len(ids)} bodies is ever visible")
     return assemble(path, stamps, people, position, row=row)
 
 
 def _header(path: Path, lines: Iterator[str]) -> tuple[list[str], str, float, int]:
-    """Names of the columns, what separates them, frames a second, and rows up to the header."""
+    """Names of the columns, their separator, frames per second, and rows up to the header."""
     rate = _RATE
     for row, line in enumerate(islice(lines, _PREAMBLE), 1):
-        separator = "\t" if "\t" in line else ","
-        fields = [field.strip().strip('"') for field in line.split(separator)]
+        mark = "\t" if "\t" in line else ","
+        fields = [field.strip().strip('"') for field in line.split(mark)]
         if fields[0] == "Frame":
-            return fields, separator, rate, row
+            return fields, mark, rate, row
         if fields[0] == "FREQUENCY" and len(fields) > 1:
             try:
-                rate = number(fields[1])
+                rate = float(fields[1])
             except ValueError:
                 rate = 0.0
             if not 0 < rate < 1e6:
                 raise InputError(f"{path}: row {row}: FREQUENCY is {fields[1][:40]!r}")
     raise InputError(f"{path}: no header that begins with `Frame` in its first {_PREAMBLE} rows")
+
+
+def _tables(path: Path, header: list[str], mark: str, above: int) -> Iterator[Table]:
+    """The rows after the header, piece by piece."""
+    named = len(header)
+    while named and not header[named - 1]:
+        named -= 1
+    width, done = 0, 0
+    for piece in read_pieces(path):
+        lines = lines_of(piece)
+        row = np.arange(done + 1, done + 1 + len(lines))
+        done += len(lines)
+        kept = (lines.str.strip_chars() != "").to_numpy() & (row > above)
+        lines, row = lines.filter(kept), row[kept]
+        if not len(lines):
+            continue
+        if not width:
+            fields = lines[0].split(mark)
+            # The header or the rows may end in a separator.
+            widths = {len(header), named, len(header) + (not fields[-1])}
+            width = len(fields) if len(fields) in widths else len(header)
+        yield Table(path, header, split_lines(path, lines, mark, width, row), row)
 
 
 def _places(
@@ -140,51 +152,17 @@ def _places(
     )
 
 
-def _floats(
-    path: Path, lines: Iterator[str], separator: str, wanted: list[int], header: list[str], row: int
-) -> Iterator[tuple[float, ...]]:
-    """The number and the wanted columns of every row; NaN where a field is empty."""
-    pick, width = itemgetter(*wanted), 0
-    named = len(header)
-    while named and not header[named - 1]:
-        named -= 1
-    for line in lines:
-        row += 1
-        if not line or line.isspace():
-            continue
-        fields = line.split(separator)
-        if not width and len(fields) in (len(header), named, len(header) + (not fields[-1])):
-            width = len(fields)
-        if len(fields) != width:
-            wide = width or len(header)
-            raise InputError(f"{path}: row {row} has {len(fields)} columns, not {wide}")
-        chosen = pick(fields)
-        try:
-            # Most rows have no empty field, and this is the reader's innermost loop.
-            if "_" in line:
-                raise ValueError
-            yield (row, *map(float, chosen))
-        except ValueError:
-            plain = (field.strip().strip('"') for field in chosen)
-            yield (row, *(read_number(path, row, field or "nan") for field in plain))
-
-
 def _centres(points: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[F, B, 3] means over each body's markers seen of `points [F, M, 3]`, and [F, B] whether any
-    was; body b has the markers from `first[b]` on."""
+    """Means of the visible markers of each body.
+
+    Args:
+        points: [F, M, 3], NaN or all zero where a marker is not visible.
+        first: [B] index of each body's first marker.
+
+    Returns:
+        [F, B, 3] means and [F, B] whether any marker is visible.
+    """
     seen = ~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1)
     count = np.add.reduceat(seen.astype(int), first, axis=1)
     total = np.add.reduceat(np.where(seen[..., None], points, 0), first, axis=1)
     return total / np.maximum(count, 1)[..., None], count > 0
-
-
-def _is_qtm(head: Head) -> bool:
-    return any(
-        line.startswith(("Frame\t", "Frame,")) and ("Helmet" in line or " X" in line)
-        for line in head.lines
-    )
-
-
-FORMATS = {
-    "qtm": Format("QTM export (THÖR, THÖR-MAGNI)", _is_qtm, lambda path, *_: [read_qtm(path)]),
-}

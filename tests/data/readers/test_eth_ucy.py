@@ -67,55 +67,6 @@ def test_coordinates_are_rounded_as_sgan_does(tmp_path):
     assert_array_equal(read_text(tmp_path / "a.txt").position, [[1.2346, 500000.0]])
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "the file has no rows"),
-        ("\n # nothing \n", "the file has no rows"),
-        ("0 1 2 3\n1 1 2\n", "row 2 has 3 columns"),
-        ("0 1 2 3\n1 1 2 3 4\n", "row 2 has 5 columns"),
-        ("0 1 2\n1 1 2\n", "row 1 has 3 columns"),
-        ("0 1 2 3 4\n1 1 2 3 4\n", "row 1 has 5 columns"),
-        ("0,1,,3\n", "row 1: '' is not a number"),
-        ("# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 2: 'x4' is not a number"),
-        ("frame ped x y\n0 1 2 3\n", "row 1: 'frame' is not a number"),
-        ("0 1 2 3\n1 1 nan 3\n", "row 2 is not finite"),
-        ("0 1 2 3\n1 1 2 -inf\n", "row 2 is not finite"),
-        ("0 1 2 3\ninf 1 2 3\n", "row 2 is not finite"),
-        ("0 1 2 3\n1 2 2 3\n0 1 5 5\n", r"row 3 repeats \(time 0, id 1\)"),
-        ("0 1 2 3\n0.5 1 2 3\n", "row 2: frame 0.5 is not whole"),
-        ("0 1 2 3\n1 1.5 2 3\n", "row 2: ped 1.5 is not whole"),
-        ("0 1 2 3\n1 1e30 2 3\n", "row 2: ped 1e.30 is too large"),
-        ("0 1 2 3\n1 1 2 1e300\n", "row 2: position 2, 1e.300 is not a usable"),
-        ("0 1 2 3\n1 1 2 3,4\n", "row 2 is not separated as row 1 is"),
-        ("780 1 8,46 3,59\n", "row 1 is|row 1 has 3 columns|is not a number"),
-        ("780;1;8,46;3,59\n", r"row 1: '8,46' is not a number \(numbers are written with points"),
-    ],
-)
-def test_bad_files(tmp_path, text, message):
-    path = tmp_path / "bad.txt"
-    path.write_text(text)
-    with pytest.raises(InputError, match=message) as caught:
-        read_text(path)
-    assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("content", [b"\x00\x01\x02\xff" * 999, b"PK\x03\x04" + b"ab" * 9999])
-def test_binary_file(tmp_path, content):
-    path = tmp_path / "binary.txt"
-    path.write_bytes(content)
-    with pytest.raises(InputError) as caught:
-        read_text(path)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < len(str(path)) + 200
-
-
-def test_missing_file(tmp_path):
-    with pytest.raises(InputError, match=r"no\.txt: cannot be read"):
-        read_text(tmp_path / "no.txt")
-
-
 @pytest.fixture
 def benchmark(tmp_path):
     """The folder's layout, every recording the same few rows."""

@@ -152,7 +152,7 @@ def test_what_is_wrong_is_one_line(recording, tmp_path):
     there.touch()
     cases: list[tuple[dict, str]] = [
         (
-            {"read": ReadOptions(topic="/nobody")},
+            {"read": ReadOptions(format="bag,topic=/nobody")},
             "no topic /nobody; there are: /people (people_msgs",
         ),
         ({"recording": text}, "row 2"),

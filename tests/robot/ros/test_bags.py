@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.formats import data_files, is_folder, read_any
-from neurosym_jax.data.inspection import files_below
+from neurosym_jax.data.formats import data_files, files_below, is_folder, read_any
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.simulation.scenarios import simulate
@@ -144,7 +143,7 @@ def test_which_topic(tmp_path):
     with BagWriter(path.with_suffix(".db3")) as bag:
         for topic in ("/one", "/two"):
             bag.write(topic, 1.0, messages.make_people(bag.new, frame))
-    with pytest.raises(InputError, match=r"which topic has the people.*/one.*/two.*--topic"):
+    with pytest.raises(InputError, match=r"which topic has the people.*/one.*/two.*bag,topic="):
         list(read_people(path))
     shutil.rmtree(path)
     with BagWriter(path.with_suffix(".bag")) as bag:
@@ -188,7 +187,7 @@ def test_which_topic_is_said_by_an_option(tmp_path):
     with pytest.raises(InputError, match="which topic"):
         read_any(bag.path)
     with pytest.warns(InputWarning, match="2 positions are left out"):
-        (tracks,) = read_any(bag.path, ReadOptions(topic="/two"))
+        (tracks,) = read_any(bag.path, ReadOptions(format="bag,topic=/two"))
     assert_array_equal(tracks.position, [[1, 0]])
 
 
@@ -214,8 +213,8 @@ def test_text_files_are_streams_too(tmp_path):
     got = list(read_frames(path))
     assert [frame.ids.tolist() for frame in got] == [[1], [1, 2], [2]]
     assert [frame.stamp for frame in got] == pytest.approx([0, 0.4, 0.8])
-    with pytest.raises(InputError, match="--topic is of no use"):
-        read_frames(path, ReadOptions(topic="/people"))
+    with pytest.raises(InputError, match="unknown field 'topic' for Text"):
+        read_frames(path, ReadOptions(format="text,topic=/people"))
     tracks = tracks_of_frames(iter(got), "again")
     assert_array_equal(tracks.id, [1, 1, 2, 2])
     with pytest.raises(InputError, match="nobody"):
