@@ -36,7 +36,6 @@ from neurosym_jax.evaluation.test_sets import BASELINES, Test
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
-from neurosym_jax.plotting.evaluation import check_figures, draw_figures, draw_overview
 from neurosym_jax.runtime.executor import executor
 from neurosym_jax.runtime.progress import without_bars
 from neurosym_jax.runtime.provenance import provenance
@@ -240,6 +239,8 @@ def _write_files(
     if options.figures and len(results) < len(rows):
         said += ["figures: none of test sets with rows of an earlier run"]
     if options.figures and results:
+        from neurosym_jax.plotting.evaluation import draw_figures, draw_overview
+
         before = {*options.plots.glob("*"), *options.plots.parent.glob("*")}
         drawn = (draw_overview if overview else draw_figures)(options.plots, results)
         replaced = len(before.intersection(drawn))
@@ -270,6 +271,8 @@ def _validate(options: Options) -> None:
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
     check_report(options.json)
     if options.figures:
+        from neurosym_jax.plotting.evaluation import check_figures
+
         check_figures(options.plots)
     if options.save_forecasts:
         check_forecasts_file(options.save_forecasts)

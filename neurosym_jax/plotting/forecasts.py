@@ -1,6 +1,6 @@
-"""A scene from above: what was observed, what happened, and what models forecast.
+"""A scene from above: observed paths, the true future, and forecasts of models.
 
-Observed paths are dark, what happened is a broad green band, a model has its own colour and line.
+Observed paths are dark, the true future is a broad green band, a model has its own colour and line.
 """
 
 from collections.abc import Mapping
@@ -12,14 +12,7 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 from numpy.typing import ArrayLike
 
 from neurosym_jax.plotting.palette import INK, TRUTH, line_styles, model_colours
-from neurosym_jax.plotting.style import (
-    COLUMN,
-    WIDTH,
-    add_legend,
-    checked,
-    dress,
-    new_figure,
-)
+from neurosym_jax.plotting.style import COLUMN, WIDTH, add_legend, checked, dress, new_figure
 
 __all__ = ["best_sample", "draw_paths", "draw_scene", "plot_fan", "plot_forecasts"]
 
@@ -34,7 +27,7 @@ def plot_forecasts(
 
     Args:
         observed: [N, obs_len, 2] metres.
-        truth: [N, pred_len, 2] metres, or None where it is not known.
+        truth: [N, pred_len, 2] metres, or None if unknown.
         forecasts: [N, pred_len, 2] metres by the model's name; may be empty.
         title: of the figure.
 
@@ -61,15 +54,15 @@ def plot_fan(
     samples: ArrayLike,
     title: str | None = None,
 ) -> Figure:
-    """One scene with k sampled futures, of which the nearest to the truth is emphasised.
+    """One scene with k sampled futures; the sample of least joint ADE is emphasised.
 
-    That is the sample of least joint ADE, one for the whole scene; without truth it is the mean.
+    Without truth the mean is emphasised.
 
     Args:
         observed: [N, obs_len, 2] metres.
-        truth: [N, pred_len, 2] metres, or None where it is not known.
+        truth: [N, pred_len, 2] metres, or None if unknown.
         samples: [k, N, pred_len, 2] metres.
-        title: of the figure; what model it names they are coloured by.
+        title: of the figure; a model's name in it decides the colour.
 
     Raises:
         InputError: for a wrong shape, or a coordinate that is not finite.
@@ -78,11 +71,10 @@ def plot_fan(
     fan = checked("samples", samples, (None, *shape))
     best, name = fan.mean(axis=0), f"mean of {len(fan)}"
     if future is not None:
-        errors = np.linalg.norm(fan - future, axis=-1).mean(axis=(1, 2))
+        best = best_sample(fan, future)
+        error = np.linalg.norm(best - future, axis=-1).mean()
         # No-break spaces keep the number with its unit where the legend wraps the text.
-        name = f"best of {len(fan)}, joint\xa0ADE\xa0{errors.min():.2f}\xa0m"
-        best = fan[errors.argmin()]
-
+        name = f"best of {len(fan)}, joint\xa0ADE\xa0{error:.2f}\xa0m"
     figure, axes, weight = _map(title, past, future, fan)
     (colour,) = model_colours([title or ""]).values()
     look = {"color": colour, "linewidth": 0.5 * weight, "alpha": 0.4, "zorder": 2.5}
@@ -98,15 +90,17 @@ def best_sample(samples: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return samples[np.linalg.norm(samples - truth, axis=-1).mean(axis=(1, 2)).argmin()]
 
 
-def _past_and_future(observed: ArrayLike, truth: ArrayLike | None):
-    """Both checked, and the shape that any forecast of them must have."""
+def _past_and_future(
+    observed: ArrayLike, truth: ArrayLike | None
+) -> tuple[np.ndarray, np.ndarray | None, tuple]:
+    """Both checked, and the shape that their forecasts must have."""
     past = checked("observed", observed, (None, None, 2))
     future = None if truth is None else checked("truth", truth, (len(past), None, 2))
     return past, future, (len(past), None, 2) if future is None else future.shape
 
 
 def draw_paths(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look) -> None:
-    """A line for each agent of `lines` [N, T, 2], from the end of `past`."""
+    """Draw a line for each agent of `lines` [N, T, 2], from the end of `past`."""
     if past is not None:
         lines = np.concatenate([past[:, -1:], lines], axis=1)
     for line in lines:
@@ -114,14 +108,14 @@ def draw_paths(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **
 
 
 def _map(title: str | None, past: np.ndarray, future: np.ndarray | None, *others: np.ndarray):
-    """A map of what happened, large enough for the others: figure, axes, weight of the lines."""
+    """A scene in a frame large enough for the others: figure, axes, weight of its lines."""
     arrays = [array.reshape(-1, 2) for array in (past, future, *others) if array is not None]
     low, high = np.concatenate(arrays).min(axis=0), np.concatenate(arrays).max(axis=0)
-    # At least 3 m are shown, so that the tremor of a standing agent does not look like a walk, and
-    # neither a corridor nor a row of agents makes a sliver of a figure.
+    # At least 3 m, so that the tremor of a standing agent does not look like a walk; and neither a
+    # corridor nor a row of agents makes a sliver of a figure.
     extent = np.maximum(1.06 * (high - low) + 0.3, 3.0)
     extent = np.maximum(extent, [0.75 * extent[1], 0.36 * extent[0]])
-    # What is high goes into one column.
+    # High figures go into one column.
     width = WIDTH if extent[1] < 0.7 * extent[0] else COLUMN
     figure, ((axes,),) = new_figure(width, (width - 0.5) * extent[1] / extent[0] + 0.85)
     (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
@@ -131,15 +125,14 @@ def _map(title: str | None, past: np.ndarray, future: np.ndarray | None, *others
         axis.set_major_locator(MultipleLocator(ticks[1] - ticks[0]))
     axes.ticklabel_format(useOffset=False, style="plain")
     dress(axes, "x [m]", "y [m]", title)
-
     return figure, axes, draw_scene(axes, past, future)
 
 
 def draw_scene(axes: Axes, past: np.ndarray, future: np.ndarray | None) -> float:
-    """Draw what was observed `[N, obs_len, 2]` and what happened `[N, pred_len, 2]`.
+    """Draw the observed paths `[N, obs_len, 2]` and the true future `[N, pred_len, 2]`.
 
     Returns:
-        How heavy lines are to be, 1 for few people and less for many.
+        The weight of lines: 1 for few people and less for many.
     """
     weight = float(np.clip((10 / len(past)) ** 0.5, 0.65, 1.0))
     circle = {"marker": "o", "markersize": 4 * weight, "markerfacecolor": "white"}

@@ -7,25 +7,17 @@ from typing import Any
 from matplotlib.ticker import MaxNLocator
 
 from neurosym_jax.plotting.palette import INK, model_colours
-from neurosym_jax.plotting.style import (
-    GREY,
-    LABEL,
-    WIDTH,
-    add_legend,
-    dress,
-    new_figure,
-    save_figure,
-)
+from neurosym_jax.plotting.style import LABEL, WIDTH, add_legend, dress, new_figure, save_figure
 
 __all__ = ["plot_forest"]
 
 METRICS = {"joint_ade": "joint ADE", "marginal_ade": "marginal ADE"}
 MARKERS = "os^vPXpd"
-"""Of the data sets; that of their mean is a diamond."""
+"""Markers of the data sets; their mean is a diamond."""
 
 
 def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
-    """Draw `comparisons` (see `comparison.Comparison.to_json`): panels share their axes.
+    """Draw the comparisons of a sweep's report; panels share their axes.
 
     Left of 0 the model is better. Lines are the interval over test scenes and seeds.
 
@@ -45,16 +37,14 @@ def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
     wanted = [(reference, metric) for reference in references for metric in METRICS]
     for axes, (reference, metric) in zip(grid.ravel(), wanted):
         for item in (item for item in comparisons if item["reference"] == reference):
-            mean = item["scene"] == "mean"
+            mean, colour = item["scene"] == "mean", colours[item["model"]]
             place = names.index(item["model"]) * pitch + sets.index(item["scene"])
-            colour, value = colours[item["model"]], item[metric]["difference"]
             axes.plot(item[metric]["both"], [place] * 2, color=colour, lw=1.8 if mean else 0.8)
             marker = {"marker": markers[item["scene"]], "ms": 4 if mean else 2.8}
-            axes.plot(value, place, color=colour, ls="none", **marker)
+            axes.plot(item[metric]["difference"], place, color=colour, ls="none", **marker)
         axes.axvline(0, color="#888888", lw=0.8, zorder=1)
-        below = axes in grid[-1]
+        dress(axes, "m; below 0: better" if axes in grid[-1] else "")
         title = f"{METRICS[metric]}\nminus that of {reference}"
-        dress(axes, "m; below 0: better" if below else "")
         axes.set_title(title, fontsize=LABEL, color=INK, loc="left")
         axes.grid(visible=False, axis="y")
         axes.spines["left"].set_visible(False)
@@ -67,6 +57,6 @@ def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
     first.set_ylim(len(names) * pitch - 0.8, -1.2)
     for name, marker in markers.items():
         label = "mean of the data sets" if name == "mean" else name
-        first.plot([], [], color=GREY, marker=marker, ms=4, ls="none", label=label)
+        first.plot([], [], color="#555555", marker=marker, ms=4, ls="none", label=label)
     add_legend(figure, first)
     save_figure(figure, path)

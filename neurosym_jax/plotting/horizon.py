@@ -26,7 +26,7 @@ def plot_horizon_errors(
         errors: [pred_len], by the model's name.
         period: seconds from the last observation to the first step, and between steps.
         title: of the figure.
-        label: what the error is, with its unit.
+        label: name of the error, with its unit.
 
     Raises:
         InputError: for no model, a wrong shape, or a value that is not finite.
@@ -44,7 +44,7 @@ def plot_horizon_errors(
 def draw_horizon(axes: Axes, curves: Mapping[str, np.ndarray], period: float) -> None:
     """Draw a line [pred_len] for each model against seconds."""
     colours, styles = model_colours(curves), line_styles(curves)
-    # In this order the legend runs from top to bottom as the ends of the lines do.
+    # Sorted, so that the legend has the order of the lines' ends.
     for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]):
         seconds = period * np.arange(1, len(curve) + 1)
         look = {"color": colours[name], "linestyle": styles[name], "linewidth": 1.6}

@@ -1,4 +1,4 @@
-"""A matrix of shares or weights whose cells have something written in them."""
+"""A matrix of shares or weights with texts in its cells."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,9 +14,9 @@ from neurosym_jax.plotting.palette import INK
 __all__ = ["LETTERS", "draw_matrix"]
 
 PALE = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
-"""So pale that dark letters can be read on it."""
+"""Pale enough for dark letters."""
 LETTERS: dict[str, Any] = {"family": "DejaVu Sans Mono", "color": INK}
-"""Of one width, in which QTC states stand below each other."""
+"""Of one width, so that QTC states align."""
 
 
 def draw_matrix(
@@ -33,4 +33,5 @@ def draw_matrix(
     for row, texts in enumerate(cells):
         for column, text in enumerate(texts):
             axes.text(column, row, text, fontsize=size, **look)
+    axes.grid(visible=False)
     return image

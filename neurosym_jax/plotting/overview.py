@@ -15,7 +15,7 @@ __all__ = ["Glance", "plot_overview"]
 
 
 class Glance(NamedTuple):
-    """What is shown of a test set."""
+    """One scene of a test set, and mean errors on all of it."""
 
     title: str
     observed: np.ndarray
@@ -24,18 +24,14 @@ class Glance(NamedTuple):
     """[N, pred_len, 2] metres."""
     samples: Mapping[str, np.ndarray]
     """[k, N, pred_len, 2] metres by the model's name; all samples of the last one are drawn."""
-    errors: Mapping[str, np.ndarray]
-    """[pred_len] mean errors in metres by the model's name."""
+    errors: Mapping[str, Mapping[str, np.ndarray]]
+    """[pred_len] means by the metric's and the model's name."""
 
 
-def plot_overview(glances: Sequence[Glance], period: float = 0.4) -> Figure:
-    """Test sets side by side: forecasts above, mean errors against the horizon below.
+def plot_overview(glances: Sequence[Glance], period: float, metric: str = "horizon") -> Figure:
+    """One to three test sets side by side: forecasts above, a metric against the horizon below.
 
-    Of a model's samples the one of least joint ADE is drawn as its line.
-
-    Args:
-        glances: of one to three test sets.
-        period: seconds between steps.
+    A model's line is its sample of least joint ADE; `period` is in seconds.
     """
     figure, axes = new_figure(WIDTH, 5.4, 2, len(glances), height_ratios=(1.6, 1))
     for column, glance in enumerate(glances):
@@ -53,10 +49,10 @@ def plot_overview(glances: Sequence[Glance], period: float = 0.4) -> Figure:
             draw_paths(above, sample, glance.observed, **faint, label=f"all samples of {name}")
         above.set_aspect("equal", adjustable="datalim")
         dress(above, "x [m]", "y [m]" if column == 0 else "", glance.title)
-        draw_horizon(below, glance.errors, period)
+        draw_horizon(below, glance.errors[metric], period)
         dress(below, "horizon [s]", "mean error [m]" if column == 0 else "")
         below.sharey(axes[1, 0])
-    top = max(curve.max() for glance in glances for curve in glance.errors.values())
+    top = max(curve.max() for glance in glances for curve in glance.errors[metric].values())
     axes[1, 0].set_ylim(0, 1.05 * top)
     add_legend(figure, *axes[0])
     return figure

@@ -1,38 +1,25 @@
-"""The colours and lines of all figures: each model has its own, the same in every figure."""
+"""Colours and line styles of all figures: each model has its own, the same in every figure."""
 
 from collections.abc import Iterable, Mapping
 from itertools import cycle
 from typing import TypeVar
 
-__all__ = [
-    "AMBER",
-    "BLUE",
-    "GREEN",
-    "GREY",
-    "INK",
-    "PALETTE",
-    "PURPLE",
-    "RED",
-    "SKY",
-    "TRUTH",
-    "LineStyle",
-    "line_styles",
-    "model_colours",
-]
+__all__ = ["INK", "PALETTE", "TRUTH", "LineStyle", "line_styles", "model_colours"]
 
 LineStyle = str | tuple[float, tuple[float, ...]]
 Look = TypeVar("Look")
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4D4D4D")
-"""Those of Okabe and Ito, safe for colour-blind readers, less the yellow that fades on white."""
+"""Those of Okabe and Ito, safe for colour-blind readers, without the yellow that fades on white."""
 BLUE, RED, GREEN, PURPLE, AMBER, SKY, GREY = PALETTE
+OLIVE, WINE = "#7A6400", "#882255"
 
 INK = "#222222"
-"""Of what is known: observed paths, text."""
+"""Colour of observed paths and text."""
 TRUTH = GREEN
-"""Of what happened after the observation, as in the live view."""
+"""Colour of the true future, as in the live view."""
 
-# The first part that is found in a model's name decides. A NeuroSyM is named by its weighting, too.
+# The first part found in a model's title decides; a NeuroSyM's title holds its weighting.
 _COLOURS = {
     "sampled": "#999999",
     "constant": GREY,
@@ -42,12 +29,12 @@ _COLOURS = {
     "cnd": BLUE,
     "ones": AMBER,
     "learned": PURPLE,
-    "quantised": "#7A6400",
-    "shuffled": "#882255",
+    "quantised": OLIVE,
+    "shuffled": WINE,
     "neurosym": BLUE,
     "sgan": RED,
 }
-_OTHER_COLOURS = (PURPLE, AMBER, SKY, "#7A6400", "#882255", "#44AA99", "#332288", RED, BLUE)
+_OTHER_COLOURS = (PURPLE, AMBER, SKY, OLIVE, WINE, "#44AA99", "#332288", RED, BLUE)
 # The styles of the robot paper.
 _STYLES: dict[str, LineStyle] = {
     "neurosym": ":",
@@ -62,7 +49,7 @@ _OTHER_STYLES = (0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (1, 3)), (0, (2, 1)), 
 def model_colours(names: Iterable[str]) -> dict[str, str]:
     """The colour of each model: NeuroSyM blue, SGAN red, constant velocity grey, and so on.
 
-    Another kind, or a second model of one kind, takes the next of a cycle.
+    An unknown kind, or a second model of one kind, takes the next of a cycle.
     """
     return _looks(names, _COLOURS, _OTHER_COLOURS)
 
@@ -70,7 +57,7 @@ def model_colours(names: Iterable[str]) -> dict[str, str]:
 def line_styles(names: Iterable[str]) -> dict[str, LineStyle]:
     """The line style of each model: NeuroSyM dotted, SGAN dash-dotted, constant velocity dashed.
 
-    Another kind, or a second model of one kind, takes the next style of a cycle of five.
+    An unknown kind, or a second model of one kind, takes the next of a cycle.
     """
     return _looks(names, _STYLES, _OTHER_STYLES)
 

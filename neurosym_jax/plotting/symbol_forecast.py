@@ -51,8 +51,6 @@ def plot_symbol_forecast(
     what.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
     what.set_yticks([])
     dress(what, "", "", "events, median time")
-    for axes in (when, what):
-        axes.grid(visible=False)
     return figure
 
 

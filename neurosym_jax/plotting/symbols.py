@@ -53,7 +53,6 @@ def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
     when.set_xticks(ticks, [f"{pairs.period * step:.1f}" for step in ticks])
     when.set_xticks(np.arange(0.5, steps), minor=True)
     when.set_yticks(np.arange(0.5, len(rows)), minor=True)
-    when.tick_params(which="minor", length=0)
     when.set_axisbelow(False)
     when.grid(which="minor", color="white", linewidth=0.8)
     bar = figure.colorbar(image, ax=when, pad=0.01)

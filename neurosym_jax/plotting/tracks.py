@@ -1,4 +1,4 @@
-"""All tracks of recordings: where people walked, a panel a recording."""
+"""All tracks of recordings, a panel a recording."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ from neurosym_jax.plotting.style import COLUMN, WIDTH, dress, new_figure
 
 __all__ = ["plot_tracks"]
 
-_PANELS = 24  # beyond this many, panels are too small to see anything in
+_PANELS = 24  # more panels would be too small
 
 
 def plot_tracks(recordings: Sequence[Tracks]) -> Figure:
@@ -22,18 +22,15 @@ def plot_tracks(recordings: Sequence[Tracks]) -> Figure:
     rows = -(-len(shown) // columns)
     width = COLUMN if columns == 1 else WIDTH
     figure, grid = new_figure(width, rows * width / columns, rows, columns)
-    panels = grid.ravel()
-    for axes, tracks in zip(panels, shown):
-        starts = np.flatnonzero(np.diff(tracks.id)) + 1
-        paths = np.split(tracks.position, starts)
+    for axes, tracks in zip(grid.ravel(), shown):
+        paths = np.split(tracks.position, np.flatnonzero(np.diff(tracks.id)) + 1)
         colours = [PALETTE[person % len(PALETTE)] for person in range(len(paths))]
         axes.add_collection(LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7))
-        first = np.array([path[0] for path in paths])
-        axes.scatter(*first.T, s=3, c=colours, zorder=3)
+        axes.scatter(*np.array([path[0] for path in paths]).T, s=3, c=colours, zorder=3)
         axes.autoscale()
         axes.set_aspect("equal", adjustable="datalim")
         axes.ticklabel_format(useOffset=False, style="plain")
         dress(axes, "x [m]", "y [m]", tracks.recording[:60])
-    for axes in panels[len(shown) :]:
+    for axes in grid.ravel()[len(shown) :]:
         axes.set_visible(False)
     return figure

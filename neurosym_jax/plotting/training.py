@@ -21,12 +21,11 @@ def plot_training(
 ) -> Figure:
     """Training runs: losses in the upper panel, validation errors (metres) in the lower.
 
-    Both map a name to (steps, values), and a panel without curves is left out. Of more than 100
-    points the running mean over 1/20 is drawn, the points themselves pale. Values that are not
-    finite leave a gap.
+    Both map a name to (steps, values); a panel without curves is left out. Beyond 100 points, the
+    running mean over 1/20 is drawn over pale points. Values that are not finite leave a gap.
 
     Raises:
-        InputError: for nothing to plot, or lists of unequal lengths.
+        InputError: for no curve, or lists of unequal lengths.
     """
     panels = {"loss": losses, "validation error [m]": validation}
     panels = {label: curves for label, curves in panels.items() if curves}

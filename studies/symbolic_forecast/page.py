@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.plotting.palette import GREEN, model_colours
-from neurosym_jax.plotting.style import GREY, WIDTH, add_legend, dress, new_figure
+from neurosym_jax.plotting.style import WIDTH, add_legend, dress, new_figure
 from neurosym_jax.symbolic.events import EVENTS
 from studies.symbolic_forecast.scores import BINS
 from studies.symbolic_forecast.sets import CHOOSING
@@ -116,7 +116,7 @@ def figure(found: dict[str, Any]) -> Figure:
         dress(row[0], "horizon [s]", "log score [nats]", f"{name}: states")
         row[0].set(xlim=(0, None), ylim=(0, None))
         for axes, title in ((row[1], "events"), (row[2], "symbols")):
-            axes.plot([0, 1], [0, 1], color=GREY, lw=0.8, ls=(0, (4, 3)))
+            axes.plot([0, 1], [0, 1], color="#555555", lw=0.8, ls=(0, (4, 3)))
             axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
             dress(axes, "probability said", "share that happened", title)
     add_legend(drawn, panels[0][0])
