@@ -38,9 +38,9 @@ def _programs() -> dict[str, float]:
     import numpy as np
 
     from neurosym_jax.commands.evaluate import Options, run
-    from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.forecasting.model import predict
     from neurosym_jax.forecasting.model_folder import load_model
+    from neurosym_jax.models import GeneratorConfig, NoPooling
     from neurosym_jax.training.loop import train
     from neurosym_robot.online.predictor import Predictor
 
@@ -70,7 +70,7 @@ def _programs() -> dict[str, float]:
     done("the evaluation of two models on a scene")
     windows = _windows()
     with tempfile.TemporaryDirectory() as folder:
-        how = {"generator": GeneratorConfig(pooling="none"), "recipe": _recipe("ours")}
+        how = {"generator": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
         train(windows, windows, Path(folder) / "run", **how)
     done("a training run")
     return found
@@ -94,6 +94,7 @@ def _recipe(name: str) -> Any:
 def _training_costs() -> dict[str, float]:
     import jax
 
+    from neurosym_jax.models.poolings import POOLINGS
     from neurosym_jax.training.network import named_generator
     from neurosym_jax.training.step import initial_state, train_steps
     from neurosym_jax.training.stream import SceneStream
@@ -109,9 +110,10 @@ def _training_costs() -> dict[str, float]:
         scene = jax.tree.map(lambda leaf: leaf[0, 0], groups[0])
         state = jax.eval_shape(lambda key: initial_state(config, recipe, scene, key), key)  # noqa: B023
         step = jax.tree.map(lambda leaf: leaf[None], groups)
+        pooling = POOLINGS.name_of(config.pooling)
         cost: Any = train_steps.lower(config, recipe, key, state, step).cost_analysis()
-        found[f"MFLOP: a training step, {config.pooling}"] = round(cost["flops"] / 1e6, 3)
-        found[f"MB: a training step, {config.pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
+        found[f"MFLOP: a training step, {pooling}"] = round(cost["flops"] / 1e6, 3)
+        found[f"MB: a training step, {pooling}"] = round(cost["bytes accessed"] / 1e6, 3)
     return found
 
 
@@ -119,15 +121,15 @@ def _costs() -> dict[str, float]:
     import jax
     import numpy as np
 
-    from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.forecasting.networks import GeneratorForecaster
     from neurosym_jax.forecasting.scene_forecaster import forecast_scene
-    from neurosym_jax.models import Generator
+    from neurosym_jax.models import Generator, GeneratorConfig
+    from neurosym_jax.models.poolings import POOLINGS
     from neurosym_jax.scene import make_scene, pad_scene
 
     found: dict[str, float] = {}
     for pooling in ("none", "pool_net", "as_described"):
-        config = GeneratorConfig(pooling=pooling)
+        config = GeneratorConfig(pooling=POOLINGS[pooling]())
         scene = pad_scene(make_scene(np.zeros((1, 8, 2))), PEOPLE).replace(origin=None)
         noise, alpha = np.zeros(config.noise_dim), np.zeros((PEOPLE, PEOPLE, 8))
         params = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
@@ -145,8 +147,8 @@ def collision_share() -> float:
 
     from benchmarks.light import decoding, encoding
     from benchmarks.operations import operations
-    from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.evaluation import collisions
+    from neurosym_jax.models.config import GeneratorConfig
 
     people, config = 40, GeneratorConfig(pred_len=12)
     draw = np.random.default_rng(0)

@@ -40,12 +40,12 @@ def measure(options: Any) -> dict[str, Any]:
 
 def one(axis: str, point: int) -> dict[str, Any]:
     """Seconds of warm repeats and the process's peak memory in MB."""
-    from neurosym_jax.config import GeneratorConfig
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.data.windows import Windows
     from neurosym_jax.evaluation.metrics import metric_names
     from neurosym_jax.evaluation.scoring import score_forecaster
     from neurosym_jax.forecasting.model import predict
+    from neurosym_jax.models.config import GeneratorConfig
 
     model = _random_model(GeneratorConfig())
     rng = np.random.default_rng(0)

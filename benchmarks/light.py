@@ -41,7 +41,7 @@ def machine_rates() -> dict[str, float]:
     import jax.numpy as jnp
     import numpy as np
 
-    from neurosym_jax.models.lstm import lstm_update
+    from neurosym_jax.models.lstm import LSTM
 
     draw = np.random.default_rng(0)
     weight = jnp.asarray(draw.normal(size=(WIDTH, 4 * WIDTH)), jnp.float32)
@@ -53,7 +53,7 @@ def machine_rates() -> dict[str, float]:
         # Gates change with the state, or the compiler would take them out of the loop.
         def step(_, state):
             hidden, cell = state
-            return lstm_update(gates + jnp.concatenate([hidden] * 4, axis=1), cell)
+            return LSTM().update(gates + jnp.concatenate([hidden] * 4, axis=1), (hidden, cell))
 
         return jax.lax.fori_loop(0, LOOPS, step, (gates[:, :WIDTH], gates[:, WIDTH : 2 * WIDTH]))
 
@@ -101,10 +101,11 @@ def lstm(agents: float, steps: int, width: int, inputs: int = 2) -> Work:
 
 def encoding(config: Any, agents: float, pairs: float) -> Work:
     """Encoder, pooling and context of a `GeneratorConfig`, `pairs` ordered pairs of agents."""
-    hidden, inner, out = config.encoder_h_dim, config.pool_hidden_dim, config.bottleneck_dim
+    hidden = config.encoder_h_dim
     work = lstm(agents, config.obs_len, hidden)
     pooled = 0
-    if config.pooling != "none":
+    if config.pools:
+        inner, out = config.pooling.hidden_dim, config.pooling.bottleneck_dim
         per_pair = 2 * inner * out
         if config.symbolic:
             per_pair += 2 * 3 * config.obs_len * inner

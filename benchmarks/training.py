@@ -38,7 +38,7 @@ def measure(options: Any) -> dict[str, Any]:
 
 def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
     """Of one network's step."""
-    from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
+    from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 
     config, scores = GeneratorConfig(), DiscriminatorConfig()
     agents, sizes = len(array["observed"]), array["sizes"].astype(float)
@@ -90,7 +90,7 @@ def ours(batches) -> Callable[[], None]:
     """One call of the compiled step, on batches that lie on the device."""
     import jax
 
-    from neurosym_jax.config import GeneratorConfig
+    from neurosym_jax.models.config import GeneratorConfig
     from neurosym_jax.training.recipe import RECIPES
     from neurosym_jax.training.step import initial_state, train_step
 

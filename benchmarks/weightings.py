@@ -17,14 +17,13 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.forecasting.batched import forecast_batches
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.forecasting.noise import draw_noise
-from neurosym_jax.models import Generator
+from neurosym_jax.models import AsDescribed, Generator, GeneratorConfig
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.soft_weightings import Soft
@@ -72,7 +71,7 @@ def main() -> None:
 
 def forecast(scenes: list) -> Callable[[], object]:
     """A call that forecasts all `scenes`."""
-    config = GeneratorConfig(pooling="as_described", weighting=Ones())
+    config = GeneratorConfig(pooling=AsDescribed(), weighting=Ones())
     one, noise = make_scene(np.zeros((2, 8, 2))), np.zeros(config.noise_dim)
     params = Generator(config).init(jax.random.key(0), one, noise, np.zeros((2, 2, 8)))
     forecaster = GeneratorForecaster(config)

@@ -8,7 +8,6 @@ them. From the command line the same weighting is called by module and kind:
     PYTHONPATH=examples python train.py --model neurosym --weighting own_weighting:nearness
 """
 
-import dataclasses
 import tempfile
 from pathlib import Path
 
@@ -39,8 +38,8 @@ def main(steps: int = 100, weightings: tuple[str, ...] = ("cnd", "nearness")) ->
     recipe = make_recipe("ours", steps=steps, changes=changes)
     for weighting in weightings:
         # Narrow, so that it is quick.
-        network = named_generator("neurosym", weighting=weighting)
-        network = dataclasses.replace(network, pool_hidden_dim=64)
+        narrow = ("pooling.hidden_dim=64",)
+        network = named_generator("neurosym", weighting=weighting, changes=narrow)
         with tempfile.TemporaryDirectory() as folder:
             run = Path(folder) / "run"
             model = train(training, validation, run, generator=network, recipe=recipe)

@@ -8,8 +8,6 @@ from . import runtime as runtime
 from . import simulation as simulation
 from . import symbolic as symbolic
 from . import training as training
-from .config import DiscriminatorConfig as DiscriminatorConfig
-from .config import GeneratorConfig as GeneratorConfig
 from .data.formats import register_format as register_format
 from .data.sources import windows_from as windows_from
 from .errors import InputError as InputError
@@ -22,6 +20,8 @@ from .forecasting.model import Model as Model
 from .forecasting.model import predict as predict
 from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
+from .models.config import DiscriminatorConfig as DiscriminatorConfig
+from .models.config import GeneratorConfig as GeneratorConfig
 from .models.poolings import register_pooling as register_pooling
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene

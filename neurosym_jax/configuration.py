@@ -20,7 +20,6 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.registry import Registry
 
 __all__ = [
-    "FORMAT",
     "BelowOne",
     "Checked",
     "Count",
@@ -34,6 +33,7 @@ __all__ = [
     "changed",
     "component_from_text",
     "component_text",
+    "differences",
     "from_json",
     "parse_json",
     "refuse_below",
@@ -41,8 +41,6 @@ __all__ = [
     "refuse_seed",
     "to_json",
 ]
-
-FORMAT = 1
 
 Config = TypeVar("Config")
 
@@ -76,7 +74,7 @@ _WORDS: dict[Any, str] = {
 
 @dataclasses.dataclass(frozen=True)
 class Checked:
-    """A dataclass that refuses values which its annotations do not allow."""
+    """A dataclass whose values must fit its annotations; a component can be given by its text."""
 
     def __post_init__(self):
         """Check every field; a subclass with further conditions calls this first.
@@ -84,6 +82,10 @@ class Checked:
         Raises:
             InputError: naming the first field that does not fit.
         """
+        for name, hint in _hints(type(self)).items():
+            value, table = getattr(self, name), _table(hint)
+            if isinstance(value, str) and table is not None:
+                object.__setattr__(self, name, component_from_text(value, table, name))
         refuse_misfits(self)
 
 
@@ -112,24 +114,24 @@ def refuse_seed(seed: int, name: str = "seed") -> None:
         raise InputError(f"{name} must {wanted}, not {seed}")
 
 
-def to_json(config: Any) -> dict[str, Any]:
-    """The plain dictionary form of a configuration, with its format version."""
-    return {"format": FORMAT, **_plain(config)}
+def to_json(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:
+    """The plain dictionary form of a configuration, or of a component of `table`."""
+    fields: dict[str, Any] = {} if table is None else {"kind": table.name_of(config)}
+    for name, hint in _hints(type(config)).items():
+        value = getattr(config, name)
+        fields[name] = to_json(value, _table(hint)) if dataclasses.is_dataclass(value) else value
+    return fields
 
 
 def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "config") -> Config:
     """Build `cls` from its JSON form (a dictionary or text).
 
     Raises:
-        InputError: naming `source`, for an unknown format or field, or a value that does not fit.
+        InputError: naming `source`, for an unknown field or a value that does not fit.
     """
-    given: Any = parse_json(data, source) if isinstance(data, str) else data
-    if not isinstance(given, dict):
+    fields: Any = parse_json(data, source) if isinstance(data, str) else data
+    if not isinstance(fields, dict):
         raise InputError(f"{source}: not a JSON object")
-    fields = dict(given)
-    version = fields.pop("format", None)
-    if version != FORMAT:
-        raise InputError(f"{source}: format {version!r} is not the format {FORMAT} of this version")
     return _build(cls, fields, source)
 
 
@@ -163,12 +165,14 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
     Raises:
         InputError: naming `option` for an unknown NAME, `source` for a value that does not fit.
     """
-    fields, hints = _plain(config), _hints(type(config))
+    hints = _hints(type(config))
+    fields = to_json(config)
     for change in changes:
         path, equals, text = change.partition("=")
         name, _, inner = path.partition(".")
         table = _table(hints.get(name))
-        node, key = (fields.get(name), inner) if inner else (fields, name)
+        node: Any = fields.get(name) if inner else fields
+        key = inner or name
         if not equals or not isinstance(node, dict) or key not in node or inner == "kind":
             own = (
                 [f"{name}.{option}" for option in node] if inner and isinstance(node, dict) else []
@@ -177,7 +181,7 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
             raise InputError(f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}")
         value = _value(text)
         if table is not None and not inner and isinstance(value, str):
-            value = _plain(component_from_text(value, table, source), table)
+            value = to_json(component_from_text(value, table, source), table)
         node[key] = value
     return _build(type(config), fields, source)
 
@@ -196,22 +200,20 @@ def component_from_text(text: str, table: Registry[Any], source: str) -> Any:
 
 def component_text(component: Any, table: Registry[Any]) -> str:
     """The name of a component and its options that differ from their defaults."""
-    cls = type(component)
-    usual, fields = _plain(cls()), _plain(component)
-    options = [
-        f"{name}={value if isinstance(value, str) else json.dumps(value)}"
-        for name, value in fields.items()
-        if value != usual[name]
-    ]
-    return ",".join([table.name_of(cls), *options])
+    return ",".join([table.name_of(component), *differences(component)])
 
 
-def _plain(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:
-    fields = {} if table is None else {"kind": table.name_of(type(config))}
+def differences(config: Any) -> list[str]:
+    """NAME=VALUE of each field that differs from its default; the inverse of `changed`."""
+    usual, found = type(config)(), []
     for name, hint in _hints(type(config)).items():
-        value = getattr(config, name)
-        fields[name] = _plain(value, _table(hint)) if dataclasses.is_dataclass(value) else value
-    return fields
+        value, table = getattr(config, name), _table(hint)
+        if value == getattr(usual, name):
+            continue
+        if table is not None and value is not None:
+            value = component_text(value, table)
+        found.append(f"{name}={value if isinstance(value, str) else json.dumps(value)}")
+    return found
 
 
 def _build(cls: Any, fields: Mapping[str, Any], source: str) -> Any:

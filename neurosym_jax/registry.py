@@ -52,14 +52,14 @@ class Registry(dict[str, T]):
         self[name] = value
         return value
 
-    def name_of(self, value: T) -> str:
-        """The name of `value`.
+    def name_of(self, value: Any) -> str:
+        """The name of `value`, or of its class.
 
         Raises:
-            InputError: if it is not registered.
+            InputError: if neither is registered.
         """
         for name, each in self.items():
-            if each is value:
+            if each is value or each is type(value):
                 return name
         raise InputError(f"{value!r} is not registered as a {self.kind}")
 

@@ -25,9 +25,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.readers.eth_ucy import SCENES, text_files
 from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.environment import cpu_cores
 
 LENGTHS = ("--obs-len", "8", "--pred-len", "12")

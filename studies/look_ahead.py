@@ -15,6 +15,7 @@ from neurosym_jax.data.tracks import SNAP, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity
+from neurosym_jax.forecasting.forecaster import Lengths
 
 
 def look_ahead(path: Path) -> None:
@@ -30,7 +31,7 @@ def look_ahead(path: Path) -> None:
     careless = [dataclasses.replace(tracks, known=None, foreseen=None) for tracks in recordings]
     for name, tracks in {"interpolated": careless, "as observed": recordings}.items():
         batches = make_batches(cut_windows(tracks, 8, 8))
-        result = score_forecaster(ConstantVelocity(8), (), batches, samples=1, seed=0)
+        result = score_forecaster(ConstantVelocity(Lengths()), (), batches, samples=1, seed=0)
         print(f"{name}: joint ADE {result.mean('joint_ade'):.3f} m, 8 + 8 steps")
 
 

@@ -24,7 +24,7 @@ CHOSEN = (
         "each its own",
     ),
     (
-        "what is beside constant velocity: pooling `encounter`, fixed noise, `beside_velocity`, "
+        "what is beside constant velocity: pooling `encounter`, fixed noise, `residual`, "
         "`single_agent_share=0.2`, 2,000 steps",
         "pairs eth + hotel and univ + zara1 left out: their whole test recordings, 8 + 12, one "
         "seed; with SGAN's pooling, and with two more seeds, only after all trainings "

@@ -48,9 +48,9 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 import jax  # noqa: E402
 import numpy as np  # noqa: E402
 
-from neurosym_jax.config import GeneratorConfig  # noqa: E402
 from neurosym_jax.forecasting.model import Model  # noqa: E402
 from neurosym_jax.models import Generator  # noqa: E402
+from neurosym_jax.models.config import GeneratorConfig  # noqa: E402
 from neurosym_jax.scene import make_scene  # noqa: E402
 
 jax.config.update("jax_debug_nans", True)
@@ -101,11 +101,10 @@ def model() -> Callable[..., Model]:
     @functools.cache
     def make(pooling: Any = "pool_net", noise_mix_type: Any = "global") -> Model:
         config = GeneratorConfig(
-            pooling=pooling,
+            pooling=pooling if pooling in ("none", "social") else f"{pooling},hidden_dim=16",
             noise_mix_type=noise_mix_type,
             obs_len=4,
             pred_len=3,
-            pool_hidden_dim=16,
         )
         scene, alpha = make_scene(np.zeros((1, 4, 2))), np.zeros((1, 1, 4))
         noise = np.zeros(config.noise_dim)

@@ -26,9 +26,6 @@ WAY_OF_THE_DATA = ("data", "symbolic", "models", "forecasting", "evaluation")
 AROUND = {"commands", "training"}
 """Built on the way of the data, which knows none of them."""
 
-OLD_MODELS = ("forecasting/model_folder.py", "neurosym_jax.training.old_models")
-"""Model folders of format 1 are Orbax's: their reader is imported for one of them alone."""
-
 
 def imports(path: Path) -> list[tuple[str, bool]]:
     """Modules that a file imports, and whether at once or when a function is called."""
@@ -85,7 +82,7 @@ def test_the_way_of_the_data_has_one_direction():
         if room in WAY_OF_THE_DATA:
             later = {*WAY_OF_THE_DATA[WAY_OF_THE_DATA.index(room) + 1 :], *AROUND}
             wrong |= {(file, name) for name, _ in names if ours(name) in later}
-    assert wrong == {OLD_MODELS}
+    assert wrong == set()
 
 
 def test_commands_are_imported_by_nobody():

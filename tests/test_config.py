@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.configuration import from_json, to_json
+from neurosym_jax.configuration import changed, from_json, to_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.models import LSTM, PoolNet, Social
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.symbolic.soft_weightings import Soft
 from neurosym_jax.symbolic.state_weightings import Cnd
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
 
 
@@ -18,8 +18,8 @@ from neurosym_jax.training.recipe import RECIPES, TrainConfig
     [
         GeneratorConfig(),
         GeneratorConfig(pooling="none", noise_dim=0, pred_len=12),
-        GeneratorConfig(pooling="social", bottleneck_dim=32, pool_every_timestep=True),
-        GeneratorConfig(noise_type="uniform", noise_mix_type="ped", neighborhood_size=3),
+        GeneratorConfig(pooling="social,neighborhood_size=3", pool_every_timestep=True),
+        GeneratorConfig(noise_type="uniform", noise_mix_type="ped"),
         GeneratorConfig(pooling="as_described"),
         GeneratorConfig(pooling="neurosym_ros", weighting=Soft(learned=True)),
         DiscriminatorConfig(kind="local"),
@@ -30,13 +30,10 @@ def test_json_round_trip(config):
     data = to_json(config)
     assert from_json(type(config), data) == config
     assert from_json(type(config), json.dumps(data)) == config
-    assert data["format"] == 1
 
 
-def test_a_weighting_may_be_given_as_text():
-    for name in ("cnd", "cnd_shipped", "ones", "zeros"):
-        data = {"format": 1, "pooling": "as_described", "weighting": name}
-        assert from_json(GeneratorConfig, data).weighting == WEIGHTINGS[name]()
+def test_a_component_can_be_given_by_its_text():
+    assert GeneratorConfig(pooling="pool_net,hidden_dim=3").pooling == PoolNet(hidden_dim=3)
     assert GeneratorConfig(pooling="as_described").weighting == Cnd()
     text: Any = "soft,temperature=0.05"
     own = GeneratorConfig(pooling="as_described", weighting=text)
@@ -47,31 +44,34 @@ def test_defaults_are_those_of_the_published_checkpoints():
     config = GeneratorConfig()
     sizes = (config.embedding_dim, config.encoder_h_dim, config.decoder_h_dim, config.mlp_dim)
     assert sizes == (16, 32, 32, 64)
-    assert (config.bottleneck_dim, config.pool_hidden_dim, config.noise_dim) == (8, 512, 8)
+    assert config.pooling == PoolNet(bottleneck_dim=8, hidden_dim=512)
+    assert (config.cell, config.noise_dim) == (LSTM(), 8)
     assert (config.obs_len, config.pred_len, config.pool_every_timestep) == (8, 8, False)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 2}, "format 2 is not the format 1"),
-        ({"format": None}, "format None is not"),
+        ({"format": 1}, "unknown field 'format'"),
         ({"poolling": "none"}, "unknown field 'poolling' for GeneratorConfig"),
         ({"pooling": "mean"}, "unknown pooling 'mean': there are none, pool_net, social"),
         ({"obs_len": "8"}, "obs_len must be a whole number, not '8'"),
         ({"obs_len": 8.0}, "obs_len must be a whole number, not 8.0"),
         ({"obs_len": True}, "obs_len must be a whole number, not True"),
         ({"pool_every_timestep": 1}, "pool_every_timestep must be true or false, not 1"),
-        ({"neighborhood_size": "2"}, "neighborhood_size must be a finite number, not '2'"),
-        ({"neighborhood_size": float("nan")}, "neighborhood_size must be a finite number"),
-        ({"neighborhood_size": 0}, "neighborhood_size must be positive"),
+        ({"pooling": "social,neighborhood_size=x"}, "neighborhood_size must be a finite number"),
+        ({"pooling": "social,neighborhood_size=NaN"}, "neighborhood_size must be a finite number"),
+        ({"pooling": {"kind": "social", "grid_size": 0}}, "pooling: grid_size must be at least 1"),
+        ({"pooling": {"grid_size": 1}}, "pooling: unknown pooling 'None'"),
+        ({"pooling": {"kind": "none", "grid_size": 1}}, "unknown field 'grid_size' for NoPooling"),
+        ({"pooling": 3}, "pooling must be a Pooling, not 3"),
+        ({"cell": "gru"}, "unknown cell 'gru': there are lstm"),
+        ({"period": 0}, "period must be positive"),
         ({"pred_len": 0}, "pred_len must be at least 1, not 0"),
-        ({"grid_size": 0}, "grid_size must be at least 1"),
         ({"noise_dim": 32}, "noise_dim must lie in"),
         ({"noise_dim": -1}, "noise_dim must be at least 0"),
         ({"noise_mix_type": "each"}, "noise_mix_type must be one of global, ped, not 'each'"),
         ({"pooling": "none", "pool_every_timestep": True}, "needs a pooling other than 'none'"),
-        ({"pooling": "social"}, "bottleneck_dim must equal encoder_h_dim"),
         ({"weighting": "ones"}, "has no symbols"),
     ],
 )
@@ -144,3 +144,28 @@ def test_a_period_is_positive():
     for period in (0, -1.0, float("nan")):
         with pytest.raises(InputError, match=r"period must be (positive|a finite number)"):
             GeneratorConfig(period=period)
+
+
+def test_changes_of_components():
+    def made(*changes):
+        return changed(GeneratorConfig(), changes, "--network", "network")
+
+    assert made("pooling=social", "pooling.grid_size=5").pooling == Social(grid_size=5)
+    assert made("pooling.hidden_dim=16").pooling == PoolNet(hidden_dim=16)
+    assert made("pooling=encounter").weighting == Cnd()
+    for change, message in (
+        ("pooling.grid_size=5", "--network pooling.grid_size=5: must be NAME=VALUE, where NAME"),
+        ("pooling.kind=social", "must be NAME=VALUE"),
+        ("mlp_dim.x=1", "must be NAME=VALUE"),
+        ("mlp_dim", "must be NAME=VALUE"),
+        ("pooling=sociall", "network: unknown pooling 'sociall': did you mean 'social'"),
+        ("pooling=encounter,bottleneck_dim=6", "bottleneck_dim must be a multiple of 4"),
+        ("pooling.hidden_dim=0", "network: pooling: hidden_dim must be at least 1"),
+    ):
+        with pytest.raises(InputError, match=message):
+            made(change)
+
+
+def test_a_key_that_stands_twice_is_refused():
+    with pytest.raises(InputError, match="here: the key 'obs_len' stands twice"):
+        from_json(GeneratorConfig, '{"obs_len": 8, "obs_len": 9}', "here")

@@ -1,34 +1,27 @@
 """Whatever fails on the disk: every file is the old or the new one, whole, and work goes on."""
 
-import dataclasses
 import errno
 import functools
 import itertools
 import json
 import shutil
-import warnings
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.commands.convert import Options, run
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.report import evaluate_into, write_report
 from neurosym_jax.evaluation.results import Settings
 from neurosym_jax.evaluation.test_sets import TestSet as Case
 from neurosym_jax.evaluation.test_sets import baseline, make_test
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene
 from neurosym_jax.training import loop
-from neurosym_jax.training.arrays import digest, write_arrays
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.run import Run
 from neurosym_jax.training.step import TrainState
@@ -164,33 +157,3 @@ def test_an_evaluation_keeps_its_rows_and_goes_on(tmp_path):
         assert {each.name for each in tmp_path.iterdir()} == {"rows.json", "rows.jsonl"}
 
     every_fault(work, check)
-
-
-@pytest.mark.parametrize("to", [(), ("new",)])
-def test_a_conversion_leaves_a_model(params, tmp_path, to):
-    model = Model(NETWORK, params, "zara1")
-    write_arrays(tmp_path / "old" / "params", model.params)
-    config = {
-        "format": 1,
-        "generator": dataclasses.asdict(NETWORK),
-        "scene": "zara1",
-        "sha256": digest(model.params),
-    }
-    (tmp_path / "old" / "config.json").write_text(json.dumps(config))
-    (tmp_path / "old" / "README.md").write_text("its card")
-
-    folders = [tmp_path / "model", *(tmp_path / name for name in to)]
-
-    def check(done):
-        assert not done or folders[-1].exists()
-        for folder in filter(Path.exists, folders):
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", InputWarning)
-                loaded = load_model(folder)
-            jax.tree.map(np.testing.assert_array_equal, loaded.params, params)
-            shutil.rmtree(folder)
-        assert {path.name for path in tmp_path.iterdir()} == {"old"}
-        shutil.copytree(tmp_path / "old", tmp_path / "model")
-
-    shutil.copytree(tmp_path / "old", tmp_path / "model")
-    every_fault(lambda: run(Options(*folders)), check)

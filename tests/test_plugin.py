@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from neurosym_jax.__main__ import main
-from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import nested_parameters
@@ -30,7 +29,7 @@ from neurosym_jax.data import Format, register_format
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.evaluation import register_metric
 from neurosym_jax.forecasting import Forecaster, register_forecaster
-from neurosym_jax.models import register_pooling
+from neurosym_jax.models import Pooling, register_pooling
 from neurosym_jax.symbolic import register_weighting
 
 
@@ -39,27 +38,35 @@ def reach(forecast, scene):
     return jnp.abs(forecast[..., -1, :]).max(axis=(0, -1))
 
 
-@dataclasses.dataclass(frozen=True)
 class Standing(Forecaster):
+    title = "standing"
+
     def forecast(self, params, scene, noise):
         return jnp.repeat(jnp.asarray(scene.observed)[None, :, -1:], self.pred_len, axis=2)
 
 
-register_forecaster("standing", lambda config: Standing(config.pred_len))
+register_forecaster("standing", Standing)
 
 
-class Mean(nn.Module):
-    config: object
-    h_dim: int
+class MeanNetwork(nn.Module):
+    width: int
 
     @nn.compact
-    def __call__(self, hidden, observed, valid, alpha):
+    def __call__(self, hidden, valid, alpha):
         weight = alpha[..., -1] * valid
         mean = weight @ hidden / jnp.maximum(weight.sum(axis=1, keepdims=True), 1)
-        return nn.Dense(self.config.bottleneck_dim)(mean)
+        return nn.Dense(self.width)(mean)
 
 
-register_pooling("mean", Mean, label="Mean of neighbours", symbolic=True)
+@register_pooling("mean")
+@dataclasses.dataclass(frozen=True)
+class Mean(Pooling):
+    title = "Mean of neighbours"
+    inputs = frozenset({"hidden", "alpha"})
+    bottleneck_dim: int = 8
+
+    def network(self, h_dim, *, obs_len, embedding_dim):
+        return MeanNetwork(self.bottleneck_dim)
 
 
 @register_weighting("halves")
@@ -155,9 +162,9 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     with mock.patch.dict(WEIGHTINGS):
         register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)
         network = named_generator("neurosym", weighting="nearness")
-        shapes = FORECASTERS["generator"].shapes
+        shapes = Model(network, {}).forecaster.shapes()
         assert shapes is not None
-        params = {name: np.zeros(shape, np.float32) for name, shape in shapes(network).items()}
+        params = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
         save_model(model, Model(network, nested_parameters(params), plugins=("near.py",)))
         assert load_model(model).plugins == ("near.py",)
     (tmp_path / "near.py").write_text("raise SystemExit('imported')")
@@ -174,7 +181,6 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     needs = "; it was trained with --plugin near.py"
     assert refusal("evaluate", "--checkpoint", "model").endswith(needs)
     assert refusal("symbols", "--model", "model").endswith(needs)
-    assert refusal("convert", "model").endswith(needs)
     asked = ("--weighting", "nearness")
     for line in (
         refusal("train", "--model", "neurosym", *asked),

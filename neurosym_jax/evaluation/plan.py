@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Literal
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.test_sets import BASELINES, Entries, Test, TestSet, baseline, make_test
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.models.pooling import NOT_OF_PAIRS
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.neurosym import AsDescribed
+from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
 
@@ -156,7 +157,7 @@ def one_of_each(
 def _departures(model: Model) -> tuple[bool, bool]:
     """How a model departs from the papers: in its pooling, in its forecast."""
     pooling = getattr(model.config, "pooling", None)
-    return pooling != "as_described", getattr(model.config, "beside_velocity", False)
+    return type(pooling) is not AsDescribed, getattr(model.config, "residual", False)
 
 
 def _contradiction(
@@ -169,8 +170,8 @@ def _contradiction(
 ) -> str | None:
     """Why a model cannot be tested as asked; None where it can. `named`: recordings are."""
     config = model.config
-    if isinstance(config, GeneratorConfig) and not POOLINGS[config.pooling].of_pairs:
-        return f"{config.pooling} {NOT_OF_PAIRS}"
+    if isinstance(config, GeneratorConfig) and "alpha_rows" in config.pooling.inputs:
+        return f"{POOLINGS.name_of(config.pooling)} {NO_FORECAST}"
     for name, asked in (("obs_len", obs_len), ("pred_len", pred_len)):
         has = getattr(config, name)
         if asked is not None and asked != has:

@@ -49,12 +49,12 @@ def baseline(name: str, obs_len: int, pred_len: int) -> Model:
     Raises:
         InputError: for an unknown name, or a forecaster with parameters.
     """
-    kind = FORECASTERS[name]
+    forecaster = FORECASTERS[name]
     try:
-        config = kind.config(obs_len=obs_len, pred_len=pred_len)
+        config = forecaster.Config(obs_len=obs_len, pred_len=pred_len)
     except TypeError as error:
         raise InputError(f"forecaster {name}: cannot be a baseline ({error})") from None
-    if kind.shapes is not None and kind.shapes(config):
+    if forecaster(config).shapes():
         raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
     return Model(config, {}, kind=name)
 

@@ -23,7 +23,12 @@ HEADING_STD = math.radians(25.0)
 
 @dataclasses.dataclass(frozen=True)
 class ConstantVelocity(TwoStageForecaster):
-    """Everybody repeats the last observed step: one forecast."""
+    """Every agent repeats its last observed step: one forecast."""
+
+    @property
+    def title(self) -> str:
+        """What tables call it."""
+        return "constant velocity"
 
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
         """`[k, N, pred_len, 2]`, the same for every sample; `params` and `context` are empty."""
@@ -34,6 +39,11 @@ class ConstantVelocity(TwoStageForecaster):
 @dataclasses.dataclass(frozen=True)
 class ConstantVelocitySampled(TwoStageForecaster):
     """Constant velocity, each agent's heading turned by its own Gaussian angle in each sample."""
+
+    @property
+    def title(self) -> str:
+        """What tables call it."""
+        return "constant velocity, sampled"
 
     @property
     def noise(self) -> NoiseSpec:

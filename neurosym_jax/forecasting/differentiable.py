@@ -12,8 +12,8 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.networks import decode_scene, encode_scene
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import Scene
 
 __all__ = ["forecast"]

@@ -1,60 +1,91 @@
-"""What a forecaster is: k futures of one scene.
+"""What a forecaster is: k futures of one scene; `forecasters` has the table.
 
-Equal forecasters are equal to `jax.jit`, so they share compiled programs. Which ones there are,
-`kinds` says; how the scenes of a test set are forecast at once is `batched`'s.
+Equal forecasters are equal to `jax.jit`, so they share compiled programs.
 """
 
 import abc
 import dataclasses
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from jax import Array
 
+from neurosym_jax.configuration import Checked, Count, Positive
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.scene import Scene
 
-__all__ = ["Forecaster", "TwoStageForecaster"]
+__all__ = ["Forecaster", "Lengths", "TwoStageForecaster"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Lengths(Checked):
+    """The configuration of a forecaster that needs nothing else."""
+
+    obs_len: Count = 8
+    """Observed time steps."""
+    pred_len: Count = 8
+    """Time steps to forecast."""
+    period: Positive = 0.4
+    """Seconds between time steps."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Forecaster(abc.ABC):
     """A forecast of one scene, as a function of parameters, scene and noise."""
 
-    pred_len: int
+    config: Any
+    """Of type `Config`."""
+
+    Config: ClassVar[type] = Lengths
+    """A frozen dataclass with at least the fields of `Lengths`."""
+
+    @property
+    def title(self) -> str:
+        """What tables call it; by default the name of the class."""
+        return type(self).__name__
+
+    @property
+    def pred_len(self) -> int:
+        """Time steps that are forecast."""
+        return self.config.pred_len
 
     @property
     def noise(self) -> NoiseSpec:
-        """The noise it wants; the default is none, a deterministic forecast."""
+        """The noise it takes; by default none, a deterministic forecast."""
         return NoiseSpec()
+
+    def shapes(self) -> Mapping[str, tuple[int, ...]] | None:
+        """Shapes of the parameters by path, to check a model's folder by; None for no check."""
+        return None
 
     @abc.abstractmethod
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
-        """Futures of one scene; a function that `jax.vmap` and `jax.jit` can take.
+        """Futures of one scene; a function for `jax.vmap` and `jax.jit`.
 
         Args:
             params: of the model.
             scene: of N slots; without `future` and `origin`.
-            noise: [k, dim], or [k, N, dim] where `noise` says per agent; k = 1 for dim 0.
+            noise: [k, dim], or [k, N, dim] where `noise` is per agent; k = 1 for dim 0.
 
         Returns:
             [k, N, pred_len, 2] metres relative to the scene's origin.
         """
 
     def scene_bytes(self, samples: int, slots: int) -> float:
-        """About what forecasting one scene takes in memory: futures, and states of its agents."""
+        """About the memory that one scene takes: futures, and states of its agents."""
         return 4.0 * samples * slots * (8 * self.pred_len + 256)
 
 
 class TwoStageForecaster(Forecaster):
     """A forecaster that encodes a scene once and decodes it for each noise.
 
-    Where decoding looks at no neighbour, an evaluation decodes the agents of many scenes as if they
-    were one scene, without padding and by a single program.
+    Where decoding looks at no neighbour, an evaluation decodes the agents of many scenes as one
+    scene, without padding and by one program.
     """
 
     @property
     def encoder(self) -> "TwoStageForecaster | None":
-        """What encodes: equal ones share programs. None where `encode` has nothing to do."""
+        """The forecaster that encodes: equal ones share programs. None if there is no context."""
         return None
 
     @property
@@ -63,12 +94,12 @@ class TwoStageForecaster(Forecaster):
         return True
 
     def encode(self, params: Any, scene: Scene) -> Any:
-        """What is known of one scene before the noise: arrays [N, ...]."""
+        """The context of one scene, which does not depend on the noise: arrays [N, ...]."""
         return ()
 
     @abc.abstractmethod
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
-        """See `forecast`; where it decodes alone, `scene` has no identity either."""
+        """As `forecast`, given the context; if `decodes_alone`, `scene` has no identity."""
 
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.forecast`."""

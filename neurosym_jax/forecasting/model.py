@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
+from neurosym_jax.configuration import differences
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.forecasters import FORECASTERS
@@ -36,12 +37,12 @@ class Model:
     @property
     def name(self) -> str:
         """What tables call this model."""
-        return FORECASTERS[self.kind].title_of(self.config)
+        return self.forecaster.title
 
     @property
     def forecaster(self) -> Forecaster:
         """The forecaster of this model's parameters."""
-        return FORECASTERS[self.kind].make(self.config)
+        return FORECASTERS[self.kind](self.config)
 
     @property
     def weighting(self) -> Weighting | None:
@@ -51,19 +52,12 @@ class Model:
 
     def __repr__(self) -> str:
         """Five lines, without the parameters' numbers and the config's defaults."""
-        fields = dataclasses.fields(self.config) if dataclasses.is_dataclass(self.config) else ()
-        values = {field.name: getattr(self.config, field.name) for field in fields}
-        changed = [
-            f"{field.name}={getattr(values[field.name], 'name', values[field.name])}"
-            for field in fields
-            if values[field.name] != field.default
-        ]
         count = sum(np.size(leaf) for leaf in jax.tree.leaves(self.params))
         lines = [
             f"Model {self.name}",
             f"  kind: {self.kind}",
             f"  to be tested on: {self.dataset or 'not known'}",
-            f"  config: {type(self.config).__name__}({', '.join(changed)})",
+            f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})",
             f"  params: {count:,} numbers",
         ]
         return "\n".join(lines)

@@ -14,14 +14,13 @@ import hashlib
 import json
 import os
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from neurosym_jax import configuration
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import find_model
@@ -32,7 +31,7 @@ from neurosym_jax.forecasting.parameters import (
     refuse_not_finite,
 )
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import new_file, new_folder, write_text
+from neurosym_jax.runtime.files import new_folder
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 
 __all__ = [
@@ -40,7 +39,6 @@ __all__ = [
     "FORMAT",
     "load_model",
     "refuse_misfit",
-    "replace_model",
     "save_model",
 ]
 
@@ -73,23 +71,6 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         (beside / CARD).write_text(_card(model) if card is None else card, encoding="utf-8")
 
 
-def replace_model(folder: Path | str, model: Model) -> None:
-    """Write `model` into a model's folder of an earlier format, whose card stays.
-
-    Whatever ends it on the way, the folder can be read: as before, or as it will be.
-
-    Raises:
-        InputError: as `save_model` does.
-    """
-    folder = Path(folder)
-    config, params = _files(model)
-    for name, content in ((PARAMS, params), (CONFIG, config)):
-        with new_file(folder / name) as beside:
-            beside.write_bytes(content)
-    if not (folder / CARD).exists():
-        write_text(folder / CARD, _card(model))
-
-
 def load_model(path: Path | str) -> Model:
     """Read a model's folder or a torch checkpoint of SGAN or NeuroSyM.
 
@@ -114,16 +95,7 @@ def load_model(path: Path | str) -> Model:
     try:
         with (path / CONFIG).open("rb") as file:
             config = file.read(LARGEST_TEXT + 1)
-        if (head := HEAD.match(config)) is None and (path / "params").is_dir():
-            from neurosym_jax.training.old_models import load_old_model
-
-            warnings.warn(
-                f"{path}: a model's folder of format 1, which the next versions may not read: "
-                f"`neurosym convert {path}` brings it to format {FORMAT}",
-                InputWarning,
-                stacklevel=2,
-            )
-            return load_old_model(path, config)
+        head = HEAD.match(config)
         if head is None or len(config) > LARGEST_TEXT:
             raise InputError(f"not a model's {CONFIG}, or a damaged one")
         return _read(path, config[head.end() :], head[1].decode())
@@ -184,8 +156,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _config(kind: str, values: dict[str, Any]) -> Any:
-    fields = {"format": configuration.FORMAT, **values}
-    return configuration.from_json(FORECASTERS[kind].config, fields, CONFIG)
+    return configuration.from_json(FORECASTERS[kind].Config, values, CONFIG)
 
 
 def _files(model: Model) -> tuple[bytes, bytes]:
@@ -195,7 +166,6 @@ def _files(model: Model) -> tuple[bytes, bytes]:
     refuse_misfit(model)
     params = save(flat_parameters(model.params))
     values = configuration.to_json(model.config)
-    del values["format"]
     head = (FORMAT, model.kind, values, model.dataset)
     fields: dict[str, Any] = dict(zip(FIELDS, head, strict=True))
     if model.plugins:
@@ -218,10 +188,9 @@ def refuse_misfit(model: Model) -> None:
     """
     flat = flat_parameters(model.params)
     refuse_not_finite(flat)
-    shapes = FORECASTERS[model.kind].shapes
-    if shapes is None:
+    wanted = model.forecaster.shapes()
+    if wanted is None:
         return
-    wanted = shapes(model.config)
     given = {name: array.shape for name, array in flat.items()}
     wrong = [
         f"{name} is {given.get(name, 'absent')}, not {wanted.get(name, 'expected')}"

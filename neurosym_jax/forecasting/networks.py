@@ -2,19 +2,22 @@
 
 import dataclasses
 import functools
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
-from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.decoder import Weigh
-from neurosym_jax.models.poolings import POOLINGS
-from neurosym_jax.scene import Scene
+from neurosym_jax.models.generator import Generator
+from neurosym_jax.models.lstm import LSTM
+from neurosym_jax.scene import Scene, make_scene
+from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = [
     "GeneratorForecaster",
@@ -28,36 +31,55 @@ __all__ = [
 class GeneratorForecaster(TwoStageForecaster):
     """A `Generator`: encoding and pooling once, then one decoding for each noise."""
 
-    pred_len: int = dataclasses.field(init=False)
     config: GeneratorConfig
 
-    def __post_init__(self):
-        """Take the horizon from the config."""
-        object.__setattr__(self, "pred_len", self.config.pred_len)
+    Config: ClassVar[type] = GeneratorConfig
+
+    @property
+    def title(self) -> str:
+        """The pooling's title, the cell unless an LSTM, the weighting, and whether residual."""
+        config = self.config
+        parts = [config.pooling.title]
+        if not isinstance(config.cell, LSTM):
+            parts.append(config.cell.title)
+        if config.weighting is not None:
+            parts.append(config.weighting.name)
+        if config.residual:
+            parts.append("beside constant velocity")
+        return ", ".join(parts)
+
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """See `Forecaster.shapes`."""
+        params: Any = _fresh.eval_shape(self.config, jax.random.key(0))
+        if parameters := initial_parameters(self.config.weighting):
+            params = {**params, "weighting": parameters}
+        leaves = jax.tree_util.tree_leaves_with_path(params)
+        return {
+            jax.tree_util.keystr(path, simple=True, separator="/"): leaf.shape
+            for path, leaf in leaves
+        }
 
     @property
     def noise(self) -> NoiseSpec:
-        """As the config says."""
+        """The config's."""
         config = self.config
         per_agent = config.noise_mix_type == "ped"
-        return NoiseSpec(
-            config.noise_dim, per_agent, config.noise_type, first_zero=config.beside_velocity
-        )
+        return NoiseSpec(config.noise_dim, per_agent, config.noise_type, first_zero=config.residual)
 
     def scene_bytes(self, samples: int, slots: int) -> float:
-        """See `Forecaster.scene_bytes`; symbols and what a pooling keeps are of pairs."""
+        """See `Forecaster.scene_bytes`; symbols and what a pooling keeps are counted by pairs."""
         config = self.config
         # With pooling at every step each sample has its own.
         each = samples if config.pool_every_timestep else 1
-        pairs = each * POOLINGS[config.pooling].pair_numbers(config)
+        pairs = each * config.pooling.pair_numbers
         if config.symbolic:
             pairs += each * 16.0 * config.obs_len
         return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
 
     @property
     def encoder(self) -> "GeneratorForecaster | None":
-        """Nothing of it depends on the horizon; without pooling it is a part of the decoding."""
-        if self.config.pooling == "none":
+        """Encoding does not depend on the horizon; without pooling it is part of the decoding."""
+        if not self.config.pools:
             return None
         return GeneratorForecaster(dataclasses.replace(self.config, pred_len=1))
 
@@ -75,6 +97,16 @@ class GeneratorForecaster(TwoStageForecaster):
         if self.encoder is None:
             context = encode_scene(self.config, params, scene)
         return decode_scene(self.config, params, context, scene, noise)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _fresh(config: GeneratorConfig, key: jax.Array) -> Any:
+    """New parameters; compiled only so that its shapes are traced once a configuration."""
+    scene = make_scene(np.zeros((1, config.obs_len, 2)))
+    pairs = (1,) if "alpha_rows" in config.pooling.inputs else (1, 1)
+    alpha = np.zeros((*pairs, config.obs_len))
+    weigh = (lambda *_: alpha) if config.symbolic else None
+    return Generator(config).init(key, scene, np.zeros((1, config.noise_dim)), alpha, weigh)
 
 
 def encode_scene(
@@ -117,7 +149,7 @@ def decode_scene(
         )
 
     displacement: Any = jax.vmap(decode)(noise)
-    if config.beside_velocity:
+    if config.residual:
         # The sample that does not deviate is known by a noise of 0, which nobody draws.
         straight = (noise == 0).all(axis=-1).reshape(len(noise), -1, 1, 1)
         last = jnp.asarray(scene.displacement)[:, -1:]

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.parameters import (
     flat_parameters,
@@ -20,6 +19,12 @@ from neurosym_jax.forecasting.parameters import (
     nested_parameters,
     refuse_not_finite,
 )
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.lstm import LSTM
+from neurosym_jax.models.neurosym import NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.pool_net import PoolNet
+from neurosym_jax.models.poolings import POOLINGS
+from neurosym_jax.models.social import Social
 
 __all__ = ["params_from_torch", "params_to_torch"]
 
@@ -76,7 +81,9 @@ def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.n
 
 
 def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
-    pooled = 0 if c.pooling == "none" else c.bottleneck_dim
+    if not isinstance(c.cell, LSTM):
+        raise InputError(f"a {c.cell.title} has no counterpart in torch: SGAN has an LSTM")
+    pooled = c.pooling.width(c.encoder_h_dim)
     yield _Layer("encoder.encoder", "encoder/lstm", "lstm", c.embedding_dim, c.encoder_h_dim)
     yield _Layer(
         "encoder.spatial_embedding", "encoder/spatial_embedding", "dense", 2, c.embedding_dim
@@ -84,8 +91,8 @@ def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
     yield _Layer("decoder.decoder", "decoder/lstm", "lstm", c.embedding_dim, c.decoder_h_dim)
     if c.pool_every_timestep and c.symbolic:
         raise InputError(
-            f"pool_every_timestep with {c.pooling} has no counterpart in torch: the released "
-            "networks have no symbols of predicted steps"
+            f"pool_every_timestep with {POOLINGS.name_of(c.pooling)} has no counterpart in torch: "
+            "the released networks have no symbols of predicted steps"
         )
     if c.pool_every_timestep:
         yield from _pooling_layers("decoder.pool_net", "decoder/pooling", c, c.decoder_h_dim)
@@ -102,28 +109,31 @@ def _generator_layers(c: GeneratorConfig) -> Iterable[_Layer]:
 
 
 def _pooling_layers(torch: str, ours: str, c: GeneratorConfig, h_dim: int) -> Iterable[_Layer]:
-    if c.pooling == "pool_net":
-        sizes = (c.embedding_dim, h_dim, c.pool_hidden_dim, c.bottleneck_dim)
+    pooling = c.pooling
+    if type(pooling) is PoolNet:
+        sizes = (c.embedding_dim, h_dim, pooling.hidden_dim, pooling.bottleneck_dim)
         yield from _pool_net_layers(torch, ours, *sizes)
-    elif c.pooling == "social":
-        yield from _mlp_layers(f"{torch}.mlp_pool", f"{ours}/mlp", (c.grid_size**2 * h_dim, h_dim))
-    elif c.pooling in ("neurosym_ros", "neurosym_ijcnn"):
+    elif isinstance(pooling, Social):
+        sizes = (pooling.grid_size**2 * h_dim, h_dim)
+        yield from _mlp_layers(f"{torch}.mlp_pool", f"{ours}/mlp", sizes)
+    elif isinstance(pooling, NeurosymRos | NeurosymIjcnn):
         width = c.obs_len * c.embedding_dim
         # The robot package embeds the whole history at once, the earlier release each step.
-        embedding = (2 * c.obs_len, width) if c.pooling == "neurosym_ros" else (2, c.embedding_dim)
+        whole = isinstance(pooling, NeurosymRos)
+        embedding = (2 * c.obs_len, width) if whole else (2, c.embedding_dim)
         yield _Layer(
             f"{torch}_g.spatial_embedding", f"{ours}/spatial_embedding", "dense", *embedding
         )
-        widths = (width + h_dim, c.pool_hidden_dim, c.bottleneck_dim)
+        widths = (width + h_dim, pooling.hidden_dim, pooling.bottleneck_dim)
         yield from _mlp_layers(f"{torch}_g.mlp_pre_pool", f"{ours}/mlp", widths)
-        sizes = (c.embedding_dim, h_dim, c.pool_hidden_dim, c.bottleneck_dim)
+        sizes = (c.embedding_dim, h_dim, pooling.hidden_dim, pooling.bottleneck_dim)
         yield from _pool_net_layers(f"{torch}_d", None, *sizes)
-    elif c.pooling != "none":
+    elif c.pools:
         # The arrays of as_described have the shapes of neurosym_ijcnn's, and would do something
         # else there.
         raise InputError(
-            f"pooling {c.pooling} has no counterpart in torch: the released networks are "
-            "pool_net, social, neurosym_ros and neurosym_ijcnn"
+            f"pooling {POOLINGS.name_of(pooling)} has no counterpart in torch: the released "
+            "networks are pool_net, social, neurosym_ros and neurosym_ijcnn"
         )
 
 

@@ -9,13 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.configuration import FORMAT, from_json
+from neurosym_jax.configuration import from_json
 from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import unpacked
-from neurosym_jax.interop.torch import RENAMED_ARGUMENTS, SAME_NAME_ARGUMENTS, TORCH_POOLING
+from neurosym_jax.interop.torch import (
+    POOLING_ARGUMENTS,
+    RENAMED_ARGUMENTS,
+    SAME_NAME_ARGUMENTS,
+    TORCH_POOLING,
+    nest_pooling,
+)
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.scene import Scene
 
 __all__ = [
@@ -131,11 +137,12 @@ def generator_config(row: Mapping[str, Any]) -> GeneratorConfig:
     noise_dim = manifest_field(row, "noise_dim")
     if isinstance(noise_dim, list) and len(noise_dim) == 1:
         noise_dim = noise_dim[0]
-    fields = {"pooling": named[pooling], "noise_dim": noise_dim}
-    for name in (*SAME_NAME_ARGUMENTS, *RENAMED_ARGUMENTS):
+    fields = {"noise_dim": noise_dim}
+    for name in (*SAME_NAME_ARGUMENTS, *POOLING_ARGUMENTS, *RENAMED_ARGUMENTS):
         if name not in SOCIAL_ONLY or pooling == "spool":
             fields[name] = manifest_field(row, name)
-    return from_json(GeneratorConfig, {"format": FORMAT, **fields}, "manifest")
+    nest_pooling(fields, named[pooling])
+    return from_json(GeneratorConfig, fields, "manifest")
 
 
 def discriminator_config(row: Mapping[str, Any]) -> DiscriminatorConfig:
@@ -143,7 +150,7 @@ def discriminator_config(row: Mapping[str, Any]) -> DiscriminatorConfig:
     theirs = {"kind": "d_type", "h_dim": "encoder_h_dim_d"}
     theirs |= {name: name for name in ("embedding_dim", "mlp_dim")}
     fields = {ours: manifest_field(row, name) for ours, name in theirs.items()}
-    return from_json(DiscriminatorConfig, {"format": FORMAT, **fields}, "manifest")
+    return from_json(DiscriminatorConfig, fields, "manifest")
 
 
 def manifest_field(row: Mapping[str, Any], name: str) -> Any:

@@ -9,7 +9,6 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.interop.collation import alpha_rows_used
 from neurosym_jax.interop.names import params_from_torch
@@ -25,7 +24,8 @@ from neurosym_jax.interop.parity_case import (
     state_dict,
 )
 from neurosym_jax.interop.parity_symbols import shipped_alpha
-from neurosym_jax.models import Discriminator, Generator
+from neurosym_jax.models import Discriminator, Generator, NeurosymIjcnn
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.scene import Scene, model_dtype
 
 __all__ = ["neurosym", "sgan"]
@@ -75,7 +75,7 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     if row.get("alpha") != "random":
         compared["alpha"] = (shipped_alpha(windows), alpha)
     valid = np.asarray(scenes.valid)
-    if config.pooling == "neurosym_ijcnn":
+    if isinstance(config.pooling, NeurosymIjcnn):
         # Alpha by agents: what the network of the earlier release takes.
         bounds = np.stack([windows.bounds[:-1], windows.bounds[1:]], axis=1)
         used = np.concatenate(alpha_rows_used(alpha, bounds))

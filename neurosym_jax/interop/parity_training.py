@@ -14,8 +14,7 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.configuration import FORMAT, from_json
+from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import params_from_torch
 from neurosym_jax.interop.parity_case import (
@@ -28,6 +27,7 @@ from neurosym_jax.interop.parity_case import (
     manifest_field,
     state_dict,
 )
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.recipe import TrainConfig
@@ -146,4 +146,4 @@ def _recipe(row: Mapping[str, Any]) -> TrainConfig:
     fields |= {"adversarial_weight": 1.0, "criterion": "squared_displacement", "ema": 0.0}
     fields |= {"schedule": "constant", "weigh_scenes": "equally"}
     fields["discriminator"] = dataclasses.asdict(discriminator_config(row))
-    return from_json(TrainConfig, {"format": FORMAT, **fields}, "manifest")
+    return from_json(TrainConfig, fields, "manifest")

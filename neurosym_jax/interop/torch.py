@@ -12,12 +12,14 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.configuration import FORMAT, from_json
+from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.poolings import POOLINGS
+from neurosym_jax.models.social import Social
 from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = ["TorchCheckpoint", "export_torch_checkpoint", "load_torch_checkpoint"]
@@ -25,9 +27,11 @@ __all__ = ["TorchCheckpoint", "export_torch_checkpoint", "load_torch_checkpoint"
 TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
 """SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""
 SAME_NAME_ARGUMENTS = (
-    *("obs_len", "pred_len", "embedding_dim", "mlp_dim", "bottleneck_dim", "noise_type"),
-    *("noise_mix_type", "pool_every_timestep", "neighborhood_size", "grid_size"),
+    *("obs_len", "pred_len", "embedding_dim", "mlp_dim", "noise_type"),
+    *("noise_mix_type", "pool_every_timestep"),
 )
+POOLING_ARGUMENTS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
+"""Options of poolings, with the values that SGAN is told where the pooling has no such option."""
 RENAMED_ARGUMENTS = {"encoder_h_dim": "encoder_h_dim_g", "decoder_h_dim": "decoder_h_dim_g"}
 # SGAN's evaluation script reads these as well: what its networks were built and data cut with.
 EXPORTED_ARGUMENTS = {
@@ -125,8 +129,9 @@ def export_torch_checkpoint(
         **EXPORTED_ARGUMENTS,
         **{name: getattr(config, name) for name in SAME_NAME_ARGUMENTS},
         **{theirs: getattr(config, ours) for ours, theirs in RENAMED_ARGUMENTS.items()},
+        **{k: getattr(config.pooling, k, usual) for k, usual in POOLING_ARGUMENTS.items()},
         "noise_dim": (config.noise_dim,),
-        "pooling_type": TORCH_POOLING.get(config.pooling, "pool_net"),
+        "pooling_type": TORCH_POOLING.get(POOLINGS.name_of(config.pooling), "pool_net"),
         "dataset_name": scene,
     }
     if config.weighting is not None:
@@ -134,12 +139,13 @@ def export_torch_checkpoint(
         if initial_parameters(config.weighting):
             raise InputError(f"the weights {config.weighting.name} are learned: no torch has them")
         arguments["weighting"] = config.weighting.name
+    if isinstance(config.pooling, Social):
+        arguments["bottleneck_dim"] = config.encoder_h_dim
     contents: dict[str, Any] = {
         "g_state": OrderedDict(params_to_torch(params, config)),
         "args": arguments,
     }
-    has_width = config.symbolic or config.pooling == "pool_net"
-    pool_hidden_dims = {config.pool_hidden_dim} if has_width else set()
+    pool_hidden_dims = {getattr(config.pooling, "hidden_dim", 512)}
     if discriminator is not None:
         d_config, d_params = discriminator
         contents["d_state"] = OrderedDict(params_to_torch(d_params, d_config))
@@ -158,7 +164,7 @@ def export_torch_checkpoint(
 
 
 def _generator_config(arguments: Mapping[str, Any], state: Mapping[str, Any]) -> GeneratorConfig:
-    _require(arguments, *SAME_NAME_ARGUMENTS, *RENAMED_ARGUMENTS.values())
+    _require(arguments, *SAME_NAME_ARGUMENTS, *POOLING_ARGUMENTS, *RENAMED_ARGUMENTS.values())
     _require(arguments, "noise_dim", "pooling_type")
     # Dropout is not asked about: it acts in training only and has no weights.
     if arguments.get("batch_norm"):
@@ -170,7 +176,7 @@ def _generator_config(arguments: Mapping[str, Any], state: Mapping[str, Any]) ->
     noise = arguments["noise_dim"]
     if isinstance(noise, tuple | list):
         noise = noise[0] if noise else 0
-    fields = {name: arguments[name] for name in SAME_NAME_ARGUMENTS}
+    fields = {name: arguments[name] for name in (*SAME_NAME_ARGUMENTS, *POOLING_ARGUMENTS)}
     fields |= {ours: arguments[theirs] for ours, theirs in RENAMED_ARGUMENTS.items()}
     fields["pool_every_timestep"] = bool(fields["pool_every_timestep"])
     fields["noise_dim"] = 0 if noise is None else noise
@@ -178,13 +184,33 @@ def _generator_config(arguments: Mapping[str, Any], state: Mapping[str, Any]) ->
     pooling = str(arguments["pooling_type"] or "none").lower()
     if pooling not in named:
         raise InputError(f"args: pooling_type {pooling!r} is none of {', '.join(named)}")
-    fields["pooling"] = named[pooling]
+    kind = named[pooling]
     embedding = getattr(state.get("pool_net_g.spatial_embedding.weight"), "shape", None)
     if pooling == "pool_net" and isinstance(embedding, tuple):
         each_step = embedding[1:] == (2,)
-        fields["pooling"] = "neurosym_ijcnn" if each_step else "neurosym_ros"
-        fields["weighting"] = arguments.get("weighting", "cnd_shipped")
-    return from_json(GeneratorConfig, {"format": FORMAT, **fields}, "args")
+        kind = "neurosym_ijcnn" if each_step else "neurosym_ros"
+        if not each_step:
+            fields["weighting"] = arguments.get("weighting", "cnd_shipped")
+    nest_pooling(fields, kind)
+    return from_json(GeneratorConfig, fields, "args")
+
+
+def nest_pooling(fields: dict[str, Any], kind: str) -> None:
+    """Move the options of the pooling `kind` into a field of their own; leave out the others'.
+
+    Raises:
+        InputError: for a social pooling of another size than a hidden state.
+    """
+    given = {name: fields.pop(name) for name in POOLING_ARGUMENTS if name in fields}
+    hidden, pooled = fields["encoder_h_dim"], given.get("bottleneck_dim")
+    if kind == "social" and pooled != hidden:
+        raise InputError(
+            "social pooling returns a hidden state: bottleneck_dim must equal encoder_h_dim "
+            f"({hidden}), not {pooled}"
+        )
+    options = {field.name for field in dataclasses.fields(POOLINGS[kind])}
+    own = {name: value for name, value in given.items() if name in options}
+    fields["pooling"] = {"kind": kind, **own}
 
 
 def _discriminator_config(arguments: Mapping[str, Any]) -> DiscriminatorConfig:
@@ -195,7 +221,7 @@ def _discriminator_config(arguments: Mapping[str, Any]) -> DiscriminatorConfig:
         "embedding_dim": arguments["embedding_dim"],
         "mlp_dim": arguments["mlp_dim"],
     }
-    return from_json(DiscriminatorConfig, {"format": FORMAT, **fields}, "args")
+    return from_json(DiscriminatorConfig, fields, "args")
 
 
 def _refuse_repeated(state: Mapping[str, Any], size: int) -> None:

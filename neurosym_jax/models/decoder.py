@@ -1,4 +1,4 @@
-"""The LSTM decoder: a first hidden state to `pred_len` displacements, each fed back in.
+"""The recurrent decoder: a first hidden state to `pred_len` displacements, each fed back in.
 
 Without pooling inside the loop the chain hidden -> displacement -> embedding -> gates is affine, so
 after the first step it is one matrix, added to the recurrent one. The fold changes results by float
@@ -6,18 +6,19 @@ rounding only.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.models.cell import cell_network, embed
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.models.lstm import LSTMParameters, lstm_update
-from neurosym_jax.models.poolings import POOLINGS, make_pooling
+from neurosym_jax.models.pooling import Pooling
 
-__all__ = ["Decoder", "Weigh"]
+__all__ = ["Decoder", "Weigh", "pool", "pooling_network"]
 
 Weigh = Callable[[Array, Array], Array]
 """`(positions [N, T, 2] metres, valid [N]) -> alpha [N, N, T]`."""
@@ -29,20 +30,15 @@ class Decoder(nn.Module):
     config: GeneratorConfig
 
     def setup(self):
-        """Declare embedding, LSTM, output layer and, where used, pooling and its perceptron."""
+        """Declare embedding, cell, output layer and, where used, pooling and its perceptron."""
         config = self.config
         self.spatial_embedding = Affine(2, config.embedding_dim)
-        self.lstm = LSTMParameters(config.embedding_dim, config.decoder_h_dim)
+        self.recurrent = cell_network(config.cell, config.embedding_dim, config.decoder_h_dim)
         self.hidden2pos = Affine(config.decoder_h_dim, 2)
         if config.pool_every_timestep:
-            self.pooling = make_pooling(config, config.decoder_h_dim)
-            self.mlp = Perceptron(
-                (
-                    config.decoder_h_dim + config.bottleneck_dim,
-                    config.mlp_dim,
-                    config.decoder_h_dim,
-                )
-            )
+            hidden = config.decoder_h_dim
+            self.pooling = pooling_network(config, hidden)
+            self.mlp = Perceptron((hidden + config.pooling.width(hidden), config.mlp_dim, hidden))
 
     def __call__(
         self,
@@ -65,29 +61,30 @@ class Decoder(nn.Module):
         Returns:
             [N, pred_len, 2] displacements, metres.
         """
-        base = displacement if self.config.beside_velocity else None
+        base = displacement if self.config.residual else None
         if self.config.pool_every_timestep:
             return self._pooled(hidden, observed, displacement, base, valid, weigh)
         return self._folded(hidden, displacement, base)
 
     def _folded(self, hidden: Array, displacement: Array, base: Array | None) -> Array:
-        kernel, bias = self.lstm.after(self.spatial_embedding)
-        recurrent = self.lstm.recurrent_kernel
+        cell = self.config.cell
+        kernel, bias = embed(self.spatial_embedding, self.recurrent)
+        recurrent = self.recurrent.recurrent_kernel
         feedback = recurrent + self.hidden2pos.kernel @ kernel
         feedback_bias = bias + self.hidden2pos.bias @ kernel
         if base is not None:
             feedback_bias = feedback_bias + base @ kernel
 
-        def step(state, _):
-            gates, cell = state
-            hidden, cell = lstm_update(gates, cell)
-            # Here and not after the loop: were the hidden states its output, they would be
-            # computed twice, once to be stacked and once for the product.
-            return (hidden @ feedback + feedback_bias, cell), self.hidden2pos(hidden)
+        def step(carry, _):
+            gates, state = carry
+            state = cell.update(gates, state)
+            # The displacement is computed here: were the hidden states the loop's output, XLA would
+            # compute them twice, once to be stacked and once for the product.
+            return (state[0] @ feedback + feedback_bias, state), self.hidden2pos(state[0])
 
         gates = displacement @ kernel + bias + hidden @ recurrent
-        state = (gates, jnp.zeros_like(hidden))
-        _, displacements = jax.lax.scan(step, state, length=self.config.pred_len)
+        carry = (gates, cell.start(hidden))
+        _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)
         displacements = jnp.moveaxis(displacements, 0, 1)
         return displacements if base is None else displacements + base[:, None]
 
@@ -107,29 +104,42 @@ class Decoder(nn.Module):
             in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
             length=self.config.pred_len,
         )
-        track = observed if POOLINGS[self.config.pooling].windowed else observed[:, -1:]
-        state = (hidden, jnp.zeros_like(hidden), track, displacement)
+        state = (self.config.cell.start(hidden), observed, displacement)
         _, displacements = unroll(self, state, valid)
         return jnp.moveaxis(displacements, 0, 1)
 
-    def _pooled_step(
-        self,
-        state: tuple[Array, ...],
-        base: Array | None,
-        valid: Array,
-        weigh: Weigh | None,
-    ):
-        hidden, cell, track, displacement = state
-        kernel, bias = self.lstm.after(self.spatial_embedding)
-        gates = displacement @ kernel + bias + hidden @ self.lstm.recurrent_kernel
-        hidden, cell = lstm_update(gates, cell)
+    def _pooled_step(self, carry: Any, base: Array | None, valid: Array, weigh: Weigh | None):
+        config = self.config
+        state, track, displacement = carry
+        kernel, bias = embed(self.spatial_embedding, self.recurrent)
+        gates = displacement @ kernel + bias + state[0] @ self.recurrent.recurrent_kernel
+        hidden, *rest = config.cell.update(gates, state)
         displacement = self.hidden2pos(hidden)
         if base is not None:
             displacement = displacement + base
         position = track[:, -1] + displacement
         track = jnp.concatenate([track[:, 1:], position[:, None]], axis=1)
-        pooling = POOLINGS[self.config.pooling]
-        weights = () if weigh is None else (weigh(track, valid),)
-        pooled = self.pooling(hidden, track if pooling.windowed else position, valid, *weights)
+        alpha = None if weigh is None else weigh(track, valid)
+        pooled = pool(self.pooling, config.pooling, hidden, track, valid, alpha)
         hidden = self.mlp(jnp.concatenate([hidden, pooled], axis=-1))
-        return (hidden, cell, track, displacement), displacement
+        return ((hidden, *rest), track, displacement), displacement
+
+
+def pooling_network(config: GeneratorConfig, h_dim: int) -> Any:
+    """The network of the config's pooling, for hidden states of size `h_dim`."""
+    sizes = {"obs_len": config.obs_len, "embedding_dim": config.embedding_dim}
+    return config.pooling.network(h_dim, **sizes)
+
+
+def pool(
+    network: Any, pooling: Pooling, hidden: Array, track: Array, valid: Any, alpha: Array | None
+) -> Array:
+    """Pooled vectors [N, B]: `network` called with the inputs that its `pooling` names."""
+    given = {
+        "hidden": hidden,
+        "position": track[:, -1],
+        "track": track,
+        "alpha": alpha,
+        "alpha_rows": alpha,
+    }
+    return network(valid=valid, **{name: given[name] for name in sorted(pooling.inputs)})

@@ -4,10 +4,11 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.config import DiscriminatorConfig
-from neurosym_jax.models.hidden_pooling import HiddenPooling
+from neurosym_jax.models.cell import Encoder
+from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.models.layers import Perceptron
-from neurosym_jax.models.lstm import Encoder
+from neurosym_jax.models.lstm import LSTM
+from neurosym_jax.models.pool_net import PoolNetwork
 
 __all__ = ["Discriminator"]
 
@@ -20,9 +21,9 @@ class Discriminator(nn.Module):
     def setup(self):
         """Declare encoder, pooling (global only) and classifier."""
         config = self.config
-        self.encoder = Encoder(config.embedding_dim, config.h_dim)
+        self.encoder = Encoder(LSTM(), config.embedding_dim, config.h_dim)
         if config.kind == "global":
-            self.pooling = HiddenPooling(
+            self.pooling = PoolNetwork(
                 config.embedding_dim, config.h_dim, config.pool_hidden_dim, config.h_dim
             )
         self.classifier = Perceptron((config.h_dim, config.mlp_dim, 1))

@@ -9,11 +9,10 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.models.decoder import Decoder, Weigh
+from neurosym_jax.models.cell import Encoder
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.decoder import Decoder, Weigh, pool, pooling_network
 from neurosym_jax.models.layers import Perceptron
-from neurosym_jax.models.lstm import Encoder
-from neurosym_jax.models.poolings import POOLINGS, make_pooling
 from neurosym_jax.scene import Scene
 
 __all__ = ["Generator"]
@@ -27,18 +26,13 @@ class Generator(nn.Module):
     def setup(self):
         """Declare the parts that the config asks for."""
         config = self.config
-        self.encoder = Encoder(config.embedding_dim, config.encoder_h_dim)
-        if config.pooling != "none":
-            self.pooling = make_pooling(config, config.encoder_h_dim)
+        self.encoder = Encoder(config.cell, config.embedding_dim, config.encoder_h_dim)
+        if config.pools:
+            self.pooling = pooling_network(config, config.encoder_h_dim)
         if config.needs_context_mlp:
-            pooled = 0 if config.pooling == "none" else config.bottleneck_dim
-            self.context_mlp = Perceptron(
-                (
-                    config.encoder_h_dim + pooled,
-                    config.mlp_dim,
-                    config.decoder_h_dim - config.noise_dim,
-                )
-            )
+            pooled = config.pooling.width(config.encoder_h_dim)
+            inputs, outputs = config.encoder_h_dim + pooled, config.decoder_h_dim - config.noise_dim
+            self.context_mlp = Perceptron((inputs, config.mlp_dim, outputs))
         self.decoder = Decoder(config)
 
     def __call__(
@@ -62,11 +56,9 @@ class Generator(nn.Module):
 
     def interact(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
         """What `encode` returns, from the hidden states [N, H] that `observe` returns."""
-        if self.config.pooling != "none":
-            pooling = POOLINGS[self.config.pooling]
-            positions = scene.observed if pooling.windowed else scene.observed[:, -1]
-            weights = (alpha,) if pooling.symbolic else ()
-            pooled = self.pooling(context, positions, scene.valid, *weights)
+        if self.config.pools:
+            track = jnp.asarray(scene.observed)
+            pooled = pool(self.pooling, self.config.pooling, context, track, scene.valid, alpha)
             context = jnp.concatenate([context, pooled], axis=-1)
         return self.context_mlp(context) if self.config.needs_context_mlp else context
 

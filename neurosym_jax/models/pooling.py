@@ -1,49 +1,67 @@
 """What a pooling is; `poolings` has the table."""
 
 import dataclasses
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
-if TYPE_CHECKING:
-    from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.configuration import Checked
 
-__all__ = ["NOT_OF_PAIRS", "Pooling"]
+__all__ = ["NO_FORECAST", "NoPooling", "Pooling"]
 
-NOT_OF_PAIRS = (
+NO_FORECAST = (
     "does not weight pairs: it takes one row of alpha an agent, picked by the released collation "
     "out of other scenes' pairs, so it forecasts in parity cases only"
 )
-"""After the name of a pooling that is not `of_pairs`."""
+"""What is wrong with a pooling that takes "alpha_rows"."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Pooling:
-    """A pooling over the neighbours in one scene, `[N, H]` hidden states to `[N, B]` vectors.
+class Pooling(Checked):
+    """A pooling over each agent's neighbours in one scene; the fields of a subclass are options.
 
-    Its module is called with `(hidden [N, H], positions [N, 2], valid [N])`. It gives a finite
-    vector for every slot, and lets only agents contribute that are valid. B is the configuration's
-    `bottleneck_dim`.
+    A subclass is registered by `register_pooling` and chosen by `GeneratorConfig.pooling`.
     """
 
-    module: Callable[["GeneratorConfig", int], Any] | None
-    """Flax module of `(config, h_dim)`, H being `h_dim`; None where there is nothing to pool."""
-    label: str
+    title: ClassVar[str]
     """What a model with it is called in tables."""
-    symbolic: bool = False
-    """Takes `(hidden, observed [N, obs_len, 2], valid, alpha [N, N, obs_len])`: NeuroSyM."""
-    whole_observation: bool = False
-    """Takes `(hidden, observed [N, obs_len, 2], valid)`, without alpha."""
-    returns_hidden: bool = False
-    """B is H, so that `bottleneck_dim` must equal it."""
-    of_pairs: bool = True
-    """Of symbolic ones: False where alpha is `[N, obs_len]`, see `NOT_OF_PAIRS`."""
-    pair_numbers: Callable[["GeneratorConfig"], float] = lambda _: 0.0
-    """About how many numbers one call keeps for each pair of slots, for the size of batches."""
+    inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "position"})
+    """What the network is called with, by name, besides `valid` [N] bool:
+
+    - "hidden": [N, h_dim] hidden states;
+    - "position": [N, 2] metres, the last position;
+    - "track": [N, obs_len, 2] metres, the last positions, observed or predicted;
+    - "alpha": [N, N, obs_len] weight of j for i at each step of the track;
+    - "alpha_rows": [N, obs_len] instead, for the parity of a release (`NO_FORECAST`).
+    """
+
+    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> Any:
+        """The Flax module from `inputs` to [N, `width(h_dim)`].
+
+        It returns finite vectors for every slot; only valid agents contribute.
+
+        Args:
+            h_dim: size of a hidden state.
+            obs_len: steps of a track.
+            embedding_dim: size of an embedded position in the generator.
+        """
+        raise NotImplementedError
+
+    def width(self, h_dim: int) -> int:
+        """Size of a pooled vector, by default the option `bottleneck_dim`."""
+        return getattr(self, "bottleneck_dim")  # noqa: B009 (a subclass has it)
 
     @property
-    def windowed(self) -> bool:
-        """Whether it sees the last `obs_len` positions, at predicted steps too, not only the last.
+    def pair_numbers(self) -> float:
+        """About how many numbers one call keeps for each pair of slots, for the size of batches."""
+        return 0.0
 
-        At a predicted step they are those seen or predicted before it and at it.
-        """
-        return self.symbolic or self.whole_observation
+
+@dataclasses.dataclass(frozen=True)
+class NoPooling(Pooling):
+    """Agents do not see each other."""
+
+    title: ClassVar[str] = "SGAN, no pooling"
+    inputs: ClassVar[frozenset[str]] = frozenset()
+
+    def width(self, h_dim: int) -> int:
+        """0."""
+        return 0

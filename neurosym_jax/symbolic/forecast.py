@@ -22,7 +22,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import FORMAT, from_json
+from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.symbolic.calculi import CALCULI
@@ -144,7 +144,7 @@ def symbol_table(calculus: str) -> np.ndarray:
 
 
 def _settings(given: dict[str, Any]) -> SymbolSettings:
-    return from_json(SymbolSettings, {"format": FORMAT, **given}, "symbols")
+    return from_json(SymbolSettings, given, "symbols")
 
 
 @functools.partial(jax.jit, static_argnums=0)

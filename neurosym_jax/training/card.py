@@ -4,13 +4,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.configuration import from_json
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.summary import metrics_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import CARD
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.files import write_text
 
 __all__ = ["model_card", "write_card"]
@@ -80,7 +80,7 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     sections = {"training": "", "generator": "network: ", "environment": "environment: "}
     for section, prefix in sections.items():
         for name, value in facts[section].items():
-            if name != "format" and value not in (None, ""):
+            if value not in (None, ""):
                 settings[prefix + name] = value
     rows = [[name, str(value)] for name, value in settings.items()]
     yield from ("", "## Training", "", markdown_table(["", ""], rows))

@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 
-from neurosym_jax.configuration import FORMAT
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.evaluation.test_sets import BASELINES, baseline
@@ -35,7 +34,7 @@ def write_model(
     if (folder / "model").exists():
         return
     facts = {
-        "format": FORMAT,
+        "format": 1,
         **facts,
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(model.params)),
         "code": code_version(),

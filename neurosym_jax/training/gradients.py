@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import optax
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models import Discriminator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import AnyArray
 from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.losses import (

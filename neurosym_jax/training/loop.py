@@ -14,7 +14,6 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
@@ -22,7 +21,7 @@ from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.models.poolings import POOLINGS
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.runtime.memory import refuse_beyond_memory
@@ -175,7 +174,7 @@ def _refuse_too_large(run: Run, shapes: Sequence[tuple[int, int]]) -> None:
     batches = CHUNK * (2 if config.adversarial_weight else 1)
     numbers = batches * slots * 2 * (2 * generator.obs_len + generator.pred_len)
     numbers += config.best_k * slots * (2 * generator.pred_len + generator.decoder_h_dim)
-    numbers += 2 * pairs * POOLINGS[generator.pooling].pair_numbers(generator)
+    numbers += 2 * pairs * generator.pooling.pair_numbers
     remedy = "lower batch_scenes, best_k or max_agents with --set"
     refuse_beyond_memory(f"a batch of {config.batch_scenes} scenes", 4 * numbers, remedy)
 

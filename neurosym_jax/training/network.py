@@ -1,11 +1,10 @@
 """Generators by name, with the published sizes."""
 
-import dataclasses
 from collections.abc import Sequence
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.configuration import changed, component_from_text
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.symbolic.weighting import Weighting
@@ -44,15 +43,14 @@ def named_generator(
     symbolic = model == "neurosym"
     name = pooling or POOLING_OF[model]
     known = pooling_names(symbolic=symbolic)
-    if POOLINGS[name].symbolic != symbolic or name not in known:
+    if POOLINGS[name] and name not in known:
         raise InputError(f"--pooling {name}: {model} has {', '.join(known)}")
     if weighting is not None and not symbolic:
         raise InputError(f"--weighting {weighting}: {model} weights no pairs; neurosym does")
-    config = GeneratorConfig(obs_len=obs_len, pred_len=pred_len)
-    if POOLINGS[name].returns_hidden:
-        config = dataclasses.replace(config, bottleneck_dim=config.encoder_h_dim)
     weights = named_weighting(weighting or "cnd") if symbolic else None
-    config = dataclasses.replace(config, pooling=name, weighting=weights)
+    config = GeneratorConfig(
+        obs_len=obs_len, pred_len=pred_len, pooling=POOLINGS[name](), weighting=weights
+    )
     return changed(config, changes, "--network", "network")
 
 
@@ -70,6 +68,7 @@ def named_weighting(text: str) -> Weighting:
 
 def model_name(config: GeneratorConfig) -> str:
     """A name that tells apart models trained on the same data."""
+    pooling = POOLINGS.name_of(config.pooling)
     if config.weighting is None:
-        return f"sgan_{config.pooling}"
-    return f"neurosym_{config.pooling.removeprefix('neurosym_')}_{config.weighting.name}"
+        return f"sgan_{pooling}"
+    return f"neurosym_{pooling.removeprefix('neurosym_')}_{config.weighting.name}"

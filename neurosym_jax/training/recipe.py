@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
-from neurosym_jax.config import DiscriminatorConfig
 from neurosym_jax.configuration import (
     BelowOne,
     Count,
@@ -15,6 +14,7 @@ from neurosym_jax.configuration import (
     changed,
     refuse_misfits,
 )
+from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.training.augmentation import AugmentationOptions
 from neurosym_jax.training.losses import LossOptions, refuse_no_loss
 

@@ -13,10 +13,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.networks import decode_scene, interact_scene
 from neurosym_jax.forecasting.noise import fixed_noise
 from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import AnyArray
 from neurosym_jax.training.groups import Groups, cuts
 
@@ -33,7 +33,7 @@ def draw_group_noise(
     shape = (samples, sum(sizes), config.noise_dim)
     # One draw for all groups: each draw adds a second of compiling to the step.
     if config.noise_type == "fixed":
-        fixed = fixed_noise(samples, config.noise_dim, first_zero=config.beside_velocity)
+        fixed = fixed_noise(samples, config.noise_dim, first_zero=config.residual)
         noise = jnp.broadcast_to(fixed[:, None], shape)
     elif config.noise_type == "gaussian":
         noise = jax.random.normal(key, shape)

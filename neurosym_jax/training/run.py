@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.configuration import to_json
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.recipe import TrainConfig
 
 __all__ = ["Run", "data_digest", "refuse_other_run"]

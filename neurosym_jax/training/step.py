@@ -11,8 +11,8 @@ import optax
 from jax import Array
 from jax.core import Tracer
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.models import Discriminator, Generator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters

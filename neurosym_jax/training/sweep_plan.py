@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.configuration import to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.finish import RUN
@@ -138,7 +138,7 @@ def _networks(models: Sequence[str], weightings: Sequence[str]) -> Iterator[dict
     """The arguments of `named_generator` that make `models`."""
     for model in models:
         pooling = POOLING_OF.get(model, model)
-        if not POOLINGS[pooling].symbolic:
+        if "alpha" not in POOLINGS[pooling].inputs:
             yield {"model": "sgan", "pooling": pooling}
             continue
         for weighting in weightings:

@@ -5,7 +5,8 @@ import dataclasses
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.config import GeneratorConfig
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.cnd import alpha_from_states
 from neurosym_jax.symbolic.shuffled import to_wrong_pairs
@@ -69,15 +70,12 @@ register()
 
 
 def _network(pooling: str, weighting: str | None = None) -> GeneratorConfig:
-    network = GeneratorConfig(
+    return GeneratorConfig(
         obs_len=LENGTHS[0],
         pred_len=LENGTHS[1],
-        pooling=pooling,
+        pooling=POOLINGS[pooling](),
         weighting=None if weighting is None else WEIGHTINGS[weighting](),
     )
-    if pooling != "encounter":
-        return network
-    return dataclasses.replace(network, bottleneck_dim=16, pool_hidden_dim=32)
 
 
 def _arm(about: str, seeds: tuple[int, int, int], *network: str, first: bool = False) -> Arm:

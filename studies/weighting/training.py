@@ -10,9 +10,9 @@ from typing import Any
 
 import jax
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.step import initial_state, train_steps

@@ -12,7 +12,6 @@ import pytest
 from neurosym_jax import evaluation
 from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.evaluation.metrics import METRICS, register_metric
@@ -23,6 +22,7 @@ from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.scene import make_scene
 from neurosym_jax.simulation.scenarios import synthetic_tracks
@@ -314,7 +314,7 @@ def test_a_forecaster_of_a_plugin_is_a_baseline(options, tmp_path, monkeypatch):
         "    def forecast(self, params, scene, noise):\n"
         "        last = jnp.asarray(scene.observed)[None, :, -1:]\n"
         "        return jnp.repeat(last, self.pred_len, axis=2)\n"
-        "register_forecaster('standing', lambda config: Standing(config.pred_len))\n"
+        "register_forecaster('standing', Standing)\n"
     )
     load_plugin(str(plugin))
     given = {"dataset": "cross-path", "samples": 2, "collisions": False}

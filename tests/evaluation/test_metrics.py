@@ -9,6 +9,7 @@ from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
 from neurosym_jax.evaluation.scene_scores import score
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
+from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.simulation.scenarios import synthetic_tracks
 
 
@@ -94,7 +95,10 @@ def test_the_central_sample_is_the_medoid_of_the_scene():
 
 def test_sampled_constant_velocity_without_noise_is_constant_velocity():
     names = metric_names(["noise_free_ade", "noise_free_fde"])
-    plain, sampled = scores(ConstantVelocity(8), names), scores(ConstantVelocitySampled(8), names)
+    plain, sampled = (
+        scores(ConstantVelocity(Lengths()), names),
+        scores(ConstantVelocitySampled(Lengths()), names),
+    )
     for error in ("ade", "fde"):
         wanted = plain.mean(f"joint_{error}")
         assert plain.mean(f"noise_free_{error}") == pytest.approx(wanted, rel=1e-6)
@@ -102,8 +106,8 @@ def test_sampled_constant_velocity_without_noise_is_constant_velocity():
 
 
 def test_the_others_do_not_see_the_sample_without_noise():
-    alone = scores(ConstantVelocitySampled(8), metric_names())
-    beside = scores(ConstantVelocitySampled(8), metric_names(["noise_free_ade"]))
+    alone = scores(ConstantVelocitySampled(Lengths()), metric_names())
+    beside = scores(ConstantVelocitySampled(Lengths()), metric_names(["noise_free_ade"]))
     assert beside.samples == alone.samples == 5
     for name, each in alone.scores.items():
         assert_allclose(beside.scores[name].total, each.total, rtol=1e-6, err_msg=name)

@@ -1,6 +1,5 @@
 import pytest
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Files, Synthetic
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import make_plan, one_of_each
@@ -8,6 +7,7 @@ from neurosym_jax.evaluation.test_sets import TestSet as Case
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
+from neurosym_jax.models.config import GeneratorConfig
 
 MODELS = {
     "zara1_12": Model(GeneratorConfig(pred_len=12), {}, "zara1"),

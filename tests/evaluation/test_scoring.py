@@ -15,6 +15,7 @@ from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.results import latency
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
+from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.simulation.scenarios import synthetic_tracks
 
@@ -32,7 +33,7 @@ WINDOWS = cut_windows([crowd()], 8, 8)
 
 def direct(windows, samples):
     """Sampled constant velocity, evaluated by loops over scenes, samples and agents."""
-    spec = ConstantVelocitySampled(8).noise
+    spec = ConstantVelocitySampled(Lengths()).noise
     total = dict.fromkeys(
         ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "collision_rate"), 0
     )
@@ -61,7 +62,7 @@ def direct(windows, samples):
 @pytest.mark.parametrize("slots", [8, 256])
 def test_equal_to_a_direct_loop(slots):
     result = score_forecaster(
-        ConstantVelocitySampled(8), (), make_batches(WINDOWS, slots), samples=5, seed=3
+        ConstantVelocitySampled(Lengths()), (), make_batches(WINDOWS, slots), samples=5, seed=3
     )
     assert len(set(WINDOWS.sizes.tolist())) > 1
     wanted, horizon = direct(WINDOWS, 5)
@@ -78,11 +79,15 @@ def test_equal_to_a_direct_loop(slots):
 def test_deterministic_forecasts_have_one_sample():
     batches = make_batches(cut_windows([synthetic_tracks("cross-path", 0)], 8, 8))
     errors = ("joint_ade", "marginal_ade")
-    result = score_forecaster(ConstantVelocity(8), (), batches, samples=20, seed=0, metrics=errors)
+    result = score_forecaster(
+        ConstantVelocity(Lengths()), (), batches, samples=20, seed=0, metrics=errors
+    )
     assert result.samples == 1
     assert tuple(result.scores) == errors
     assert result.mean("joint_ade") == pytest.approx(result.mean("marginal_ade"), rel=1e-5)
-    again = score_forecaster(ConstantVelocity(8), (), batches, samples=1, seed=5, metrics=errors)
+    again = score_forecaster(
+        ConstantVelocity(Lengths()), (), batches, samples=1, seed=5, metrics=errors
+    )
     assert again.mean("joint_ade") == result.mean("joint_ade")
 
 
@@ -94,7 +99,7 @@ def own_metric():
         register_metric("own", "own metric")(compute)
         batches = make_batches(WINDOWS)
         return score_forecaster(
-            ConstantVelocity(8), (), batches, samples=1, seed=0, metrics=("own",)
+            ConstantVelocity(Lengths()), (), batches, samples=1, seed=0, metrics=("own",)
         ).scores["own"]
 
     with mock.patch.dict(METRICS):
@@ -135,7 +140,7 @@ def test_a_metric_sees_the_extras(own_metric):
             lambda forecast, scene: scene.extras["group"] == 2
         )
         found = score_forecaster(
-            ConstantVelocity(8), (), batches, samples=1, seed=0, metrics=("group",)
+            ConstantVelocity(Lengths()), (), batches, samples=1, seed=0, metrics=("group",)
         )
     assert found.mean("group") == pytest.approx((group == 2).mean())
 
@@ -156,7 +161,7 @@ def test_what_is_no_metric_is_refused(own_metric, compute, message):
 
 def test_latency_forecasts_the_scene_it_is_given():
     scene = single_scene(WINDOWS, 0)
-    seconds, forecast = latency(ConstantVelocity(8), (), scene, samples=3, seed=0)
+    seconds, forecast = latency(ConstantVelocity(Lengths()), (), scene, samples=3, seed=0)
     assert forecast.shape == (1, len(scene.valid), 8, 2)
     assert seconds > 0
     wanted = scene.observed[:, -1] + 8 * scene.displacement[:, -1] + scene.origin

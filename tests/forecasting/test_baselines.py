@@ -7,6 +7,7 @@ from neurosym_jax.forecasting.baselines import (
     ConstantVelocity,
     ConstantVelocitySampled,
 )
+from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.scene import make_scene
 
@@ -15,7 +16,7 @@ SCENE = make_scene(OBSERVED).replace(origin=None)
 
 
 def test_constant_velocity_repeats_the_last_step():
-    forecaster = ConstantVelocity(pred_len=5)
+    forecaster = ConstantVelocity(Lengths(pred_len=5))
     assert forecaster.noise == NoiseSpec()
     forecast = forecaster.forecast((), SCENE, np.zeros((1, 0)))
     step = OBSERVED[:, -1] - OBSERVED[:, -2]
@@ -24,7 +25,7 @@ def test_constant_velocity_repeats_the_last_step():
 
 
 def test_sampled_heading():
-    forecaster = ConstantVelocitySampled(pred_len=4)
+    forecaster = ConstantVelocitySampled(Lengths(pred_len=4))
     noise = np.random.default_rng(1).normal(size=(20_000, 3, 1)).astype(np.float32)
     forecast = (
         np.asarray(jax.jit(forecaster.forecast)((), SCENE, noise)) - SCENE.observed[:, None, -1]
@@ -48,4 +49,4 @@ def test_sampled_heading():
 def test_standing_people_stay():
     scene = make_scene(np.ones((2, 8, 2))).replace(origin=None)
     noise = np.ones((3, 2, 1), np.float32)
-    assert not ConstantVelocitySampled(4).forecast((), scene, noise).any()
+    assert not ConstantVelocitySampled(Lengths(pred_len=4)).forecast((), scene, noise).any()

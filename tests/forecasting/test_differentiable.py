@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
 from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, scene_identity
 from neurosym_jax.symbolic import Cnd, Soft, initial_parameters
 
-LENGTHS = {"obs_len": 5, "pred_len": 3, "pool_hidden_dim": 16}
+LENGTHS = {"obs_len": 5, "pred_len": 3}
 OBSERVED = 5.0 + np.random.default_rng(0).normal(0, 0.4, (3, 5, 2)).cumsum(axis=1)
 
 
@@ -23,7 +23,7 @@ FORECAST = jax.jit(forecast, static_argnums=0)
 
 def model_of(weighting):
     pooling = "as_described" if weighting else "pool_net"
-    config = GeneratorConfig(pooling=pooling, weighting=weighting, **LENGTHS)
+    config = GeneratorConfig(pooling=f"{pooling},hidden_dim=16", weighting=weighting, **LENGTHS)
     alpha = jnp.zeros((3, 3, 5))
     scene = make_scene(OBSERVED)
     params = Generator(config).init(jax.random.key(1), scene, jnp.zeros(8), alpha)

@@ -7,12 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
 from neurosym_jax.forecasting.forecasters import FORECASTERS, register_forecaster
-from neurosym_jax.forecasting.kinds import Lengths
 from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.models.config import GeneratorConfig
 
 OBSERVED = np.random.default_rng(0).normal(size=(3, 8, 2))
 
@@ -29,24 +28,23 @@ class Damped(Lengths):
     rate: float = 0.5
 
 
-@dataclasses.dataclass(frozen=True)
 class DampedForecaster(Forecaster):
-    """Everybody's last step times a parameter."""
+    """Every agent's last step times a parameter."""
 
-    rate: float
+    Config = Damped
+
+    @property
+    def title(self):
+        return f"x{self.config.rate}"
 
     def forecast(self, params, scene, noise):
-        step = self.rate * params["scale"] * scene.displacement[:, -1]
+        step = self.config.rate * params["scale"] * scene.displacement[:, -1]
         steps = jnp.arange(1, self.pred_len + 1)[:, None]
         return (scene.observed[:, -1, None] + steps * step[:, None])[None]
 
 
-def make(config):
-    return DampedForecaster(config.pred_len, config.rate)
-
-
 def test_a_model_of_ones_own_forecasts(registry):
-    register_forecaster("damped", make, config=Damped, title=lambda config: f"x{config.rate}")
+    register_forecaster("damped")(DampedForecaster)
     model = Model(Damped(pred_len=4), {"scale": np.float32(2)}, "zara1", "damped")
     last, step = OBSERVED[:, -1], OBSERVED[:, -1] - OBSERVED[:, -2]
     expected = last[:, None] + np.arange(1, 5)[:, None] * step[:, None]
@@ -72,9 +70,9 @@ def test_refusals(registry):
     with pytest.raises(InputError, match="unknown forecaster 'nobody'"):
         _ = Model(Lengths(), {}, kind="nobody").forecaster
     with pytest.raises(InputError, match="another forecaster 'generator' already"):
-        register_forecaster("generator", make)
+        register_forecaster("generator", DampedForecaster)
     for config in (dict, dataclasses.make_dataclass("Thawed", ["obs_len", "pred_len", "period"])):
         with pytest.raises(InputError, match="must be a frozen dataclass with the fields obs_len"):
-            register_forecaster("other", make, config=config)
+            register_forecaster("other", type("Other", (DampedForecaster,), {"Config": config}))
     with pytest.raises(InputError, match="pred_len must be"):
         Lengths(pred_len=0)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.readers.eth_ucy import read_split
 from neurosym_jax.data.tracks import Tracks, make_tracks
@@ -20,15 +19,16 @@ from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic import Quantised
 
 UTM = np.array([4e5, 5e6])
-LENGTHS: dict[str, Any] = {"obs_len": 4, "pred_len": 4, "pool_hidden_dim": 32, "grid_size": 4}
+LENGTHS: dict[str, Any] = {"obs_len": 4, "pred_len": 4, "pooling": "pool_net,hidden_dim=32"}
 CONFIGS = {
     "pool_net": GeneratorConfig(**LENGTHS),
-    "none": GeneratorConfig(pooling="none", **LENGTHS),
-    "social": GeneratorConfig(pooling="social", bottleneck_dim=32, **LENGTHS),
+    "none": GeneratorConfig(**{**LENGTHS, "pooling": "none"}),
+    "social": GeneratorConfig(**{**LENGTHS, "pooling": "social,grid_size=4"}),
     "every step": GeneratorConfig(pool_every_timestep=True, **LENGTHS),
     "noise of agents": GeneratorConfig(noise_mix_type="ped", **LENGTHS),
     "uniform noise": GeneratorConfig(noise_type="uniform", **LENGTHS),
@@ -211,7 +211,7 @@ def test_fewer_samples_are_the_first_ones():
 def test_the_first_sample_does_not_deviate_from_constant_velocity():
     observed = cut(crowd()).position[:3, :4]
     model = random_model("none")
-    config = dataclasses.replace(model.config, noise_type="fixed", beside_velocity=True)
+    config = dataclasses.replace(model.config, noise_type="fixed", residual=True)
     forecast = predict(dataclasses.replace(model, config=config), observed, samples=K)
     ahead = observed[:, -1:] + (observed[:, -1:] - observed[:, -2:-1]) * np.arange(1, 5)[:, None]
     assert_allclose(forecast[0], ahead, atol=1e-5)

@@ -11,27 +11,23 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands.convert import Options, run
-from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.errors import InputError, InputWarning
-from neurosym_jax.forecasting import model_folder
-from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.forecasters import FORECASTERS, _generator_shapes, register_forecaster
-from neurosym_jax.forecasting.kinds import Lengths
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
+from neurosym_jax.forecasting.forecasters import FORECASTERS, register_forecaster
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import flat_parameters, nested_parameters
-from neurosym_jax.runtime.files import new_file
-from neurosym_jax.training.arrays import digest, write_arrays
+from neurosym_jax.models.config import GeneratorConfig
 
 
 def random_model(config):
     rng = np.random.default_rng(0)
-    shapes = _generator_shapes(config).items()
+    shapes = Model(config, {}).forecaster.shapes().items()
     params = {name: rng.normal(size=shape).astype(np.float32) for name, shape in shapes}
     return Model(config, nested_parameters(params), "zara1")
 
 
-MODEL = random_model(GeneratorConfig(pool_hidden_dim=16))
+MODEL = random_model(GeneratorConfig(pooling="pool_net,hidden_dim=16"))
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +66,7 @@ def test_round_trip(saved):
 
 @pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros", "neurosym_ijcnn"])
 def test_round_trip_of_neurosym(tmp_path, pooling):
-    model = random_model(GeneratorConfig(pooling=pooling, pool_hidden_dim=8))
+    model = random_model(GeneratorConfig(pooling=f"{pooling},hidden_dim=8"))
     save_model(tmp_path / "new", model, "a card")
     assert load_model(tmp_path / "new").config == model.config
     assert (tmp_path / "new" / "README.md").read_text() == "a card"
@@ -221,8 +217,9 @@ class Own(Lengths):
     weights: tuple[float, float] = (1.0, 0.0)
 
 
-@dataclasses.dataclass(frozen=True)
 class OwnForecaster(Forecaster):
+    Config = Own
+
     def forecast(self, params, scene, noise):
         steps = jnp.arange(1, self.pred_len + 1)[:, None] * params["own"]["velocity"]
         return (scene.observed[:, -1, None] + steps)[None]
@@ -230,8 +227,7 @@ class OwnForecaster(Forecaster):
 
 @mock.patch.dict(FORECASTERS)
 def test_a_forecaster_of_ones_own(tmp_path, monkeypatch):
-    list(FORECASTERS)
-    register_forecaster("own", lambda config: OwnForecaster(config.pred_len), config=Own)
+    register_forecaster("own", OwnForecaster)
     params = {"own": {"velocity": np.array([0.5, 0.0])}, "scale": np.float32(3)}
     save_model(tmp_path / "own", Model(Own(weights=(2.0, 3.0)), params, None, "own"))
     loaded = load_model(tmp_path / "own")
@@ -241,80 +237,6 @@ def test_a_forecaster_of_ones_own(tmp_path, monkeypatch):
     np.testing.assert_allclose(end, [4.0, 0.0])
     save_model(tmp_path / "baseline", Model(Lengths(), {}, kind="constant_velocity"))
     assert load_model(tmp_path / "baseline").name == "constant velocity"
-
-
-@pytest.fixture
-def old(tmp_path):
-    """A folder of format 1."""
-    folder = tmp_path / "old"
-    write_arrays(folder / "params", MODEL.params)
-    config = {
-        "format": 1,
-        "generator": dataclasses.asdict(MODEL.config),
-        "scene": "zara1",
-        "sha256": digest(MODEL.params),
-    }
-    (folder / "config.json").write_text(json.dumps(config, indent=2) + "\n")
-    (folder / "README.md").write_text("its card")
-    return folder
-
-
-def same(model):
-    jax.tree.map(assert_array_equal, model.params, MODEL.params)
-    return (model.config, model.dataset) == (MODEL.config, "zara1")
-
-
-def test_an_old_folder_is_read_and_converted(old, tmp_path, capsys, monkeypatch):
-    with pytest.warns(InputWarning, match=f"neurosym convert {old}"):
-        assert same(load_model(old))
-    run(Options(old, tmp_path / "new"))
-
-    def until_the_config(path):
-        if path.name == "config.json":
-            raise InputError("no space")
-        return new_file(path)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(model_folder, "new_file", until_the_config)
-        with pytest.raises(InputError, match="no space"):
-            run(Options(old))
-    assert (old / "params.safetensors").exists()
-    with pytest.warns(InputWarning):
-        assert same(load_model(old))
-    run(Options(old))
-    assert "SGAN" in capsys.readouterr().out
-    for folder in (old, tmp_path / "new"):
-        assert same(load_model(folder))
-        assert (folder / "README.md").read_text() == "its card"
-        assert len(list(folder.iterdir())) == 3
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"generator": [1]}, "not a model's configuration"),
-        ({"generator": {"mlp_dim": 8}}, "describes another network"),
-        ({"format": True}, "wrong type"),
-        ({"format": 2}, "format 2 is not the format 1"),
-        ({"scene": 5}, "wrong type"),
-        ({"sha256": "0" * 64}, "do not match the digest"),
-        ({"colour": 1}, "exactly the fields"),
-    ],
-)
-@pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
-def test_a_damaged_old_folder(old, change, message):
-    config = json.loads((old / "config.json").read_text())
-    (old / "config.json").write_text(json.dumps(config | change))
-    assert message in refusal(old)
-
-
-@pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
-def test_an_old_folder_that_promises_what_it_cannot_hold(old, monkeypatch):
-    monkeypatch.setattr("neurosym_jax.training.old_models.array_shapes", lambda _: [(2**20, 300)])
-    assert "cannot hold" in refusal(old)
-    shutil.rmtree(old / "params" / "state")
-    monkeypatch.undo()
-    assert "cannot be read" in refusal(old)
 
 
 def test_converting_what_needs_a_place(tmp_path):

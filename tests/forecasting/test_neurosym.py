@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batches, unpacked
 from neurosym_jax.forecasting.model import Model, predict
@@ -21,12 +20,14 @@ from neurosym_jax.forecasting.networks import encode_scene
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plotting import line_styles
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.weightings import make_weighting
 
 CONFIGS = {
-    name: GeneratorConfig(pooling=name, weighting=weighting, pred_len=4, pool_hidden_dim=32)
+    name: GeneratorConfig(pooling=f"{name},hidden_dim=32", weighting=weighting, pred_len=4)
     for name, weighting in (("as_described", "cnd"), ("neurosym_ros", "cnd_shipped"))
 }
 # Symbols of predicted steps, too.
@@ -39,7 +40,7 @@ K = 3
 
 def random_params(config: GeneratorConfig) -> dict[str, Any]:
     scene = make_scene(np.zeros((1, config.obs_len, 2)))
-    pairs = (1,) if config.pooling == "neurosym_ijcnn" else (1, 1)
+    pairs = (1,) if "alpha_rows" in config.pooling.inputs else (1, 1)
     alpha = np.zeros((*pairs, config.obs_len))
     noise = np.zeros(config.noise_dim)
     shapes = jax.eval_shape(
@@ -145,8 +146,8 @@ def test_a_folder_names_variant_and_weighting(tmp_path, sign, name):
     folder, model = tmp_path / "m", random_model(name)
     save_model(folder, model)
     fields = json.loads((folder / "config.json").read_text())["config"]
-    assert fields["pooling"] == model.config.pooling
-    weighting = model.config.weighting
+    pooling, weighting = model.config.pooling, model.config.weighting
+    assert fields["pooling"] == {"kind": POOLINGS.name_of(pooling), **vars(pooling)}
     assert fields["weighting"] == {"kind": weighting.title, **vars(weighting)}
     loaded = load_model(folder)
     assert loaded.config == model.config
@@ -165,7 +166,7 @@ def test_a_folder_names_variant_and_weighting(tmp_path, sign, name):
 
 def test_another_variant_is_another_network(tmp_path, sign):
     save_model(tmp_path / "m", random_model("as_described"))
-    sign(tmp_path / "m", lambda all: all["config"].update(pooling="neurosym_ros"))
+    sign(tmp_path / "m", lambda all: all["config"].update(pooling="neurosym_ros,hidden_dim=32"))
     with pytest.raises(InputError, match=r"describes another network: .*spatial_embedding"):
         load_model(tmp_path / "m")
 

@@ -8,23 +8,27 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop import names
 from neurosym_jax.interop.collation import alpha_rows_used
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.parity import format_parity, run_parity
+from neurosym_jax.interop.parity_case import generator_config
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.interop.torch import export_torch_checkpoint, load_torch_checkpoint
 from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.scene import make_scene
 
 SMALL = {"embedding_dim": 4, "encoder_h_dim": 6, "decoder_h_dim": 7, "mlp_dim": 9, "noise_dim": 2}
-ROS = GeneratorConfig(pooling="neurosym_ros", weighting="ones", bottleneck_dim=5, **SMALL)
-IJCNN = dataclasses.replace(ROS, pooling="neurosym_ijcnn", weighting="cnd_shipped")
-EACH = pytest.mark.parametrize("config", [ROS, IJCNN], ids=lambda config: config.pooling)
+ROS = GeneratorConfig(pooling="neurosym_ros,bottleneck_dim=5", weighting="ones", **SMALL)
+IJCNN = dataclasses.replace(ROS, pooling="neurosym_ijcnn,bottleneck_dim=5", weighting=None)
+EACH = pytest.mark.parametrize(
+    "config", [ROS, IJCNN], ids=lambda config: POOLINGS.name_of(config.pooling)
+)
 
 
 def random_state(config):
@@ -86,11 +90,9 @@ def test_golden_state_dicts_fit(shared):
     rows = [row for row in rows if row.get("model") == "neurosym"]
     assert len(rows) == 5
     for row in rows:
-        fields = {f.name: row[f.name] for f in dataclasses.fields(GeneratorConfig) if f.name in row}
-        fields |= {"noise_dim": row["noise_dim"][0], "pooling": row["variant"]}
         with np.load(shared / "golden/torch" / row["file"]) as arrays:
             state = {k[8:]: arrays[k] for k in arrays.files if k.startswith("g_state/")}
-        config = GeneratorConfig(**fields)
+        config = generator_config(row)
         again = params_to_torch(params_from_torch(state, config), config)
         assert again.keys() == state.keys()
         for name, array in again.items():
@@ -99,7 +101,7 @@ def test_golden_state_dicts_fit(shared):
 
 
 def test_as_described_is_in_no_torch():
-    described = dataclasses.replace(IJCNN, pooling="as_described")
+    described = dataclasses.replace(IJCNN, pooling="as_described,bottleneck_dim=5")
     state = random_state(IJCNN)
     for convert in (params_from_torch, params_to_torch):
         with pytest.raises(InputError, match="as_described has no counterpart in torch"):
@@ -107,7 +109,7 @@ def test_as_described_is_in_no_torch():
 
 
 def test_as_described_is_not_exported(tmp_path):
-    described = dataclasses.replace(IJCNN, pooling="as_described")
+    described = dataclasses.replace(IJCNN, pooling="as_described,bottleneck_dim=5")
     # Of the same shapes, and it would do something else.
     params = params_from_torch(random_state(IJCNN), IJCNN)
     with pytest.raises(InputError, match="as_described has no counterpart in torch"):
@@ -128,23 +130,22 @@ def test_export_reads_back(tmp_path, config):
 
 def test_a_released_file_says_neither_network_nor_weighting(tmp_path):
     for config in (ROS, IJCNN):
-        path = tmp_path / f"{config.pooling}.pt"
+        path = tmp_path / f"{POOLINGS.name_of(config.pooling)}.pt"
         params = params_from_torch(random_state(config), config)
         export_torch_checkpoint(path, config, params)
         contents = read_torch_file(path)
         assert contents["args"]["pooling_type"] == "pool_net"
-        del contents["args"]["weighting"]
+        contents["args"].pop("weighting", None)
         state = {name: np.asarray(tensor) for name, tensor in contents["g_state"].items()}
         write_torch_file(path, {**contents, "g_state": state}, overwrite=True)
-        wanted = dataclasses.replace(config, weighting="cnd_shipped")
+        wanted = dataclasses.replace(config, weighting="cnd_shipped") if config is ROS else config
         assert load_torch_checkpoint(path).config == wanted
-        write_torch_file(
-            path,
-            {**contents, "g_state": state, "args": {**contents["args"], "weighting": "cdn"}},
-            overwrite=True,
-        )
-        with pytest.raises(InputError, match="unknown weighting 'cdn'"):
-            load_torch_checkpoint(path)
+        if config is ROS:
+            wrong = {**contents, "g_state": state}
+            wrong["args"] = {**contents["args"], "weighting": "cdn"}
+            write_torch_file(path, wrong, overwrite=True)
+            with pytest.raises(InputError, match="unknown weighting 'cdn'"):
+                load_torch_checkpoint(path)
 
 
 def test_learned_weights_have_no_place_in_torch(tmp_path):
@@ -155,7 +156,7 @@ def test_learned_weights_have_no_place_in_torch(tmp_path):
 
 
 def test_hidden_width_is_the_released_codes(tmp_path):
-    narrow = dataclasses.replace(ROS, pool_hidden_dim=64)
+    narrow = dataclasses.replace(ROS, pooling="neurosym_ros,hidden_dim=64")
     params = params_from_torch(random_state(narrow), narrow)
     with pytest.raises(InputError, match="fixed at 512, not 64"):
         export_torch_checkpoint(tmp_path / "a.pt", narrow, params)

@@ -8,7 +8,6 @@ import pytest
 import tyro
 
 from neurosym_jax.commands.parity import Options, run
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.names import params_to_torch
 from neurosym_jax.interop.parity import (
@@ -17,7 +16,9 @@ from neurosym_jax.interop.parity import (
     parity_json,
     run_parity,
 )
+from neurosym_jax.interop.parity_case import generator_config
 from neurosym_jax.models import Discriminator, Generator
+from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.scene import make_scene
 
 BOUNDS = np.array([[0, 3], [3, 4], [4, 7]])
@@ -44,18 +45,7 @@ ROW = {
 
 def make_case(row=ROW):
     """Arrays of a case as a torch run would store them, computed scene by scene, unpadded."""
-    config = GeneratorConfig(
-        pred_len=PRED,
-        embedding_dim=4,
-        encoder_h_dim=6,
-        decoder_h_dim=7,
-        mlp_dim=9,
-        bottleneck_dim=row["bottleneck_dim"],
-        grid_size=row.get("grid_size", 8),
-        noise_dim=int(np.ravel(row["noise_dim"])[0]),
-        noise_mix_type=row["noise_mix_type"],
-        pooling={None: "none", "spool": "social"}.get(row["pooling_type"], "pool_net"),
-    )
+    config = generator_config(row)
     d_config = DiscriminatorConfig("global", embedding_dim=4, h_dim=8, mlp_dim=9)
     rng = np.random.default_rng(0)
     agents = BOUNDS[-1, 1]

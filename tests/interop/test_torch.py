@@ -12,15 +12,16 @@ from collections import OrderedDict, defaultdict
 import numpy as np
 import pytest
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import names, pickle_writer
 from neurosym_jax.interop import torch as interop_torch
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
+from neurosym_jax.interop.parity_case import generator_config
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import LEGACY_MAGIC, read_torch_file
 from neurosym_jax.interop.stand_ins import StoredTensor
 from neurosym_jax.interop.torch import export_torch_checkpoint, load_torch_checkpoint
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 
 SMALL = GeneratorConfig(
     pooling="none", embedding_dim=2, encoder_h_dim=3, decoder_h_dim=4, mlp_dim=5, noise_dim=1
@@ -29,7 +30,7 @@ CONFIGS = [
     SMALL,
     GeneratorConfig(),
     GeneratorConfig(pool_every_timestep=True, decoder_h_dim=40, embedding_dim=8),
-    GeneratorConfig(pooling="social", bottleneck_dim=32, grid_size=4, noise_type="uniform"),
+    GeneratorConfig(pooling="social,grid_size=4", noise_type="uniform"),
     GeneratorConfig(pooling="none", noise_dim=0, noise_mix_type="ped", pred_len=12),
 ]
 
@@ -63,7 +64,7 @@ def contents_of(config=SMALL, **changes):
         "encoder_h_dim_g": config.encoder_h_dim,
         "decoder_h_dim_g": config.decoder_h_dim,
         "mlp_dim": config.mlp_dim,
-        "bottleneck_dim": config.bottleneck_dim,
+        "bottleneck_dim": 8,
         "noise_dim": (config.noise_dim,),
         "noise_type": "gaussian",
         "noise_mix_type": "global",
@@ -178,10 +179,7 @@ def test_golden_state_dicts_fit(shared):
     rows = [row for row in manifest if row.get("model") == "sgan"]
     assert rows
     for row in rows:
-        fields = {f.name: row[f.name] for f in dataclasses.fields(GeneratorConfig) if f.name in row}
-        fields["noise_dim"] = row["noise_dim"][0]
-        fields["pooling"] = {None: "none", "spool": "social"}.get(row["pooling_type"], "pool_net")
-        config = GeneratorConfig(**fields)
+        config = generator_config(row)
         d_config = DiscriminatorConfig(
             kind=row["d_type"],
             embedding_dim=row["embedding_dim"],
@@ -279,10 +277,10 @@ def test_export_is_deterministic(tmp_path):
 
 
 def test_export_refuses_what_sgan_cannot_build(tmp_path):
-    narrow = GeneratorConfig(pool_hidden_dim=64)
+    narrow = GeneratorConfig(pooling="pool_net,hidden_dim=64")
     with pytest.raises(InputError, match="fixed at 512, not 64"):
         export_torch_checkpoint(tmp_path / "a.pt", narrow, random_params(narrow))
-    fixed = GeneratorConfig(noise_type="fixed", beside_velocity=True)
+    fixed = GeneratorConfig(noise_type="fixed", residual=True)
     with pytest.raises(InputError, match="noise_type fixed has no counterpart in torch"):
         export_torch_checkpoint(tmp_path / "a.pt", fixed, {})
     d_config = DiscriminatorConfig(kind="local", mlp_dim=7)

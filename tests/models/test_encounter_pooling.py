@@ -7,24 +7,24 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.encounter_pooling import EncounterPooling
+from neurosym_jax.models.encounter import Encounter, _EncounterNetwork
 
 N, T, B = 6, 5, 8
 RNG = np.random.default_rng(0)
 OBSERVED = (RNG.normal(0, 2, (N, 1, 2)) + RNG.normal(0, 0.4, (N, T, 2)).cumsum(axis=1)).astype("f4")
 ALPHA = RNG.uniform(0.1, 1, (N, N, T)).astype("f4")
 ALL = np.ones(N, bool)
-MODULE = EncounterPooling(12, B)
+MODULE = _EncounterNetwork(12, B)
 
 
 @pytest.fixture(scope="module")
 def pool():
     """`(observed, valid, alpha) -> [N, B]` with random parameters."""
-    params = MODULE.init(jax.random.key(1), np.zeros((N, 3)), OBSERVED, ALL, ALPHA)
+    params = MODULE.init(jax.random.key(1), OBSERVED, ALL, ALPHA)
     apply = jax.jit(MODULE.apply)
 
     def pool(observed=OBSERVED, valid=ALL, alpha=ALPHA):
-        return np.asarray(apply(params, np.zeros((len(valid), 3)), observed, valid, alpha))
+        return np.asarray(apply(params, observed, valid, alpha))
 
     return pool
 
@@ -50,7 +50,7 @@ def test_somebody_alone_hears_nothing_and_gradients_are_finite(pool):
     standing = np.zeros_like(OBSERVED)
 
     def total(observed, alpha, valid):
-        pooled, _ = MODULE.init_with_output(jax.random.key(0), None, observed, valid, alpha)
+        pooled, _ = MODULE.init_with_output(jax.random.key(0), observed, valid, alpha)
         return jnp.square(pooled).sum()
 
     gradients = jax.jit(jax.grad(total, argnums=(0, 1)))
@@ -94,4 +94,4 @@ def test_a_turned_scene_has_turned_pushes_and_the_same_numbers(pool):
 
 def test_a_width_that_does_not_divide_is_refused():
     with pytest.raises(InputError, match="multiple of 4"):
-        EncounterPooling(12, 6).init(jax.random.key(0), None, OBSERVED, ALL, ALPHA)
+        Encounter(bottleneck_dim=6)

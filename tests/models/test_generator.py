@@ -4,52 +4,52 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models import Discriminator, Generator
-from neurosym_jax.models.hidden_pooling import HiddenPooling
+from neurosym_jax.models.cell import Encoder
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.decoder import pooling_network
 from neurosym_jax.models.layers import Perceptron
-from neurosym_jax.models.lstm import Encoder
-from neurosym_jax.models.poolings import make_pooling
+from neurosym_jax.models.lstm import LSTM
+from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 
 CONFIGS = {
-    "pool_net": GeneratorConfig(pool_hidden_dim=16, pred_len=4),
+    "pool_net": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=4),
     "none": GeneratorConfig(pooling="none", pred_len=4),
     "bare": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4),
-    "social": GeneratorConfig(pooling="social", bottleneck_dim=32, grid_size=4, pred_len=4),
+    "social": GeneratorConfig(pooling="social,grid_size=4", pred_len=4),
     "every step": GeneratorConfig(
-        pool_every_timestep=True, pool_hidden_dim=16, decoder_h_dim=40, pred_len=4
+        pool_every_timestep=True, pooling="pool_net,hidden_dim=16", decoder_h_dim=40, pred_len=4
     ),
     "social, every step": GeneratorConfig(
-        pooling="social", bottleneck_dim=32, grid_size=4, pool_every_timestep=True, pred_len=4
+        pooling="social,grid_size=4", pool_every_timestep=True, pred_len=4
     ),
     "symbols": GeneratorConfig(
-        pooling="as_described", pool_hidden_dim=16, pred_len=4, weighting="quantised"
+        pooling="as_described,hidden_dim=16", pred_len=4, weighting="quantised"
     ),
     "symbols, every step": GeneratorConfig(
-        pooling="as_described",
+        pooling="as_described,hidden_dim=16",
         pool_every_timestep=True,
-        pool_hidden_dim=16,
         obs_len=5,
         pred_len=7,
         weighting="quantised",
     ),
     "history, every step": GeneratorConfig(
-        pooling="neurosym_ros", pool_every_timestep=True, pool_hidden_dim=16, obs_len=5, pred_len=7
+        pooling="neurosym_ros,hidden_dim=16", pool_every_timestep=True, obs_len=5, pred_len=7
     ),
     "beside velocity": GeneratorConfig(
-        pooling="none", pred_len=4, noise_type="fixed", beside_velocity=True
+        pooling="none", pred_len=4, noise_type="fixed", residual=True
     ),
     "beside velocity, every step": GeneratorConfig(
         pool_every_timestep=True,
-        pool_hidden_dim=16,
+        pooling="pool_net,hidden_dim=16",
         obs_len=3,
         pred_len=4,
         noise_type="fixed",
-        beside_velocity=True,
+        residual=True,
     ),
-    "one step": GeneratorConfig(pool_hidden_dim=16, pred_len=1, obs_len=1),
+    "one step": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=1, obs_len=1),
 }
 EACH = pytest.mark.parametrize("config", CONFIGS.values(), ids=list(CONFIGS))
 
@@ -88,19 +88,21 @@ def unfolded(config, params, scene, noise):
     """The generator step by step as SGAN's code has it: nothing folded, nothing shared."""
     params = params["params"]
     observed = np.asarray(scene.observed)
-    context = Encoder(config.embedding_dim, config.encoder_h_dim).apply(
+    context = Encoder(LSTM(), config.embedding_dim, config.encoder_h_dim).apply(
         {"params": params["encoder"]}, scene.displacement
     )
 
     def pool(params, hidden, track):
         """Of the positions so far: NeuroSyM sees as many of them as it observes."""
-        seen = [track[:, -1], scene.valid]
+        window = track[:, -config.obs_len :]
+        given = {"hidden": hidden, "position": window[:, -1], "track": window}
         if config.symbolic:
-            window = track[:, -config.obs_len :]
-            seen = [window, scene.valid, make_weighting(config.weighting)(window)]
-        return make_pooling(config, hidden.shape[1]).apply({"params": params}, hidden, *seen)
+            given["alpha"] = make_weighting(config.weighting)(window)
+        seen = {name: given[name] for name in config.pooling.inputs}
+        network = pooling_network(config, hidden.shape[1])
+        return network.apply({"params": params}, valid=scene.valid, **seen)
 
-    if config.pooling != "none":
+    if config.pools:
         pooled = pool(params["pooling"], context, observed)
         context = np.concatenate([context, pooled], axis=1)
     if config.needs_context_mlp:
@@ -126,7 +128,7 @@ def unfolded(config, params, scene, noise):
         cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
         hidden = sigmoid(o) * np.tanh(cell)
         step = dense(hidden, decoder["hidden2pos"])
-        if config.beside_velocity:
+        if config.residual:
             step = step + np.asarray(scene.displacement)[:, -1]
         track = np.concatenate([track, track[:, -1:] + step[:, None]], axis=1)
         steps.append(step)
@@ -183,11 +185,11 @@ def test_noise_of_each_agent_acts_on_that_agent():
 
 def scores_by_loop(config, params, positions, displacement):
     params = params["params"]
-    hidden = Encoder(config.embedding_dim, config.h_dim).apply(
+    hidden = Encoder(LSTM(), config.embedding_dim, config.h_dim).apply(
         {"params": params["encoder"]}, displacement
     )
     if config.kind == "global":
-        pooling = HiddenPooling(
+        pooling = PoolNetwork(
             config.embedding_dim, config.h_dim, config.pool_hidden_dim, config.h_dim
         )
         valid = np.ones(len(positions), bool)

@@ -2,7 +2,8 @@ import jax
 import numpy as np
 from numpy.testing import assert_allclose
 
-from neurosym_jax.models.lstm import Encoder, LSTMParameters, lstm_update
+from neurosym_jax.models.cell import Encoder
+from neurosym_jax.models.lstm import LSTM, LSTMNetwork
 
 
 def sigmoid(x):
@@ -37,14 +38,14 @@ def test_one_step():
     gates, cell = rng.normal(size=(5, 12)), rng.normal(size=(5, 3))
     i, f, g, o = np.split(gates, 4, axis=1)
     new = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
-    hidden, updated = lstm_update(gates, cell)
+    hidden, updated = LSTM().update(gates, (None, cell))
     assert_allclose(updated, new, atol=1e-6)
     assert_allclose(hidden, sigmoid(o) * np.tanh(new), atol=1e-6)
 
 
 def test_encoder_against_a_loop():
     steps = np.random.default_rng(1).normal(0, 0.4, (3, 8, 2)).astype(np.float32)
-    module = Encoder(embedding_dim=5, h_dim=7)
+    module = Encoder(LSTM(), embedding_dim=5, h_dim=7)
     params = random_like(jax.eval_shape(module.init, jax.random.key(0), steps))
     embedding, lstm = params["params"]["spatial_embedding"], params["params"]["lstm"]
     wanted = [
@@ -54,7 +55,7 @@ def test_encoder_against_a_loop():
 
 
 def test_initialised_as_torch_does():
-    module = LSTMParameters(inputs=16, features=64)
+    module = LSTMNetwork(inputs=16, features=64)
     params = module.init(jax.random.key(0), method=lambda lstm: lstm.input_bias)["params"]
     shapes = {name: leaf.shape for name, leaf in params.items()}
     assert shapes == {

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.config import GeneratorConfig
-from neurosym_jax.models.hidden_pooling import HiddenPooling
-from neurosym_jax.models.poolings import make_pooling
-from neurosym_jax.models.social_pooling import SocialPooling
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.decoder import pooling_network
+from neurosym_jax.models.pool_net import PoolNetwork
+from neurosym_jax.models.social import _GridNetwork
 
 RNG = np.random.default_rng(0)
 HIDDEN = RNG.normal(size=(6, 5)).astype(np.float32)
@@ -57,7 +57,7 @@ def pooled_by_grid(params, hidden, positions, cells, side):
 
 
 def test_hidden_pooling_against_literal_pairs():
-    module = HiddenPooling(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3)
+    module = PoolNetwork(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3)
     params = with_random_params(module)
     wanted = pooled_by_pairs(params, HIDDEN, POSITIONS)
     assert_allclose(jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL), wanted, atol=1e-5)
@@ -65,7 +65,7 @@ def test_hidden_pooling_against_literal_pairs():
 
 
 def test_social_pooling_against_a_loop():
-    module = SocialPooling(h_dim=5, grid_size=4, neighborhood_size=2.0)
+    module = _GridNetwork(h_dim=5, grid_size=4, neighborhood_size=2.0)
     params = with_random_params(module)
     wanted = pooled_by_grid(params, HIDDEN, POSITIONS, 4, 2.0)
     assert_allclose(jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL), wanted, atol=1e-5)
@@ -74,8 +74,8 @@ def test_social_pooling_against_a_loop():
 
 
 MODULES = [
-    HiddenPooling(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3),
-    SocialPooling(h_dim=5, grid_size=4, neighborhood_size=2.0),
+    PoolNetwork(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3),
+    _GridNetwork(h_dim=5, grid_size=4, neighborhood_size=2.0),
 ]
 
 
@@ -123,14 +123,14 @@ def test_nobody_at_all():
 
 
 def test_made_by_the_config():
-    social = make_pooling(GeneratorConfig(pooling="social", bottleneck_dim=32, grid_size=5), 32)
-    assert social == SocialPooling(32, 5, 2.0)
-    assert make_pooling(GeneratorConfig(), 32) == HiddenPooling(16, 32, 512, 8)
+    social = GeneratorConfig(pooling="social,grid_size=5")
+    assert pooling_network(social, 32) == _GridNetwork(32, 5, 2.0)
+    assert pooling_network(GeneratorConfig(), 32) == PoolNetwork(16, 32, 512, 8)
 
 
 def test_the_edge_of_the_neighbourhood_is_outside():
     """|offset| = side / 2 is excluded, an offset of zero falls right of and below the centre."""
-    module = SocialPooling(h_dim=1, grid_size=2, neighborhood_size=2.0)
+    module = _GridNetwork(h_dim=1, grid_size=2, neighborhood_size=2.0)
     kernel = np.eye(4, 1, -3, np.float32)  # The last cell: right and below.
     params = {"params": {"mlp": {"layer_0": {"kernel": kernel, "bias": np.zeros(1, np.float32)}}}}
     hidden = np.ones((2, 1), np.float32)

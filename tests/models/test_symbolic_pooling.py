@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
-from neurosym_jax.models.poolings import make_pooling
-from neurosym_jax.models.symbolic_pooling import IjcnnPooling, RosPooling, SymbolicPooling
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.decoder import pooling_network
+from neurosym_jax.models.neurosym import _DescribedNetwork, _IjcnnNetwork, _RosNetwork
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.weightings import make_weighting
 
@@ -21,19 +21,20 @@ HIDDEN = RNG.normal(size=(N, H)).astype(np.float32)
 OBSERVED = RNG.normal(0, 0.5, (N, T, 2)).cumsum(axis=1).astype(np.float32)
 ALPHA = RNG.uniform(size=(N, N, T)).astype(np.float32)
 ALL = np.ones(N, bool)
-OF_PAIRS = [SymbolicPooling(*SIZES), RosPooling(*SIZES)]
+OF_PAIRS = [_DescribedNetwork(*SIZES), _RosNetwork(*SIZES)]
 EACH = pytest.mark.parametrize("module", OF_PAIRS, ids=lambda module: type(module).__name__)
 
 
 def with_random_params(module):
-    alpha = ALPHA[0] if isinstance(module, IjcnnPooling) else ALPHA
-    shapes = jax.eval_shape(module.init, jax.random.key(0), HIDDEN, OBSERVED, ALL, alpha)
+    given = (ALL, ALPHA[0]) if isinstance(module, _IjcnnNetwork) else (OBSERVED, ALL, ALPHA)
+    shapes = jax.eval_shape(module.init, jax.random.key(0), HIDDEN, *given)
     rng = np.random.default_rng(1)
     return jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype(np.float32), shapes)
 
 
 def pool(module, params, hidden=HIDDEN, observed=OBSERVED, valid=ALL, alpha=ALPHA):
-    return np.asarray(jax.jit(module.apply)(params, hidden, observed, valid, alpha))
+    given = (valid, alpha) if isinstance(module, _IjcnnNetwork) else (observed, valid, alpha)
+    return np.asarray(jax.jit(module.apply)(params, hidden, *given))
 
 
 def literally(params, embed, hidden=HIDDEN):
@@ -68,7 +69,7 @@ def as_described(params, alpha):
 
 
 def test_as_described_is_the_papers_formula():
-    module = SymbolicPooling(*SIZES)
+    module = _DescribedNetwork(*SIZES)
     params = with_random_params(module)
     assert params["params"]["spatial_embedding"]["kernel"].shape == (2, E)
     wanted = as_described(params, ALPHA)
@@ -79,7 +80,7 @@ def test_as_described_is_the_papers_formula():
 
 
 def test_ros_embeds_the_whole_history_at_once():
-    module = RosPooling(*SIZES)
+    module = _RosNetwork(*SIZES)
     params = with_random_params(module)
     dense = params["params"]["spatial_embedding"]
     assert dense["kernel"].shape == (2 * T, E * T)
@@ -95,7 +96,7 @@ def test_ros_embeds_the_whole_history_at_once():
 
 
 def test_ijcnn_embeds_zero_and_takes_one_row_an_agent():
-    module = IjcnnPooling(*SIZES)
+    module = _IjcnnNetwork(*SIZES)
     params = with_random_params(module)
     dense = params["params"]["spatial_embedding"]
     rows = ALPHA[0]
@@ -116,7 +117,7 @@ def test_ijcnn_embeds_zero_and_takes_one_row_an_agent():
 
 
 def test_ijcnn_refuses_weights_of_pairs():
-    module = IjcnnPooling(*SIZES)
+    module = _IjcnnNetwork(*SIZES)
     params = with_random_params(module)
     for alpha in (ALPHA, ALPHA[:1, :1]):
         with pytest.raises(InputError, match="does not weight pairs"):
@@ -125,7 +126,7 @@ def test_ijcnn_refuses_weights_of_pairs():
 
 def test_ones_weight_nothing():
     """alpha of 1 everywhere is the same network without alpha in it."""
-    module = SymbolicPooling(*SIZES)
+    module = _DescribedNetwork(*SIZES)
     params = with_random_params(module)
     dense = params["params"]["spatial_embedding"]
     wanted = literally(
@@ -244,17 +245,13 @@ def test_it_runs_in_double_precision(module):
 
 
 def test_made_by_the_config():
-    made = {
-        name: type(make_pooling(GeneratorConfig(pooling=name), 32))
-        for name in ("as_described", "neurosym_ros", "neurosym_ijcnn")
-    }
-    assert made == {
-        "as_described": SymbolicPooling,
-        "neurosym_ros": RosPooling,
-        "neurosym_ijcnn": IjcnnPooling,
-    }
-    pooling = make_pooling(GeneratorConfig(pooling="as_described", obs_len=5), 32)
-    assert pooling == SymbolicPooling(5, 16, 32, 512, 8)
+    for pooling, network in (
+        ("as_described", _DescribedNetwork),
+        ("neurosym_ros", _RosNetwork),
+        ("neurosym_ijcnn", _IjcnnNetwork),
+    ):
+        config = GeneratorConfig(pooling=f"{pooling},hidden_dim=9", obs_len=5)
+        assert pooling_network(config, 32) == network(5, 16, 32, 9, 8)
 
 
 def test_the_first_release_has_no_symbols_of_predicted_steps():
@@ -265,7 +262,7 @@ def test_the_first_release_has_no_symbols_of_predicted_steps():
 @pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros"])
 def test_a_generators_forecast_depends_on_its_weights(pooling):
     """Through the whole generator: alpha of the observed symbols, and its gradient."""
-    config = GeneratorConfig(pooling=pooling, obs_len=T, pred_len=2, pool_hidden_dim=16)
+    config = GeneratorConfig(pooling=f"{pooling},hidden_dim=16", obs_len=T, pred_len=2)
     scene = make_scene(OBSERVED.astype(np.float64))
     generator, noise = Generator(config), np.zeros(config.noise_dim)
     alpha = jax.jit(make_weighting())(scene.observed, scene.valid)

@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocitySampled
+from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.networks import GeneratorForecaster
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime import memory
 from neurosym_jax.simulation.scenarios import synthetic_tracks
 
@@ -28,7 +29,7 @@ def test_a_forecast_of_too_many_samples():
 def test_an_evaluation_of_too_many_samples():
     batches = make_batches(cut_windows([synthetic_tracks("cross-path", 0)], 8, 8))
     with pytest.raises(InputError, match="ask for fewer samples"):
-        score_forecaster(ConstantVelocitySampled(8), (), batches, samples=10**9, seed=0)
+        score_forecaster(ConstantVelocitySampled(Lengths()), (), batches, samples=10**9, seed=0)
 
 
 def test_memory_grows_with_pairs_where_there_are_symbols():

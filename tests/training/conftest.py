@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.data.windows import Windows
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.run import Run
 
@@ -18,8 +18,7 @@ GENERATOR = GeneratorConfig(
     encoder_h_dim=8,
     decoder_h_dim=8,
     mlp_dim=8,
-    bottleneck_dim=4,
-    pool_hidden_dim=16,
+    pooling="pool_net,bottleneck_dim=4,hidden_dim=16",
     noise_dim=2,
 )
 RECIPE = TrainConfig(

@@ -255,7 +255,9 @@ def test_what_a_weighting_estimates_is_kept_as_it_was_counted(with_recipe, make_
     same = make_windows([3] * 13)  # One class to compile.
     run = dataclasses.replace(with_recipe(steps=25, ema=0.0), training=same, validation=same)
     weighting = Transition()
-    network = dataclasses.replace(run.generator, pooling="as_described", weighting=weighting)
+    network = dataclasses.replace(
+        run.generator, pooling="as_described,bottleneck_dim=4,hidden_dim=16", weighting=weighting
+    )
     train_run(dataclasses.replace(run, generator=network), tmp_path / "run")
     model = load_model(tmp_path / "run" / "model")
     assert model.config == network

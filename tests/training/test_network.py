@@ -1,6 +1,7 @@
 import pytest
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.models import AsDescribed, Social
 from neurosym_jax.symbolic.state_weightings import Cnd, Learned
 from neurosym_jax.symbolic.weightings import Ones
 from neurosym_jax.training.network import model_name, named_generator, named_weighting
@@ -9,15 +10,15 @@ from neurosym_jax.training.network import model_name, named_generator, named_wei
 def test_generators():
     assert named_generator(pred_len=12).pred_len == 12
     social = named_generator(pooling="social")
-    assert social.bottleneck_dim == social.encoder_h_dim
+    assert social.pooling == Social()
     symbolic = named_generator("neurosym", weighting="ones")
-    assert (symbolic.pooling, symbolic.weighting) == ("as_described", Ones())
+    assert (symbolic.pooling, symbolic.weighting) == (AsDescribed(), Ones())
 
 
 def test_changes():
     changed = named_generator("neurosym", changes=["noise_type=fixed", "encoder_h_dim=48"])
     assert (changed.noise_type, changed.encoder_h_dim) == ("fixed", 48)
-    assert (changed.pooling, changed.weighting) == ("as_described", Cnd())
+    assert (changed.pooling, changed.weighting) == (AsDescribed(), Cnd())
     for change, reason in (
         ("noise_dim=99", "network: noise_dim must lie in"),
         ("noise=fixed", "--network noise=fixed: must be NAME=VALUE"),
@@ -27,8 +28,8 @@ def test_changes():
             named_generator(changes=[change])
     with pytest.raises(InputError, match="fixed needs noise_mix_type global"):
         named_generator(changes=["noise_type=fixed", "noise_mix_type=ped"])
-    with pytest.raises(InputError, match="beside_velocity needs noise_type fixed"):
-        named_generator(changes=["beside_velocity=true"])
+    with pytest.raises(InputError, match="residual needs noise_type fixed"):
+        named_generator(changes=["residual=true"])
 
 
 @pytest.mark.parametrize(

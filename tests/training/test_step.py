@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.config import DiscriminatorConfig
+from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.losses import distance_errors, squared_displacement_errors
 from neurosym_jax.training.rollout import decode_groups, draw_group_noise, encode_groups
@@ -113,7 +113,9 @@ def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
         )
         for scene in groups
     )
-    generator = dataclasses.replace(run.generator, pooling="as_described", weighting="cnd")
+    generator = dataclasses.replace(
+        run.generator, pooling="as_described,bottleneck_dim=4,hidden_dim=16", weighting="cnd"
+    )
     config, state, noises = start(
         dataclasses.replace(run, generator=generator), groups, **ALL_TERMS
     )

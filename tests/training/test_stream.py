@@ -93,10 +93,10 @@ def test_noise_has_the_kind_and_shape_asked_for(windows, run):
         assert (np.abs(flat).max() > 1) == (config is run.generator)
 
 
-@pytest.mark.parametrize("beside_velocity", [False, True])
-def test_fixed_noise_is_that_of_a_forecast(windows, run, beside_velocity):
+@pytest.mark.parametrize("residual", [False, True])
+def test_fixed_noise_is_that_of_a_forecast(windows, run, residual):
     groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
-    config = dataclasses.replace(run.generator, noise_type="fixed", beside_velocity=beside_velocity)
+    config = dataclasses.replace(run.generator, noise_type="fixed", residual=residual)
     spec = GeneratorForecaster(config).noise
     for noise, scene in zip(draw_group_noise(config, groups, jax.random.key(3), 5), groups):
         identity = np.zeros((len(scene.valid), 2), np.uint32)

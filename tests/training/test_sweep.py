@@ -55,7 +55,6 @@ def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
     monkeypatch.setattr("neurosym_jax.training.sweep_plan.loaded", lambda: ["mine.py"])
     models = ("sgan", "social", "neurosym", "neurosym_ros")
     changes = {"changes": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
-    changes["network"] += ("bottleneck_dim=16",)  # As large as the hidden state, for `social`.
     for run in plan_runs(tmp_path, **{**CHOSEN, "models": models, **changes}, steps=10):
         options = tyro.cli(with_plugins(Options), args=run.arguments)
         assert options.plugin == ("mine.py",)

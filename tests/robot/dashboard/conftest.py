@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame

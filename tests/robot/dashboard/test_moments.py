@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.config import GeneratorConfig
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.soft_weightings import Soft
 from neurosym_jax.symbolic.weighting import initial_parameters

@@ -1,65 +1,80 @@
-"""Pooling by encounter: what each neighbour is about to be to oneself, by attention.
+"""Encounter pooling: attention over neighbours by bearing, velocity and closest approach.
 
-Where SGAN's and NeuroSyM's poolings know where neighbours are, this knows how they move, too, and
-how near they would come, all as seen by oneself: ahead and to the left. What comes out are pushes,
-turned back into the scene's axes, and plain numbers. So a scene that is turned is pooled the same.
+SGAN's and NeuroSyM's poolings see positions; this one sees velocities and the closest approach too,
+in the agent's own frame (ahead, left). Its output is vectors, rotated back into the scene's axes,
+and scalars, so a rotated scene gives rotated vectors and the same scalars.
 """
+
+import dataclasses
+from typing import Annotated, ClassVar
 
 import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array, lax
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.configuration import Count, Rule
 from neurosym_jax.models.layers import Affine
+from neurosym_jax.models.pooling import Pooling
 
-__all__ = ["EncounterPooling"]
+__all__ = ["Encounter"]
 
 FEATURES = 9
 HEADS = 4
 STEPS = 4.0
-"""Time steps over which velocities are metres; times are counted in as many."""
+"""Time steps in a unit of time: velocities are metres in so many steps."""
 SLOW = 0.01
-"""Metres a step below which a heading fades away."""
+"""Speed below which a heading fades away, metres a step."""
 LONGEST = 5.0
-"""Times `STEPS`, after which nobody looks ahead."""
+"""Longest look-ahead to the closest approach, in units of `STEPS`."""
 
 
-class EncounterPooling(nn.Module):
+@dataclasses.dataclass(frozen=True)
+class Encounter(Pooling):
+    """Attention over neighbours by bearing, relative velocity and closest approach."""
+
+    title: ClassVar[str] = "NeuroSyM, encounter pooling"
+    inputs: ClassVar[frozenset[str]] = frozenset({"track", "alpha"})
+    bottleneck_dim: Annotated[Count, Rule("be a multiple of 4", lambda dim: dim % HEADS == 0)] = 16
+    """Half of it are pushes, pairs of numbers."""
+    hidden_dim: Count = 32
+
+    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
+        """See `Pooling.network`."""
+        return _EncounterNetwork(self.hidden_dim, self.bottleneck_dim)
+
+    @property
+    def pair_numbers(self) -> float:
+        """The features, the hidden layer before and after its ReLU."""
+        return 3.0 * self.hidden_dim
+
+
+class _EncounterNetwork(nn.Module):
     """`sum_j a_ij exp(s_ij) m_ij / sum_j a_ij exp(s_ij)` over the others j.
 
     Messages m and scores s, one for each quarter of m, are a perceptron's of the pair; a_ij is
     alpha of the state that the pair was last observed in. Only ratios of alpha between neighbours
-    count: a weighting that is the same for all of them is none, whatever its scale. Negative
-    weights are 0.
+    count: a weighting with the same alpha for all neighbours has no effect. Negative weights are 0.
     """
 
     hidden_dim: int
     bottleneck_dim: int
-    """A multiple of 4: half of it are pushes, pairs of numbers."""
 
     def setup(self):
-        """Declare the layer of a pair, and what it says.
-
-        Raises:
-            InputError: for a bottleneck that does not divide.
-        """
-        if self.bottleneck_dim % HEADS:
-            raise InputError(f"encounter pooling: bottleneck_dim must be a multiple of {HEADS}")
+        """Declare the layer of a pair, and the layers of its message and scores."""
         self.pair = Affine(FEATURES, self.hidden_dim)
         self.message = Affine(self.hidden_dim, self.bottleneck_dim)
         self.score = Affine(self.hidden_dim, HEADS)
 
-    def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`; 0 for who has no neighbour of a positive weight.
+    def __call__(self, track: Array, valid: Array, alpha: Array) -> Array:
+        """Social vectors `[N, bottleneck_dim]`; 0 without a neighbour of positive weight.
 
         Args:
-            hidden: [N, H] encoder states, of which nothing is used.
-            observed: [N, T, 2] metres.
+            track: [N, T, 2] metres.
             valid: [N] bool.
             alpha: [N, N, T] weight of j for i; the last step's is taken.
         """
-        position, back = observed[:, -1], min(2, observed.shape[1] - 1)
-        velocity = STEPS * (position - observed[:, -1 - back]) / max(back, 1)
+        position, back = track[:, -1], min(2, track.shape[1] - 1)
+        velocity = STEPS * (position - track[:, -1 - back]) / max(back, 1)
         speed = _length(velocity)
         heading = velocity / jnp.hypot(speed, STEPS * SLOW)[:, None]
 

@@ -3,17 +3,35 @@
 An agent is among its own neighbours, as in SGAN, so the maximum is never over nothing.
 """
 
+import dataclasses
+from typing import ClassVar
+
 import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
+from neurosym_jax.configuration import Count
 from neurosym_jax.models.layers import Affine, Perceptron
 from neurosym_jax.models.pairs import max_over_neighbours
+from neurosym_jax.models.pooling import Pooling
 
-__all__ = ["HiddenPooling"]
+__all__ = ["PoolNet", "PoolNetwork"]
 
 
-class HiddenPooling(nn.Module):
+@dataclasses.dataclass(frozen=True)
+class PoolNet(Pooling):
+    """SGAN's pooling (Gupta et al., CVPR 2018), see `PoolNetwork`."""
+
+    title: ClassVar[str] = "SGAN"
+    bottleneck_dim: Count = 8
+    hidden_dim: Count = 512
+
+    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
+        """See `Pooling.network`."""
+        return PoolNetwork(embedding_dim, h_dim, self.hidden_dim, self.bottleneck_dim)
+
+
+class PoolNetwork(nn.Module):
     """SGAN's pooling module: a perceptron of `[Dense(p_j - p_i); h_j]`, maximum over j.
 
     The first layer is linear in the pair, so it splits into per-agent parts,
@@ -33,11 +51,11 @@ class HiddenPooling(nn.Module):
             (self.embedding_dim + self.h_dim, self.hidden_dim, self.bottleneck_dim)
         )
 
-    def __call__(self, hidden: Array, positions: Array, valid: Array) -> Array:
-        """`hidden [N, H]`, `positions [N, 2]`, `valid [N]` to `[N, bottleneck_dim]`."""
+    def __call__(self, hidden: Array, position: Array, valid: Array) -> Array:
+        """`hidden [N, H]`, `position [N, 2]`, `valid [N]` to `[N, bottleneck_dim]`."""
         first, second = self.mlp.layers
         of_embedding, of_hidden = jnp.split(first.kernel, [self.embedding_dim])
-        v = positions @ (self.spatial_embedding.kernel @ of_embedding)
+        v = position @ (self.spatial_embedding.kernel @ of_embedding)
         u = v + hidden @ of_hidden + (self.spatial_embedding.bias @ of_embedding + first.bias)
         return max_over_neighbours(_difference, (), v, u, (), second, valid)
 

@@ -5,19 +5,61 @@ Three variants, told apart in `docs/symbols.md`: the papers' (`as_described`), t
 argument, so that any weighting can be tried and differentiated through.
 """
 
+import dataclasses
+from typing import ClassVar
+
 import jax.numpy as jnp
+import numpy as np
 from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.layers import Affine, Perceptron
 from neurosym_jax.models.pairs import max_over_neighbours
-from neurosym_jax.models.pooling import NOT_OF_PAIRS
+from neurosym_jax.models.pool_net import PoolNet
+from neurosym_jax.models.pooling import NO_FORECAST
 
-__all__ = ["IjcnnPooling", "RosPooling", "SymbolicPooling"]
+__all__ = ["AsDescribed", "NeurosymIjcnn", "NeurosymRos"]
 
 
-class _HistoryPooling(nn.Module):
+@dataclasses.dataclass(frozen=True)
+class AsDescribed(PoolNet):
+    """NeuroSyM as its papers describe it."""
+
+    title: ClassVar[str] = "NeuroSyM"
+    inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "track", "alpha"})
+
+    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
+        """See `Pooling.network`."""
+        sizes = (obs_len, embedding_dim, h_dim, self.hidden_dim, self.bottleneck_dim)
+        return self._variant()(*sizes)
+
+    def _variant(self) -> "type[_HistoryNetwork]":
+        return _DescribedNetwork
+
+
+@dataclasses.dataclass(frozen=True)
+class NeurosymRos(AsDescribed):
+    """NeuroSyM as the authors' robot package computes it."""
+
+    title: ClassVar[str] = "NeuroSyM (robot package)"
+
+    def _variant(self) -> "type[_HistoryNetwork]":
+        return _RosNetwork
+
+
+@dataclasses.dataclass(frozen=True)
+class NeurosymIjcnn(AsDescribed):
+    """NeuroSyM as the earlier release computes it, with its defects."""
+
+    title: ClassVar[str] = "NeuroSyM (IJCNN release)"
+    inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "alpha_rows"})
+
+    def _variant(self) -> "type[_HistoryNetwork]":
+        return _IjcnnNetwork
+
+
+class _HistoryNetwork(nn.Module):
     """What the variants share: their sizes and the pair perceptron over all steps and h_j."""
 
     obs_len: int
@@ -33,7 +75,7 @@ class _HistoryPooling(nn.Module):
         self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
 
 
-class SymbolicPooling(_HistoryPooling):
+class _DescribedNetwork(_HistoryNetwork):
     """As described: each step's `Dense(X_j(t) - X_i(t))` times `alpha_ij(t)`, beside h_j.
 
     The first layer of the pair perceptron is linear in `[alpha dx, alpha dy, alpha]` of each step,
@@ -44,12 +86,12 @@ class SymbolicPooling(_HistoryPooling):
         """Declare the embedding, shared over time, and the pair perceptron."""
         self.declare(2, self.embedding_dim)
 
-    def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
+    def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`.
 
         Args:
             hidden: [N, H] encoder states.
-            observed: [N, obs_len, 2] metres.
+            track: [N, obs_len, 2] metres.
             valid: [N] bool.
             alpha: [N, N, obs_len] weight of j's step for i.
         """
@@ -64,17 +106,17 @@ class SymbolicPooling(_HistoryPooling):
         of_neighbour = hidden @ of_hidden + first.bias
 
         return max_over_neighbours(
-            _described_pair, folded, observed, (observed, of_neighbour), alpha, second, valid
+            _described_pair, folded, track, (track, of_neighbour), alpha, second, valid
         )
 
 
 def _described_pair(folded: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
-    observed, of_neighbour = theirs
-    x, y = (observed - own).T
+    track, of_neighbour = theirs
+    x, y = (track - own).T
     return jnp.concatenate([alpha * x, alpha * y, alpha]) @ folded + of_neighbour
 
 
-class RosPooling(_HistoryPooling):
+class _RosNetwork(_HistoryNetwork):
     """The robot package: one Linear over the whole flattened history, then alpha by step.
 
     Block t of its output, `embedding_dim` channels, is multiplied by `alpha_ij(t)`, but mixes all
@@ -85,12 +127,12 @@ class RosPooling(_HistoryPooling):
         """Declare the embedding of the history and the pair perceptron."""
         self.declare(2 * self.obs_len, self.obs_len * self.embedding_dim)
 
-    def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`; arguments as in `SymbolicPooling`."""
+    def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
+        """Social vectors `[N, bottleneck_dim]`; arguments as in `_DescribedNetwork`."""
         first, second = self.mlp.layers
-        agents = observed.shape[0]
+        agents = len(track)
         of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
-        own = observed.reshape(agents, -1) @ self.spatial_embedding.kernel
+        own = track.reshape(agents, -1) @ self.spatial_embedding.kernel
         shifted = own + self.spatial_embedding.bias
         of_neighbour = hidden @ of_hidden + first.bias
 
@@ -106,7 +148,7 @@ def _ros_pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: A
     return weighted.ravel() @ of_steps + of_neighbour
 
 
-class IjcnnPooling(_HistoryPooling):
+class _IjcnnNetwork(_HistoryNetwork):
     """The earlier release: its relative history is identically zero, so nothing depends on i.
 
     What is left of the embedding is its bias, times a row of alpha that the released collation
@@ -117,15 +159,15 @@ class IjcnnPooling(_HistoryPooling):
         """Declare the embedding (of which only the bias acts) and the perceptron."""
         self.declare(2, self.embedding_dim)
 
-    def __call__(self, hidden: Array, observed: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`, every row the same; `alpha [N, obs_len]`.
+    def __call__(self, hidden: Array, valid: Array, alpha_rows: Array) -> Array:
+        """Social vectors `[N, bottleneck_dim]`, every row the same.
 
         Raises:
-            InputError: where alpha is not by agents, as any weighting of pairs.
+            InputError: for alpha of pairs.
         """
-        if alpha.shape != (len(hidden), self.obs_len):
-            raise InputError(f"neurosym_ijcnn {NOT_OF_PAIRS}")
-        embedded = alpha[..., None] * self.spatial_embedding.bias
+        if np.shape(alpha_rows) != (len(hidden), self.obs_len):
+            raise InputError(f"neurosym_ijcnn {NO_FORECAST}")
+        embedded = alpha_rows[..., None] * self.spatial_embedding.bias
         each = self.mlp(jnp.concatenate([embedded.reshape(len(hidden), -1), hidden], axis=-1))
         highest = jnp.where(valid[:, None], each, 0).max(axis=0)
         return jnp.broadcast_to(highest, each.shape)

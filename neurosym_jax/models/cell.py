@@ -1,0 +1,81 @@
+"""What a recurrent cell is, and the encoder that runs one; `cells` has the table."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from flax import linen as nn
+from jax import Array
+
+from neurosym_jax.configuration import Checked
+from neurosym_jax.models.layers import Affine
+
+__all__ = ["Cell", "Encoder", "cell_network", "embed"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell(Checked):
+    """A recurrent cell of encoder and decoder; the fields of a subclass are its options.
+
+    A step is `update(x @ input_kernel + biases + h @ recurrent_kernel, state)`, for an input x and
+    a state whose first array is h. This form lets the affine layers around the cell fold into it.
+    """
+
+    title: ClassVar[str]
+    """What tables call it, except an LSTM; in lower case, the scope of its parameters."""
+
+    def network(self, inputs: int, features: int, name: str) -> Any:
+        """The Flax module with the cell's parameters, called `name`.
+
+        It has `input_kernel` [inputs, G], `recurrent_kernel` [features, G] and maps x [..., inputs]
+        to `x @ input_kernel` + biases [..., G]. G is the number of pre-activations, the gates.
+        """
+        raise NotImplementedError
+
+    def start(self, hidden: Array) -> tuple[Array, ...]:
+        """The state with this hidden state [..., H], before the first step."""
+        raise NotImplementedError
+
+    def update(self, gates: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The next state, from `gates` [..., G]."""
+        raise NotImplementedError
+
+
+def cell_network(cell: Cell, inputs: int, features: int) -> Any:
+    """The cell's module, in the scope of its parameters."""
+    return cell.network(inputs, features, cell.title.lower())
+
+
+def embed(embedding: Affine, network: Any) -> tuple[Array, Array]:
+    """Kernel and bias of a cell's gates as an affine map of what `embedding` embeds.
+
+    The embedding has no nonlinearity, so `(x S + s) W + b = x (S W) + (s W + b)`.
+    """
+    return embedding.kernel @ network.input_kernel, network(embedding.bias)
+
+
+class Encoder(nn.Module):
+    """Displacements to the last hidden state of a cell that starts from zeros."""
+
+    cell: Cell
+    embedding_dim: int
+    h_dim: int
+
+    def setup(self):
+        """Declare the embedding and the cell."""
+        self.spatial_embedding = Affine(2, self.embedding_dim)
+        self.recurrent = cell_network(self.cell, self.embedding_dim, self.h_dim)
+
+    def __call__(self, displacement: Array) -> Array:
+        """`displacement [N, T, 2]` metres to the hidden state `[N, h_dim]` after the last step."""
+        kernel, bias = embed(self.spatial_embedding, self.recurrent)
+        driven = jnp.moveaxis(displacement, 1, 0) @ kernel + bias
+        recurrent = self.recurrent.recurrent_kernel
+
+        def step(state, gates):
+            return self.cell.update(gates + state[0] @ recurrent, state), None
+
+        zeros = jnp.zeros((displacement.shape[0], self.h_dim), displacement.dtype)
+        (hidden, *_), _ = jax.lax.scan(step, self.cell.start(zeros), driven)
+        return hidden

@@ -1,0 +1,103 @@
+"""The configurations of the networks: where their hyper-parameters have their defaults.
+
+The defaults are those of the published SGAN checkpoints, which are not those of SGAN's own command
+line.
+"""
+
+import dataclasses
+from typing import Annotated, Literal
+
+from neurosym_jax.configuration import Checked, Count, Positive, Whole
+from neurosym_jax.errors import InputError
+from neurosym_jax.models.cell import Cell
+from neurosym_jax.models.cells import CELLS
+from neurosym_jax.models.lstm import LSTM
+from neurosym_jax.models.pool_net import PoolNet
+from neurosym_jax.models.pooling import NoPooling, Pooling
+from neurosym_jax.models.poolings import POOLINGS
+from neurosym_jax.symbolic.state_weightings import Cnd
+from neurosym_jax.symbolic.weighting import Weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
+
+__all__ = ["DiscriminatorConfig", "GeneratorConfig"]
+
+
+@dataclasses.dataclass(frozen=True)
+class GeneratorConfig(Checked):
+    """Architecture of a trajectory generator.
+
+    Lengths are in time steps; everything else counts units unless it says otherwise.
+    """
+
+    obs_len: Count = 8
+    pred_len: Count = 8
+    period: Positive = 0.4
+    """Seconds between time steps, in training."""
+    embedding_dim: Count = 16
+    encoder_h_dim: Count = 32
+    decoder_h_dim: Count = 32
+    mlp_dim: Count = 64
+    pooling: Annotated[Pooling, POOLINGS] = PoolNet()  # noqa: RUF009 (frozen)
+    """How neighbours are pooled: a component with its own options, see `models.poolings`."""
+    pool_every_timestep: bool = False
+    """Pool at predicted steps too. The symbols of NeuroSyM are then those of the last `obs_len`
+    positions of each sample, observed or predicted."""
+    cell: Annotated[Cell, CELLS] = LSTM()  # noqa: RUF009 (frozen)
+    """The recurrent cell of encoder and decoder."""
+    residual: bool = False
+    """Forecast the residual of constant velocity. The first sample is constant velocity itself: the
+    forecast for a noise of 0, which training leaves out. Needs `noise_type` fixed."""
+    noise_dim: Whole = 8
+    noise_type: Literal["gaussian", "uniform", "fixed"] = "gaussian"
+    """Drawn anew for each scene, or `fixed`: k vectors that are the same in every scene, by which a
+    network learns to spread its forecasts (see `forecasting.noise`)."""
+    noise_mix_type: Literal["global", "ped"] = "global"
+    """One noise vector a scene, or one for each agent."""
+    weighting: Annotated[Weighting | None, WEIGHTINGS] = None
+    """Weights of pairs, for a pooling that takes alpha; its default is then the papers' `cnd`."""
+
+    def __post_init__(self):
+        """Refuse values from which no network can be built."""
+        super().__post_init__()
+        if self.noise_dim >= self.decoder_h_dim:
+            raise InputError(
+                f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
+                f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
+            )
+        if self.noise_type == "fixed" and self.noise_mix_type == "ped":
+            raise InputError("noise_type fixed needs noise_mix_type global: agents have no order")
+        if self.residual and not (self.noise_type == "fixed" and self.noise_dim):
+            raise InputError("residual needs noise_type fixed and a noise_dim above 0")
+        pooling = POOLINGS.name_of(self.pooling)
+        if self.pool_every_timestep and (not self.pools or "alpha_rows" in self.pooling.inputs):
+            raise InputError(f"pool_every_timestep needs a pooling other than {pooling!r}")
+        if self.weighting is not None and not self.symbolic:
+            raise InputError(f"pooling {pooling!r} has no symbols for a weighting to weight")
+        if self.weighting is None and self.symbolic:
+            object.__setattr__(self, "weighting", Cnd())
+
+    @property
+    def pools(self) -> bool:
+        """Whether agents see each other."""
+        return not isinstance(self.pooling, NoPooling)
+
+    @property
+    def symbolic(self) -> bool:
+        """Whether pairs are weighted: NeuroSyM."""
+        return "alpha" in self.pooling.inputs
+
+    @property
+    def needs_context_mlp(self) -> bool:
+        """Whether a multi-layer perceptron stands between the encoder and the decoder."""
+        return self.noise_dim > 0 or self.pools or self.encoder_h_dim != self.decoder_h_dim
+
+
+@dataclasses.dataclass(frozen=True)
+class DiscriminatorConfig(Checked):
+    """Architecture of a trajectory discriminator: `local` scores h, `global` scores pooled h."""
+
+    kind: Literal["global", "local"] = "global"
+    embedding_dim: Count = 16
+    h_dim: Count = 48
+    mlp_dim: Count = 64
+    pool_hidden_dim: Count = 512
