@@ -1,21 +1,18 @@
-"""How much better one model is than another on the same test scenes, and how certain that is.
+"""Differences between models on the same test scenes, with their uncertainty.
 
 Both models forecast the same scenes with the same noise, so their errors are compared scene by
 scene. Two things make the difference uncertain:
 
-- the test scenes: others would have given other errors. Bootstrap; because neighbouring windows
-  share most of their steps, it is not windows that are drawn but blocks of as many start frames as
-  a window has steps.
-- the seeds: other initialisations would have given other models. The unit is the training seed:
-  the runs of one seed on several test sets are good or bad together, so they are averaged over test
-  sets first, and Student's t is of the seeds' means. A bootstrap over seeds stands beside it; but
-  three seeds drawn with replacement say too little of a fourth (Student's interval is 2.7 times as
-  wide), so no conclusion rests on it.
+- the test scenes: others would have given other errors. Bootstrap; neighbouring windows share most
+  of their steps, so the units drawn are blocks of as many start frames as a window has steps.
+- the training seeds: other initialisations would have given other models. Runs of one seed on
+  several test sets are good or bad together, so they are averaged over test sets first, and
+  Student's t is of the seeds' means. A bootstrap over seeds stands beside it; three seeds drawn
+  with replacement say too little about a fourth (Student's interval is 2.7 times as wide), so no
+  conclusion rests on it.
 
-That two models differ, a t test says (`p_value`); that they differ by less than a margin, two
-one-sided ones do (`p_equivalent`); of several comparisons, `holm` keeps the level.
-
-This knows nothing of training, files or text.
+A t test says that two models differ (`p_value`), two one-sided ones that they differ by less than a
+margin (`p_equivalent`); `holm` adjusts several comparisons.
 """
 
 import dataclasses
@@ -41,7 +38,7 @@ RESAMPLES = 4000
 
 
 class Interval(NamedTuple):
-    """95 % of what resampling gave, in the metric's unit."""
+    """95 % interval, in the metric's unit."""
 
     low: float
     high: float
@@ -49,14 +46,14 @@ class Interval(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ErrorsByScene:
-    """What a model scores on the S scenes of a test set, by M metrics of one value."""
+    """Scores of a model on the S scenes of a test set, by M metrics with one value."""
 
     metrics: tuple[str, ...]
-    """Their names."""
+    """Names."""
     totals: np.ndarray
-    """[S, M] summed over what is counted in each scene."""
+    """[S, M] see `Score.total`."""
     counts: np.ndarray
-    """[S, M] agents, or what else a metric counts."""
+    """[S, M] see `Score.count`."""
     identity: np.ndarray
     """[S, 2] (recording, start frame)."""
     steps: int
@@ -64,26 +61,26 @@ class ErrorsByScene:
 
     @classmethod
     def of_scores(cls, scores: Scores, identity: np.ndarray, steps: int) -> "ErrorsByScene":
-        """Those of `scores` that have one value, of scenes of `identity` [S]."""
+        """The `scores` with one value, of scenes with `identity` [S, 2]."""
         single = {name: score for name, score in scores.items() if score.total.ndim == 1}
         totals, counts = (np.stack(parts, axis=1) for parts in zip(*single.values()))
         return cls(tuple(single), totals, counts, identity, steps)
 
     @property
     def blocks(self) -> np.ndarray:
-        """[S] the block of each scene: as many start frames as a window has steps."""
+        """[S] the block of each scene, of as many start frames as a window has steps."""
         start = self.identity.astype(np.int64) // np.array([1, self.steps])
         return np.unique(start, axis=0, return_inverse=True)[1].ravel()
 
     @property
     def mean(self) -> np.ndarray:
-        """[M] over the test set."""
+        """[M] means over the test set."""
         return _ratio(self.totals.sum(axis=0), self.counts.sum(axis=0))
 
     def intervals(self) -> dict[str, Interval]:
-        """By metric the 95 % of its mean that other scenes would have given."""
+        """95 % interval of each metric's mean over other test scenes."""
         nothing = dataclasses.replace(self, totals=np.zeros_like(self.totals))
-        # A model's errors are the difference from no error at all.
+        # A model's errors are its difference from no error at all.
         over_scenes = paired_difference([self], [nothing]).over_scenes
         return {name: _interval(of) for name, of in zip(self.metrics, over_scenes.T)}
 
@@ -93,13 +90,13 @@ class Difference:
     """Scores of one model less those of another, [M] metrics on the last axis."""
 
     metrics: tuple[str, ...]
-    """Their names."""
+    """Names."""
     numbers: tuple[int, ...]
     """The n training seeds."""
     seeds: np.ndarray
-    """[n, M] the difference of the two runs of each seed, averaged over test sets if several."""
+    """[n, M] difference of the two runs of each seed, averaged over test sets if several."""
     over_scenes: np.ndarray
-    """[RESAMPLES, M] what other test scenes would have given."""
+    """[RESAMPLES, M] differences on resampled test scenes."""
 
     @property
     def mean(self) -> np.ndarray:
@@ -122,7 +119,7 @@ class Difference:
         }
 
     def p_value(self, metric: str) -> float:
-        """Of no difference between the models, on these test scenes: two-sided t test over seeds.
+        """Two-sided t test over seeds of no difference on these test scenes.
 
         NaN for a single seed.
         """
@@ -130,7 +127,7 @@ class Difference:
         return _p_value(of_seeds, 0.0, "two-sided")
 
     def p_equivalent(self, metric: str, margin: float) -> float:
-        """Of a difference of `margin` or more: two one-sided t tests over seeds.
+        """Two one-sided t tests over seeds of a difference of `margin` or more.
 
         Schuirmann (J. Pharmacokinet. Biopharm. 1987). NaN for a single seed.
         """
@@ -159,7 +156,7 @@ def paired_difference(
     drawn = draw.multinomial(count, np.full(count, 1 / count), RESAMPLES)
 
     def resampled(run: ErrorsByScene) -> np.ndarray:
-        # [RESAMPLES, M] its means over the scenes that were drawn.
+        # [RESAMPLES, M] means over the drawn scenes.
         totals, counts = np.zeros((2, count, len(first.metrics)))
         np.add.at(totals, block, run.totals)
         np.add.at(counts, block, run.counts)
@@ -173,7 +170,7 @@ def paired_difference(
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
-    """The mean over test sets, each weighing the same, of the seeds that all of them have.
+    """Mean over test sets with equal weights, of the seeds that all of them have.
 
     Raises:
         InputError: where there is no such seed.
@@ -182,7 +179,7 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
     if not common:
         raise InputError("no training seed was tested on every test set, so there is no mean")
     seeds = [part.seeds[[part.numbers.index(number) for number in common]] for part in parts]
-    # About the mean of the seeds that are left.
+    # Centred on the mean of the common seeds.
     moved = [part.over_scenes - part.mean + left.mean(axis=0) for part, left in zip(parts, seeds)]
     return Difference(
         parts[0].metrics, tuple(common), np.mean(seeds, axis=0), np.mean(moved, axis=0)
@@ -190,7 +187,7 @@ def mean_difference(parts: Sequence[Difference]) -> Difference:
 
 
 def holm(p_values: Sequence[float]) -> np.ndarray:
-    """The p values of m comparisons, each adjusted for all: below .05 is a finding.
+    """Adjust the p values of m comparisons for all of them: below .05 is a finding.
 
     Holm (Scand. J. Statist. 1979): the family-wise error is kept however they depend on each other.
     """
@@ -201,7 +198,7 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
 
 
 def student_half(values: Sequence[float]) -> float:
-    """Half of Student's 95 % interval of the mean of `values` [n], n > 1, such as trainings'."""
+    """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
     from scipy.stats import t  # It takes half a second to import.
 
     return float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
@@ -214,14 +211,14 @@ def _p_value(values: np.ndarray, mean: float, alternative: str) -> float:
     if n == 1:
         return np.nan
     above, error = values.mean() - mean, values.std(ddof=1) / np.sqrt(n)
-    # Without spread, any difference is certain, and none is no evidence.
+    # Without spread, a difference is certain and no difference is no evidence.
     statistic = above / error if error else np.inf * above if above else 0.0
     tails = {"greater": t.sf(statistic, n - 1), "less": t.cdf(statistic, n - 1)}
     return float(tails.get(alternative, 2 * min(tails.values())))
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Means; 0 where nothing was counted, for the total is 0 then."""
+    """Means; 0 where nothing was counted."""
     return totals / np.where(counts > 0, counts, 1)
 
 

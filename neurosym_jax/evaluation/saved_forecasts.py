@@ -43,7 +43,7 @@ class Forecasts(NamedTuple):
     recording: np.ndarray
     """[A] name."""
     start: np.ndarray
-    """[A] index of the first observed step among those of the recording."""
+    """[A] index of the first observed step in the recording."""
     period: float
     """Seconds between steps."""
 
@@ -75,28 +75,24 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
         InputError: see `check_forecasts_file`.
     """
     check_forecasts_file(path)
-    several = sum(len(test.entries) for test in tests) > 1
+    entries = [(test, *entry) for test in tests for entry in test.entries]
     paths: list[Path] = []
-    for test in tests:
-        for checkpoint, model in test.entries:
-            name = re.sub(
-                r"[^\w.+-]+", "_", Path(checkpoint or model.kind).name.removesuffix(".pt")
-            )
-            lengths = f"{test.test_set.obs_len}_{test.test_set.pred_len}"
-            stem = f"{path.stem}_{test.test_set.dataset}_{lengths}_{name}"
-            target = path.with_name(stem + path.suffix) if several else path
-            while target in paths:
-                target = target.with_stem(f"{target.stem}_")
-            with new_file(target) as beside:
-                WRITERS[path.suffix.lower()](beside, forecasts_of(model, test, samples, seed))
-            paths.append(target)
+    for test, checkpoint, model in entries:
+        name = Path(checkpoint or model.kind).name.removesuffix(".pt")
+        parts = [path.stem, test.test_set.dataset, test.test_set.obs_len, test.test_set.pred_len]
+        stem = "_".join(map(str, [*parts, re.sub(r"[^\w.+-]+", "_", name)]))
+        target = path.with_name(stem + path.suffix) if len(entries) > 1 else path
+        while target in paths:
+            target = target.with_stem(f"{target.stem}_")
+        with new_file(target) as beside:
+            WRITERS[path.suffix.lower()](beside, forecasts_of(model, test, samples, seed))
+        paths.append(target)
     return paths
 
 
 def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts:
     """Forecast a whole test set by `model`, in the order of its windows."""
-    windows, obs_len = test.windows, test.windows.obs_len
-    forecaster = model.forecaster
+    windows, obs_len, forecaster = test.windows, test.windows.obs_len, model.forecaster
     samples = samples if forecaster.noise.dim else 1
     numbers = 2.0 * samples * windows.agents * forecaster.pred_len
     refuse_beyond_memory("saving forecasts", 24 * numbers, "ask for fewer samples")
@@ -105,16 +101,10 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     names = {int(scene_identity(how.recording, 0)[0]): how.recording for how in windows.reading}
     recording = np.array([names[int(digest)] for digest in windows.identity[:, 0]])
-    return Forecasts(
-        found,
-        windows.position[:, obs_len:],
-        windows.position[:, :obs_len],
-        scene,
-        windows.agent,
-        recording[scene],
-        windows.identity[scene, 1].astype(np.int64),
-        windows.period,
-    )
+    truth, observed = windows.position[:, obs_len:], windows.position[:, :obs_len]
+    start = windows.identity[scene, 1].astype(np.int64)
+    who = (scene, windows.agent, recording[scene], start)
+    return Forecasts(found, truth, observed, *who, windows.period)
 
 
 def _write_npz(path: Path, forecasts: Forecasts) -> None:
@@ -133,9 +123,9 @@ def _write_trajnet(path: Path, forecasts: Forecasts) -> None:
 def _trajnet_rows(forecasts: Forecasts) -> Iterator[tuple[str, dict[str, object]]]:
     """Rows of TrajNet++: scenes, tracks, forecasts. The file is one recording, so frames and people
     of several recordings are numbered consecutively."""
-    steps = forecasts.observed.shape[1] + forecasts.truth.shape[1]
-    first = forecasts.start.copy()
-    begin = 0
+    obs_len = forecasts.observed.shape[1]
+    steps = obs_len + forecasts.truth.shape[1]
+    first, begin = forecasts.start.copy(), 0
     for name in dict.fromkeys(forecasts.recording):
         of = forecasts.recording == name
         first[of] += begin
@@ -147,19 +137,22 @@ def _trajnet_rows(forecasts: Forecasts) -> Iterator[tuple[str, dict[str, object]
         at = int(first[agent])
         ends = {"s": at, "e": at + steps - 1, "fps": round(1 / forecasts.period, 6)}
         yield "scene", {"id": int(scene), "p": people[agent], **ends}
+
+    def tracks(agent: int, path: np.ndarray, begin: int) -> Iterator[dict[str, object]]:
+        for frame, (x, y) in enumerate(np.round(path, DECIMALS).tolist(), begin):
+            yield {"f": frame, "p": people[agent], "x": x, "y": y}
+
     told = set()
     happened = np.concatenate([forecasts.observed, forecasts.truth], axis=1)
-    for agent, path in enumerate(np.round(happened, DECIMALS).tolist()):
-        for frame, (x, y) in enumerate(path, int(first[agent])):
-            if (frame, people[agent]) not in told:
-                told.add((frame, people[agent]))
-                yield "track", {"f": frame, "p": people[agent], "x": x, "y": y}
+    for agent, path in enumerate(happened):
+        for track in tracks(agent, path, int(first[agent])):
+            if (track["f"], track["p"]) not in told:
+                told.add((track["f"], track["p"]))
+                yield "track", track
     for agent in range(len(people)):
-        begin = int(first[agent]) + forecasts.observed.shape[1]
         of = {"scene_id": int(forecasts.scene[agent])}
-        for sample, path in enumerate(np.round(forecasts.forecast[:, agent], DECIMALS).tolist()):
-            for frame, (x, y) in enumerate(path, begin):
-                track = {"f": frame, "p": people[agent], "x": x, "y": y}
+        for sample, path in enumerate(forecasts.forecast[:, agent]):
+            for track in tracks(agent, path, int(first[agent]) + obs_len):
                 yield "track", {**track, "prediction_number": sample, **of}
 
 
