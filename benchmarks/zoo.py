@@ -167,8 +167,7 @@ class _Clock:
 def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.evaluation.metrics import metric_names
-    from neurosym_jax.evaluation.scene_scores import chosen
-    from neurosym_jax.evaluation.scoring import score_futures
+    from neurosym_jax.evaluation.scoring import chosen, score_futures
     from neurosym_jax.forecasting.batched import (
         decode_agents,
         draw_noises,

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scene_scores import Scores
+from neurosym_jax.evaluation.scoring import Scores
 
 __all__ = [
     "Difference",

@@ -13,8 +13,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.evaluation.scene_scores import chosen
-from neurosym_jax.evaluation.scoring import score_group
+from neurosym_jax.evaluation.scoring import chosen, score_group
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.runtime.environment import cpu_cores

@@ -16,8 +16,7 @@ from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.compile_ahead import CompileAhead
-from neurosym_jax.evaluation.scene_scores import Scores
-from neurosym_jax.evaluation.scoring import Evaluation, score_seeds
+from neurosym_jax.evaluation.scoring import Evaluation, Score, Scores, score_forecaster
 from neurosym_jax.evaluation.test_sets import (
     BASELINES,
     Entries,
@@ -204,15 +203,7 @@ def _evaluate_test(programs: CompileAhead, test: Test, settings: Settings) -> It
     example = None
     for path, model in test.entries:
         compiling = programs.wait_for(programs.of_batches(model, test.batches))
-        found, spread = score_seeds(
-            model.forecaster,
-            model.params,
-            test.batches,
-            samples=settings.samples,
-            seeds=range(settings.seed, settings.seed + settings.seeds),
-            metrics=settings.metrics,
-            by_scene=settings.by_scene,
-        )
+        found, spread = _score(model, test, settings)
         if example is None:
             example = single_scene(windows, _typical(test, found))
             # One size for most test sets, because each costs a program for every model.
@@ -243,6 +234,28 @@ def _evaluate_test(programs: CompileAhead, test: Test, settings: Settings) -> It
         horizons = {name: of.mean for name, of in found.scores.items() if of.total.ndim == 2}
         yield Result(test_set, row, errors, example, forecast, horizons, windows.period)
         loading = 0.0
+
+
+def _score(model: Model, test: Test, settings: Settings) -> tuple[Evaluation, dict[str, float]]:
+    """Mean scores over noise seeds, and the standard deviation between the seeds' means."""
+    seeds = range(settings.seed, settings.seed + settings.seeds)
+    how: Any = {"samples": settings.samples, "metrics": settings.metrics}
+    runs = [
+        score_forecaster(model.forecaster, model.params, test.batches, seed=seed, **how)
+        for seed in (seeds if model.forecaster.noise.dim else seeds[:1])
+    ]
+    scores: Scores = {}
+    spread = {}
+    for name, first in runs[0].scores.items():
+        of_runs = [run.scores[name] for run in runs]
+        if settings.by_scene:
+            of_runs = [each.of_each_scene() for each in of_runs]
+        scores[name] = Score(*(np.mean(parts, axis=0) for parts in zip(*of_runs)))
+        means = [each.mean for each in of_runs]
+        if len(runs) > 1 and first.total.ndim == 1 and np.isfinite(means).all():
+            spread[name] = float(np.std(means, ddof=1))
+    seconds = sum(run.seconds for run in runs) / len(runs)
+    return runs[0]._replace(scores=scores, seconds=seconds), spread
 
 
 def _columns(scores: Scores, errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:

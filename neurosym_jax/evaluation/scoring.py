@@ -1,29 +1,70 @@
-"""Scores of a forecaster on all scenes of a test set."""
+"""Scores of forecasts by any metrics: of a scene, of a batch, of a forecaster on a test set."""
 
-import dataclasses
+import functools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
-from neurosym_jax.data.batching import Batch
-from neurosym_jax.evaluation.scene_scores import Metrics, Score, Scores, chosen, score_scenes
+from neurosym_jax.data.batching import Batch, bucket_of
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.forecasting.batched import Map, draw_noises, forecast_batches, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.scene import Scene
+from neurosym_jax.scene import Scene, model_dtype
 
-__all__ = ["Evaluation", "score_forecaster", "score_futures", "score_group", "score_seeds"]
+__all__ = [
+    "Evaluation",
+    "Metrics",
+    "Score",
+    "Scores",
+    "chosen",
+    "score",
+    "score_forecaster",
+    "score_futures",
+    "score_group",
+    "score_scenes",
+]
 
 GROUP = 2**17
 """Samples of agent slots that are forecast before they are scored, about 25 MB."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Evaluation:
+class Score(NamedTuple):
+    """What a metric gives for S scenes, float64."""
+
+    total: np.ndarray
+    """[S], or [S, T] for a metric with a value for each step: sum of weighted values."""
+    count: np.ndarray
+    """[S] sum of the weights: the number of agents, unless the metric says otherwise."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """[] or [T] mean over all scenes; NaN where nothing was counted."""
+        count = self.count.sum()
+        return self.total.sum(axis=0) / count if count else np.full(self.total.shape[1:], np.nan)
+
+    def of_each_scene(self) -> "Score":
+        """Return the mean of each scene with weight 1, in place of its sum."""
+        shares = np.where(self.count > 0, self.count, 1)
+        total = self.total / shares.reshape(-1, *[1] * (self.total.ndim - 1))
+        return Score(total, (self.count > 0).astype(float))
+
+
+Scores = dict[str, Score]
+"""By the name of the metric."""
+Metrics = tuple[tuple[str, Metric], ...]
+"""(name, metric), hashable for `jax.jit`."""
+
+
+class Evaluation(NamedTuple):
     """What a forecaster scores on the S scenes of a test set."""
 
     scores: Scores
@@ -39,6 +80,138 @@ class Evaluation:
         return float(self.scores[metric].mean)
 
 
+def chosen(names: Sequence[str] | None) -> Metrics:
+    """The metrics of these names; by default those that are computed without being named."""
+    return tuple((name, METRICS[name]) for name in (metric_names() if names is None else names))
+
+
+def score(
+    forecast: ArrayLike,
+    future: ArrayLike,
+    valid: ArrayLike | None = None,
+    *,
+    observed: ArrayLike | None = None,
+    extras: Mapping[str, ArrayLike] | None = None,
+    metrics: Sequence[str] | None = None,
+) -> Scores:
+    """Scores of one scene, S = 1.
+
+    Args:
+        forecast: [k, N, T, 2] metres in any frame.
+        future: [N, T, 2] metres in the same frame, the truth.
+        valid: [N] bool, agents that count; positions of the others are ignored.
+        observed: [N, obs_len, 2] metres in the same frame, for metrics of symbols.
+        extras: [N, ...] of each agent by name, for metrics that ask for them.
+        metrics: names; by default those that are computed without being named.
+    """
+    forecast, future = np.asarray(forecast, np.float64), np.asarray(future, np.float64)
+    present = np.ones(len(future), bool) if valid is None else np.asarray(valid)
+    # A program for each bucket, not for each number of people; and no loss far from the origin.
+    slots = int(bucket_of(len(present)))
+    origin = future[present].mean(axis=(0, 1)) if present.any() else np.zeros(2)
+    seen = np.zeros((len(future), 1, 2)) if observed is None else np.asarray(observed, np.float64)
+
+    def padded(values: ArrayLike, dtype: Any = None) -> np.ndarray:
+        """[1, slots, ...] of `values [N, ...]`, zero where nobody counts."""
+        values = np.asarray(values)
+        array = np.zeros((1, slots, *values.shape[1:]), dtype or values.dtype)
+        array[0, : len(present)][present] = values[present]
+        return array
+
+    dtype = model_dtype()
+    scene = Scene(
+        observed=padded(seen - origin, dtype),
+        displacement=padded(np.diff(seen, axis=1, prepend=seen[:, :1]), dtype),
+        valid=padded(present),
+        identity=np.zeros((1, 2), np.uint32),
+        origin=None,
+        future=padded(future - origin, dtype),
+        extras={name: padded(values) for name, values in (extras or {}).items()},
+    )
+    samples = np.stack([padded(sample - origin, dtype) for sample in forecast])
+    return score_scenes(chosen(metrics), samples, scene)
+
+
+def score_scenes(
+    metrics: Metrics, forecast: np.ndarray, scene: Scene, noise_free: np.ndarray | None = None
+) -> Scores:
+    """Scores of a batch of B padded scenes by `forecast` [k, B, N, T, 2] metres.
+
+    `noise_free` [1, B, N, T, 2] is the forecast without noise, for metrics that ask for it.
+
+    Raises:
+        InputError: for a metric that fails, gives something else, or lacks its forecast.
+    """
+    scene = scene.replace(origin=None, identity=None)
+    found: dict[str, Any] = {}
+    for wanted, given in ((False, forecast), (True, noise_free)):
+        alike = [(name, metric) for name, metric in metrics if metric.noise_free == wanted]
+        if not alike:
+            continue
+        if given is None:
+            raise InputError(f"metric {alike[0][0]}: samples alone lack the noise-free forecast")
+        traced = tuple(each for each in alike if not each[1].on_host)
+        parts: Any = _traced(traced, given, scene) if traced else ()
+        found |= {name: of for (name, _), of in zip(traced, parts)}
+        for name, metric in alike:
+            if metric.on_host:
+                values, weights = map(np.asarray, _computed(name, metric, given, scene))
+                found[name] = _summed(name, values, weights, scene, np)
+    return {name: Score(*(np.asarray(of, np.float64) for of in found[name])) for name, _ in metrics}
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _traced(metrics: Metrics, forecast: Any, scene: Scene) -> Any:
+    """(total [B] or [B, T], count [B]) for each of `metrics`, see `score_scenes`."""
+
+    def of_scene(forecast: Any, scene: Scene) -> list[Any]:
+        return [
+            tuple(map(jnp.asarray, _computed(name, metric, forecast, scene)))
+            for name, metric in metrics
+        ]
+
+    parts = jax.vmap(of_scene, in_axes=(1, 0))(forecast, scene)
+    return [
+        _summed(name, values, weights, scene, jnp)
+        for (name, _), (values, weights) in zip(metrics, parts)
+    ]
+
+
+def _computed(name: str, metric: Metric, forecast: Any, scene: Scene) -> tuple[Any, Any]:
+    """The metric's values and weights; without weights, those of `Metric.compute`."""
+    try:
+        values = metric.compute(forecast, scene)
+        if isinstance(values, tuple):
+            values, weights = values
+            return values, weights
+        of_scenes = np.ndim(values) == np.ndim(scene.valid) - 1
+        valid: Any = scene.valid
+        return values, valid.sum(axis=-1) if of_scenes else valid
+    except Exception as error:  # A plugin's code can fail in any way.
+        raise InputError(f"metric {name}: {type(error).__name__}: {error}") from error
+
+
+def _summed(name: str, values: Any, weights: Any, scene: Scene, xp: Any) -> tuple[Any, Any]:
+    """(total [B] or [B, T], count [B]) of a batch's values and weights.
+
+    Raises:
+        InputError: for shapes that are none of a metric's.
+    """
+    batch, slots, steps = scene.known_future.shape[:3]
+    shapes = ((batch,), (batch, slots), (batch, slots, steps))
+    if values.shape not in shapes or weights.shape != values.shape[:2]:
+        raise InputError(
+            f"metric {name}: values [], [{slots}] or [{slots}, {steps}] of a scene are wanted and "
+            f"weights [] or [{slots}] alike, not {list(values.shape[1:])} and "
+            f"{list(weights.shape[1:])}"
+        )
+    if values.ndim == 1:
+        return xp.where(weights > 0, values * weights, 0), weights
+    weights = xp.where(scene.valid, weights, 0)
+    shares = weights[..., None] if values.ndim == 3 else weights
+    return xp.where(shares > 0, values * shares, 0).sum(axis=1), weights.sum(axis=1)
+
+
 def score_forecaster(
     forecaster: Forecaster,
     params: Any,
@@ -48,20 +221,7 @@ def score_forecaster(
     seed: int,
     metrics: Sequence[str] | None = None,
 ) -> Evaluation:
-    """Scores of `forecaster` on every scene of `batches`; the truth is in the scenes.
-
-    Args:
-        forecaster: makes the forecasts.
-        params: its parameters.
-        batches: see `make_batches`.
-        samples: k.
-        seed: of the noise, with the scene and the sample.
-        metrics: names; by default those that are computed without being named.
-
-    Raises:
-        InputError: for a seed out of range, more samples than there is memory for, or a metric
-            that fails.
-    """
+    """Scores of `forecaster` on every scene of `batches`, see `make_batches`."""
     start = time.perf_counter()
     samples = samples if forecaster.noise.dim else 1
     groups = list(_groups(batches, samples))
@@ -88,49 +248,6 @@ def score_forecaster(
                         whole[batch.index[there]] = of[there]
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
     return Evaluation(found, agents, samples, time.perf_counter() - start)
-
-
-def score_seeds(
-    forecaster: Forecaster,
-    params: Any,
-    batches: Sequence[Batch],
-    *,
-    seeds: Sequence[int],
-    by_scene: bool = False,
-    **how: Any,
-) -> tuple[Evaluation, dict[str, float]]:
-    """Mean of `score_forecaster` over seeds of the noise; one seed where no noise is drawn.
-
-    Args:
-        forecaster: see `score_forecaster`, as all but the following.
-        params: see there.
-        batches: see there.
-        seeds: of the noise.
-        by_scene: give each scene its mean in place of its sum, so that all weigh the same.
-        **how: see there.
-
-    Returns:
-        The scores, with the seconds of one seed; and, of several seeds, the standard deviation
-        between their means by metric.
-    """
-    seeds = seeds if forecaster.noise.dim else seeds[:1]
-    runs = [score_forecaster(forecaster, params, batches, seed=seed, **how) for seed in seeds]
-    of_runs = [run.scores for run in runs]
-    if by_scene:
-        of_runs = [{name: each.of_each_scene() for name, each in of.items()} for of in of_runs]
-    scores = {
-        name: Score(*(np.mean(parts, axis=0) for parts in zip(*(of[name] for of in of_runs))))
-        for name in of_runs[0]
-    }
-    seconds = sum(run.seconds for run in runs) / len(runs)
-    found = dataclasses.replace(runs[0], scores=scores, seconds=seconds)
-    means = {name: [of[name].mean for of in of_runs] for name in scores}
-    spread = {
-        name: float(np.std(of, ddof=1))
-        for name, of in means.items()
-        if len(runs) > 1 and np.ndim(of[0]) == 0 and np.isfinite(of).all()
-    }
-    return found, spread
 
 
 def _groups(batches: Sequence[Batch], samples: int) -> Iterator[list[Batch]]:
@@ -170,14 +287,10 @@ def score_futures(
     run: Map = map,
     noise_free: np.ndarray | None = None,
 ) -> list[Scores]:
-    """Scores of each of some batches, by the `futures [k, A, T, 2]` of their valid agents.
-
-    `noise_free [1, A, T, 2]` is the forecast without noise, for metrics of that.
-    """
+    """Scores of each of some batches by forecasts [k, A, T, 2] of their agents."""
     ends = np.cumsum([scene.valid.sum() for scene in scenes])[:-1]
-    if not any(metric.noise_free for _, metric in metrics):
-        noise_free = None
-    alone = [None] * len(scenes) if noise_free is None else np.split(noise_free, ends, axis=1)
+    asked = noise_free is not None and any(metric.noise_free for _, metric in metrics)
+    alone = np.split(noise_free, ends, axis=1) if asked else [None] * len(scenes)
 
     def of_batch(scene: Scene, piece: np.ndarray, alone: np.ndarray | None) -> Scores:
         valid = np.asarray(scene.valid)

@@ -14,7 +14,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.scene_scores import Scores, score
+from neurosym_jax.evaluation.scoring import Scores, score
 from neurosym_robot.online.predictor import Forecast, Predictor
 
 __all__ = ["STRAIGHT", "Analytics", "Score", "straight"]

@@ -13,7 +13,7 @@ import numpy as np
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
-from neurosym_jax.evaluation.scene_scores import chosen, score_scenes
+from neurosym_jax.evaluation.scoring import chosen, score_scenes
 from neurosym_jax.forecasting.batched import draw_noises, forecast_batches, unpacked
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.models.config import GeneratorConfig

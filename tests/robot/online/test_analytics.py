@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scene_scores import score
+from neurosym_jax.evaluation.scoring import score
 from neurosym_robot.online.analytics import STRAIGHT, Analytics
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 
