@@ -12,10 +12,10 @@ import tyro
 from neurosym_robot.dashboard import Dashboard
 from neurosym_robot.dashboard.floor_map import read_floor_map
 from neurosym_robot.dashboard.moments import Moments
+from neurosym_robot.online.compilation import When
 from neurosym_robot.online.models import load_models
 from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.programs import When
 from neurosym_robot.ros.source import Source
 from neurosym_robot.tracking.linking import LinkOptions
 from neurosym_robot.tracking.live import OnlineStitcher

@@ -1,8 +1,7 @@
 """Running errors of online forecasts, scored as the future arrives; the same live and in a replay.
 
-The truth is what later forecasts observed, so nothing but `Forecast`s is needed. Only people whose
-whole future was observed are scored; the others are counted with the reason. What is kept are
-sums, and the forecasts of one horizon.
+The truth is what later forecasts observed. Only people whose whole future was observed are scored;
+the others are counted with the reason.
 """
 
 import collections
@@ -12,44 +11,40 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import metric_names
 from neurosym_jax.evaluation.scoring import Scores, score
 from neurosym_robot.online.predictor import Forecast, Predictor
 
-__all__ = ["STRAIGHT", "Analytics", "Score", "straight"]
+__all__ = ["STRAIGHT", "Analytics", "RunningScore", "straight"]
 
-# What is scored beside the models, for whoever wants to know what they are worth.
-STRAIGHT = "constant velocity"
-
-LATENCIES = 4096  # the newest so many are kept for the percentiles
+STRAIGHT = "constant velocity"  # scored beside the models, as a baseline
+GRACE = 2  # steps waited beyond the horizon, for people lost for a moment at its end
+LATENCIES = 4096  # newest latencies kept for the percentiles
 PERCENTILES = (50, 90, 99)
-RECENT = 150  # forecasts of the sliding window: a minute of them
+RECENT = 150  # forecasts in the sliding window: a minute of them
 
 
 @dataclasses.dataclass
-class Score:
-    """The running score of one model: what its metrics sum up to."""
+class RunningScore:
+    """Sums of the metrics of one model."""
 
     forecasts: int = 0  # with at least one person whose future is known
     people: int = 0
-    # (total [] or [pred_len], count) of each metric, see `evaluation.metrics.Metric`.
+    # total [] or [pred_len] and count of each metric
     sums: dict[str, tuple[np.ndarray, float]] = dataclasses.field(default_factory=dict)
-
-    # What was added last.
     newest: collections.deque[tuple[Scores, int]] = dataclasses.field(
         default_factory=lambda: collections.deque(maxlen=RECENT)
     )
 
-    def recent(self) -> "Score":
-        """That of the newest forecasts alone."""
-        score = Score()
+    def recent(self) -> "RunningScore":
+        """The score of the newest forecasts alone."""
+        score = RunningScore()
         for scores, people in self.newest:
             score.add(scores, people)
         return score
 
     def add(self, scores: Scores, people: int) -> None:
-        """Take in those of one forecast, of so many people."""
+        """Add the scores of one forecast of `people` people."""
         self.newest.append((scores, people))
         self.forecasts += 1
         self.people += people
@@ -58,7 +53,7 @@ class Score:
             self.sums[name] = total + each.total[0], count + float(each.count[0])
 
     def means(self) -> dict[str, Any]:
-        """Means of the metrics, None before the first; JSON-able."""
+        """JSON-able means of the metrics; None before the first."""
         means: dict[str, Any] = dict.fromkeys(metric_names())
         for name, (total, count) in self.sums.items():
             means[name] = (total / count).tolist() if count else None
@@ -66,22 +61,10 @@ class Score:
 
 
 class Analytics:
-    """The running score of every model of a stream of forecasts."""
+    """Running scores of the models of a stream of forecasts."""
 
-    def __init__(self, grace: int = 2):
-        """Nothing scored yet.
-
-        Args:
-            grace: steps that a forecast waits beyond its horizon, so that a person who was lost
-                for a moment at its end is there again.
-
-        Raises:
-            InputError: for a negative grace.
-        """
-        if grace < 0:
-            raise InputError(f"grace must not be negative, not {grace}")
-        self.grace = grace
-        self.scores: dict[str, Score] = {}
+    def __init__(self):
+        self.scores: dict[str, RunningScore] = {}
         """By name of the model, and of `STRAIGHT`."""
         self.forecasts = 0
         self.dropped: collections.Counter[str] = collections.Counter()
@@ -106,7 +89,7 @@ class Analytics:
         return cls()
 
     def add(self, forecast: Forecast) -> list[Forecast]:
-        """Take in the next forecast; those that it made ready, scored, with their `future`."""
+        """Take in the next forecast; return those that it completed, with their `future`."""
         done: list[Forecast] = []
         if self._pending and forecast.index <= self._pending[-1].index:
             # The clock was set back: the future of those before it never comes.
@@ -116,22 +99,22 @@ class Analytics:
         self._latency.append(forecast.latency)
         self._learn(forecast)
         self._pending.append(forecast)
-        while forecast.index >= self._pending[0].index + _horizon(self._pending[0]) + self.grace:
+        while forecast.index >= self._pending[0].index + _horizon(self._pending[0]) + GRACE:
             done.append(self._score(self._pending.popleft()))
-            # What is pending looks at steps after its own only.
+            # Forecasts that wait need steps after their own only.
             first = self._pending[0].index if self._pending else forecast.index
             self._truth = {step: at for step, at in self._truth.items() if step > first}
         return done
 
     def finish(self) -> list[Forecast]:
-        """At the end of a recording: score what waits and can be scored; with their `future`."""
+        """At the end of a recording, score the forecasts that wait, and return them."""
         done = [self._score(forecast) for forecast in self._pending]
         self._pending.clear()
         self._truth.clear()
         return done
 
     def summary(self) -> dict[str, Any]:
-        """Everything so far, JSON-able: counts, means in metres, latencies in milliseconds.
+        """JSON-able counts, means in metres and latencies in milliseconds.
 
         "recent" has forecasts, latencies and models of the last minute alone.
         """
@@ -148,7 +131,7 @@ class Analytics:
         }
 
     def _learn(self, forecast: Forecast) -> None:
-        """Remember what it observed since the oldest forecast that waits."""
+        """Remember positions observed since the oldest forecast that waits."""
         oldest = self._pending[0].index if self._pending else forecast.index
         steps = forecast.observed.shape[1]
         for n in range(max(forecast.index - steps + 1, oldest + 1), forecast.index + 1):
@@ -170,7 +153,7 @@ class Analytics:
         samples[STRAIGHT] = np.repeat(going_on[None], len(next(iter(samples.values()))), axis=0)
         for name, each in samples.items():
             length = each.shape[2]
-            running = self.scores.setdefault(name, Score())
+            running = self.scores.setdefault(name, RunningScore())
             there = np.all(known[:, :length], axis=1)
             if there.any():
                 running.add(score(each, future[:, :length], there), int(there.sum()))
@@ -190,7 +173,7 @@ def straight(observed: np.ndarray, steps: int) -> np.ndarray:
     return observed[:, -1:] + np.arange(1, steps + 1)[:, None] * step
 
 
-def _so_far(latencies: Collection[float], scores: Mapping[str, Score]) -> dict[str, Any]:
+def _so_far(latencies: Collection[float], scores: Mapping[str, RunningScore]) -> dict[str, Any]:
     values = [None] * len(PERCENTILES)
     if latencies:
         values = np.percentile(1e3 * np.array(latencies), PERCENTILES).tolist()

@@ -1,13 +1,13 @@
-"""People frame by frame in, everybody's forecasts out: the predictor of a robot.
+"""The predictor of a robot: frames of people in, forecasts out.
 
-It knows nothing of ROS, files or screens; those push frames and read `Forecast`s. A forecast is
-that of `neurosym_jax.predict` for the same window, recording name and grid index, whether frames
-came live or from a file. Programs are compiled for a few numbers of people (`online.programs`).
+A forecast is that of `neurosym_jax.predict` for the same window, recording name and grid index,
+whether frames come live or from a file.
 """
 
 import dataclasses
 import time
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,23 +18,22 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_robot.online.programs import Programs, When
+from neurosym_robot.online.compilation import Programs, When
 from neurosym_robot.online.window import Health, Window
-from neurosym_robot.tracking.motion import FAR, MAX_SPEED
 
 __all__ = ["Forecast", "ModelForecast", "Predictor"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ModelForecast:
-    """What one model expects of N people, float64 metres in the world's frame."""
+    """One model's forecast of N people, float64 metres in the world's frame."""
 
     samples: np.ndarray
-    """[k, N, pred_len, 2] futures; sample s is one future of everybody together."""
+    """[k, N, pred_len, 2]: sample s is one future of everybody together."""
     mean: np.ndarray
-    """[N, pred_len, 2] mean over the samples."""
+    """[N, pred_len, 2]: mean over the samples."""
     central: int
-    """The most central sample: its squared distances to all others have the least sum."""
+    """The medoid sample: its squared distances to all others have the least sum."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,19 +51,20 @@ class Forecast:
     models: Mapping[str, ModelForecast]
     """By name of the model."""
     dropped: Mapping[int, str]
-    """Who else is followed but has no forecast, and why: "short" of observations, "unseen" at the
-    last step, "crowded" out by the nearest `max_people`, or "compiling": for so many nothing is
-    compiled yet, and the nearest are forecast."""
+    """Why other people who are followed have no forecast: "short" of observations, "unseen" at the
+    last step, "crowded" out by the nearest `max_people`, or "compiling": no program for so many
+    people is ready yet."""
     latency: float
     """Seconds of this computer's clock, from the frame's arrival to this forecast."""
     extrapolated: np.ndarray
-    """[N] int64, steps at the end of `observed` that nobody saw: the last velocity went on."""
+    """[N] int64: number of final steps in `observed` that were extrapolated at constant velocity,
+    not seen."""
     future: np.ndarray | None = None
-    """[N, pred_len, 2] float64 metres, what happened, NaN where nobody saw; `Analytics` adds it."""
+    """[N, pred_len, 2] float64 metres, what happened, NaN if not seen; `Analytics` adds it."""
 
 
 class Predictor:
-    """Forecasts a stream of frames with one model, or several that share the window."""
+    """Forecasts a stream of frames with one model, or with several that share the window."""
 
     def __init__(
         self,
@@ -75,34 +75,22 @@ class Predictor:
         seed: int = 0,
         *,
         recording: str = "",
-        max_gap: float = 1.0,
-        timeout: float = 10.0,
-        reset_after: float = 5.0,
-        max_tracks: int = 1024,
-        hold: float = 0.0,
-        far: float = FAR,
-        max_speed: float = MAX_SPEED,
         compile: When = "start",
         report: Callable[[str], None] = lambda text: None,
+        **window: Any,
     ):
-        """Compile what will be needed, or begin to.
+        """Compile the programs, or start to.
 
         Args:
             models: a model, called by its own name, or models by name.
-            period: seconds between steps; those that the models were trained on if None.
-            max_people: in a forecast; of more, the nearest are taken.
+            period: seconds between steps; by default those of the models' training data.
+            max_people: maximum in a forecast; of more, the nearest are taken.
             samples: k futures of each model.
             seed: of the noise, together with `recording` and the index of the first observed step.
-            recording: of the noise, too, as in `predict`; not for names that may change.
-            max_gap: see `Window`, as are the others.
-            timeout: seconds.
-            reset_after: seconds.
-            max_tracks: people followed at once.
-            hold: seconds for which somebody unseen is still forecast.
-            far: metres.
-            max_speed: metres per second.
-            compile: when the programs are, see `online.programs`.
-            report: is told, in one line, of every program before it is compiled.
+            recording: name that the noise depends on, as in `predict`.
+            compile: when the programs are compiled, see `online.compilation`.
+            report: called with one line before each program is compiled.
+            **window: see `Window`.
 
         Raises:
             InputError: for numbers out of range, no model, or models that observe different spans.
@@ -115,17 +103,7 @@ class Predictor:
         if period is None and len(periods) != 1:
             raise InputError(f"models must have steps of one length, not {sorted(periods)} s")
         refuse_below(1, {"max_people": max_people})
-        self.window = Window(
-            lengths.pop(),
-            periods.pop() if period is None else period,
-            max_gap=max_gap,
-            timeout=timeout,
-            reset_after=reset_after,
-            max_tracks=max_tracks,
-            hold=hold,
-            far=far,
-            max_speed=max_speed,
-        )
+        self.window = Window(lengths.pop(), periods.pop() if period is None else period, **window)
         self.max_people, self.recording = max_people, recording
         self._forecasters = {
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
@@ -134,36 +112,36 @@ class Predictor:
         for forecaster in self._forecasters.values():
             forecaster.fit(max_people)
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
-        self.programs = Programs(sorted(sizes), compile, report)
-        """What is compiled for these forecasts, and what others add to it."""
-        self.programs.begin(
-            lambda size: self._forecast(np.zeros((1, self.window.steps, 2)), 0, size)
+        alone = np.zeros((1, self.window.steps, 2))
+        self.programs = Programs(
+            sorted(sizes), compile, report, lambda size: self._forecast(alone, 0, size)
         )
+        """What is compiled for these forecasts, and for what is computed of them."""
 
     @property
     def samples(self) -> set[int]:
-        """The numbers of futures that the models draw."""
+        """Numbers of samples of the models."""
         return {forecaster.samples for forecaster in self._forecasters.values()}
 
     @property
     def health(self) -> Health:
-        """What was wrong with the stream so far."""
+        """Counts of what was wrong with the stream so far."""
         return self.window.health
 
     def push(
         self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
     ) -> Forecast | None:
-        """Take in one frame; a forecast where it completes a step with somebody to forecast.
+        """Take in one frame; return a forecast if it completes a step of anybody's window.
 
         Args:
             stamp: seconds, of the message's header. A frame is everybody seen at that moment.
             ids: [N] whole numbers.
             xy: [N, 2] world metres.
-            focus: [2] metres, the robot: who is nearest to it goes first where there are more than
-                `max_people`; by default nearest to the middle of all.
+            focus: [2] metres, the robot: of more than `max_people`, those nearest to it are
+                forecast; by default those nearest to the centre of all.
 
         Raises:
-            InputError: where the shapes differ; whatever else is wrong is counted in `health`.
+            InputError: if the shapes differ; whatever else is wrong is counted in `health`.
         """
         arrived = time.perf_counter()
         if not self.window.push(stamp, ids, xy, focus):
@@ -174,7 +152,7 @@ class Predictor:
         dropped = self.window.incomplete()
         asked = time.perf_counter()
         slots = self.programs.fit(len(people))
-        arrived += time.perf_counter() - asked  # What is compiled now does not count.
+        arrived += time.perf_counter() - asked  # Compiling does not count.
         most = min(slots, self.max_people)
         if len(people) > most:
             last = observed[:, -1]

@@ -18,7 +18,6 @@ from neurosym_robot.online.predictor import ModelForecast
 ADE = "#errors tbody tr:has-text('{}') td[data-key=joint_ade]"
 
 
-@pytest.fixture
 def write_replay(events, path, moments):
     file = ReplayFile(path, moments)
     for event in events:
@@ -26,6 +25,7 @@ def write_replay(events, path, moments):
     file.close()
 
 
+@pytest.fixture
 def live(moments, stream):
     """A dashboard that is shown 12 s at once, then three minutes as fast as they would be."""
     dashboard = Dashboard(moments, port=0)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score
 from neurosym_robot.online.analytics import STRAIGHT, Analytics
 from neurosym_robot.online.predictor import Forecast, ModelForecast
@@ -124,5 +123,3 @@ def test_memory_is_bounded(monkeypatch):
 
 def test_nothing_yet():
     assert Analytics().summary()["latency_ms"] == {"p50": None, "p90": None, "p99": None}
-    with pytest.raises(InputError, match="grace"):
-        Analytics(-1)

@@ -119,7 +119,7 @@ def test_floods_of_ids_are_bounded_and_the_nearest_are_followed():
     assert window.health.refused == 3 * 9950
     for n in range(100):
         window.push(100 + n * 20.0, ids + 10_000 * n, xy)
-    assert len(window._slot) + len(window._free) == 50
+    assert len(window._tracks) == 50
 
 
 def test_random_streams_never_crash():

@@ -11,7 +11,6 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from neurosym_robot.ros.tcpros.server import ConnectionServer
 
 from neurosym_robot.ros.tcpros import Topic
 from neurosym_robot.ros.tcpros.subscriber import MOST
@@ -24,6 +23,7 @@ from neurosym_robot.ros.tcpros.wire import (
     read_block,
 )
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, SlaveServer, call
+from neurosym_robot.server import ConnectionServer
 
 CHATTER = Topic("/chatter", "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1", "string data")
 TEXT = st.text(st.characters(exclude_categories=["Cs"]))

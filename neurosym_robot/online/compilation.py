@@ -1,8 +1,8 @@
 """When the programs of a stream are compiled, one for each of a few numbers of people.
 
-All at the start; or each when it is needed, which a recording waits for; or, on a robot, the
-smallest at the start and the others meanwhile, in a thread, where those come first that the people
-who are there ask for. Until then fewer of them can be forecast.
+All at the start; or each when it is needed, for a recording, which waits; or, on a robot, the
+smallest at the start and the others meanwhile in a thread, first the one that the people present
+need. Until it is ready, fewer of them are forecast.
 """
 
 import threading
@@ -11,60 +11,57 @@ from typing import Literal
 
 __all__ = ["Programs", "When"]
 
-When = Literal["start", "needed", "meanwhile"]  # when a program is compiled
+When = Literal["start", "needed", "meanwhile"]
 
 
 class Programs:
-    """What is ready, and what is to come."""
+    """Programs of a stream that are ready, and those to come."""
 
-    def __init__(self, sizes: Sequence[int], when: When, report: Callable[[str], None]):
-        """Nothing is compiled yet.
+    def __init__(
+        self,
+        sizes: Sequence[int],
+        when: When,
+        report: Callable[[str], None],
+        forecast: Callable[[int], object],
+    ):
+        """Compile what is needed before the first frame.
 
         Args:
             sizes: numbers of people that have a program each, ascending.
-            when: they are compiled.
-            report: is told, in one line each, of what is compiled.
+            when: when the programs are compiled.
+            report: called with one line for each program.
+            forecast: compiles the forecast of a number of people.
         """
-        self.sizes, self._when, self._report = tuple(sizes), when, report
+        self.sizes, self._when, self._report, self._forecast = tuple(sizes), when, report, forecast
         self._ready: set[int] = set()
-        self._forecast: Callable[[int], object] = lambda size: None
         self._waiting: list[tuple[int, Callable[[int], object]]] = []
         self._wanted = 0
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
-
-    def begin(self, forecast: Callable[[int], object]) -> None:
-        """Compile what forecasts, as far as is to be done before anything else.
-
-        Args:
-            forecast: compiles what forecasts up to so many people.
-        """
-        self._forecast = forecast
-        at_once = {"start": self.sizes, "needed": (), "meanwhile": self.sizes[:1]}[self._when]
+        at_once = {"start": self.sizes, "needed": (), "meanwhile": self.sizes[:1]}[when]
         for size in at_once:
             self._compile(size)
         self._later([(size, self._compile) for size in self.sizes[len(at_once) :]])
 
     def add(self, compile: Callable[[int], object], sizes: Sequence[int] | None = None) -> None:
-        """Compile what else is wanted of a forecast; where it is compiled when needed, nothing.
+        """Compile what else is computed of a forecast, unless programs are compiled when needed.
 
         Args:
-            compile: for up to so many people.
-            sizes: those that have one each; all if None.
+            compile: called with a number of people.
+            sizes: those numbers; all if None.
         """
         todo = [(size, compile) for size in (self.sizes if sizes is None else sizes)]
-        if self._when == "start":
-            for size, each in todo:
-                each(size)
+        for size, each in todo if self._when == "start" else ():
+            each(size)
         self._later(todo)
 
     @property
     def waiting(self) -> bool:
-        """Whether something is still to be compiled."""
+        """Whether programs are still to be compiled."""
         return self._thread is not None
 
     def fit(self, people: int) -> int:
-        """The size to forecast so many people with; a smaller one while none is ready."""
+        """The size to forecast `people` with; a smaller one while none that fits is ready."""
         wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
         if self._when == "needed" and wanted not in self._ready:
             self._compile(wanted)
@@ -85,7 +82,7 @@ class Programs:
         with self._lock:
             self._waiting += todo
             if self._waiting and self._thread is None:
-                # No daemon: a process that ends while XLA compiles would crash.
+                # Not a daemon: a process that ends while XLA compiles would crash.
                 self._thread = threading.Thread(target=self._work)
                 self._thread.start()
 
@@ -94,12 +91,10 @@ class Programs:
             with self._lock:
                 if not self._waiting:
                     self._thread = None
-                    break
-                # What those who are there ask for; then the smallest, in the order of adding.
+                    self._report("everything is compiled")
+                    return
+                # The size wanted now, then the smallest, in the order of adding.
                 todo = min(self._waiting, key=lambda each: (each[0] != self._wanted, each[0]))
                 self._waiting.remove(todo)
             size, compile = todo
             compile(size)
-        else:
-            return
-        self._report("everything is compiled")
