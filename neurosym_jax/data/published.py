@@ -1,7 +1,6 @@
-"""What others publish that this project reads, and where it lies on this computer.
+"""Published collections that this project reads, and where they lie on this computer.
 
-`published.tsv` pins every file: collection, path in it, address below `HOME`, bytes, SHA-256. How
-files come here is `download`'s business.
+`published.tsv` pins every file: collection, path in it, address below `HOME`, bytes, SHA-256.
 """
 
 import contextlib
@@ -17,7 +16,7 @@ HOME = (
     "https://raw.githubusercontent.com/sariahmghames/NeuroSyM-prediction/"
     "711d66fe63b13633cb47c7db6a7d96892ebefba3/NeuroSyM-sgan/scripts/"
 )
-"""Where the files are; the long number is the commit, so what is there does not change."""
+"""Address of the files, at a fixed commit."""
 
 COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")
 """Folders in `data_folder()`."""
@@ -46,21 +45,21 @@ def published_files(collection: str) -> list[PublishedFile]:
 
 
 def data_folder() -> Path:
-    """The folder of the user's data: `$NEUROSYM_DATA`, else `neurosym_jax` in `$XDG_DATA_HOME`
-    (`~/.local/share` where that is not set)."""
+    """Folder of the user's data: `$NEUROSYM_DATA`, else `neurosym_jax` in `$XDG_DATA_HOME`
+    (default `~/.local/share`)."""
     if own := os.environ.get("NEUROSYM_DATA"):
         return Path(own)
     try:
         base = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share")
-    except RuntimeError:  # A user without a home, as containers have them.
+    except RuntimeError:  # A user without a home, as in containers.
         base = Path()
     return base / "neurosym_jax"
 
 
 def find(path: Path) -> Path:
-    """`path`, or where it is below the data folder or one of the collections there.
+    """`path`, or where it is below the data folder or a collection in it.
 
-    What is nowhere is returned as it is, so that messages name what the user wrote.
+    A path that is nowhere is returned unchanged, so that messages name what the user wrote.
     """
     base = data_folder()
     for candidate in (path, base / path, *(base / name / path for name in COLLECTIONS)):

@@ -1,10 +1,10 @@
+import contextlib
 import os
 import shutil
 import subprocess
 import sys
 import threading
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -23,6 +23,54 @@ def home(tmp_path, monkeypatch):
     """The folder of the user's data."""
     monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path / "home"))
     return tmp_path / "home"
+
+
+class Server(ThreadingHTTPServer):
+    """Answers the n-th request as the n-th step of `script` says, and then as the last."""
+
+    def __init__(self, site, script):
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.site, self.script, self.requests = site, script, 0
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Server  # pyright: ignore
+
+    def log_message(self, format, *args):
+        pass
+
+    def do_GET(self):
+        step = self.server.script[min(self.server.requests, len(self.server.script) - 1)]
+        self.server.requests += 1
+        if isinstance(step, int):
+            self.send_error(step)
+            return
+        body = (self.server.site / self.path[1:]).read_bytes()
+        body = {"corrupt": bytes(len(body)), "long": body + b"more"}.get(step, body)
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if step == "drip":
+            for byte in body[:700]:
+                self.wfile.write(bytes([byte]))
+                threading.Event().wait(0.003)
+        with contextlib.suppress(OSError):
+            self.wfile.write(body[:1000] if step == "cut" else body)
+
+
+@pytest.fixture
+def served(site, monkeypatch):
+    """Address of a server of the site that behaves as the script says."""
+    monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
+    with contextlib.ExitStack() as stack:
+
+        def serve(*script):
+            server = stack.enter_context(Server(site, script))
+            threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+            stack.callback(server.shutdown)
+            return server, f"http://127.0.0.1:{server.server_port}"
+
+        yield serve
 
 
 @pytest.fixture
@@ -59,15 +107,10 @@ def test_every_file_is_pinned():
 
 
 @pytest.mark.parametrize("collection", SAMPLE)
-def test_over_http_and_found_without_being_told(site, home, collection, capsys):
-    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
-    handler.log_message = lambda *_: None  # pyright: ignore
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
-        options = Options(collection, mirror=f"http://127.0.0.1:{server.server_port}")
-        assert run(options) == 0
-        assert run(options) == 0
-        server.shutdown()
+def test_over_http_and_found_without_being_told(served, home, collection, capsys):
+    options = Options(collection, mirror=served("whole")[1])
+    assert run(options) == 0
+    assert run(options) == 0
     out = capsys.readouterr().out.splitlines()
     count = len(published_files(collection))
     assert [line.split(", ")[-1] for line in out] == [
@@ -85,6 +128,46 @@ def test_over_http_and_found_without_being_told(site, home, collection, capsys):
     assert isinstance(open_source(None), Synthetic)
 
 
+@pytest.mark.parametrize(
+    ("script", "more"),
+    [(("cut", "whole"), 1), (("corrupt", "long", "whole"), 2), ((503, 429, "whole"), 2)],
+)
+def test_comes_whole_in_the_end(served, home, script, more):
+    server, address = served(*script)
+    assert run(Options("eth-ucy", mirror=address)) == 0
+    assert server.requests == 24 + more
+
+
+@pytest.mark.parametrize(
+    ("step", "reason"),
+    [
+        (404, "404 Client Error"),
+        (500, "500 Server Error"),
+        ("corrupt", "hash of downloaded file"),
+        ("cut", "hash of downloaded file|IncompleteRead"),
+        ("long", "bytes that are published"),
+        ("drip", "less than 2000 bytes per second"),
+    ],
+)
+def test_does_not_come(served, home, step, reason):
+    server, address = served("whole", step)
+    with pytest.raises(InputError, match=reason) as caught:
+        run(Options("eth-ucy", mirror=address, timeout=0.5))
+    assert str(caught.value).startswith(f"{address}/")
+    assert "\n" not in str(caught.value)
+    assert server.requests == 4
+    assert len(names(home)) == 1
+    assert not (home / "eth-ucy").exists()
+
+
+def test_nobody_answers(home, served):
+    server, address = served("whole")
+    server.shutdown()
+    server.server_close()
+    with pytest.raises(InputError, match="refused"):
+        run(Options("eth-ucy", mirror=address))
+
+
 def test_without_it_a_scene_says_how_to_get_it(home):
     with pytest.raises(InputError, match="fetch it once: python -m neurosym_jax download eth-ucy"):
         open_source(None, "zara1")
@@ -97,7 +180,7 @@ def test_what_breaks_off_is_not_there_and_goes_on(site, home, capsys, monkeypatc
     content = lost.resolve()
     lost.unlink()
     options = Options("eth-ucy", mirror=str(site))
-    monkeypatch.setattr("neurosym_jax.data.transfer.PAUSE", 0.001)
+    monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
     for break_off in (lambda: None, lambda: lost.write_text("not it")):
         break_off()
         with pytest.raises(InputError, match=r"students001\.txt: .*run this again, or name"):
@@ -127,7 +210,7 @@ def test_what_is_there_is_checked_and_never_overwritten(site, home, capsys):
 
 
 def test_another_folder(site, home, tmp_path, capsys):
-    options = Options("eth-ucy", to=tmp_path / "there", mirror=site.as_uri())
+    options = Options("eth-ucy", to=tmp_path / "there", mirror=str(site))
     assert run(options) == 0
     assert f"export NEUROSYM_DATA={tmp_path / 'there'}" in capsys.readouterr().out
     assert not home.exists()
@@ -173,13 +256,14 @@ def test_killed_and_started_again(site, tmp_path, monkeypatch):
     code = f"""
 import os, sys
 from neurosym_jax.commands import download as module
-real, left = os.replace, [int(sys.argv[1])]
+import pooch.core
+real, left = pooch.core.shutil.move, [int(sys.argv[1])]
 def replace(*paths):
     left[0] -= 1
     if left[0] < 0:
         os.kill(os.getpid(), 9)
     real(*paths)
-os.replace = replace
+pooch.core.shutil.move = replace
 module.run(module.Options("eth-ucy", mirror={str(site)!r}))
 """
     for files in (0, 3, 20):
