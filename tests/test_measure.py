@@ -1,0 +1,58 @@
+"""How much of the package one evaluation needs."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MOST = 54
+"""Files whose code runs for one evaluation."""
+EVALUATION = """
+import json
+import sys
+import threading
+from pathlib import Path
+
+import neurosym_jax as nj
+
+root, ran = str(Path(nj.__file__).parent), set()
+
+
+def called(frame, event, _):
+    file = frame.f_code.co_filename
+    if event == "call" and file.startswith(root) and file not in ran:
+        while frame is not None and frame.f_code.co_name != "<module>":
+            frame = frame.f_back
+        if frame is None or not frame.f_code.co_filename.startswith(root):
+            ran.add(file)
+
+
+threading.setprofile(called)
+sys.setprofile(called)
+nj.evaluate(nj.load_model("sgan_zara1_8_8"), nj.data.read_any(Path("walk.txt")), samples=2)
+sys.setprofile(None)
+print(json.dumps([sorted(file[len(root) + 1 :] for file in ran), sorted(sys.modules)]))
+"""
+
+
+@pytest.mark.slow
+def test_an_evaluation_runs_code_of_few_files(tmp_path):
+    """A reader has this many files to follow; code that runs while importing is not counted."""
+    rows = [f"{10 * t} {who} {0.4 * t} {who}" for t in range(20) for who in (0, 1)]
+    (tmp_path / "walk.txt").write_text("\n".join(rows))
+    done = subprocess.run(
+        [sys.executable, "-c", EVALUATION],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    files, modules = json.loads(done.stdout.splitlines()[-1])
+    assert len(files) <= MOST, files
+    robot = {name for name in modules if name.split(".")[0] in ("neurosym_robot", "rosbags")}
+    assert robot == set()
