@@ -1,4 +1,4 @@
-"""From a command line to a call: options are a dataclass, bad input is one line, not a trace."""
+"""Run a command: options are a dataclass, errors of input are one line without a traceback."""
 
 import dataclasses
 import errno
@@ -19,11 +19,11 @@ __all__ = ["run_command", "with_plugins"]
 Options = TypeVar("Options")
 
 OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
-"""Errors that say nothing of our code."""
+"""Errors of the disk, not of the code."""
 
 PLUGIN = (
-    "File or module of one's own that is imported first, for the metrics, forecasters, poolings, "
-    "weightings and formats it registers; may be repeated."
+    "Your own file or module, imported first to register metrics, forecasters, poolings, "
+    "weightings or formats; may be repeated."
 )
 Plugins = Annotated[
     tyro.conf.UseAppendAction[tuple[str, ...]],
@@ -40,11 +40,9 @@ def run_command(
 ) -> None:
     """Parse `options` from the command line, call `action`, exit.
 
-    `--plugin FILE.py|MODULE` is an option of every command: what it names is imported before the
-    others are read, so that they know what it registers. `prepare` turns into options what others
-    than a user put on the command line. The exit status is what `action` returns
-    where that is a number, else 0; 2 for bad input or a disk that is full or read-only, 130 after
-    Ctrl-C.
+    Every command has `--plugin FILE.py|MODULE`, imported before the other options are parsed.
+    `prepare` removes arguments that other programs add. The exit status is the integer that
+    `action` returns, else 0; 2 for bad input or a full or read-only disk, 130 after Ctrl-C.
     """
     tune()
     enable_compilation_cache()
@@ -58,7 +56,7 @@ def run_command(
             names = [field.name for field in dataclasses.fields(options)]  # pyright: ignore
             status = action(options(**{name: getattr(found, name) for name in names}))
     except KeyboardInterrupt:
-        # Threads that compile are waited for; who presses it again does not wait, nor see a trace.
+        # Python waits for compiling threads; a second Ctrl-C ends the process at once.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         print("interrupted", file=sys.stderr)
         sys.exit(130)
@@ -71,7 +69,7 @@ def run_command(
 
 
 def with_plugins(options: type[Options]) -> type[Options]:
-    """`options` with `--plugin` as one option more."""
+    """`options` with the option `--plugin`."""
     field = ("plugin", Plugins, dataclasses.field(default=()))
     return dataclasses.make_dataclass(
         options.__name__,
@@ -83,7 +81,7 @@ def with_plugins(options: type[Options]) -> type[Options]:
 
 
 def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
-    """How warnings are shown: those of the user's input in one line, others as before."""
+    """Show warnings about input in one line, others as before."""
 
     def show(message: Warning | str, category: type[Warning], *where: object) -> None:
         if issubclass(category, InputWarning):
@@ -95,14 +93,14 @@ def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
 
 
 def _refuse_empty(arguments: Sequence[str]) -> None:
-    """InputError for an empty value, which as a path would be the current folder."""
+    """Refuse an empty value, which as a path would be the current folder."""
     for name, value in zip(["the first argument", *arguments], arguments):
         if not value or (value.startswith("--") and value.endswith("=")):
             raise InputError(f"{value.removesuffix('=') or name}: is empty")
 
 
 def _load_plugins(arguments: Sequence[str]) -> None:
-    """Import the plugins of installed packages, and what `--plugin` names."""
+    """Import the plugins of installed packages and those of `--plugin`."""
     load_entry_points()
     for place, argument in enumerate(arguments):
         name, equals, plugin = argument.partition("=")

@@ -22,7 +22,7 @@ class Options:
     """Print a script that completes commands and options in a shell."""
 
     shell: Annotated[Literal["bash", "zsh", "fish"], tyro.conf.Positional]
-    """The shell, started anew, reads the script from its folder of completions."""
+    """Shell; a new one reads the script from its folder of completions."""
 
 
 def run(options: Options) -> None:
