@@ -282,7 +282,7 @@ def test_a_forecaster_of_a_plugin_is_a_baseline(options, tmp_path, monkeypatch):
     given = {"dataset": "cross-path", "samples": 2, "collisions": False}
     names = ("constant_velocity", "standing")
     moving, standing = run(options(**given, baselines=names))
-    assert standing["model"] == "standing"
+    assert standing["model"] == "Standing"
     assert standing["samples"] == 1
     assert standing["joint_ade"] > moving["joint_ade"]
 
