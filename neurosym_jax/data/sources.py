@@ -1,6 +1,6 @@
-"""Where the recordings of a named scene come from: the embedded simulations, ETH/UCY, or a user.
+"""Sources of recordings by name of the data set: simulations, ETH/UCY, or a user's files.
 
-A source names its scenes and hands out their recordings; it reads when it is asked.
+A source reads files only when recordings are asked for.
 """
 
 import dataclasses
@@ -12,10 +12,10 @@ from neurosym_jax.data import formats
 from neurosym_jax.data.published import COLLECTIONS, data_folder, find
 from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.text import recording_name
 from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.errors import InputError, printable
-from neurosym_jax.simulation import scenarios as synthetic
+from neurosym_jax.errors import InputError
 
 __all__ = [
     "ELSEWHERE",
@@ -32,54 +32,54 @@ __all__ = [
 Split = Literal["train", "val", "test"]
 
 ELSEWHERE = "elsewhere"
-"""In the place of a scene that is left out: nothing is, and a model is tested on other people."""
+"""Held-out data set of models that are trained on all of them and tested on other people."""
 
 TRAIN_SHARE = 0.8
-"""Of the duration of a recording of `Files`; the rest is for validation."""
+"""Share of each recording of `Files` that is for training; the rest is for validation."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """Named scenes and their recordings."""
+    """Named data sets and their recordings."""
 
     scenes: tuple[str, ...]
+    """Names of the data sets."""
     read: ReadOptions = AS_IT_SAYS
     """How files are read."""
     period: float = PERIOD
-    """Seconds between the steps that recordings are brought to."""
+    """Seconds between steps; recordings are resampled to it."""
     name: str = ""
-    """Of all scenes together, where a model may be made to be tested on every one of them."""
+    """Name of all data sets together, where one model may be tested on every one of them."""
     about: str = ""
-    """What is in it, for people who did not ask for it by name."""
+    """What it contains, for people who did not ask for it by name."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
-        """Recordings of one split of `scene`, or of all for `ELSEWHERE`, which has no test.
+        """Recordings of one split of `scene`, or of all data sets for `ELSEWHERE`.
 
         Raises:
-            InputError: for a scene that the source does not have, or files that cannot be read.
+            InputError: for an unknown data set, the test split of `ELSEWHERE`, or files that cannot
+                be read.
         """
         if scene not in self.scenes and (scene != ELSEWHERE or split == "test"):
             raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
         return self._on_grid(self._read(scene, split))
 
     def files(self, names: Sequence[str]) -> list[Tracks]:
-        """Recordings chosen by path, or by file name without ending among the source's files.
+        """Recordings by path, or by the name without ending of one of the source's files.
 
         Raises:
-            InputError: for a name that is neither.
+            InputError: for an unknown name.
         """
-        known = {printable(path.stem): path for path in self._paths()}
+        known = {recording_name(path): path for path in self._paths()}
         paths = [Path(name) if Path(name).is_file() else known.get(name) for name in names]
         for name, path in zip(names, paths):
             if path is None:
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        return self._on_grid(
-            [tracks for path in paths if path is not None for tracks in self._read_file(path)]
-        )
+        return self._on_grid([tracks for path in paths if path for tracks in self._read_file(path)])
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        raise TypeError(f"{type(self).__name__} does not say how it reads a scene")
+        raise NotImplementedError
 
     def _paths(self) -> Iterable[Path]:
         return ()
@@ -93,7 +93,7 @@ class Source:
 
 @dataclasses.dataclass(frozen=True)
 class Synthetic(Source):
-    """The robot paper's two scenarios, simulated; each split has seeds of its own."""
+    """Simulations of the robot paper's two scenarios; each split has its own seeds."""
 
     scenes: tuple[str, ...] = ("all-forward", "cross-path")
     name: str = "simulations"
@@ -102,14 +102,15 @@ class Synthetic(Source):
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         if scene == ELSEWHERE:
             raise InputError(f"{scene} is for models of real people: say of whom with --data")
+        from neurosym_jax.simulation.scenarios import synthetic_tracks
+
         seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
-        scenario = cast(synthetic.Scenario, scene)
-        return [synthetic.synthetic_tracks(scenario, seed) for seed in seeds]
+        return [synthetic_tracks(cast(Any, scene), seed) for seed in seeds]
 
 
 @dataclasses.dataclass(frozen=True)
 class EthUcy(Source):
-    """ETH/UCY with its leave-one-out splits."""
+    """ETH/UCY with its leave-one-out splits, in `folder`."""
 
     folder: Path = Path()
     scenes: tuple[str, ...] = tuple(eth_ucy.SCENES)
@@ -127,16 +128,16 @@ class EthUcy(Source):
 
 @dataclasses.dataclass(frozen=True)
 class Files(Source):
-    """A user's files of any known format; each is a scene of its own, named after the file.
+    """A user's files of any known format; each is a data set named after the file.
 
-    A scene is tested on its whole file and left out of training: of every recording in the other
-    files, the first `TRAIN_SHARE` of its duration is for training and the rest for validation.
+    A data set is tested on its whole file and left out of training. Of every recording in the other
+    files, the first `TRAIN_SHARE` of its duration is for training, the rest for validation.
     """
 
     paths: tuple[Path, ...] = ()
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        own = [path for path in self.paths if printable(path.stem) == scene]
+        own = [path for path in self.paths if recording_name(path) == scene]
         if split == "test":
             return self._read_file(own[0])
         others = [path for path in self.paths if path not in own]
@@ -151,7 +152,7 @@ class Files(Source):
 
 
 def _part(tracks: Tracks, split: Split) -> Tracks:
-    """What is for training, or for validation; nothing of one is interpolated from the other."""
+    """The part of a recording for training or validation, cut before it is resampled."""
     first, last = tracks.stamp.min(), tracks.stamp.max()
     early = tracks.stamp < first + TRAIN_SHARE * (last - first)
     kept = early if split == "train" else ~early
@@ -165,19 +166,18 @@ def open_source(
     read: ReadOptions = AS_IT_SAYS,
     period: float = PERIOD,
 ) -> Source:
-    """The source at `data`: ETH/UCY as SGAN arranges it, a recording or a folder of them.
-
-    What is not found there is looked for in the folder of downloaded data, see `published.find`.
+    """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of recordings.
 
     Args:
-        data: with None, what was downloaded and has `scene`, else the embedded simulations.
-        scene: the one that is asked for by name.
-        model_scene: the one a model was trained to be tested on, taken where no scene is asked for.
+        data: path, also below the folder of downloaded data (see `published.find`); default: the
+            downloaded collection that has `scene`, else the simulations.
+        scene: name of the data set that is asked for.
+        model_scene: held-out data set of the model, used if no `scene` is asked for.
         read: how files are read.
-        period: seconds between the steps of what is handed out.
+        period: seconds between steps.
 
     Raises:
-        InputError: when nothing is there.
+        InputError: if nothing is there.
     """
     if data is None:
         data = _downloaded(scene or model_scene)
@@ -189,7 +189,9 @@ def open_source(
     how: Any = {"read": read, "period": period}
     if data is None:
         return Synthetic(**how)
-    data = _here(find(data))
+    data = find(data)
+    if str(data) in COLLECTIONS and not data.exists():
+        raise InputError(f"{data}: not here yet: `neurosym download {data}` fetches it")
     try:
         folder = formats.is_folder(data) or not data.exists()
     except OSError as error:
@@ -197,36 +199,23 @@ def open_source(
     if folder and eth_ucy.is_eth_ucy(data):
         return EthUcy(folder=data, **how)
     paths = tuple(formats.data_files(data, read)) if folder else (data,)
-    names = [printable(path.stem) for path in paths]
+    names = [recording_name(path) for path in paths]
     if len(set(names)) < len(names):
-        raise InputError(f"{data}: two files differ in their ending alone; their scenes would too")
+        raise InputError(f"{data}: two files differ only in their ending; rename one")
     if ELSEWHERE in names:
-        raise InputError(
-            f"{data}: no recording can be called {ELSEWHERE}, which means none of them"
-        )
+        raise InputError(f"{data}: no recording can be called {ELSEWHERE}: it means none of them")
     return Files(scenes=tuple(names), paths=paths, **how)
 
 
-def _here(data: Path) -> Path:
-    """`data`, unless that names a collection that was not downloaded yet.
-
-    Raises:
-        InputError: with the command that fetches it.
-    """
-    if str(data) in COLLECTIONS and not data.exists():
-        raise InputError(f"{data}: not here yet: `neurosym download {data}` fetches it")
-    return data
-
-
 def _downloaded(scene: str | None) -> Path | None:
-    """The folder of downloaded data that has this scene, if there is one."""
+    """The downloaded collection that has this data set, if there is one."""
     folder = data_folder() / ("eth-ucy" if scene in eth_ucy.SCENES else "thor")
     known = scene in eth_ucy.SCENES or scene in {path.stem for path in folder.glob("*")}
     return folder if known and folder.is_dir() else None
 
 
 def recordings_in(place: Path, read: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
-    """The recordings of a file of any known format or of a folder of them, on their own clocks.
+    """The recordings in a file of any known format or in a folder, on their own clocks.
 
     Raises:
         InputError: for files that cannot be read.
@@ -245,11 +234,11 @@ def windows_from(
     skip: int = 1,
     min_agents: int = 2,
 ) -> Windows:
-    """Windows of recordings, in one call: read, brought to steps of `period`, and cut.
+    """Read recordings, resample them to steps of `period`, and cut them into windows.
 
     Args:
-        data: a file of any known format, a folder of them, tracks of one's own on any clock (see
-            `make_tracks`), or several of these.
+        data: a file of any known format, a folder of them, tracks on any clock (see `make_tracks`),
+            or several of these.
         obs_len: observed steps.
         pred_len: steps to forecast.
         period: seconds between steps.
@@ -258,16 +247,13 @@ def windows_from(
         min_agents: scenes with fewer agents are dropped.
 
     Returns:
-        Windows whose `reading` says of each recording how it was read, and its gaps.
+        Windows; their `reading` describes each recording and its gaps.
 
     Raises:
-        InputError: for files that cannot be read, or where no window is found.
+        InputError: for files that cannot be read, or if there is no window.
     """
     recordings: list[Tracks] = []
     for one in [data] if isinstance(data, Path | str | Tracks) else data:
-        if isinstance(one, Tracks):
-            recordings.append(one)
-            continue
-        recordings += recordings_in(Path(one), read)
+        recordings += [one] if isinstance(one, Tracks) else recordings_in(Path(one), read)
     grid = [on_grid(tracks, period) for tracks in recordings]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

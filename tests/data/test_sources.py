@@ -84,7 +84,7 @@ def test_real_folds_of_thor(shared):
 def test_names_that_differ_in_ending_alone(tmp_path):
     for name in ("a.txt", "a.csv"):
         (tmp_path / name).write_text("0 1 2 3\n")
-    with pytest.raises(InputError, match="differ in their ending alone"):
+    with pytest.raises(InputError, match="differ only in their ending"):
         open_source(tmp_path)
 
 
