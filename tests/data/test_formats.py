@@ -37,7 +37,7 @@ READERS += (read_columns, read_any, sniff)
 
 @pytest.mark.parametrize("kind", SAMPLES)
 def test_each_is_known_by_its_content(tmp_path, kind):
-    assert {*SAMPLES, "bag"} == set(FORMATS), "bags are tested with neurosym_robot"
+    assert set(SAMPLES) == set(FORMATS) - {"bag"}, "bags are tested with neurosym_robot"
     path = tmp_path / "recording.dat"
     for mark in ("", "\ufeff"):
         path.write_text(mark + SAMPLES[kind])

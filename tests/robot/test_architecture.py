@@ -1,5 +1,7 @@
 """Who may import what in `neurosym_robot`, read from the source as for `neurosym_jax`."""
 
+import os
+import shutil
 import subprocess
 import sys
 from importlib.metadata import entry_points
@@ -71,3 +73,33 @@ def test_a_text_file_is_read_without_ros_or_tracking(tmp_path):
             )
         )
     ] == []
+
+
+WITHOUT = """
+import sys
+sys.modules["neurosym_robot"] = None  # As if it were not installed.
+import pytest
+fast = ("-n0", "-p", "no:cacheprovider", "-m", "not slow and not exhaustive")
+sys.exit(pytest.main([*fast, *sys.argv[1:]]))
+"""
+CORE = (
+    *("test_architecture.py", "commands/test_main.py", "data/test_formats.py"),
+    *("evaluation/test_metrics.py", "forecasting/test_baselines.py"),
+)
+
+
+@pytest.mark.slow
+def test_the_core_works_without_this_package(tmp_path):
+    ignored = shutil.ignore_patterns("__pycache__", "robot")
+    for name in ("neurosym_jax", "tests", "studies"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=ignored)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT, *(f"tests/{name}" for name in CORE)],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert " passed" in done.stdout
