@@ -1,8 +1,8 @@
 """`docs/cross_domain.md` from evaluations of models on other people than those they learned from.
 
 MODELS=$(ls -d checkpoints/*_8_* |
-    grep -E '/(beside_)?(sgan|neurosym|encounter)_(zara1|simulations|thor-[a-z0-9]+)_8_[0-9]+$')
-ALL="$MODELS $(ls -d checkpoints/*_elsewhere_8_*)"
+    grep -E '/(residual_)?(sgan|neurosym|encounter)_(zara1|simulations|thor-[a-z0-9]+)_8_[0-9]+$')
+ALL="$MODELS $(ls -d checkpoints/*_general_8_*)"
 python evaluate.py --data THOR --checkpoint $ALL --no-figures --json docs/cross_domain/thor.json
 python evaluate.py --data MORE/tests --checkpoint $ALL --no-figures \\
     --json docs/cross_domain/more.json
@@ -40,7 +40,7 @@ TESTS = {
 
 TRAINED = {
     "zara1": ("ETH/UCY without zara1", ("zara1",)),
-    "elsewhere": ("ETH/UCY, Stanford, HERMES", ("Stanford", "HERMES")),
+    "general": ("ETH/UCY, Stanford, HERMES", ("Stanford", "HERMES")),
     "simulations": ("both scenarios", ("scenario A", "scenario B")),
     "thor-1": ("THÖR 3 and MAGNI", ("THÖR 1",)),
     "thor-3": ("THÖR 1 and MAGNI", ("THÖR 3",)),

@@ -63,7 +63,7 @@ leave-one-out test splits, best of {samples} samples. *Joint* takes one sample f
 (SGAN's protocol, the only one the published rows are in); *marginal* takes each agent's own best,
 as most later papers do. Constant velocity is a single forecast.
 
-Rows are means over {seeds} seeds of the noise. Rows "beside constant velocity"
+Rows are means over {seeds} seeds of the noise. Rows "residual"
 ([Train](training.md#beside-constant-velocity)) have the same noise in every scene, and are means of
 {trainings} trainings. Those with "more data" have learned from Stanford's drone scenes besides
 ([Train](training.md#more-data)), and the published ones have not. All others are of **one training

@@ -12,7 +12,7 @@ import tyro
 from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import (
-    ELSEWHERE,
+    GENERAL,
     EthUcy,
     Source,
     Synthetic,
@@ -43,7 +43,7 @@ class Options:
     weighting: str | None = None
     """Weighting of NeuroSyM, KIND[,FIELD=VALUE...], see docs/weightings.md (default: cnd)."""
     dataset: Annotated[str | None, tyro.conf.arg(aliases=["--scene"])] = None
-    """Data set to leave out of training (eth, hotel, ...); `elsewhere` trains on all of ETH/UCY. Of
+    """Data set to leave out of training (eth, hotel, ...); `general` trains on all of ETH/UCY. Of
     the simulations, the one to train on (default: all of them)."""
     obs_len: int = 8
     """Observed steps."""
@@ -101,7 +101,7 @@ def run(options: Options) -> None:
 def _test_of(options: Options, folder: Path) -> str:
     """The command that tests the model in `folder` on what was left out of its training."""
     where = [] if options.data is None else ["--data", str(options.data)]
-    if options.dataset == ELSEWHERE:
+    if options.dataset == GENERAL:
         where = ["--data", "RECORDINGS"]
     elif options.dataset is not None:
         where += ["--dataset", options.dataset]
@@ -149,7 +149,7 @@ def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
         return [source.files(names) for names in (options.train_on, options.validate_on)]
     if options.dataset is None and options.data is not None:
         names = ", ".join(source.scenes)
-        raise InputError(f"--dataset is needed: one of {names}, or {ELSEWHERE}")
+        raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")
     names = source.scenes if options.dataset is None else (options.dataset,)
     return [
         [tracks for name in names for tracks in source.recordings(name, split)]
@@ -187,7 +187,7 @@ def _data_name(options: Options, source: Source) -> str:
     also = f", and on {besides}" if besides else ""
     if options.train_on:
         return f"trained on {', '.join(Path(name).stem for name in options.train_on)}{also}"
-    if options.dataset == ELSEWHERE:
+    if options.dataset == GENERAL:
         of = "ETH/UCY" if isinstance(source, EthUcy) else str(options.data)
         return f"trained on all of {of}{also}"
     if isinstance(source, Synthetic):

@@ -18,7 +18,7 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 
 __all__ = [
-    "ELSEWHERE",
+    "GENERAL",
     "EthUcy",
     "Files",
     "Source",
@@ -31,7 +31,7 @@ __all__ = [
 
 Split = Literal["train", "val", "test"]
 
-ELSEWHERE = "elsewhere"
+GENERAL = "general"
 """Held-out data set of models that are trained on all of them and tested on other people."""
 
 TRAIN_SHARE = 0.8
@@ -54,13 +54,13 @@ class Source:
     """What it contains, for people who did not ask for it by name."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
-        """Recordings of one split of `scene`, or of all data sets for `ELSEWHERE`.
+        """Recordings of one split of `scene`, or of all data sets for `GENERAL`.
 
         Raises:
-            InputError: for an unknown data set, the test split of `ELSEWHERE`, or files that cannot
+            InputError: for an unknown data set, the test split of `GENERAL`, or files that cannot
                 be read.
         """
-        if scene not in self.scenes and (scene != ELSEWHERE or split == "test"):
+        if scene not in self.scenes and (scene != GENERAL or split == "test"):
             raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
         return self._on_grid(self._read(scene, split))
 
@@ -100,7 +100,7 @@ class Synthetic(Source):
     about: str = "Simulated people who walk together (all-forward) and cross (cross-path)."
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        if scene == ELSEWHERE:
+        if scene == GENERAL:
             raise InputError(f"{scene} is for models of real people: say of whom with --data")
         from neurosym_jax.simulation.scenarios import synthetic_tracks
 
@@ -116,7 +116,7 @@ class EthUcy(Source):
     scenes: tuple[str, ...] = tuple(eth_ucy.SCENES)
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        if scene == ELSEWHERE:
+        if scene == GENERAL:
             paths = eth_ucy.text_files(self.folder / split)
         else:
             paths = eth_ucy.split_files(self.folder, scene, split)
@@ -202,8 +202,8 @@ def open_source(
     names = [recording_name(path) for path in paths]
     if len(set(names)) < len(names):
         raise InputError(f"{data}: two files differ only in their ending; rename one")
-    if ELSEWHERE in names:
-        raise InputError(f"{data}: no recording can be called {ELSEWHERE}: it means none of them")
+    if GENERAL in names:
+        raise InputError(f"{data}: no recording can be called {GENERAL}: it means none of them")
     return Files(scenes=tuple(names), paths=paths, **how)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Literal
 
-from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Source, Synthetic
+from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.test_sets import BASELINES, Entries, Test, TestSet, baseline, make_test
@@ -143,7 +143,7 @@ def one_of_each(
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
     # General models first; then the papers' networks before their variants.
-    fitting.sort(key=lambda each: (each[1].dataset != ELSEWHERE, _departures(each[1])))
+    fitting.sort(key=lambda each: (each[1].dataset != GENERAL, _departures(each[1])))
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
@@ -176,7 +176,7 @@ def _contradiction(
         has = getattr(config, name)
         if asked is not None and asked != has:
             return f"has {name} {has}, but --{name.replace('_', '-')} {asked} is asked for"
-    if model.dataset == ELSEWHERE and isinstance(source, EthUcy) and not named:
+    if model.dataset == GENERAL and isinstance(source, EthUcy) and not named:
         return (
             "learned from all of ETH/UCY, so it would be tested on what it was trained on "
             "(--test-on with file names does so all the same)"

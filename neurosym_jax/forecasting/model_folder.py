@@ -1,13 +1,13 @@
 """Models on disk: folders of three files and, read through `interop`, torch's checkpoints.
 
-A model's folder holds `config.json` (the kind of forecaster and its configuration, the dataset left
-out of training, a digest, and, where it was trained with plugins, their names, which are told but
-never imported), `params.safetensors` (arrays by path, see `parameters`) and `README.md`, the card
-for people. The digest is of both other files' bytes and stands in the second line:
+A model's folder holds `config.json` (the forecaster's name and configuration, the dataset to test
+on, the names of plugins it was trained with, which are never imported from here),
+`params.safetensors` (arrays by path, see `parameters`) and `README.md`, the card for people. The
+second line of `config.json` is the digest of everything else in the three files:
 
-    (tail -n +3 config.json; cat params.safetensors) | sha256sum
+    (tail -n +3 config.json; cat README.md params.safetensors) | sha256sum
 
-It is compared before either file is parsed.
+It is compared before any file is parsed.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax import configuration
+from neurosym_jax.configuration import from_json, parse_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
@@ -31,25 +31,17 @@ from neurosym_jax.forecasting.parameters import (
     refuse_not_finite,
 )
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.files import new_folder
+from neurosym_jax.runtime.files import new_file, new_folder
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 
-__all__ = [
-    "CARD",
-    "FORMAT",
-    "load_model",
-    "refuse_misfit",
-    "save_model",
-]
+__all__ = ["load_model", "replace_card", "save_model"]
 
 CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
-FORMAT = 2
-FIELDS = ("format", "forecaster", "config", "dataset")
-PLUGINS = "plugins"
-"""A field more, of models that were trained with plugins."""
+FORMAT = 3
+FIELDS = {"format", "forecaster", "config", "dataset", "plugins"}
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 LARGEST_TEXT = 2**20
-"""Bytes of a configuration, and of the names and shapes of all parameters."""
+"""Most bytes of a configuration, and of the names and shapes of all parameters."""
 
 
 def save_model(folder: Path | str, model: Model, card: str | None = None) -> None:
@@ -57,30 +49,57 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
 
     Args:
         folder: of the model.
-        model: parameters are nested dictionaries of finite arrays that fit the configuration.
-        card: text of its `README.md`; by default what the configuration says.
+        model: its parameters are nested dictionaries of finite arrays that fit the configuration.
+        card: text of its `README.md`; by default a summary of the configuration.
 
     Raises:
-        InputError: when something is already there or cannot be written, and for a model that
-            would not be read as it is.
+        InputError: if something is already there or cannot be written, and for a model that would
+            not come back as it is.
     """
-    config, params = _files(model)
+    from safetensors.numpy import save
+
+    _refuse_misfit(model)
+    fields = {
+        "format": FORMAT,
+        "forecaster": model.kind,
+        "config": to_json(model.config),
+        "dataset": model.dataset,
+        "plugins": list(model.plugins),
+    }
+    try:
+        text = json.dumps(fields, indent=2, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"the configuration of {model.name} is not JSON ({error})") from None
+    if _config(model.kind, json.loads(text)["config"]) != model.config:
+        raise InputError(f"the configuration of {model.name} does not come back from JSON")
     with new_folder(folder) as beside:
-        (beside / PARAMS).write_bytes(params)
-        (beside / CONFIG).write_bytes(config)
+        (beside / PARAMS).write_bytes(save(flat_parameters(model.params)))
         (beside / CARD).write_text(_card(model) if card is None else card, encoding="utf-8")
+        _write_config(beside / CONFIG, beside, f"{text[2:]}\n".encode())
+
+
+def replace_card(folder: Path, card: str) -> None:
+    """Replace the card of the model in `folder`, whose digest follows.
+
+    Raises:
+        InputError: for a folder that is not a model's, or cannot be written.
+    """
+    _, rest = _read_config(folder)
+    with new_file(folder / CARD) as beside:
+        beside.write_text(card, encoding="utf-8")
+    with new_file(folder / CONFIG) as beside:
+        _write_config(beside, folder, rest)
 
 
 def load_model(path: Path | str) -> Model:
     """Read a model's folder or a torch checkpoint of SGAN or NeuroSyM.
 
     Args:
-        path: of the folder or file, the name of a model that ships (`neurosym_zara1_8_8`), or a
-            path among the downloads (`sgan-p-models/zara1_8_model.pt`): `neurosym models` lists
-            what is at hand.
+        path: of the folder or file, the name of a shipped model (`neurosym_zara1_8_8`), or a path
+            among the downloads (`sgan-p-models/zara1_8_model.pt`): `neurosym models` lists them.
 
     Raises:
-        InputError: for anything that is not such a thing, is damaged, or has another format.
+        InputError: for a path that is no model, is damaged, or has another format.
     """
     path = find_model(path)
     if os.path.isfile(path):
@@ -89,51 +108,69 @@ def load_model(path: Path | str) -> Model:
         checkpoint = load_torch_checkpoint(path)
         return Model(checkpoint.config, {"params": checkpoint.params}, checkpoint.scene)
     if not os.path.exists(path):
-        raise InputError(f"{path}: no such checkpoint (`neurosym models` lists what is at hand)")
-    if not (path / CONFIG).is_file():
-        raise InputError(f"{path}: not a model's folder: it has no {CONFIG}")
+        raise InputError(f"{path}: no such checkpoint (`neurosym models` lists the models here)")
     try:
-        with (path / CONFIG).open("rb") as file:
-            config = file.read(LARGEST_TEXT + 1)
-        head = HEAD.match(config)
-        if head is None or len(config) > LARGEST_TEXT:
-            raise InputError(f"not a model's {CONFIG}, or a damaged one")
-        return _read(path, config[head.end() :], head[1].decode())
+        return _read(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or type(error).__name__}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _read(path: Path, config: bytes, sha256: str) -> Model:
-    """The model of a folder, from what follows the digest in its configuration."""
-    params = path / PARAMS
-    if not params.is_file():
-        raise InputError(f"it has no {PARAMS}")
+def _read_config(folder: Path) -> tuple[str, bytes]:
+    """The digest in `config.json`, and the text after it."""
+    if not (folder / CONFIG).is_file():
+        raise InputError(f"not a model's folder: it has no {CONFIG}")
+    with (folder / CONFIG).open("rb") as file:
+        config = file.read(LARGEST_TEXT + 1)
+    head = HEAD.match(config)
+    if head is None or len(config) > LARGEST_TEXT:
+        raise InputError(f"not a model's {CONFIG}, or a damaged one")
+    return head[1].decode(), config[head.end() :]
+
+
+def _write_config(path: Path, folder: Path, rest: bytes) -> None:
+    """Write `config.json` with the digest of `rest` and of the other files in `folder`."""
+    path.write_bytes(f'{{\n  "sha256": "{_digest(folder, rest)}",\n'.encode() + rest)
+
+
+def _digest(folder: Path, rest: bytes) -> str:
+    digest = hashlib.sha256(rest)
+    for name in (CARD, PARAMS):
+        if not (folder / name).is_file():
+            raise InputError(f"it has no {name}")
+        with (folder / name).open("rb") as file:
+            hashlib.file_digest(file, lambda: digest)
+    return digest.hexdigest()
+
+
+def _read(folder: Path) -> Model:
+    digest, rest = _read_config(folder)
+    if _digest(folder, rest) != digest:
+        raise InputError("damaged: its files do not match the digest")
+    params = folder / PARAMS
     with params.open("rb") as file:
         size = int.from_bytes(file.read(8), "little")
-        file.seek(0)
-        if hashlib.file_digest(file, lambda: hashlib.sha256(config)).hexdigest() != sha256:
-            raise InputError(f"damaged: {CONFIG} and {PARAMS} do not match their digest")
     if size > LARGEST_TEXT:
         raise InputError(f"{PARAMS}: {size} bytes of names are more than {LARGEST_TEXT}")
     refuse_beyond_memory(PARAMS, 3 * params.stat().st_size, "free some")
-    try:
-        fields: Any = json.loads(b"{" + config)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{CONFIG}: not JSON ({error})") from None
+    fields = parse_json(b"{" + rest, CONFIG)
     if type(fields.get("format")) is not int or fields["format"] != FORMAT:
         raise InputError(
             f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
         )
-    kind, values, dataset = (fields.get(name) for name in FIELDS[1:])
-    plugins = fields.pop(PLUGINS, [])
-    if set(fields) != set(FIELDS) or not isinstance(kind, str) or not isinstance(values, dict):
-        raise InputError(f"{CONFIG}: must have the fields {', '.join(FIELDS)} and no others")
+    if fields.keys() != FIELDS:
+        raise InputError(
+            f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))} and no others"
+        )
+    kind, values, dataset = (fields[name] for name in ("forecaster", "config", "dataset"))
+    plugins = fields["plugins"]
+    if not isinstance(kind, str) or not isinstance(values, dict):
+        raise InputError(f"{CONFIG}: forecaster must be a name, and config an object")
     if not isinstance(dataset, str | None):
         raise InputError(f"{CONFIG}: dataset = {dataset!r} is not a name")
     if not isinstance(plugins, list) or not all(isinstance(name, str) for name in plugins):
-        raise InputError(f"{CONFIG}: {PLUGINS} = {plugins!r} are not names")
+        raise InputError(f"{CONFIG}: plugins = {plugins!r} are not names")
     try:
         of_kind = _config(kind, values)
     except InputError as error:
@@ -141,7 +178,7 @@ def _read(path: Path, config: bytes, sha256: str) -> Model:
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
         raise InputError(f"{error}{hint}") from None
     model = Model(of_kind, nested_parameters(_arrays(params)), dataset, kind, tuple(plugins))
-    refuse_misfit(model)
+    _refuse_misfit(model)
     return model
 
 
@@ -156,36 +193,11 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _config(kind: str, values: dict[str, Any]) -> Any:
-    return configuration.from_json(FORECASTERS[kind].Config, values, CONFIG)
+    return from_json(FORECASTERS[kind].Config, values, CONFIG)
 
 
-def _files(model: Model) -> tuple[bytes, bytes]:
-    """What `config.json` and `params.safetensors` hold."""
-    from safetensors.numpy import save
-
-    refuse_misfit(model)
-    params = save(flat_parameters(model.params))
-    values = configuration.to_json(model.config)
-    head = (FORMAT, model.kind, values, model.dataset)
-    fields: dict[str, Any] = dict(zip(FIELDS, head, strict=True))
-    if model.plugins:
-        fields[PLUGINS] = model.plugins
-    try:
-        rest = json.dumps(fields, indent=2, allow_nan=False).removeprefix("{\n").encode() + b"\n"
-    except (TypeError, ValueError) as error:
-        raise InputError(f"the configuration of {model.name} is not JSON ({error})") from None
-    if _config(model.kind, json.loads(b"{" + rest)["config"]) != model.config:
-        raise InputError(f"the configuration of {model.name} does not come back from JSON")
-    sha256 = hashlib.sha256(rest + params).hexdigest()
-    return f'{{\n  "sha256": "{sha256}",\n'.encode() + rest, params
-
-
-def refuse_misfit(model: Model) -> None:
-    """Refuse parameters that are not those that the configuration describes.
-
-    Raises:
-        InputError: naming what is not finite, missing, unexpected or misshapen.
-    """
+def _refuse_misfit(model: Model) -> None:
+    """Refuse parameters that are not finite or do not fit the configuration."""
     flat = flat_parameters(model.params)
     refuse_not_finite(flat)
     wanted = model.forecaster.shapes()
@@ -203,9 +215,9 @@ def refuse_misfit(model: Model) -> None:
 
 def _card(model: Model) -> str:
     config = model.config
-    without = "" if model.dataset is None else f", to be tested on {model.dataset}"
+    tested = "" if model.dataset is None else f", to be tested on {model.dataset}"
     return (
-        f"# {model.name}{without}\n\n"
+        f"# {model.name}{tested}\n\n"
         f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "
         "ones. `neurosym_jax.load_model` reads this folder.\n"
     )

@@ -45,7 +45,7 @@ class GeneratorForecaster(TwoStageForecaster):
         if config.weighting is not None:
             parts.append(config.weighting.name)
         if config.residual:
-            parts.append("beside constant velocity")
+            parts.append("residual")
         return ", ".join(parts)
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:

@@ -9,9 +9,8 @@ from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.summary import metrics_of
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import CARD
+from neurosym_jax.forecasting.model_folder import replace_card
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.runtime.files import write_text
 
 __all__ = ["model_card", "write_card"]
 
@@ -30,7 +29,7 @@ def write_card(
     folder: Path, facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] = ()
 ) -> None:
     """Write or replace the card of the model in `folder`, see `model_card`."""
-    write_text(folder / CARD, model_card(facts, test_rows))
+    replace_card(folder, model_card(facts, test_rows))
 
 
 def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -31,9 +31,9 @@ def test_each_file_is_a_scene(tmp_path):
         source.files(["a", "c"])
 
 
-def test_a_recording_called_elsewhere_would_mean_none(tmp_path):
-    (tmp_path / "elsewhere.txt").write_text("0 1 2 3\n")
-    with pytest.raises(InputError, match="no recording can be called elsewhere"):
+def test_a_recording_called_general_would_mean_none(tmp_path):
+    (tmp_path / "general.txt").write_text("0 1 2 3\n")
+    with pytest.raises(InputError, match="no recording can be called general"):
         open_source(tmp_path)
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from neurosym_jax.data.sources import ELSEWHERE, EthUcy, Files, Synthetic
+from neurosym_jax.data.sources import GENERAL, EthUcy, Files, Synthetic
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import make_plan, one_of_each
 from neurosym_jax.evaluation.test_sets import TestSet as Case
@@ -75,7 +75,7 @@ def test_contradictions(asked, message):
 
 
 def test_what_learned_from_all_is_tested_elsewhere():
-    everybody = ("m/all", Model(GeneratorConfig(), {}, ELSEWHERE))
+    everybody = ("m/all", Model(GeneratorConfig(), {}, GENERAL))
     with pytest.raises(InputError, match="m/all: learned from all of ETH/UCY"):
         make_plan(EthUcy(), [everybody])
     assert list(make_plan(EthUcy(), [everybody], test_on=["mine"])) == [Case("mine", 8, 8)]
@@ -98,7 +98,7 @@ def test_of_what_ships_one_of_each_kind_where_it_belongs():
         return sorted(name for name, _ in one_of_each(source, ships, **asked))
 
     assert chosen(Synthetic()) == ["neurosym_simulations_8_8", "sgan_simulations_8_8"]
-    for_others = ["beside_encounter_elsewhere_8_12", "beside_sgan_elsewhere_8_12"]
+    for_others = ["residual_encounter_general_8_12", "residual_sgan_general_8_12"]
     assert chosen(Synthetic(), pred_len=12) == for_others
     assert chosen(EthUcy(), dataset="zara1") == ["neurosym_zara1_8_8", "sgan_zara1_8_8"]
     scenes = EthUcy().scenes
@@ -106,7 +106,7 @@ def test_of_what_ships_one_of_each_kind_where_it_belongs():
         f"{kind}_{scene}_8_12" for kind in ("neurosym", "sgan") for scene in scenes
     )
     # Of people whom no model knows: those that were trained for others.
-    for_others = ["beside_encounter_elsewhere_8_8", "beside_sgan_elsewhere_8_8"]
+    for_others = ["residual_encounter_general_8_8", "residual_sgan_general_8_8"]
     assert chosen(Files(("mine",))) == for_others
 
 

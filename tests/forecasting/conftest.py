@@ -15,7 +15,8 @@ def sign():
         if params is not None:
             (folder / "params.safetensors").write_bytes(params)
         rest = json.dumps(config).removeprefix("{").encode()
-        sha256 = hashlib.sha256(rest + (folder / "params.safetensors").read_bytes()).hexdigest()
+        others = [(folder / name).read_bytes() for name in ("README.md", "params.safetensors")]
+        sha256 = hashlib.sha256(b"".join([rest, *others])).hexdigest()
         head = b'{\n  "sha256": "' + sha256.encode() + b'",\n'
         (folder / "config.json").write_bytes(head + rest)
 

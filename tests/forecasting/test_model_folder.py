@@ -73,7 +73,7 @@ def test_round_trip_of_neurosym(tmp_path, pooling):
 
 
 def test_anybody_can_check_the_digest(saved):
-    command = "(tail -n +3 config.json; cat params.safetensors) | sha256sum"
+    command = "(tail -n +3 config.json; cat README.md params.safetensors) | sha256sum"
     found = subprocess.run(["sh", "-c", command], cwd=saved, capture_output=True, check=True).stdout
     assert found.split()[0].decode() == json.loads((saved / "config.json").read_text())["sha256"]
 
@@ -127,12 +127,12 @@ def test_config_that_is_none(copy, text):
         (lambda all: all["config"].update(pooling="mean"), "unknown pooling 'mean'"),
         (lambda all: all["config"].update(obs_len=True), "obs_len must be a whole number"),
         (lambda all: all["config"].update(colour=1), "unknown field 'colour'"),
-        (lambda all: all.update(config=[1]), "must have the fields"),
-        (lambda all: all.update(format=True), "format True is not the format 2"),
-        (lambda all: all.update(format=3), "format 3 is not the format 2"),
+        (lambda all: all.update(config=[1]), "config an object"),
+        (lambda all: all.update(format=True), "format True is not the format 3"),
+        (lambda all: all.update(format=2), "format 2 is not the format 3"),
         (lambda all: all.update(dataset=5), "dataset = 5 is not a name"),
         (lambda all: all.update(forecaster="nobody"), "unknown forecaster 'nobody'"),
-        (lambda all: all.update(forecaster=None), "must have the fields"),
+        (lambda all: all.update(forecaster=None), "forecaster must be a name"),
         (lambda all: all.update(colour=1), "must have the fields"),
         (lambda all: all.pop("dataset"), "must have the fields"),
     ],

@@ -121,8 +121,9 @@ def test_the_card(done, tmp_path):
     errors = {"joint": {"ade": 0.25, "fde": 0.5}, "marginal": {"ade": 0.125, "fde": 0.375}}
     row = {"checkpoint": "here", "model": "SGAN", "scene": "zara1", "samples": 20, **errors}
     row["metrics"] = {"joint_ade": 0.25, "collision_rate": 0.031, "of_a_plugin": 1.5}
-    write_card(tmp_path, facts, [row, {**row, "checkpoint": None, "model": "constant velocity"}])
-    text = (tmp_path / "README.md").read_text()
+    folder = shutil.copytree(done / "model", tmp_path / "model")
+    write_card(folder, facts, [row, {**row, "checkpoint": None, "model": "constant velocity"}])
+    text = (load_model(folder) and folder / "README.md").read_text()
     assert (
         "| test on zara1: this model | 20 | 0.250 / 0.500 | 0.125 / 0.375 | 3.1 % | 1.500 |" in text
     )

@@ -169,18 +169,18 @@ def test_recordings_besides(files, tmp_path):
     with pytest.raises(InputError, match=r"has part, which is \(of\) check"):
         make_run(Options(data=files, dataset="check", train_also=(renamed,), **lengths))
     with pytest.raises(InputError, match="what the model is validated on"):
-        make_run(Options(data=files, dataset="elsewhere", train_also=(files,), **lengths))
+        make_run(Options(data=files, dataset="general", train_also=(files,), **lengths))
 
 
 def test_nothing_left_out(files):
     lengths = {"obs_len": 4, "pred_len": 4}
-    run = make_run(Options(data=files, dataset="elsewhere", **lengths))
+    run = make_run(Options(data=files, dataset="general", **lengths))
     without = make_run(Options(data=files, dataset="check", **lengths))
-    assert run.dataset == "elsewhere"
+    assert run.dataset == "general"
     assert run.data_name == f"trained on all of {files}"
     assert run.training.scenes > without.training.scenes
-    with pytest.raises(InputError, match="elsewhere is for models of real people"):
-        make_run(Options(dataset="elsewhere"))
+    with pytest.raises(InputError, match="general is for models of real people"):
+        make_run(Options(dataset="general"))
 
 
 def test_data(files):
