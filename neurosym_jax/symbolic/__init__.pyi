@@ -7,7 +7,6 @@ from .calculi import observe as observe
 from .calculi import register_calculus as register_calculus
 from .cnd import adjacency as adjacency
 from .cnd import alpha_table as alpha_table
-from .cnd import validate as validate
 from .events import Encounter as Encounter
 from .events import Event as Event
 from .events import register_event as register_event
@@ -24,6 +23,7 @@ from .state_weightings import CndShipped as CndShipped
 from .state_weightings import Learned as Learned
 from .states import collapse as collapse
 from .states import format_state as format_state
+from .states import validate as validate
 from .transition import Transition as Transition
 from .weighting import Weighting as Weighting
 from .weighting import initial_parameters as initial_parameters

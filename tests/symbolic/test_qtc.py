@@ -6,18 +6,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.states import converse, format_state
 from tests.symbolic import literal
 
 CONVENTIONS = literal.CONVENTIONS
 GRID = arrays(np.float32, (2, 6, 2), elements=st.integers(-20, 20).map(float))
-QUICK = settings(max_examples=60, deadline=None)
 
 
 @functools.partial(jax.jit, static_argnames=("convention", "calculus"))
@@ -68,11 +66,6 @@ def test_a_movement_of_exactly_the_quantisation_factor_is_none():
     assert c1(k, l, quantisation_factor=0.3)[1, 2] == -1
     assert c1(k, l, side_quantisation_factor=0.3)[1, 2] == 0
     assert c1(k, l, quantisation_factor=0.3, convention="line")[1, 2] == 0
-
-
-def test_an_unknown_convention_is_refused():
-    with pytest.raises(InputError, match=r"'nearest'.*distance, line"):
-        observe(np.zeros((2, 2)), np.zeros((2, 2)), convention="nearest")  # pyright: ignore
 
 
 @pytest.mark.rounding
@@ -138,44 +131,28 @@ def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
-@QUICK
-@given(pair=GRID)
-def test_exchanging_the_two_gives_the_converse(convention, pair):
-    np.testing.assert_array_equal(
-        c1(pair[1], pair[0], convention), converse(c1(pair[0], pair[1], convention))
-    )
-
-
-@pytest.mark.parametrize("convention", ["distance", "line"])
-@QUICK
-@given(pair=GRID)
-def test_a_mirror_image_changes_sides(convention, pair):
-    mirrored = pair * np.array([1, -1], np.float32)
-    np.testing.assert_array_equal(
-        c1(*mirrored, convention), c1(*pair, convention) * np.array([[1, 1, -1, -1]])
-    )
-
-
-@pytest.mark.parametrize("convention", CONVENTIONS)
-@QUICK
-@given(pair=GRID, turns=st.integers(0, 3), shift=st.tuples(*[st.integers(-99, 99)] * 2))
-def test_on_a_grid_quarter_turns_and_translations_change_nothing(convention, pair, turns, shift):
+@given(
+    pair=GRID,
+    turns=st.integers(0, 3),
+    shift=st.tuples(*[st.integers(-99, 99)] * 2),
+    angle=st.floats(0, 2 * math.pi),
+)
+def test_symmetries(convention, pair, turns, shift, angle):
+    states = np.asarray(c1(*pair, convention))
+    np.testing.assert_array_equal(c1(*pair[::-1], convention), converse(states))
+    if convention != "as_published":  # Its sides have no sign.
+        mirrored = c1(*(pair * np.array([1, -1], np.float32)), convention)
+        np.testing.assert_array_equal(mirrored, states * np.array([[1, 1, -1, -1]]))
+    # On a grid quarter turns and translations are exact.
     turn = np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turns).astype(np.float32)
     moved = pair @ turn + np.array(shift, np.float32)
-    np.testing.assert_array_equal(c1(*moved, convention), c1(*pair, convention))
-
-
-@pytest.mark.parametrize("convention", CONVENTIONS)
-@QUICK
-@given(pair=GRID, angle=st.floats(0, 2 * math.pi))
-def test_away_from_ties_any_rotation_changes_nothing(convention, pair, angle):
+    np.testing.assert_array_equal(c1(*moved, convention), states)
+    # All but exact ties is far from a tie, so any rotation changes ties only.
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    before, after = c1(*pair, convention), c1(*(pair @ turn).astype(np.float32), convention)
-    # On a grid whatever is not an exact tie is far from one.
-    np.testing.assert_array_equal(jnp.where(before == 0, 0, after), before)
+    turned = c1(*(pair @ turn).astype(np.float32), convention)
+    np.testing.assert_array_equal(jnp.where(states == 0, 0, turned), states)
 
 
-@QUICK
 @given(
     pair=arrays(np.float32, (2, 6, 2), elements=st.floats(-50, 50, width=32)),
     offset=st.floats(-1e3, 1e3, width=32),
