@@ -1,13 +1,12 @@
-"""The Scene: what a model sees of one moment, and the only unit a model function knows.
+"""The Scene: one moment of people who are present together, and the unit of every model function.
 
-A scene holds the people who are present together over an observation window. It is a pytree, so
-`jax.vmap` adds a leading scene axis where a batch is wanted; nothing here or in a model knows about
-batches. It is not a recording (see `data.tracks`) and not a dataset (see `data.windows`).
+A Scene is a pytree, so `jax.vmap` adds a leading axis of scenes for a batch. It is not a recording
+(see `data.tracks`) and not a data set (see `data.windows`).
 
 Positions are centred and displacements taken in float64 on the host before the cast to float32, so
-map or UTM coordinates lose no precision. Both are rounded to 10 nm there, which takes away what
-float64 itself loses far from the origin: a scene moved by thousands of kilometres has the same
-numbers, and ties (a neighbour on a grid line, somebody standing) stay ties.
+that map or UTM coordinates lose no precision. Both are rounded to 10 nm, which removes the rounding
+of float64 far from the origin: a scene moved by thousands of kilometres has the same numbers, and
+ties (a neighbour on a grid line, a person standing) stay ties.
 """
 
 import zlib
@@ -41,7 +40,7 @@ DECIMALS = 8
 """Of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
 
 AnyArray: TypeAlias = jax.Array | np.ndarray
-"""numpy's on the host, jax's inside a model."""
+"""numpy on the host, jax inside a model."""
 
 
 class Scene(struct.PyTreeNode):
@@ -56,29 +55,28 @@ class Scene(struct.PyTreeNode):
     identity: AnyArray
     """[2] uint32 (recording digest, start frame); with a seed it determines the noise."""
     origin: AnyArray | None
-    """[2] float64 metres, the centre in the caller's frame; the host's, None inside a model."""
+    """[2] float64 metres, the centre in the caller's frame; None inside a model."""
     future: AnyArray | None = None
-    """[N, pred_len, 2] positions in metres relative to `origin`, where known; never a model's."""
+    """[N, pred_len, 2] positions in metres relative to `origin`, where known; None in a model."""
     extras: Mapping[str, AnyArray] = struct.field(default_factory=dict)
-    """[N, ...] further numbers of every agent by name, zeros in padding; for metrics, never a
-    model's."""
+    """name: [N, ...] further numbers of each agent, zero in padding; for metrics, not models."""
 
     @property
     def known_future(self) -> AnyArray:
-        """[N, pred_len, 2] `future`, of a scene that has one."""
+        """`future` of a scene that has one."""
         assert self.future is not None
         return self.future
 
     def bare(self) -> Self:
-        """What a forecaster sees: neither the future, nor the host's origin, nor extras."""
+        """The scene as forecasters see it: without future, origin and extras."""
         return self.replace(future=None, origin=None, extras={})
 
 
 def scene_identity(recording: str, frame: int | np.ndarray) -> np.ndarray:
-    """[..., 2] uint32 that names scenes independently of how they are batched or ordered.
+    """[..., 2] uint32 that identifies scenes, however they are batched or ordered.
 
-    `frame [...]` is, in every part of this package, the index of a scene's first step among those
-    of its recording, and not the number that a file gives it.
+    `frame [...]` is the index of a scene's first step among the steps of its recording, not the
+    number in the file.
     """
     digest = np.full(np.shape(frame), zlib.crc32(recording.encode()))
     return np.stack([digest, np.asarray(frame) % 2**32], axis=-1).astype(np.uint32)
@@ -94,15 +92,15 @@ def make_scene(
 ) -> Scene:
     """A scene from world positions.
 
-    Under `jax.jit`, `jax.vmap` or `jax.grad` nothing is checked or rounded, and all is computed at
-    the precision of `observed`: subtract an origin from map coordinates first.
+    Under `jax.jit`, `jax.vmap` or `jax.grad` nothing is checked or rounded, and the precision is
+    that of `observed`: subtract an origin from map coordinates first.
 
     Args:
         observed: [N, obs_len, 2] metres in any frame.
         future: [N, pred_len, 2] metres in the same frame, where known.
         recording: name of the recording, part of the scene's identity.
         frame: index of the first step within the recording, the rest of its identity.
-        extras: [N, ...] further numbers of every agent, by name.
+        extras: name: [N, ...] further numbers of each agent.
 
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.
@@ -154,7 +152,7 @@ def model_dtype() -> np.dtype:
 
 
 def centre(positions: Any) -> Any:
-    """Centre of the bounding box of `positions [N, 2]`: the same for any order of the agents."""
+    """Centre of the bounding box of `positions [N, 2]`, which no order of the agents changes."""
     return (positions.min(axis=0) + positions.max(axis=0)) / 2
 
 
@@ -171,10 +169,10 @@ def displacements(positions: np.ndarray) -> np.ndarray:
 
 
 def pad_scene(scene: Scene, agents: int) -> Scene:
-    """The same scene with `agents` slots; the slots added are not valid and hold zeros.
+    """Pad a scene to `agents` slots; added slots are not valid and hold zeros.
 
     Raises:
-        InputError: for more agents than that.
+        InputError: if the scene has more agents.
     """
     extra = agents - len(np.asarray(scene.valid))
     if extra < 0:
@@ -194,12 +192,12 @@ def pad_scene(scene: Scene, agents: int) -> Scene:
 
 
 def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:
-    """Positions `[..., 2]` of a scene's own frame in the caller's frame, float64 metres."""
+    """Positions `[..., 2]` of the scene's frame in the caller's frame, float64 metres."""
     return np.asarray(positions, np.float64) + np.asarray(scene.origin, np.float64)
 
 
 def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
-    """`positions [N, T, 2]` of a scene in float64; `name` is what messages call them.
+    """`positions [N, T, 2]` in float64; messages call them `name`.
 
     Raises:
         InputError: for a wrong shape, no agent, or a coordinate that is not finite.

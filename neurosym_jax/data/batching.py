@@ -1,8 +1,8 @@
-"""Windows to padded batches of scenes: a few static shapes, so that compilation stays cheap.
+"""Padded batches of scenes in a few static shapes, so that compilation stays cheap.
 
-Scenes are sorted into buckets by number of agents. A batch holds scenes of one bucket, about
-`slots` agent slots altogether, with a leading scene axis on every array of `Scene`. The last batch
-of a bucket is filled up with empty scenes (no valid agent).
+Scenes are sorted into buckets by number of agents. A batch is a `Scene` with a leading axis of
+scenes of one bucket, about `slots` agent slots altogether. The last batch of a bucket is filled up
+with empty scenes (no valid agent).
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 BUCKETS = (4, 8, 16, 32, 64)
-"""Agents per padded scene; beyond the last, powers of two."""
+"""Sizes of padded scenes, in agents; beyond the last, powers of two."""
 
 SLOTS = 1024
 """Agent slots of a batch."""
@@ -37,11 +37,11 @@ class Batch:
     scene: Scene
     """Arrays with a leading axis of B scenes and N = bucket agent slots."""
     index: np.ndarray
-    """[B] int64 which of the windows' scenes each is; -1 for an empty scene."""
+    """[B] int64 index of each scene in the windows; -1 for an empty scene."""
 
 
 def bucket_of(agents: np.ndarray | int) -> np.ndarray:
-    """The bucket (padded size) of scenes with `agents` agents, a number or [...], elementwise."""
+    """Padded size of scenes with `agents` [...] agents."""
     agents = np.asarray(agents)
     small = np.array(BUCKETS)[np.searchsorted(BUCKETS, np.minimum(agents, BUCKETS[-1]))]
     large = 2 ** np.ceil(np.log2(np.maximum(agents, 1))).astype(int)
@@ -49,12 +49,7 @@ def bucket_of(agents: np.ndarray | int) -> np.ndarray:
 
 
 def make_batches(windows: Windows, slots: int = SLOTS) -> list[Batch]:
-    """All scenes of `windows`, each in exactly one batch.
-
-    Args:
-        windows: A agent windows in S scenes.
-        slots: agent slots in a batch; a scene larger than this is a batch of its own.
-    """
+    """All scenes of `windows`, each in exactly one batch of about `slots` agent slots."""
     buckets = bucket_of(windows.sizes)
     batches = []
     for bucket in np.unique(buckets):
@@ -69,7 +64,7 @@ def make_batches(windows: Windows, slots: int = SLOTS) -> list[Batch]:
 
 
 def single_scene(windows: Windows, index: int) -> Scene:
-    """Scene `index` of `windows` alone, padded to its bucket, exactly as in its batch."""
+    """Scene `index` of `windows`, padded to its bucket, with the same numbers as in its batch."""
     slots = int(bucket_of(windows.sizes[index]))
     return jax.tree.map(lambda array: array[0], gather_scenes(windows, np.array([index]), slots))
 
@@ -80,8 +75,7 @@ def gather_scenes(
     """The scenes `chosen` ([S] indices, repeats allowed), each padded to `slots` agent slots.
 
     Returns:
-        A Scene whose arrays have a leading axis of `count` scenes (default: as many as chosen);
-        those beyond the chosen are empty, with no valid agent.
+        A Scene with a leading axis of `count` scenes (default: S); those beyond S are empty.
     """
     count = len(chosen) if count is None else count
     sizes = windows.sizes[chosen]

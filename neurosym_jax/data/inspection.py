@@ -1,4 +1,4 @@
-"""What is in a recording: people, duration, rate, gaps, speeds and scenes, as numbers and words."""
+"""Summaries of recordings: people, duration, rate, gaps, speeds and scenes."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -14,19 +14,19 @@ from neurosym_jax.errors import InputError, printable
 __all__ = ["Summary", "describe", "describe_readings", "summarise"]
 
 WINDOWS = ((8, 8), (8, 12))
-"""Observed and forecast steps of the windows that are counted."""
+"""Observed and predicted steps of the windows that are counted."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """Numbers of one recording of R rows, on its own clock."""
+    """Numbers of one recording, on its own clock."""
 
     points: int
     people: int
     duration: float
     """Seconds from the first stamp to the last."""
     step: float
-    """Seconds: the median between consecutive points of a person; NaN if nobody has two."""
+    """Median seconds between consecutive points of a person; NaN without two of any."""
     gaps: int
     """Steps of a person longer than 1.5 times the median."""
     longest_gap: float
@@ -36,11 +36,11 @@ class Summary:
     extent: tuple[float, float]
     """Metres along x and y."""
     scenes: dict[tuple[int, int], tuple[int, int]]
-    """For each window of `WINDOWS`, scenes of two people or more, and people in them altogether."""
+    """For each of `WINDOWS`, the number of scenes of two people or more, and people in them."""
 
 
 def summarise(tracks: Tracks) -> Summary:
-    """The numbers of one recording; scenes are those after resampling to 0.4 s where needed."""
+    """Summarise one recording; scenes are counted after resampling to 0.4 s where needed."""
     step, speed = steps_of(tracks)
     median = float(np.median(step)) if len(step) else np.nan
     gap = step > GAP * median
@@ -68,7 +68,7 @@ def summarise(tracks: Tracks) -> Summary:
 
 
 def describe_readings(readings: Iterable[Reading]) -> str:
-    """What was read from files, a line each: rows, and gaps in time that windows do not cross."""
+    """A line for each recording read from a file: format, rows and gaps in time."""
     lines = []
     for how in {(how.file, how.recording): how for how in readings}.values():
         if how.file is None:
@@ -81,7 +81,7 @@ def describe_readings(readings: Iterable[Reading]) -> str:
 
 
 def describe(tracks: Tracks) -> str:
-    """The numbers of a recording for people, and what looks wrong in it."""
+    """The summary of a recording as text, with what looks wrong in it."""
     summary = summarise(tracks)
     rate = "" if not summary.step > 0 else f", {1 / summary.step:.4g} points a second"
     gaps = f"{summary.gaps} gaps" + (

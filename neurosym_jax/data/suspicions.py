@@ -1,4 +1,4 @@
-"""What looks wrong in a recording: guesses from orders of magnitude, which change nothing."""
+"""Warnings of what looks wrong in a recording, from orders of magnitude; they change nothing."""
 
 import numpy as np
 
@@ -7,41 +7,36 @@ from neurosym_jax.data.tracks import Tracks
 __all__ = ["GAP", "steps_of", "suspicions"]
 
 GAP = 1.5
-"""Median steps; a longer step of a person is a gap."""
+"""A step of a person longer than this many median steps is a gap."""
 
 FAST = 10.0
-"""Metres a second; nobody walks so fast, and hardly anybody runs."""
+"""m/s: no person walks so fast, and hardly any runs."""
 
 HURRY = 2.0
-"""Metres a second; a crowd whose median is faster has the wrong clock, as eth in SGAN's reading."""
+"""m/s: a crowd with a faster median has the wrong clock, as eth in SGAN's reading."""
 
 STROLL = 0.6
-"""Metres a second; of those who move, hardly anybody is slower on his way."""
+"""m/s: hardly any moving person is slower."""
 
 STANDING = 0.02
-"""Metres a second; the median of people who hardly move."""
+"""m/s: median speed of people who hardly move."""
 
 FEW = 10
-"""Steps; speeds of fewer say nothing about a recording."""
+"""Fewer steps say nothing about the speeds in a recording."""
 
 ROOM = 500.0
-"""Metres; a longer recorded area is more likely one in millimetres or pixels."""
+"""Metres: a longer area is more likely one in millimetres or pixels."""
 
 
 def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
-    """Seconds and metres a second of every step of every person, in the tracks' order."""
+    """Seconds and m/s of every step of every person, in the order of the tracks."""
     same = np.diff(tracks.id) == 0
     step = np.diff(tracks.stamp)[same]
     return step, np.linalg.norm(np.diff(tracks.position, axis=0)[same], axis=1) / step
 
 
 def suspicions(tracks: Tracks, assumed: bool = False) -> tuple[str, ...]:
-    """What looks wrong in a recording, a line each.
-
-    Args:
-        tracks: as they were read.
-        assumed: whether the time between frames was not said, but taken to be usual.
-    """
+    """What looks wrong in a recording, a line each; `assumed`: no one gave the frame rate."""
     found = []
     step, speed = steps_of(tracks)
     usual = float(np.median(step)) if len(step) else np.nan

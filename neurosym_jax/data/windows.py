@@ -1,15 +1,14 @@
 """Cut recordings into windows of people who are present together: SGAN's windows, exactly.
 
 A window spans `obs_len + pred_len` consecutive steps of its recording and holds the agents seen at
-every one of them. It never crosses a gap in time, a step longer than the recording's own: the runs
-between gaps are cut one by one. (SGAN's loader would cross one, but no window of ETH/UCY does.)
-What is observed in a window depends on nothing that was recorded later. Windows are stored agent by
-agent, without padding; `data.batching` makes padded scenes of them.
+every one of them. It never crosses a gap in time, a step longer than the recording's own. (SGAN's
+loader would cross one, but no window of ETH/UCY does.) Its observed part depends on nothing
+recorded later. Windows are stored agent by agent; `data.batching` pads scenes.
 """
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -35,13 +34,13 @@ class Windows:
     identity: np.ndarray
     """[S, 2] uint32 (recording digest, index of the first stamp)."""
     obs_len: int
-    """Observed steps; the rest is the future."""
+    """Observed steps; the others are the future."""
     period: float = PERIOD
     """Seconds between steps."""
     reading: tuple[Reading, ...] = ()
-    """For each recording how it was read, and its runs and gaps in time."""
+    """How each recording was read, and its runs and gaps in time."""
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    """[A, ...] further numbers of every agent window by name, at the last observed step."""
+    """name: [A, ...] further numbers of each agent window, at the last observed step."""
 
     @property
     def scenes(self) -> int:
@@ -50,7 +49,7 @@ class Windows:
 
     @property
     def agents(self) -> int:
-        """Number of agent windows, the sum over scenes of their agents."""
+        """Number of agent windows."""
         return len(self.position)
 
     @property
@@ -65,7 +64,7 @@ class Windows:
         return np.repeat(self.bounds[scenes] - before, sizes) + np.arange(sizes.sum())
 
     def take(self, scenes: np.ndarray | slice) -> Self:
-        """The windows of these scenes only, with everything that belongs to them.
+        """Select scenes, with everything that belongs to them.
 
         Args:
             scenes: [S] bool mask, [S'] indices (in any order, repeats allowed), or a slice.
@@ -96,61 +95,65 @@ def cut_windows(
         recordings: track tables, each on one grid; see `tracks.on_grid`.
         obs_len: observed steps.
         pred_len: steps to forecast.
-        skip: a window starts at every `skip`-th step at which somebody is seen.
+        skip: a window starts at every `skip`-th step at which anybody is seen.
         min_agents: scenes with fewer agents are dropped; SGAN keeps scenes of at least 2.
 
     Raises:
-        InputError: when no recording is long enough, or nobody stays for a whole window; for
-            recordings that have no grid, or grids of different periods.
+        InputError: if there is no window, a recording is on no grid, or the recordings differ in
+            their period or in the names of their extras.
     """
     recordings = list(recordings)
     clocks = [_clock(tracks) for tracks in recordings]
-    periods = [period for *_, period in clocks if period is not None]
+    periods = [clock.period for clock in clocks if clock.period is not None]
     if periods and max(periods) - min(periods) > 0.01 * min(periods):
         unlike = ", ".join(f"{period:g}" for period in sorted(set(periods))[:4])
         raise InputError(f"recordings with steps of {unlike} s: bring them to one period first")
+    for tracks in recordings:
+        if odd := tracks.extras.keys() ^ recordings[0].extras.keys():
+            names = f"{recordings[0].recording}, {tracks.recording}"
+            raise InputError(f"{names}: only one of them has the extra {min(odd)!r}")
     parts = [
         _cut(tracks, clock, obs_len, pred_len, skip, min_agents)
         for tracks, clock in zip(recordings, clocks)
     ]
-    sizes = np.concatenate([part[2] for part in parts]) if parts else np.zeros(0, int)
-    if len(sizes) == 0:
+    if not any(part.scenes for part in parts):
         raise InputError(_why_none(recordings, clocks, obs_len + pred_len, min_agents))
+    sizes = np.concatenate([part.sizes for part in parts])
     return Windows(
-        position=np.concatenate([position for position, *_ in parts]),
-        agent=np.concatenate([agent for _, agent, *_ in parts]),
-        extras=_joined(recordings, [extras for *_, extras in parts]),
+        position=np.concatenate([part.position for part in parts]),
+        agent=np.concatenate([part.agent for part in parts]),
         bounds=np.concatenate([[0], np.cumsum(sizes)]),
-        identity=np.concatenate([identity for *_, identity, _ in parts]),
+        identity=np.concatenate([part.identity for part in parts]),
         obs_len=obs_len,
         period=common(np.array(periods)) if periods else PERIOD,
-        reading=tuple(
-            dataclasses.replace(_reading(tracks), runs=int(run[-1]) + 1, gaps=int(run[-1]))
-            for tracks, (_, run, _) in zip(recordings, clocks)
-        ),
+        reading=tuple(reading for part in parts for reading in part.reading),
+        extras={
+            name: np.concatenate([part.extras[name] for part in parts]) for name in parts[0].extras
+        },
     )
 
 
-Clock = tuple[np.ndarray, np.ndarray, float | None]
-"""[R] index of every row's step among those at which anybody is seen, [K] the run of each of these
-steps, and the seconds of one; None where there is only one."""
+class Clock(NamedTuple):
+    """The steps of a recording at which anybody is seen."""
+
+    step: np.ndarray
+    """[R] index of each row's step."""
+    run: np.ndarray
+    """[K] run of each step; a gap in time begins a new run."""
+    period: float | None
+    """Seconds of one step; None if there is only one."""
 
 
 def _clock(tracks: Tracks) -> Clock:
-    """The steps of a recording, and which of them follow on one another.
-
-    Raises:
-        InputError: for stamps that are on no grid.
-    """
     if tracks.period is not None:
         # Two agents' stamps may be rounded differently on one grid.
         place = np.rint((tracks.stamp - tracks.stamp.min()) / tracks.period)
         places, step = np.unique(place, return_inverse=True)
-        return step, np.concatenate([[0], np.cumsum(np.diff(places) > 1)]), tracks.period
+        return Clock(step, np.append(0, np.cumsum(np.diff(places) > 1)), tracks.period)
     stamps, step = np.unique(tracks.stamp, return_inverse=True)
     steps = np.diff(stamps)
     if not len(steps):
-        return step, np.zeros(1, int), None
+        return Clock(step, np.zeros(1, int), None)
     period = common(steps.round(6))
     count = steps / period if period else np.zeros(len(steps))
     if np.any((np.abs(count - np.rint(count)) > 0.01) | (count < 0.5)):
@@ -158,13 +161,13 @@ def _clock(tracks: Tracks) -> Clock:
             f"{tracks.recording}: its stamps are on no one grid: resample it first, with "
             "data.on_grid or data.windows_from"
         )
-    return step, np.concatenate([[0], np.cumsum(count > 1.5)]), period
+    return Clock(step, np.append(0, np.cumsum(count > 1.5)), period)
 
 
 def _cut(
     tracks: Tracks, clock: Clock, obs_len: int, pred_len: int, skip: int, min_agents: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """One recording's (position, agent, sizes, identity, extras)."""
+) -> Windows:
+    """The windows of one recording, possibly none."""
     length = obs_len + pred_len
     step, run, _ = clock
     # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
@@ -182,37 +185,24 @@ def _cut(
     refuse_beyond_memory(
         f"{tracks.recording}: windows of {length} steps", 64.0 * len(first) * length, "shorten them"
     )
-    position = tracks.position[first[:, None] + np.arange(length)]
-    _forget_the_future(position[:, :obs_len], tracks, first[:, None] + np.arange(obs_len))
-    identity = scene_identity(tracks.recording, starts[enough])
-    extras = {name: values[first + obs_len - 1] for name, values in tracks.extras.items()}
-    return position, tracks.id[first], sizes[enough], identity, extras
-
-
-def _joined(
-    recordings: Sequence[Tracks], parts: Sequence[Mapping[str, np.ndarray]]
-) -> dict[str, np.ndarray]:
-    """The extras of all recordings; InputError where one lacks what another has."""
-    for tracks in recordings:
-        if tracks.extras.keys() != recordings[0].extras.keys():
-            odd = ", ".join(sorted(tracks.extras.keys() ^ recordings[0].extras.keys()))
-            raise InputError(f"{tracks.recording}, {recordings[0].recording}: only one has {odd}")
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _reading(tracks: Tracks) -> Reading:
-    return tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
-
-
-def _forget_the_future(observed: np.ndarray, tracks: Tracks, rows: np.ndarray) -> None:
-    """Put what rests on observations after the window's last observed step where it was foreseen.
-
-    `observed [A, obs_len, 2]` are the positions of the tracks' `rows [A, obs_len]`.
-    """
-    if tracks.known is None or tracks.foreseen is None:
-        return
-    late = tracks.known[rows] > tracks.stamp[rows[:, -1:]] + 2 * SNAP
-    observed[late] = tracks.foreseen[rows[late]]
+    rows = first[:, None] + np.arange(length)
+    position = tracks.position[rows]
+    if tracks.known is not None and tracks.foreseen is not None:
+        # Observed points that depend on later observations become what was foreseen.
+        seen = rows[:, :obs_len]
+        late = tracks.known[seen] > tracks.stamp[seen[:, -1:]] + 2 * SNAP
+        position[:, :obs_len][late] = tracks.foreseen[seen[late]]
+    reading = tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
+    gaps = int(run[-1])
+    return Windows(
+        position=position,
+        agent=tracks.id[first],
+        bounds=np.append(0, np.cumsum(sizes[enough])),
+        identity=scene_identity(tracks.recording, starts[enough]),
+        obs_len=obs_len,
+        reading=(dataclasses.replace(reading, runs=gaps + 1, gaps=gaps),),
+        extras={name: values[first + obs_len - 1] for name, values in tracks.extras.items()},
+    )
 
 
 def _why_none(
@@ -221,18 +211,19 @@ def _why_none(
     if not recordings:
         return "no recordings to cut windows from"
     names = ", ".join(tracks.recording for tracks in recordings[:3])
-    longest = max(int(np.bincount(run).max()) for _, run, _ in clocks)
+    longest = max(int(np.bincount(clock.run).max()) for clock in clocks)
     if longest >= length:
         return (
             f"{names}: no {length} consecutive frames have at least {min_agents} people throughout"
         )
-    for tracks, (*_, period) in zip(recordings, clocks):
+    for tracks, clock in zip(recordings, clocks):
         steps = np.diff(np.unique(tracks.stamp))
-        if period is not None and len(steps) and np.median(steps) > 1.5 * period:
+        if clock.period is not None and len(steps) and np.median(steps) > 1.5 * clock.period:
             return (
                 f"{tracks.recording}: its points are {np.median(steps):g} s apart, too far to put "
-                f"some between every {period:g} s: ask for that period, or say the times' unit"
+                f"some between every {clock.period:g} s: ask for that period, or say the times' "
+                "unit"
             )
-    gaps = sum(int(run[-1]) for _, run, _ in clocks)
+    gaps = sum(int(clock.run[-1]) for clock in clocks)
     between = f" (the longest part between {gaps} gaps in time)" if gaps else ""
     return f"{names}: too few frames: {longest}{between} where a window needs {length}"

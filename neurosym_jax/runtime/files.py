@@ -1,7 +1,6 @@
-"""Files and folders that are there whole or not at all: written beside, synced, moved into place.
+"""Files and folders that are replaced whole: written beside their place, synced, then renamed.
 
-Whatever ends the process, or fills the disk, on the way: afterwards there is the file of before, or
-the new one.
+If the process is killed or the disk is full, the old file is still there.
 """
 
 import contextlib
@@ -32,17 +31,17 @@ __all__ = [
 
 @contextlib.contextmanager
 def new_file(path: Path | str) -> Iterator[Path]:
-    """A place beside `path` to write to; at the end what is there takes the place of `path`.
+    """Path of a temporary file that replaces `path` on exit; an error removes it.
 
-    The folder is made where it is missing. After an error nothing is left of what was written.
+    A missing folder is made.
 
     Raises:
-        InputError: naming `path`, where it cannot be written.
+        InputError: if `path` cannot be written.
     """
     path = Path(path)
     with _in_words(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The ending stays, for writers of figures go by it; a name at its longest has no room.
+        # Writers of figures need the ending; a name of maximal length has no room for more.
         beside = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
         beside.touch(exist_ok=False)
         try:
@@ -56,12 +55,10 @@ def new_file(path: Path | str) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def new_folder(path: Path | str) -> Iterator[Path]:
-    """An empty folder beside `path` to write to; at the end it becomes `path`.
-
-    After an error nothing is left of what was written.
+    """Path of a temporary folder that becomes `path` on exit; an error removes it.
 
     Raises:
-        InputError: naming `path`, where it cannot be written or is there already.
+        InputError: if `path` exists or cannot be written.
     """
     path = Path(path)
     with _in_words(path):
@@ -81,20 +78,20 @@ def new_folder(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write `text` as UTF-8 in place of what is at `path`.
+    """Replace `path` by `text` in UTF-8.
 
     Raises:
-        InputError: naming `path`, where it cannot be written.
+        InputError: if `path` cannot be written.
     """
     with new_file(path) as beside:
         beside.write_text(text, encoding="utf-8")
 
 
 def append_text(path: Path | str, text: str) -> None:
-    """Add `text` to a log, which a process that is killed may leave with a part of it.
+    """Append `text` to a log; a killed process may leave a part of it.
 
     Raises:
-        InputError: naming `path`, where it cannot be written.
+        InputError: if `path` cannot be written.
     """
     path = Path(path)
     with _in_words(path), path.open("a", encoding="utf-8") as file:
@@ -102,11 +99,11 @@ def append_text(path: Path | str, text: str) -> None:
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Write `data` as JSON that every reader takes: a number that is none is an error of ours.
+    """Replace `path` by `data` in strict JSON.
 
     Raises:
-        InputError: naming `path`, where it cannot be written.
-        ValueError: for a NaN or an infinity in `data`; nothing is written.
+        InputError: if `path` cannot be written.
+        ValueError: for a NaN or an infinity in `data`.
     """
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
@@ -123,7 +120,7 @@ def folder_digest(folder: Path, without: str = "") -> str:
 
 
 def refuse_unwritable(path: Path | str) -> None:
-    """Refuse, before the work and not after it, a file that could not be written.
+    """Refuse a path that cannot be written, before the work and not after it.
 
     Raises:
         InputError: naming `path` and the reason.
@@ -144,7 +141,7 @@ def refuse_unwritable(path: Path | str) -> None:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file, or the names in a folder, are on the disk."""
+    """Wait until a file, or the entries of a folder, are on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -258,3 +258,14 @@ def test_nobody_is_foreseen_across_a_gap_or_from_one_point():
     assert_array_equal(grid.stamp.round(9), [2.4])
     assert_array_equal(grid.foreseen, [[1, 1]])
     assert_array_equal(grid.known, [2.5])
+
+
+def test_extras_of_all_recordings_or_of_none():
+    one, other = (
+        make_tracks(name, np.arange(4) * 0.4, [1] * 4, np.zeros((4, 2)), extras)
+        for name, extras in (("one", {"group": [1, 2, 3, 4]}), ("other", {}))
+    )
+    windows = cut_windows([one, one], 2, 1, min_agents=1)
+    assert windows.extras["group"].tolist() == [2, 3, 2, 3], "at the last observed step"
+    with pytest.raises(InputError, match="one, other: only one of them has the extra 'group'"):
+        cut_windows([one, other], 2, 1, min_agents=1)
