@@ -1,12 +1,9 @@
-"""How good forecasts of symbols, states and events are: log score, Brier score, reliability.
+"""Scores of forecast symbols, states and events beside classical answers: log, Brier, reliability.
 
-Both scores are proper: nobody gains by saying something else than they believe. Of the class c that
-came true they are -ln p_c (nats; Good, "Rational decisions", 1952) and the sum over the classes of
-(p - [it is c])^2 (0 to 2; Brier, "Verification of forecasts expressed in terms of probability",
-1950); of both, less is better. Counts of samples become probabilities as in `symbolic.forecast`:
-for every question smoothed towards how often its answers occurred in training scenes, with that
-weight, of a few, which scores best on validation scenes. So a single forecast, which alone says 0
-or 1, is judged by the best probabilities that can be made of it, as k samples are.
+The scores are those of `evaluation.symbol_scores`, but counts of samples are smoothed, for every
+question, towards how often its answers occurred in training scenes, with the weight (of `WEIGHTS`)
+that scores best on validation scenes. So a single forecast, which alone says 0 or 1, is judged by
+the best probabilities that can be made of it, as k samples are.
 """
 
 import dataclasses
@@ -19,13 +16,7 @@ from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.forecast import symbol_table
-from studies.symbolic_forecast.cases import (
-    Answer,
-    Cases,
-    markov_chain,
-    model_answer,
-    persistence,
-)
+from studies.symbolic_forecast.cases import Answer, Cases, counted, markov_chain, model_answer
 
 __all__ = [
     "BINS",
@@ -38,9 +29,9 @@ __all__ = [
 ]
 
 WEIGHTS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-"""Of the prior, in samples, among which the one of a question is chosen."""
+"""Weights of the prior, in samples."""
 BINS = 10
-"""Of a reliability diagram, equal parts of [0, 1]."""
+"""Equal parts of [0, 1] in a reliability diagram."""
 
 
 class Question(NamedTuple):
@@ -52,64 +43,61 @@ class Question(NamedTuple):
     """From 1; 0 for an event, which may happen at any."""
 
     def metric(self, score: str) -> str:
-        """What `score` of it is called."""
+        """Name of its `score`."""
         return f"{score} {self.target} {self.step}"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SymbolScores:
-    """What a forecaster scores on the pairs of a test set."""
+    """Scores of a forecaster on the pairs of a test set."""
 
     errors: ErrorsByScene
-    """Of `log` and `brier` of every question, see `Question.metric`."""
+    """`log` and `brier` of every question, see `Question.metric`."""
     reliability: dict[str, np.ndarray]
-    """[3, BINS] by target: sum of the probabilities said, of what happened, and how many."""
+    """[3, BINS] by target: sum of the probabilities, number of happenings, number of cases."""
 
 
 Priors = Mapping[Question, np.ndarray]
-"""Of every question, [C] how often its answers occurred."""
+"""For every question the frequencies of its answers, [C]."""
 Weights = Mapping[Question, float]
-"""Of every question, the weight of its prior."""
+"""For every question the weight of its prior."""
 
 
 def questions(cases: Cases, answer: Answer) -> Iterator[tuple[Question, np.ndarray, np.ndarray]]:
     """Every question that `answer` answers, with counts [P, C] and what came true [P]."""
     table = symbol_table(cases.settings.calculus)
-    symbols = CALCULI[cases.settings.calculus].symbols
-    for step in range(cases.states.shape[1]):
-        counts, true = answer.of_states(cases, step), cases.states[:, step]
+    for step, counts in enumerate(answer.states):
+        true = cases.states[:, step]
         yield Question("state", step + 1), counts, true
-        for place, symbol in enumerate(symbols):
+        for place, symbol in enumerate(CALCULI[cases.settings.calculus].symbols):
             of_symbol = table[:, place]
             yield Question(symbol, step + 1), counts @ of_symbol, of_symbol.argmax(axis=1)[true]
-    for number, event in enumerate(cases.events):
-        counts = answer.of_event(cases, number)
-        if counts is not None:
-            yield Question(event, 0), counts, cases.after[number].astype(int)
+    for number, happens in enumerate([] if answer.events is None else answer.events):
+        counts = np.stack([answer.count - happens, happens], axis=1)
+        yield Question(cases.events[number], 0), counts, cases.after[number].astype(int)
 
 
 def evaluate_symbols(
     train: Cases, tune: Cases, test: Cases, models: Mapping[str, Model], *, samples: int, seed: int
 ) -> dict[str, SymbolScores]:
-    """Scores on `test` of models and of what needs none, by name.
+    """Scores on `test` of models and of classical answers, by name.
 
-    Beside the models: a Markov chain over the states, with and without the transitions that its
-    diagram lacks; persistence of the state; and how often everything happens, whoever it is.
+    The answers are a Markov chain over the states, with and without the transitions that its
+    diagram lacks; persistence of the state and of events; and the frequencies in `train`.
 
     Args:
-        train: what the chain and the priors are learned from.
-        tune: what the priors' weights are chosen on.
+        train: pairs that the chain and the priors are learned from.
+        tune: pairs that the priors' weights are chosen on.
         test: pairs to score, of the same settings and steps.
-        models: by the name that they are to have.
-        samples: forecasts of each scene, k.
-        seed: determines, with the scene and the sample, the noise.
+        models: by name.
+        samples: number of forecasts of each scene, k.
+        seed: random seed of the noise.
     """
-    truth = Answer(train.states[None], train.after[None])
+    truth = counted(train, train.states[None], train.after[None])
     priors = {
         question: (counts.sum(axis=0) + 1 / counts.shape[1]) / (len(counts) + 1)
         for question, counts, _ in questions(train, truth)
     }
-    chain, inside = markov_chain(train), markov_chain(train, within=True)
     scores = {}
     for name, model in models.items():
         of_tune, of_test = (
@@ -117,22 +105,25 @@ def evaluate_symbols(
         )
         scores[name] = score_answer(test, of_test, priors, tuned_weights(tune, of_tune, priors))
     known = dict.fromkeys(priors, 0.0)
-    scores["Markov chain"] = score_answer(test, chain, priors, known)
-    scores["Markov chain, diagram only"] = score_answer(test, inside, priors, known)
-    stays = tuned_weights(tune, persistence(tune), priors)
-    scores["persistence"] = score_answer(test, persistence(test), priors, stays)
-    size = len(CALCULI[test.settings.calculus].states)
-    steps = test.states.shape[1]
-    rates = Answer(
-        table=np.stack(
-            [np.tile(priors[Question("state", step + 1)], (size, 1)) for step in range(steps)]
-        ),
-        event_table=np.stack(
-            [np.full(size, priors[Question(event, 0)][1]) for event in test.events]
-        ),
-    )
+    for name, within in (("Markov chain", False), ("Markov chain, diagram only", True)):
+        table, events = markov_chain(train, within=within)
+        chain = Answer(1, table[:, test.start], None if events is None else events[:, test.start])
+        scores[name] = score_answer(test, chain, priors, known)
+    stay_tune, stay_test = map(_persistence, (tune, test))
+    weights = tuned_weights(tune, stay_tune, priors)
+    scores["persistence"] = score_answer(test, stay_test, priors, weights)
+    pairs, steps = test.states.shape
+    states = [np.tile(priors[Question("state", step + 1)], (pairs, 1)) for step in range(steps)]
+    events = [np.full(pairs, priors[Question(event, 0)][1]) for event in test.events]
+    rates = Answer(1, np.stack(states), np.stack(events))
     scores["frequencies"] = score_answer(test, rates, priors, known)
     return scores
+
+
+def _persistence(cases: Cases) -> Answer:
+    """The last observed state stays; events of the observation happen again."""
+    stays = np.repeat(cases.start[:, None], cases.states.shape[1], axis=1)
+    return counted(cases, stays[None], cases.before[None])
 
 
 def tuned_weights(cases: Cases, answer: Answer, priors: Priors) -> dict[Question, float]:
@@ -146,53 +137,30 @@ def tuned_weights(cases: Cases, answer: Answer, priors: Priors) -> dict[Question
 
 
 def score_answer(cases: Cases, answer: Answer, priors: Priors, weights: Weights) -> SymbolScores:
-    """What an answer scores, question by question.
-
-    Args:
-        cases: of P pairs.
-        answer: of the same.
-        priors: [C] of each question.
-        weights: of the priors; 0 leaves probabilities as they are.
-    """
-    scenes, names, totals = cases.windows.scenes, [], []
+    """Scores of an answer, question by question; with weight 0 counts are probabilities."""
+    scenes, totals = cases.windows.scenes, {}
     reliability: dict[str, np.ndarray] = {}
     for question, counts, true in questions(cases, answer):
         shares = _smoothed(counts, answer.count, priors[question], weights[question])
-        for score, losses in zip(("log", "brier"), _losses(shares, true)):
-            names.append(question.metric(score))
-            totals.append(np.bincount(cases.scene, losses, scenes))
+        hit = np.take_along_axis(shares, true[:, None], axis=1)[:, 0]
+        log, brier = -np.log(np.maximum(hit, 1e-9)), np.square(shares).sum(axis=1) - 2 * hit + 1
+        totals[question.metric("log")] = np.bincount(cases.scene, log, scenes)
+        totals[question.metric("brier")] = np.bincount(cases.scene, brier, scenes)
         if question.target != "state":
-            # Of an event its presence; of a symbol each of its values is a yes or no.
-            classes = range(1 if question.step == 0 else 0, shares.shape[1])
+            # The presence of an event; each of the values of a symbol.
             sums = reliability.setdefault(question.target, np.zeros((3, BINS)))
-            for each in classes:
-                sums += _binned(shares[:, each], true == each)
+            for each in range(1 if question.step == 0 else 0, shares.shape[1]):
+                said = shares[:, each]
+                place = np.minimum((said * BINS).astype(int), BINS - 1)
+                for row, values in zip(sums, (said, true == each, np.ones(len(said)))):
+                    row += np.bincount(place, values, BINS)
     pairs = np.bincount(cases.scene, minlength=scenes).astype(float)
-    steps = cases.windows.position.shape[1]
-    errors = ErrorsByScene(
-        tuple(names),
-        np.stack(totals, axis=1),
-        np.repeat(pairs[:, None], len(names), axis=1),
-        cases.windows.identity,
-        steps,
-    )
+    counts, steps = np.repeat(pairs[:, None], len(totals), axis=1), cases.windows.position.shape[1]
+    stacked = np.stack(list(totals.values()), axis=1)
+    errors = ErrorsByScene(tuple(totals), stacked, counts, cases.windows.identity, steps)
     return SymbolScores(errors, reliability)
 
 
 def _smoothed(counts: np.ndarray, total: int, prior: np.ndarray, weight: Any) -> np.ndarray:
     """[P, C] probabilities from counts [P, C], see `symbolic.forecast`."""
     return (counts + weight * prior) / (total + weight)
-
-
-def _losses(shares: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """[P] log and Brier scores of probabilities [P, C], of which `true` [P] came true."""
-    hit = np.take_along_axis(shares, true[:, None], axis=1)[:, 0]
-    return -np.log(np.maximum(hit, 1e-9)), np.square(shares).sum(axis=1) - 2 * hit + 1
-
-
-def _binned(said: np.ndarray, happened: np.ndarray) -> np.ndarray:
-    """[3, BINS] see `SymbolScores.reliability`."""
-    place = np.minimum((said * BINS).astype(int), BINS - 1)
-    return np.stack(
-        [np.bincount(place, each, BINS) for each in (said, happened, np.ones(len(said)))]
-    )
