@@ -16,12 +16,14 @@ from neurosym_robot.online.compilation import When
 from neurosym_robot.online.models import load_models
 from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.ros.source import Source
+from neurosym_robot.online.status import format_summary
+from neurosym_robot.ros.forecasting_node import ForecastingNode
+from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.tracking.linking import LinkOptions
 from neurosym_robot.tracking.live import OnlineStitcher
 from neurosym_robot.tracking.motion import FAR, MAX_SPEED
 
-__all__ = ["LiveOptions", "SourceOptions", "ViewOptions"]
+__all__ = ["LiveOptions", "NodeOptions", "SourceOptions", "ViewOptions"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,9 +85,9 @@ class SourceOptions:
     """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
     nearest to it are forecast first."""
 
-    def source(self, report: Callable[[str], None]) -> Source:
+    def source(self, report: Callable[[str], None]) -> PeopleSource:
         """The stream of people; `report` is called about messages that are left out."""
-        return Source(self.fixed_frame, self.several_publishers, report, self.robot_frame)
+        return PeopleSource(self.fixed_frame, self.several_publishers, report, self.robot_frame)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -142,3 +144,26 @@ class LiveOptions:
         if not self.stitch:
             return None
         return OnlineStitcher(self.links, far=self.far, max_speed=self.max_speed)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class NodeOptions(LiveOptions):
+    """Options of the nodes of ROS 1 and ROS 2."""
+
+    name: str = "neurosym_jax"
+    """Name of this node; on ROS 1 in $ROS_NAMESPACE, if that is set."""
+    status: float = 10.0
+    """Seconds between status lines; 0 for none."""
+
+    def open_page(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
+        """Serve the page of a node, if the options ask for one."""
+        node.dashboard = self.view.open(node.predictor, self.name)
+        if node.dashboard is not None:
+            report(f"the page is at {node.dashboard.url}")
+
+    def end(self, node: ForecastingNode) -> None:
+        """Print the summary of a node that has ended."""
+        if node.dashboard is not None:
+            node.dashboard.close()
+        node.analytics.finish()
+        print(format_summary(node.analytics.summary(), node.predictor.health))

@@ -22,7 +22,7 @@ from neurosym_robot.online.status import format_summary
 from neurosym_robot.plugin import SUFFIXES
 from neurosym_robot.ros.bag_writer import ForecastBag
 from neurosym_robot.ros.bags import read_frames
-from neurosym_robot.ros.source import Source
+from neurosym_robot.ros.source import PeopleSource
 
 __all__ = ["Options", "run"]
 
@@ -111,7 +111,7 @@ def run(options: Options) -> None:
 
 
 def _open(
-    path: Path, period: float, options: Options, source: Source
+    path: Path, period: float, options: Options, source: PeopleSource
 ) -> ForecastBag | ForecastLines:
     """The file of forecasts, by the ending of its path."""
     if path.suffix == ".jsonl":

@@ -19,7 +19,6 @@ class PairSymbols:
     """Symbols by the convention of the first NeuroSyM among some models; else the papers'."""
 
     def __init__(self, models: Mapping[str, Model]):
-        """Choose the model; nothing is compiled yet."""
         symbolic = {name: each for name, each in models.items() if each.weighting}
         self.model = next(iter(symbolic), None)
         """Its name, None where no model weights pairs."""

@@ -5,5 +5,5 @@ from .frames import tracks_of_frames as tracks_of_frames
 from .predictor import Forecast as Forecast
 from .predictor import ModelForecast as ModelForecast
 from .predictor import Predictor as Predictor
-from .replay import Event as Event
+from .replay import ReplayEvent as ReplayEvent
 from .status import format_summary as format_summary

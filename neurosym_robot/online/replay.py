@@ -13,12 +13,12 @@ from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.tracking.live import OnlineStitcher, mend
 
-__all__ = ["Event", "advance", "replay"]
+__all__ = ["ReplayEvent", "advance", "replay"]
 
 LONGEST = 10.0  # seconds waited at most between two frames
 
 
-class Event(NamedTuple):
+class ReplayEvent(NamedTuple):
     """What follows from a frame."""
 
     frame: Frame  # as the predictor saw it, with mended ids if there is a stitcher
@@ -32,12 +32,12 @@ def advance(
     analytics: Analytics,
     stitcher: OnlineStitcher | None = None,
     robot: np.ndarray | None = None,
-) -> Event:
+) -> ReplayEvent:
     """Push one frame; the people nearest to the `robot` [3] are forecast first."""
     if stitcher is not None:
         frame, _ = mend(stitcher, frame)
     forecast = predictor.push(*frame, focus=None if robot is None else robot[:2])
-    return Event(frame, forecast, [] if forecast is None else analytics.add(forecast))
+    return ReplayEvent(frame, forecast, [] if forecast is None else analytics.add(forecast))
 
 
 def replay(
@@ -48,7 +48,7 @@ def replay(
     rate: float = math.inf,
     stitcher: OnlineStitcher | None = None,
     robot: Callable[[float], np.ndarray | None] = lambda stamp: None,
-) -> Iterator[Event]:
+) -> Iterator[ReplayEvent]:
     """Push frames one by one; an event for each.
 
     At the end, `analytics.finish()` scores the forecasts that still wait.

@@ -7,7 +7,7 @@ from typing import Any
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import Forecast
-from neurosym_robot.online.replay import Event
+from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.plugin import ACTIVE, SUFFIXES
 from neurosym_robot.ros.definitions import EVENTS, FORECAST, HUMANS_TRAJS, STATES, blank, typestore
 from neurosym_robot.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
@@ -118,7 +118,7 @@ class ForecastBag:
         self._stamp = 0.0
         self._make = makers(at_least)
 
-    def add(self, event: Event) -> None:
+    def add(self, event: ReplayEvent) -> None:
         """Write a frame with its forecast and the futures that it completed."""
         self._stamp = event.frame.stamp
         new, forecast, frame_id = self._bag.new, event.forecast, self._frame_id()

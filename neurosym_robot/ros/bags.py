@@ -25,7 +25,7 @@ from neurosym_robot.plugin import ACTIVE, SUFFIXES, is_bag, topic_of
 from neurosym_robot.ros.definitions import typestore
 from neurosym_robot.ros.messages import PEOPLE_TOPICS
 from neurosym_robot.ros.people import KINDS, POSES
-from neurosym_robot.ros.source import Source
+from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.tracking.motion import FAR
 
 __all__ = ["read_bag", "read_frames", "read_messages", "read_people"]
@@ -35,7 +35,7 @@ TOOLS = {".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 
 
 def read_frames(
-    path: Path, options: ReadOptions = AS_IT_SAYS, source: Source | None = None
+    path: Path, options: ReadOptions = AS_IT_SAYS, source: PeopleSource | None = None
 ) -> Iterator[Frame]:
     """Frames of a bag or of a file of tracks, in its order.
 
@@ -87,7 +87,7 @@ def read_bag(path: Path, topic: str | None = None) -> list[Tracks]:
 
 
 def read_people(
-    path: Path, topic: str | None = None, source: Source | None = None
+    path: Path, topic: str | None = None, source: PeopleSource | None = None
 ) -> Iterator[Frame]:
     """Frames of people in a bag, in the order of recording.
 
@@ -100,7 +100,9 @@ def read_people(
     Raises:
         InputError: naming the file and the reason, for a topic or a damaged bag.
     """
-    source = source or Source(report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3))
+    source = source or PeopleSource(
+        report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3)
+    )
 
     def choose(topics: dict[str, str]) -> list[str]:
         return [_choose(path, topics, topic), *(TF_TOPICS if source.needs_transforms else ())]

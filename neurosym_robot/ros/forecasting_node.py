@@ -13,7 +13,7 @@ from neurosym_robot.online.replay import advance
 from neurosym_robot.online.status import Status
 from neurosym_robot.ros.messages import TRUTH_TOPIC, forecast_topic
 from neurosym_robot.ros.outgoing import DIAGNOSTICS, ENDINGS, TRUTH, diagnostics_message, makers
-from neurosym_robot.ros.source import Source
+from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.tracking.live import OnlineStitcher
 
 __all__ = ["DIAGNOSE", "ForecastingNode"]
@@ -42,7 +42,7 @@ class ForecastingNode:
     def __init__(
         self,
         predictor: Predictor,
-        source: Source,
+        source: PeopleSource,
         stitcher: OnlineStitcher | None,
         at_least: float,
         status: float,

@@ -20,7 +20,7 @@ from neurosym_robot.ros.decoding import Decoder
 from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, TRANSFORMS, blank, ros1_name
 from neurosym_robot.ros.forecasting_node import DIAGNOSE, ForecastingNode
 from neurosym_robot.ros.messages import PEOPLE_TOPICS, WAITING, make_people
-from neurosym_robot.ros.source import Source
+from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.ros.tcpros import Node, Publisher, Topic
 from neurosym_robot.tracking.live import OnlineStitcher, mend
 
@@ -40,7 +40,7 @@ class ForecastNode(ForecastingNode):
         predictor: Predictor,
         *,
         topic: str | None = None,
-        source: Source | None = None,
+        source: PeopleSource | None = None,
         stitcher: OnlineStitcher | None = None,
         master: str | None = None,
         name: str = "neurosym_jax",
@@ -69,7 +69,7 @@ class ForecastNode(ForecastingNode):
         """
         self.malformed = self.late = 0
         """Messages that could not be read; that were dropped from a full queue."""
-        source = source or Source(report=report)
+        source = source or PeopleSource(report=report)
         super().__init__(predictor, source, stitcher, at_least, status, report)
         self._decoder = Decoder()
         self._store = self._decoder.store
@@ -158,8 +158,6 @@ class ForecastNode(ForecastingNode):
     def close(self) -> None:
         """Leave the graph."""
         self.node.close()
-        if self.dashboard is not None:
-            self.dashboard.close()
 
     def _counts(self) -> dict[str, int]:
         return {**super()._counts(), "malformed": self.malformed, "late": self.late}

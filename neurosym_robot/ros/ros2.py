@@ -17,7 +17,7 @@ from neurosym_robot.ros.definitions import PEOPLE, TRANSFORMS
 from neurosym_robot.ros.forecasting_node import DIAGNOSE, ForecastingNode
 from neurosym_robot.ros.messages import PEOPLE_TOPICS, WAITING
 from neurosym_robot.ros.people import POSES
-from neurosym_robot.ros.source import Source
+from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.tracking.live import OnlineStitcher
 
 __all__ = ["ForecastNode", "import_rclpy", "message_type", "node_parameters"]
@@ -86,7 +86,7 @@ class ForecastNode(ForecastingNode):
         *,
         topic: str = PEOPLE_TOPICS[0],
         kind: str = PEOPLE,
-        source: Source | None = None,
+        source: PeopleSource | None = None,
         stitcher: OnlineStitcher | None = None,
         name: str = "neurosym_jax",
         status: float = 10.0,
@@ -112,7 +112,7 @@ class ForecastNode(ForecastingNode):
 
         self.kind, self.node = kind, rclpy.create_node(name)
         report = self.node.get_logger().info
-        super().__init__(predictor, source or Source(), stitcher, at_least, status, report)
+        super().__init__(predictor, source or PeopleSource(), stitcher, at_least, status, report)
         self.publish(POSES)
         self.node.create_timer(DIAGNOSE, self._look)
         # A best-effort subscription receives from reliable publishers, too.

@@ -15,13 +15,13 @@ from neurosym_robot.ros.people import id_of_name, see
 from neurosym_robot.ros.transforms import Transforms
 from neurosym_robot.tracking.nearest import NearestIds
 
-__all__ = ["Source"]
+__all__ = ["PeopleSource"]
 
 SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
 SAID = 64  # different reasons that are reported; more are only counted
 
 
-class Source:
+class PeopleSource:
     """Turns messages of people into the frames of a stream, and reports what it leaves out."""
 
     def __init__(

@@ -1,7 +1,6 @@
-"""Who goes on as whom from frame to frame: ids are believed where people can have moved so.
+"""Tracks from frame to frame: the tracker's ids are kept if people can have moved so.
 
-A tracker that swaps the ids of two people, or gives a person a new one, is corrected by where
-everybody was expected. Losses that last are for `linking`.
+Swapped and changed ids are corrected by the expected positions. Longer losses are for `linking`.
 """
 
 import collections
@@ -15,17 +14,16 @@ from neurosym_robot.tracking.motion import FAR, MAX_SPEED, is_jump
 
 __all__ = ["Follower", "Track"]
 
-POINTS = 20  # kept of each track; at 10 Hz twice what its velocity is taken from
-# Share of the old velocity that is kept from frame to frame: noise is as large as a step.
-SMOOTH = 0.7
-CERTAIN = 0.15  # metres off where somebody was expected, within which an id is believed at once
-OTHER_ID = 0.2  # metres that a track must be nearer to be somebody's who has another id
-REACH = 0.75  # metres off where somebody was expected, at most, for somebody of another id
-RECENT = 0.5  # seconds; for longer losses an id is believed, and there is `linking`
+POINTS = 20  # newest points kept of a track: at 10 Hz twice what its velocity needs
+SMOOTH = 0.7  # share of the old velocity kept from frame to frame: noise is as large as a step
+CERTAIN = 0.15  # metres from the expected position within which an id is accepted at once
+OTHER_ID = 0.2  # metres that a track of another id must be nearer to be preferred
+REACH = 0.75  # maximum metres from the expected position of a track of another id
+RECENT = 0.5  # seconds of loss after which only a track of the same id continues
 
 
 class Track:
-    """One person's unbroken way, of which the newest points are kept."""
+    """An unbroken track with its newest points."""
 
     __slots__ = ("born", "first", "id", "name", "place", "points", "speed", "stamp")
 
@@ -41,7 +39,7 @@ class Track:
         return self.place + (stamp - self.stamp) * self.speed
 
     def add(self, id: int, stamp: float, place: np.ndarray) -> None:
-        """Seen again at `place` [2], metres."""
+        """Add an observation at `place` [2] metres."""
         moved = (place - self.place) / (stamp - self.stamp)
         keep = SMOOTH if len(self.points) > 1 else 0.0
         self.speed = keep * self.speed + (1 - keep) * moved
@@ -49,7 +47,7 @@ class Track:
         self.points.append((stamp, *place))
 
     def velocity(self, memory: float, at_start: bool = False) -> np.ndarray:
-        """[2] metres per second, of the points within `memory` seconds of its newest or oldest."""
+        """[2] m/s, of the points within `memory` seconds of the newest or oldest."""
         points = np.array(self.points)
         at = points[0 if at_start else -1, 0]
         near = points[np.abs(points[:, 0] - at) <= memory + 1e-3]
@@ -57,7 +55,7 @@ class Track:
 
 
 class Follower:
-    """Tracks of everybody, frame by frame."""
+    """Follows everybody frame by frame."""
 
     def __init__(
         self,
@@ -67,23 +65,22 @@ class Follower:
         max_speed: float = MAX_SPEED,
         recent: float = RECENT,
     ):
-        """Nobody seen yet."""
         self.recent = recent
         self.forget, self.max_tracks, self.far, self.max_speed = forget, max_tracks, far, max_speed
         self.tracks: list[Track] = []
         self.stamp = -np.inf
 
     def clear(self) -> None:
-        """Forget everybody."""
+        """Forget all tracks."""
         self.tracks, self.stamp = [], -np.inf
 
     def push(self, stamp: float, ids: list[int], xy: np.ndarray) -> list[Track | None]:
-        """Tracks of the next frame's people, at `xy` [N, 2]; None where one is not followed."""
+        """Tracks of the people of the next frame at `xy` [N, 2]; None if not followed."""
         self.tracks = [each for each in self.tracks if stamp - each.stamp <= self.forget]
         self.stamp = stamp
         found: list[Track | None] = [None] * len(ids)
         near = np.flatnonzero((np.abs(xy) < self.far).all(axis=1)).tolist() if len(ids) else []
-        # Of two tracks that had one id the newer; of two people with one id the first.
+        # Of two tracks with one id the newer counts; of two people with one id the first.
         of_id = {track.id: track for track in self.tracks}
         free = {id(track): track for track in self.tracks}
         waiting = []
@@ -113,7 +110,7 @@ class Follower:
     def _assign(
         self, waiting: list[int], tracks: list[Track], ids: list[int], xy: np.ndarray
     ) -> Iterator[tuple[int, Track]]:
-        """People of the frame, and the tracks that they go on with."""
+        """Rows of the frame with the tracks that they continue."""
         if not (waiting and tracks):
             return
         gap = np.array([self.stamp - each.stamp for each in tracks])

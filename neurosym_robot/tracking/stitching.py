@@ -1,8 +1,6 @@
-"""Broken tracks mended: ids of one person joined across occlusions, swapped ids put right, ghosts
-dropped, short gaps filled.
+"""Stitching of a recording: tracks joined across occlusions, swapped ids corrected, gaps filled.
 
-`stitch` works over a recording, `OnlineStitcher` frame by frame. What a person has said about ids
-(a map from old to new) stands: those tracks are renamed, and not joined by themselves.
+`live.OnlineStitcher` does it frame by frame. Tracks whose ids were decided by hand are not joined.
 """
 
 import dataclasses
@@ -25,7 +23,7 @@ LOOKING_BACK = LinkOptions(least=1.0)
 
 
 class Join(NamedTuple):
-    """The track `new` was found to go on as `old`."""
+    """The track `new` continues the track `old` after `gap` seconds."""
 
     old: int
     new: int
@@ -34,7 +32,7 @@ class Join(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Stitched:
-    """A mended recording and what was done to it."""
+    """A stitched recording and what was done to it."""
 
     tracks: Tracks
     before: int  # ids before

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from neurosym_robot.ros.definitions import PEOPLE
 from neurosym_robot.ros.people import KINDS, POSES, see
-from neurosym_robot.ros.source import Source
+from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.ros.transforms import Transforms
 
 
@@ -36,7 +36,7 @@ def transform(at: float, parent: str, child: str, x: float, turn: float = 0.0) -
 
 def test_another_frame_is_left_out_and_said_once():
     said = []
-    source = Source(report=said.append)
+    source = PeopleSource(report=said.append)
     taken = [
         source.take(PEOPLE, people(n / 10, "odom" if n % 2 else "/map")) is not None
         for n in range(20)
@@ -51,7 +51,7 @@ def test_another_frame_is_left_out_and_said_once():
 
 def test_a_second_publisher_waits_until_the_first_is_silent():
     said = []
-    source = Source(report=said.append)
+    source = PeopleSource(report=said.append)
     assert source.take(PEOPLE, people(0.0), "/a", 0.0) is not None
     assert source.take(PEOPLE, people(0.1), "/b", 0.1) is None
     assert source.take(PEOPLE, people(0.2), "/a", 0.2) is not None
@@ -64,7 +64,7 @@ def test_a_second_publisher_waits_until_the_first_is_silent():
 
 
 def test_several_publishers_keep_their_ids_apart():
-    source = Source(several=True, report=pytest.fail)
+    source = PeopleSource(several=True, report=pytest.fail)
     frames = [source.take(PEOPLE, people(n / 10), f"/{n % 2}", n / 10) for n in range(4)]
     ids = [frame.ids.item() for frame in frames if frame]
     assert ids[0] == ids[2] == 7
@@ -73,7 +73,7 @@ def test_several_publishers_keep_their_ids_apart():
 
 def test_coordinates_are_taken_to_the_fixed_frame():
     said = []
-    source = Source("map", report=said.append)
+    source = PeopleSource("map", report=said.append)
     assert source.take(PEOPLE, people(10.0, "camera")) is None
     assert source.refused == {"no_transform": 1}
     assert "no transform between camera and map" in said[0]
@@ -93,7 +93,7 @@ def test_coordinates_are_taken_to_the_fixed_frame():
 
 def test_where_the_robot_is_among_the_people():
     said = []
-    source = Source(report=said.append, robot_frame="base")
+    source = PeopleSource(report=said.append, robot_frame="base")
     assert source.needs_transforms
     assert source.robot(10.0) is None  # Nothing is known of the stream yet.
     assert source.take(PEOPLE, people(10.0)) is not None

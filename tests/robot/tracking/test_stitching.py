@@ -91,7 +91,6 @@ def test_far_or_late_or_at_the_same_time_is_somebody_else():
 def test_a_manual_map_overrides():
     assert set(stitch(broken(), ids={7: 50}).tracks.id) == {3, 50}
     assert set(stitch(broken(gap=9.0), ids={7: 3}).tracks.id) == {3}
-    assert set(live(broken(), OnlineStitcher(ids={7: 50})).tolist()) == {3, 50, NOBODY}
     both = make_tracks("r", [0, 1, 0, 1], [1, 1, 2, 2], np.zeros((4, 2)))
     with pytest.raises(InputError, match="seen"):
         stitch(both, ids={1: 2})
