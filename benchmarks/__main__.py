@@ -16,7 +16,7 @@ import tyro
 from benchmarks.page import document
 from benchmarks.timing import text
 from neurosym_jax.commands._running import run_command
-from neurosym_jax.configuration import refuse_below
+from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.environment import cpu_cores, run_environment
 from neurosym_jax.runtime.files import write_text
@@ -65,7 +65,7 @@ class BenchmarkOptions:
 
 def run(options: BenchmarkOptions) -> None:
     """Measure, print, write."""
-    refuse_below(1, {"--repeats": options.repeats})
+    refuse(Count, {"--repeats": options.repeats})
     if options.page and not options.json:
         raise InputError("--page shows the numbers of a file: --json")
     if (options.reference or options.neurosym_reference) and not options.torch:

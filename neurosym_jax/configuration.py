@@ -36,9 +36,7 @@ __all__ = [
     "differences",
     "from_json",
     "parse_json",
-    "refuse_below",
-    "refuse_misfits",
-    "refuse_seed",
+    "refuse",
     "to_json",
 ]
 
@@ -86,32 +84,21 @@ class Checked:
             value, table = getattr(self, name), _table(hint)
             if isinstance(value, str) and table is not None:
                 object.__setattr__(self, name, component_from_text(value, table, name))
-        refuse_misfits(self)
+        for name, hint in _hints(type(self)).items():
+            if wanted := _misfit(value := getattr(self, name), hint):
+                raise InputError(f"{name} must {wanted}, not {value!r}")
 
 
-def refuse_misfits(config: Any) -> None:
-    """Refuse a dataclass with a value that its annotation does not allow.
+def refuse(hint: Any, values: Mapping[str, Any]) -> None:
+    """Refuse values that do not fit an annotation, such as `Count`; None means not given.
 
     Raises:
-        InputError: naming the first such field, its value and what it must be.
+        InputError: naming the first, by its key.
     """
-    for name, hint in _hints(type(config)).items():
-        value = getattr(config, name)
-        if wanted := _misfit(value, hint):
-            raise InputError(f"{name} must {wanted}, not {value!r}")
-
-
-def refuse_below(lowest: float, values: Mapping[str, float | None]) -> None:
-    """Refuse, with an InputError, values below `lowest` or not finite; None means not given."""
     for name, value in values.items():
-        if value is not None and not lowest <= value < math.inf:
-            raise InputError(f"{name} must be at least {lowest:g}, not {value}")
-
-
-def refuse_seed(seed: int, name: str = "seed") -> None:
-    """Refuse a seed outside [0, 2**32), which JAX would silently wrap, with an InputError."""
-    if wanted := _misfit(seed, Seed):
-        raise InputError(f"{name} must {wanted}, not {seed}")
+        plain = value.item() if hasattr(value, "item") else value
+        if plain is not None and (wanted := _misfit(plain, hint)):
+            raise InputError(f"{name} must {wanted}, not {plain!r}")
 
 
 def to_json(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:

@@ -39,6 +39,9 @@ __all__ = [
 DECIMALS = 8
 """Of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
 
+FAR = 1e9
+"""Largest coordinate in metres; float32 could not hold what is computed of far larger ones."""
+
 AnyArray: TypeAlias = jax.Array | np.ndarray
 """numpy on the host, jax inside a model."""
 
@@ -200,8 +203,11 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
     """`positions [N, T, 2]` in float64; messages call them `name`.
 
     Raises:
-        InputError: for a wrong shape, no agent, or a coordinate that is not finite.
+        InputError: for a wrong shape, no agent, or a coordinate that is masked, not finite or
+            beyond `FAR`.
     """
+    if np.ma.is_masked(positions):
+        raise InputError(f"{name}: some coordinates are masked; leave out these agents")
     positions = np.asarray(positions, np.float64)
     if positions.ndim != 3 or positions.shape[2] != 2:
         raise InputError(f"{name} must be [agents, steps, 2], not {list(positions.shape)}")
@@ -210,4 +216,7 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
     if not np.isfinite(positions).all():
         agent, step, _ = np.argwhere(~np.isfinite(positions))[0]
         raise InputError(f"{name}: agent {agent}, step {step} is not finite")
+    if np.abs(positions).max() > FAR:
+        agent, step, _ = np.argwhere(np.abs(positions) > FAR)[0]
+        raise InputError(f"{name}: agent {agent}, step {step} is more than {FAR:g} m away")
     return positions

@@ -85,6 +85,8 @@ def test_identity():
         (np.full((1, 8, 2), np.inf), None, "observed: agent 0, step 0 is not finite"),
         (np.zeros((3, 8, 2)), np.zeros((2, 8, 2)), "future has 2 agents but observed has 3"),
         (np.zeros((1, 8, 2)), np.full((1, 8, 2), np.nan), "future: agent 0, step 0"),
+        (np.full((1, 8, 2), 1e200), None, "agent 0, step 0 is more than 1e.09 m away"),
+        (np.ma.masked_equal(np.zeros((1, 8, 2)), 0), None, "some coordinates are masked"),
     ],
 )
 def test_refused(observed, future, message):

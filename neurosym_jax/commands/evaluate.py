@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from neurosym_jax.configuration import refuse_below, refuse_seed
+from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.published import data_folder
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
@@ -264,9 +264,9 @@ def _next(source: Source) -> str:
 def _validate(options: Options) -> None:
     """Refuse, before any work, options that cannot be used and files that cannot be written."""
     counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len", "jobs")
-    refuse_below(1, {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts})
+    refuse(Count, {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts})
     for seed, of in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
-        refuse_seed(options.seed + seed, of)
+        refuse(Seed, {of: options.seed + seed})
     if not (options.checkpoint or options.baselines or options.baselines is None):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
     check_report(options.json)

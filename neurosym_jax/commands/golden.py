@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from neurosym_jax.configuration import refuse_seed
+from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import parity
 from neurosym_jax.runtime.files import new_folder
@@ -43,7 +43,7 @@ def run(options: Options) -> None:
         InputError: for a checkout or a checkpoint that is not there, an interpreter without torch,
             a folder that is there already, and whatever the other code says when it fails.
     """
-    refuse_seed(options.seed, "--seed")
+    refuse(Seed, {"--seed": options.seed})
     if not (options.torch_checkout / "sgan" / "models.py").is_file():
         raise InputError(
             f"{options.torch_checkout}: has no sgan/models.py, so it is not SGAN's code"

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.configuration import refuse_below, refuse_seed
+from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
@@ -80,9 +80,9 @@ def run(options: Options) -> None:
     Raises:
         InputError: for data, a window, a weighting or a model that cannot be used.
     """
-    refuse_below(1, {"obs-len": options.obs_len, "pred-len": options.pred_len})
-    refuse_below(1, {"samples": options.samples})
-    refuse_seed(options.seed, "--seed")
+    refuse(Count, {"obs-len": options.obs_len, "pred-len": options.pred_len})
+    refuse(Count, {"samples": options.samples})
+    refuse(Seed, {"--seed": options.seed})
     model = None if options.model is None else load_model(options.model)
     if options.forecast:
         if model is None:

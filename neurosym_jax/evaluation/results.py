@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.configuration import refuse_below
+from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import make_batches, single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
@@ -121,7 +121,7 @@ def evaluate(
     Raises:
         InputError: for recordings without a window, or numbers out of range.
     """
-    refuse_below(1, {"samples": samples, "min_agents": min_agents})
+    refuse(Count, {"samples": samples, "min_agents": min_agents})
     models = [models] if isinstance(models, Model) else models
     recordings = [recordings] if isinstance(recordings, Tracks) else recordings
     name = "+".join(dict.fromkeys(tracks.recording for tracks in recordings))

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import refuse_below
+from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
@@ -74,7 +74,7 @@ def predict_scenes(
         InputError: naming the scene, for what `predict` refuses; for frames of another number than
             scenes; for more than there is memory for.
     """
-    refuse_below(1, {"samples": samples})
+    refuse(Count, {"samples": samples})
     frames = range(len(observed)) if frames is None else frames
     if len(frames) != len(observed):
         raise InputError(f"{len(frames)} frames are given for {len(observed)} scenes")

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import refuse_seed
+from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 
 __all__ = ["NoiseSpec", "draw_noise", "fixed_noise", "scene_noise"]
@@ -67,7 +67,7 @@ def draw_noise(
     Raises:
         InputError: for a seed that is not in [0, 2**32), which jax would silently wrap.
     """
-    refuse_seed(seed)
+    refuse(Seed, {"seed": seed})
     scenes = len(identity)
     slots = agents if spec.per_agent else 1
     shape = (samples, scenes, agents, spec.dim) if spec.per_agent else (samples, scenes, spec.dim)

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import refuse_below, refuse_seed
+from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.noise import scene_noise
@@ -37,8 +37,8 @@ class SceneForecaster:
         Raises:
             InputError: for a number that is out of range.
         """
-        refuse_below(1, {"samples": samples})
-        refuse_seed(seed)
+        refuse(Count, {"samples": samples})
+        refuse(Seed, {"seed": seed})
         self.forecaster = forecaster
         self.samples = samples if forecaster.noise.dim else 1
         self._params = jax.device_put(params)

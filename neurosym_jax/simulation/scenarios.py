@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.configuration import refuse_seed
+from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
@@ -118,7 +118,7 @@ def _walk(
     """Path [F, P, 2] metres and timestamps [F] seconds, float64."""
     if scenario not in _PLANS:
         raise InputError(f"scenario must be one of {sorted(_PLANS)}, not {scenario!r}")
-    refuse_seed(seed)
+    refuse(Seed, {"seed": seed})
     if people < 1:
         raise InputError(f"people must be at least 1, not {people}")
     if not (0 < rate < float("inf") and 0 <= duration < float("inf")):

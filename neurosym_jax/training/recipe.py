@@ -6,13 +6,13 @@ from typing import Literal
 
 from neurosym_jax.configuration import (
     BelowOne,
+    Checked,
     Count,
     NotNegative,
     Positive,
     Seed,
     Whole,
     changed,
-    refuse_misfits,
 )
 from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.training.augmentation import AugmentationOptions
@@ -22,7 +22,7 @@ __all__ = ["RECIPES", "TrainConfig", "make_recipe"]
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainConfig(LossOptions, AugmentationOptions):
+class TrainConfig(LossOptions, AugmentationOptions, Checked):
     """A recipe; the options of losses and augmentations stand in their files."""
 
     seed: Seed = 0
@@ -50,7 +50,7 @@ class TrainConfig(LossOptions, AugmentationOptions):
 
     def __post_init__(self):
         """Refuse, before any step, what would fail late or train nothing."""
-        refuse_misfits(self)
+        super().__post_init__()
         refuse_no_loss(self)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.configuration import refuse_below
+from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
@@ -102,7 +102,7 @@ class Predictor:
         periods = {model.config.period for model in self.models.values()}
         if period is None and len(periods) != 1:
             raise InputError(f"models must have steps of one length, not {sorted(periods)} s")
-        refuse_below(1, {"max_people": max_people})
+        refuse(Count, {"max_people": max_people})
         self.window = Window(lengths.pop(), periods.pop() if period is None else period, **window)
         self.max_people, self.recording = max_people, recording
         self._forecasters = {
