@@ -7,7 +7,6 @@ model's parameters, `params["weighting"]`. The built-in ones are listed in `weig
 """
 
 import dataclasses
-import json
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
@@ -16,7 +15,7 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import Checked, NotNegative
+from neurosym_jax.configuration import Checked, NotNegative, differences
 from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.qtc import Convention
 from neurosym_jax.symbolic.states import encode_state
@@ -93,13 +92,7 @@ class Weighting(Checked):
     @property
     def name(self) -> str:
         """Its title and the options that differ from their defaults: `soft,temperature=0.1`."""
-        usual, options = type(self)(), dataclasses.asdict(self)
-        changed = [
-            f"{option}={value if isinstance(value, str) else json.dumps(value)}"
-            for option, value in options.items()
-            if value != getattr(usual, option)
-        ]
-        return ",".join([self.title, *changed])
+        return ",".join([self.title, *differences(self)])
 
 
 @dataclasses.dataclass(frozen=True)
