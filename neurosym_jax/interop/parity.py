@@ -1,8 +1,7 @@
-"""Output by output, how far our networks are from a torch run that somebody saved.
+"""Parity: how far our outputs are from those of a stored torch run. Needs no torch.
 
-A golden directory holds a `manifest.json` with one row a case, and one `.npz` a case with torch's
-weights, inputs and outputs (see `docs/parity.md` for the form, and for how to make one). It needs
-no torch, assesses no forecast, and does not read checkpoints, which are `interop.torch`'s.
+A golden directory holds `manifest.json` with a row for each case, and an `.npz` for each case with
+torch's weights, inputs and outputs (`docs/parity.md` says which, and how to make them).
 """
 
 import dataclasses
@@ -33,7 +32,8 @@ CASES: dict[str, Callable[[Mapping[str, Any], Arrays], Compared]] = {
     "qtc": qtc,
     "train_step": train_step,
 }
-"""Kind of case to what compares it: (manifest row, arrays) to (ours, theirs) by output."""
+"""By kind of case the function that compares it: (manifest row, arrays) to {output: (ours,
+theirs)}."""
 
 
 @dataclasses.dataclass(frozen=True)

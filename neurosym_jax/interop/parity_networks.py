@@ -10,15 +10,15 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.interop.collation import alpha_rows_used
+from neurosym_jax.errors import InputError
+from neurosym_jax.interop.arguments import discriminator_config
 from neurosym_jax.interop.names import params_from_torch
 from neurosym_jax.interop.parity_case import (
     Arrays,
     Compared,
     case_scenes,
-    discriminator_config,
     floats,
-    generator_config,
+    generator_of,
     placed,
     scenes_of,
     state_dict,
@@ -28,7 +28,7 @@ from neurosym_jax.models import Discriminator, Generator, NeurosymIjcnn
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.scene import Scene, model_dtype
 
-__all__ = ["neurosym", "sgan"]
+__all__ = ["alpha_rows_used", "neurosym", "sgan"]
 
 
 def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -37,7 +37,7 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     The discriminator sees torch's forecast, not ours, so that a fault of the generator is not
     reported twice.
     """
-    config = generator_config(row)
+    config = generator_of(row)
     windows, scenes = case_scenes(config, arrays)
     outputs = (windows.agents, config.pred_len, 2)
     pred_rel, pred_abs = (floats(arrays, name, *outputs) for name in ("pred_rel", "pred_abs"))
@@ -49,7 +49,7 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         "pred_abs": (last + np.cumsum(ours, axis=1) + origin, pred_abs),
     }
     if "d_type" in row:
-        d_config = discriminator_config(row)
+        d_config = discriminator_config(row, "manifest")
         d_params = params_from_torch(state_dict(arrays, "d_state/"), d_config)
         theirs = floats(arrays, "d_scores_fake", windows.agents)
         observed = windows.position[:, : config.obs_len]
@@ -68,7 +68,7 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
 
     Of the earlier release also the rows of alpha that its collation picks.
     """
-    config = generator_config(row)
+    config = generator_of(row)
     windows, scenes = case_scenes(config, arrays)
     alpha = floats(arrays, "alpha", int((windows.sizes**2).sum()), config.obs_len)
     compared: Compared = {}
@@ -115,3 +115,24 @@ def _scores(config: DiscriminatorConfig, params: Any, scenes: Scene) -> Array:
     """[S, N] scores of whole trajectories, held by `scenes` as what was observed."""
     score = functools.partial(Discriminator(config).apply, {"params": params})
     return jax.lax.map(lambda s: score(s.observed, s.displacement, s.valid), scenes)
+
+
+def alpha_rows_used(pair_rows: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
+    """The rows of alpha [N, T] that NeuroSyM's first release multiplies the agents of a scene by.
+
+    The release stores a row for each ordered pair, N*N for a scene of N agents, but slices the rows
+    by the agents' bounds, N for a scene. So a scene gets rows of other pairs, after the first scene
+    those of other scenes, and its network reads row start + j for agent j, whoever looks at j.
+
+    Args:
+        pair_rows: [sum of N*N, T] weights of the pairs of all scenes, pair (i, j) of a scene in
+            its row i*N + j; a scene of one agent has one row.
+        bounds: [S, 2] first and one past the last agent of each scene, counted over all scenes.
+
+    Raises:
+        InputError: where there are not as many rows as pairs.
+    """
+    pairs = int(((bounds[:, 1] - bounds[:, 0]) ** 2).sum())
+    if len(pair_rows) != pairs:
+        raise InputError(f"'alpha' has {len(pair_rows)} rows for {pairs} pairs")
+    return [pair_rows[start:end] for start, end in bounds]

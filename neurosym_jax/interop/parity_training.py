@@ -16,14 +16,14 @@ from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.interop.arguments import discriminator_config
 from neurosym_jax.interop.names import params_from_torch
 from neurosym_jax.interop.parity_case import (
     Arrays,
     Compared,
     case_scenes,
-    discriminator_config,
     floats,
-    generator_config,
+    generator_of,
     manifest_field,
     state_dict,
 )
@@ -67,7 +67,7 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     Raises:
         InputError: for a case that has not one noise a scene.
     """
-    generator, config = generator_config(row), _recipe(row)
+    generator, config = generator_of(row), _recipe(row)
     if generator.noise_mix_type != "global":
         raise InputError("manifest: a train_step case has one noise a scene, noise_mix_type global")
     # As one group, `[scenes, slots, ...]`.
@@ -145,5 +145,5 @@ def _recipe(row: Mapping[str, Any]) -> TrainConfig:
         fields[name] = (fields[name], fields[name])
     fields |= {"adversarial_weight": 1.0, "criterion": "squared_displacement", "ema": 0.0}
     fields |= {"schedule": "constant", "weigh_scenes": "equally"}
-    fields["discriminator"] = dataclasses.asdict(discriminator_config(row))
+    fields["discriminator"] = dataclasses.asdict(discriminator_config(row, "manifest"))
     return from_json(TrainConfig, fields, "manifest")

@@ -1,8 +1,7 @@
-"""SGAN's and NeuroSyM's checkpoints of torch, in and out, without torch.
+"""Torch checkpoints of SGAN and NeuroSyM, read and written without torch.
 
-It maps the arguments of SGAN's training to configurations and ties the two halves together: how a
-`.pt` file is laid out is `interop.pickles`'s, what its tensors are called `interop.names`'s. It
-builds no network.
+`interop.pickles` reads a `.pt` file, `interop.names` maps its tensors, `interop.arguments` its
+arguments.
 """
 
 import dataclasses
@@ -12,8 +11,15 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any
 
-from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.interop.arguments import (
+    POOLING_ARGUMENTS,
+    RENAMED_ARGUMENTS,
+    SAME_NAME_ARGUMENTS,
+    TORCH_POOLING,
+    discriminator_config,
+    generator_config,
+)
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
@@ -24,15 +30,6 @@ from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = ["TorchCheckpoint", "export_torch_checkpoint", "load_torch_checkpoint"]
 
-TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
-"""SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""
-SAME_NAME_ARGUMENTS = (
-    *("obs_len", "pred_len", "embedding_dim", "mlp_dim", "noise_type"),
-    *("noise_mix_type", "pool_every_timestep"),
-)
-POOLING_ARGUMENTS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
-"""Options of poolings, with the values that SGAN is told where the pooling has no such option."""
-RENAMED_ARGUMENTS = {"encoder_h_dim": "encoder_h_dim_g", "decoder_h_dim": "decoder_h_dim_g"}
 # SGAN's evaluation script reads these as well: what its networks were built and data cut with.
 EXPORTED_ARGUMENTS = {
     "num_layers": 1,
@@ -82,13 +79,15 @@ def load_torch_checkpoint(path: str | os.PathLike) -> TorchCheckpoint:
             raise InputError(f"has no {missing}: not a checkpoint of SGAN, or one without weights")
         _refuse_repeated(state, os.path.getsize(path))
         arguments = {k: v for k, v in given.items() if isinstance(k, str) and _is_plain(v)}
-        config = _generator_config(arguments, state)
+        embedding = getattr(state.get("pool_net_g.spatial_embedding.weight"), "shape", None)
+        shape = embedding if isinstance(embedding, tuple) else None
+        config = generator_config(arguments, "args", embedding=shape)
         discriminator = None
         if (d_state := contents.get("d_state")) is not None:
             if not isinstance(d_state, dict):
                 raise InputError("d_state is not a state dict")
             _refuse_repeated(d_state, os.path.getsize(path))
-            d_config = _discriminator_config(arguments)
+            d_config = discriminator_config(arguments, "args")
             discriminator = d_config, params_from_torch(d_state, d_config)
         scene = arguments.get("dataset_name")
         return TorchCheckpoint(
@@ -163,77 +162,11 @@ def export_torch_checkpoint(
     write_torch_file(path, contents, overwrite=overwrite)
 
 
-def _generator_config(arguments: Mapping[str, Any], state: Mapping[str, Any]) -> GeneratorConfig:
-    _require(arguments, *SAME_NAME_ARGUMENTS, *POOLING_ARGUMENTS, *RENAMED_ARGUMENTS.values())
-    _require(arguments, "noise_dim", "pooling_type")
-    # Dropout is not asked about: it acts in training only and has no weights.
-    if arguments.get("batch_norm"):
-        raise InputError(
-            "args: batch_norm is on, and networks with batch normalisation are not ours"
-        )
-    if (layers := arguments.get("num_layers", 1)) != 1:
-        raise InputError(f"args: num_layers is {layers!r}, and only LSTMs of one layer are ours")
-    noise = arguments["noise_dim"]
-    if isinstance(noise, tuple | list):
-        noise = noise[0] if noise else 0
-    fields = {name: arguments[name] for name in (*SAME_NAME_ARGUMENTS, *POOLING_ARGUMENTS)}
-    fields |= {ours: arguments[theirs] for ours, theirs in RENAMED_ARGUMENTS.items()}
-    fields["pool_every_timestep"] = bool(fields["pool_every_timestep"])
-    fields["noise_dim"] = 0 if noise is None else noise
-    named = {theirs: ours for ours, theirs in TORCH_POOLING.items()}
-    pooling = str(arguments["pooling_type"] or "none").lower()
-    if pooling not in named:
-        raise InputError(f"args: pooling_type {pooling!r} is none of {', '.join(named)}")
-    kind = named[pooling]
-    embedding = getattr(state.get("pool_net_g.spatial_embedding.weight"), "shape", None)
-    if pooling == "pool_net" and isinstance(embedding, tuple):
-        each_step = embedding[1:] == (2,)
-        kind = "neurosym_ijcnn" if each_step else "neurosym_ros"
-        if not each_step:
-            fields["weighting"] = arguments.get("weighting", "cnd_shipped")
-    nest_pooling(fields, kind)
-    return from_json(GeneratorConfig, fields, "args")
-
-
-def nest_pooling(fields: dict[str, Any], kind: str) -> None:
-    """Move the options of the pooling `kind` into a field of their own; leave out the others'.
-
-    Raises:
-        InputError: for a social pooling of another size than a hidden state.
-    """
-    given = {name: fields.pop(name) for name in POOLING_ARGUMENTS if name in fields}
-    hidden, pooled = fields["encoder_h_dim"], given.get("bottleneck_dim")
-    if kind == "social" and pooled != hidden:
-        raise InputError(
-            "social pooling returns a hidden state: bottleneck_dim must equal encoder_h_dim "
-            f"({hidden}), not {pooled}"
-        )
-    options = {field.name for field in dataclasses.fields(POOLINGS[kind])}
-    own = {name: value for name, value in given.items() if name in options}
-    fields["pooling"] = {"kind": kind, **own}
-
-
-def _discriminator_config(arguments: Mapping[str, Any]) -> DiscriminatorConfig:
-    _require(arguments, "d_type", "encoder_h_dim_d")
-    fields = {
-        "kind": arguments["d_type"],
-        "h_dim": arguments["encoder_h_dim_d"],
-        "embedding_dim": arguments["embedding_dim"],
-        "mlp_dim": arguments["mlp_dim"],
-    }
-    return from_json(DiscriminatorConfig, fields, "args")
-
-
 def _refuse_repeated(state: Mapping[str, Any], size: int) -> None:
     """Tensors that lie over each other may ask for any multiple of the file's `size`, bytes."""
     shapes = [getattr(tensor, "shape", None) for tensor in state.values()]
     if 2 * sum(math.prod(shape) for shape in shapes if isinstance(shape, tuple)) > size:
         raise InputError("its tensors have more elements than the file can hold")
-
-
-def _require(arguments: Mapping[str, Any], *names: str) -> None:
-    if missing := [name for name in names if name not in arguments]:
-        raise InputError(f"args: {', '.join(missing)} missing or not a plain value")
 
 
 def _is_plain(value: Any) -> bool:

@@ -11,10 +11,10 @@ from numpy.testing import assert_array_equal
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop import names
-from neurosym_jax.interop.collation import alpha_rows_used
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
 from neurosym_jax.interop.parity import format_parity, run_parity
-from neurosym_jax.interop.parity_case import generator_config
+from neurosym_jax.interop.parity_case import generator_of
+from neurosym_jax.interop.parity_networks import alpha_rows_used
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import read_torch_file
 from neurosym_jax.interop.torch import export_torch_checkpoint, load_torch_checkpoint
@@ -92,7 +92,7 @@ def test_golden_state_dicts_fit(shared):
     for row in rows:
         with np.load(shared / "golden/torch" / row["file"]) as arrays:
             state = {k[8:]: arrays[k] for k in arrays.files if k.startswith("g_state/")}
-        config = generator_config(row)
+        config = generator_of(row)
         again = params_to_torch(params_from_torch(state, config), config)
         assert again.keys() == state.keys()
         for name, array in again.items():

@@ -16,7 +16,7 @@ from neurosym_jax.interop.parity import (
     parity_json,
     run_parity,
 )
-from neurosym_jax.interop.parity_case import generator_config
+from neurosym_jax.interop.parity_case import generator_of
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.scene import make_scene
@@ -45,7 +45,7 @@ ROW = {
 
 def make_case(row=ROW):
     """Arrays of a case as a torch run would store them, computed scene by scene, unpadded."""
-    config = generator_config(row)
+    config = generator_of(row)
     d_config = DiscriminatorConfig("global", embedding_dim=4, h_dim=8, mlp_dim=9)
     rng = np.random.default_rng(0)
     agents = BOUNDS[-1, 1]
@@ -223,10 +223,6 @@ def test_json_report(tmp_path, case):
     assert (report["format"], report["tolerance"], len(report["rows"])) == (1, 1e-5, 3)
     assert report["rows"][0]["output"] == "pred_rel"
     assert report["rows"][0]["shape"] == [7, PRED, 2]
-    (tmp_path / "out.json").write_text("my notes")
-    with pytest.raises(InputError, match=r"out\.json"):
-        run(options)
-    assert (tmp_path / "out.json").read_text() == "my notes"
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
@@ -287,11 +283,10 @@ def test_bad_directories_and_tolerances(tmp_path):
     [
         ({"pooling_type": "hidden"}, "pooling_type"),
         ({"pooling_type": ["spool"]}, "pooling_type"),
-        ({"pooling_type": "spool"}, "'neighborhood_size'"),
+        ({"pooling_type": "spool"}, "neighborhood_size is missing"),
         ({"noise_dim": [2, 2]}, "noise_dim"),
-        ({"noise_dim": None}, "noise_dim"),
-        ({"batch_norm": True}, "batch_norm = True"),
-        ({"num_layers": 2}, "num_layers = 2"),
+        ({"batch_norm": True}, "batch_norm is True"),
+        ({"num_layers": 2}, "num_layers is 2"),
         ({"mlp_dim": "9"}, "mlp_dim"),
         ({"mlp_dim": 10}, "of another shape"),
         ({"d_type": "both"}, "kind"),
@@ -308,7 +303,7 @@ def test_bad_rows(tmp_path, case, changes, reason):
 @pytest.mark.parametrize("name", ["bottleneck_dim", "pooling_type", "noise_dim", "encoder_h_dim_d"])
 def test_missing_fields(tmp_path, case, name):
     row = {key: value for key, value in ROW.items() if key != name}
-    with pytest.raises(InputError, match=f"the row has no '{name}'"):
+    with pytest.raises(InputError, match=f"manifest: {name} is missing"):
         run_parity(write(tmp_path, case, row))
 
 

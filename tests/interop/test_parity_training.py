@@ -68,7 +68,7 @@ def test_bad_cases_are_refused(tmp_path, golden):
         compare(tmp_path, row | {"noise_mix_type": "ped"}, arrays)
     with pytest.raises(InputError, match=r"\[5, 4, 8\], not \[3, 4, 8\]"):
         compare(tmp_path, row | {"best_k": 3}, arrays)
-    with pytest.raises(InputError, match="no 'label_fake'"):
+    with pytest.raises(InputError, match="label_fake is missing"):
         compare(tmp_path, {k: v for k, v in row.items() if k != "label_fake"}, arrays)
     for missing in ("d_loss", "noise_g", "g0/decoder.hidden2pos.bias", "d1/encoder"):
         kept = {name: a for name, a in arrays.items() if not name.startswith(missing)}

@@ -16,7 +16,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.interop import names, pickle_writer
 from neurosym_jax.interop import torch as interop_torch
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
-from neurosym_jax.interop.parity_case import generator_config
+from neurosym_jax.interop.parity_case import generator_of
 from neurosym_jax.interop.pickle_writer import write_torch_file
 from neurosym_jax.interop.pickles import LEGACY_MAGIC, read_torch_file
 from neurosym_jax.interop.stand_ins import StoredTensor
@@ -179,7 +179,7 @@ def test_golden_state_dicts_fit(shared):
     rows = [row for row in manifest if row.get("model") == "sgan"]
     assert rows
     for row in rows:
-        config = generator_config(row)
+        config = generator_of(row)
         d_config = DiscriminatorConfig(
             kind=row["d_type"],
             embedding_dim=row["embedding_dim"],
@@ -299,11 +299,12 @@ def test_export_refuses_what_sgan_cannot_build(tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("obs_len", DROP, "obs_len missing"),
-        ("noise_dim", DROP, "noise_dim missing"),
-        ("batch_norm", True, "batch_norm is on"),
+        ("obs_len", DROP, "obs_len is missing"),
+        ("noise_dim", DROP, "noise_dim is missing"),
+        ("batch_norm", True, "batch_norm is True, and our networks have False only"),
+        ("activation", "leakyrelu", "activation is 'leakyrelu', and our networks have 'relu' only"),
         ("num_layers", 2, "num_layers is 2"),
-        ("pooling_type", "attention", "pooling_type 'attention' is none of none, pool_net, spool"),
+        ("pooling_type", "attention", "one of 'none', 'pool_net', 'spool', not 'attention'"),
         ("pool_every_timestep", True, "needs a pooling"),
         ("pred_len", "12", "pred_len must be a whole number, not '12'"),
         ("noise_type", "cauchy", "one of gaussian, uniform, fixed, not 'cauchy'"),
