@@ -1,8 +1,8 @@
 """Every figure: arrays in, a `matplotlib.figure.Figure` out.
 
-Neither `pyplot` nor `rcParams` is touched, so that figures need no display and can be drawn by
-several threads. A file draws one kind of figure; `style` is what they look alike in, `palette`
-their colours. Sizes and letters are those of a two-column paper.
+`pyplot` is not used and `rcParams` stay as they are, so figures need no display and can be drawn by
+several threads. A file draws one kind of figure; `neurosym.mplstyle` and `style` hold their common
+look, `palette` their colours. Sizes are those of a two-column paper.
 """
 
 import lazy_loader

@@ -93,13 +93,14 @@ def _glances(results: Sequence[Result]) -> list[tuple[Glance, list[Result]]]:
         members = list(drawn.values())
         scene = members[0].example
         valid = np.asarray(scene.valid)
-        known = (to_world(part, scene)[valid] for part in (scene.observed, scene.known_future))
+        observed = to_world(scene.observed, scene)[valid]
+        truth = to_world(scene.known_future, scene)[valid]
         samples = {name: item.forecast[:, valid] for name, item in drawn.items()}
         errors = {
             metric: {name: item.horizons[metric] for name, item in drawn.items()}
             for metric in members[0].horizons
         }
-        found.append((Glance(test.dataset, *known, samples, errors), members))
+        found.append((Glance(test.dataset, observed, truth, samples, errors), members))
     return found
 
 

@@ -1,4 +1,4 @@
-"""QTC symbols of pairs of agents, their neighbourhoods, and the weights taken from them."""
+"""QTC symbols of pairs of agents, their neighbourhood diagrams, and weights from them."""
 
 import lazy_loader
 

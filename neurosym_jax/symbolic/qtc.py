@@ -103,7 +103,7 @@ def observe_symbols(
         if len(first) == 4:
             symbols["q5"] = _unless(implied_speed(*first), symbols["q5"])
     if "q6" in names:
-        symbols["q6"] = _unless(implied_angle(*first), _angle(*pair, given.angle))
+        symbols["q6"] = _unless(implied_angle(*first), _angle(pair, given.angle))
     return jnp.moveaxis(jnp.stack([symbols[name] for name in names]), (0, 1), (-1, -2))
 
 
@@ -184,12 +184,12 @@ def _side(before: Any, after: Any, other: Any, factor: ArrayLike, convention: st
     return abs(side) if convention == "as_published" else side
 
 
-def _angle(of_k: Any, of_l: Any, threshold: ArrayLike) -> Array:
+def _angle(pair: list[tuple[Any, Any, Any]], threshold: ArrayLike) -> Array:
     """q6 where both move, by sin(a - b) = sin a cos b - cos a sin b, times the lengths."""
-    (kx, ky), _, (lx, ly) = of_k
+    (kx, ky), _, (lx, ly) = pair[0]
     line = lx - kx, ly - ky
     across, along, steps = [], [], []
-    for (x0, y0), (x1, y1), _ in (of_k, of_l):
+    for (x0, y0), (x1, y1), _ in pair:
         x, y = x1 - x0, y1 - y0
         across.append(abs(x * line[1] - y * line[0]))
         along.append(abs(x * line[0] + y * line[1]))

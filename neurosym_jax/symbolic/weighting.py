@@ -1,7 +1,7 @@
 """Weightings: how much agent j matters to agent i at each step, alpha [N, N, T].
 
-NeuroSyM (Mghames et al., 2023) multiplies what its pooling knows of a pair by alpha, looked up by
-the QTC_C1 state that the pair was last observed in. A weighting is a frozen dataclass: its fields
+NeuroSyM (Mghames et al., 2023) multiplies the features of a pair by alpha, looked up by the QTC_C1
+state that the pair was last observed in. A weighting is a frozen dataclass: its fields
 are its options, and equal weightings share compiled programs. What it learns or estimates is in the
 model's parameters, `params["weighting"]`. The built-in ones are listed in `weightings`.
 """
@@ -69,7 +69,7 @@ class Weighting(Checked):
         """Weights of the interactions of every ordered pair of one scene.
 
         The state observed from t-1 to t weights the interaction at t, so t = 0 has no state and
-        weighs 0 unless a weighting says otherwise. An agent weighs 1 for itself at every step.
+        weighs 0 unless a weighting defines it. An agent weighs 1 for itself at every step.
         Pairs with an agent that is not valid weigh 0. So does everything in a scene of exactly one
         valid agent, which interacts with no one; this depends on `valid`, not on the padded size.
 
