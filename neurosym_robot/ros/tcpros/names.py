@@ -1,4 +1,4 @@
-"""Names in a ROS graph: topics with their types, and under which address others reach us."""
+"""Names in a ROS graph, and the address under which other nodes reach us."""
 
 import dataclasses
 import os
@@ -14,50 +14,39 @@ __all__ = ["Names", "Topic", "global_name", "local_host", "master_uri", "node_na
 
 @dataclasses.dataclass(frozen=True)
 class Topic:
-    """A topic and the type of its messages."""
+    """A topic and the type of its messages; a subscriber takes "*" for any type."""
 
     name: str  # global: it begins with a slash
-    type: str = "*"  # "package/Name"; a subscriber takes "*" for any
-    md5: str = "*"  # of the type's definition, as ROS computes it; a subscriber takes "*" for any
-    definition: str = ""  # text of the definition and of those that it uses; recorders ask for it
+    type: str = "*"  # "package/Name"
+    md5: str = "*"  # of the type's definition, as ROS computes it
+    definition: str = ""  # text of the definition and of those that it uses, for recorders
+
+    def header(self, caller: str, **more: str) -> dict[str, str]:
+        """Fields of the header that begins a connection of the node `caller`."""
+        fields = {"callerid": caller, "topic": self.name, "type": self.type, "md5sum": self.md5}
+        return {**fields, "message_definition": self.definition, **more}
 
 
 def global_name(name: str, namespace: str = "/") -> str:
-    """`name` with a slash in front: it lies in `namespace`, unless it has one already.
-
-    Raises:
-        InputError: if it is not a ROS name.
-    """
+    """`name` in `namespace`, unless it begins with a slash; InputError if it is no ROS name."""
     if not re.fullmatch(r"/?[A-Za-z]\w*(/[A-Za-z]\w*)*", name, re.ASCII):
         raise InputError(f"not a ROS name: {name!r}")
     return re.sub("/+", "/", name if name.startswith("/") else f"/{namespace}/{name}")
 
 
 def node_name(name: str) -> str:
-    """The global name of a node, in `$ROS_NAMESPACE` where that is set.
-
-    Raises:
-        InputError: if it is not a ROS name.
-    """
+    """The global name of a node, in `$ROS_NAMESPACE` if that is set."""
     return global_name(name, os.environ.get("ROS_NAMESPACE", "").strip("/") + "/")
 
 
 class Names:
-    """What the names that a program uses are in the graph: of its namespace, and remapped.
+    """Global names for the names that a node uses, with its namespace and remappings.
 
-    As https://wiki.ros.org/Names says.
+    See https://wiki.ros.org/Names.
     """
 
     def __init__(self, node: str, remaps: Iterable[str] = ()):
-        """The names of a node.
-
-        Args:
-            node: its global name.
-            remaps: "FROM:=TO" each.
-
-        Raises:
-            InputError: for what is no remapping.
-        """
+        """For the global name of a node and "FROM:=TO" each; InputError for anything else."""
         self._node, self._remaps = node, {}
         for text in remaps:
             old, assigned, new = text.partition(":=")
@@ -66,11 +55,7 @@ class Names:
             self._remaps[self._global(old)] = self._global(new)
 
     def __call__(self, name: str) -> str:
-        """The global name.
-
-        Raises:
-            InputError: if it is not a ROS name.
-        """
+        """The global name."""
         found = self._global(name)
         return self._remaps.get(found, found)
 
@@ -81,11 +66,7 @@ class Names:
 
 
 def master_uri(given: str | None = None) -> str:
-    """`given`, else `$ROS_MASTER_URI`, else the usual one on this computer.
-
-    Raises:
-        InputError: if it is not http://HOST:PORT.
-    """
+    """`given`, else `$ROS_MASTER_URI`, else the default; InputError unless http://HOST:PORT."""
     uri = given or os.environ.get("ROS_MASTER_URI") or "http://localhost:11311"
     try:
         parts = urlsplit(uri)
@@ -98,10 +79,10 @@ def master_uri(given: str | None = None) -> str:
 
 
 def local_host(master: str) -> str:
-    """What others are told: `$ROS_HOSTNAME`, `$ROS_IP`, else the address that faces `master`.
+    """Our host name: `$ROS_HOSTNAME`, `$ROS_IP`, else the address that faces `master`.
 
-    With the master on this computer that would be the loopback, which other computers cannot
-    reach; then it is the computer's name, as with rospy.
+    With the master on this computer it is the computer's name, as with rospy, because other
+    computers cannot reach the loopback address.
     """
     named = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
     if named:

@@ -31,27 +31,26 @@ class Node:
         report: Callable[[str], None] = print,
         remaps: Iterable[str] = (),
     ):
-        """Open the ports; topics are registered as they are subscribed and advertised.
+        """Open the ports.
 
         Args:
             name: of the node, unique in the graph; the master ends an older node of that name.
-            master: URI; by default as `names.master_uri` says.
-            report: is told, in one line each, what happens to connections.
+            master: URI; see `names.master_uri`.
+            report: called with one line about each event of a connection.
             remaps: "FROM:=TO" each; see `names.Names`.
 
         Raises:
-            InputError: for a name or URI that is none.
+            InputError: for an invalid name or URI.
         """
         self.name, self.master, self._report = node_name(name), master_uri(master), report
         self.names = Names(self.name, remaps)
-        """What topics are called in the graph."""
         self.stopped = threading.Event()
-        """Set when the graph asks the node to end; whoever made it then closes it."""
+        """Set when the graph asks the node to end; its owner then closes it."""
         self._subscribers: dict[str, Subscriber] = {}
         self._publishers: dict[str, Publisher] = {}
         self._lock = threading.Lock()
         host = local_host(self.master)
-        # Reached from this computer only, where that is what the environment says.
+        # With a loopback address only this computer can reach us.
         bind = host if host == "localhost" or host.startswith("127.") else ""
         self._data = ConnectionServer(bind, self._accept)
         self._slave = SlaveServer(bind, self._methods())
@@ -69,7 +68,7 @@ class Node:
         hear: Callable[[bytes, Mapping[str, str]], None],
         refuse: Callable[[Mapping[str, str]], str | None] = lambda header: None,
     ) -> Subscriber:
-        """Hear every message of `topic`; `hear` and `refuse` are as for `Subscriber`."""
+        """Subscribe `topic`; see `Subscriber`."""
         subscriber = Subscriber(topic, self.name, hear, self._report, refuse)
         with self._lock:
             self._subscribers[topic.name] = subscriber
@@ -77,7 +76,7 @@ class Node:
         return subscriber
 
     def advertise(self, topic: Topic, queue_size: int = 10) -> Publisher:
-        """Publish messages of `topic`; at most `queue_size` wait for a slow subscriber."""
+        """Advertise `topic`; see `Publisher`."""
         publisher = Publisher(topic, self.name, self._report, queue_size)
         with self._lock:
             self._publishers[topic.name] = publisher
@@ -85,7 +84,7 @@ class Node:
         return publisher
 
     def close(self) -> None:
-        """Leave the graph: unregister, end all connections and threads."""
+        """Unregister, end all connections and threads."""
         self._closing.set()
         self._wake.set()
         self._watcher.join()
@@ -95,7 +94,7 @@ class Node:
             for name in self._publishers:
                 call(self.master, "unregisterPublisher", self.name, name, self.uri, timeout=1.0)
         except CallError:
-            pass  # Without a master there is nothing to leave.
+            pass  # There is no master to tell.
         for subscriber in self._subscribers.values():
             subscriber.close()
         for publisher in self._publishers.values():
@@ -108,7 +107,7 @@ class Node:
         self._wake.set()
 
     def _watch(self) -> None:
-        """Register, and do it again whenever a master does not know the node."""
+        """Register, and again whenever the master has forgotten the node."""
         while not self._closing.is_set():
             self._wake.clear()
             try:
@@ -139,10 +138,8 @@ class Node:
     def _register(self) -> None:
         with self._lock:
             self._registered = True
-            subscribers, publishers = (
-                list(self._subscribers.values()),
-                list(self._publishers.values()),
-            )
+            subscribers = list(self._subscribers.values())
+            publishers = list(self._publishers.values())
         try:
             for publisher in publishers:
                 topic = publisher.topic
@@ -158,7 +155,7 @@ class Node:
             raise
 
     def _accept(self, connection: socket.socket) -> None:
-        """Serve who has connected to our TCPROS port."""
+        """Serve a connection to our TCPROS port."""
         prepare(connection)
         connection.settimeout(HANDSHAKE)
         with deadline(connection, HANDSHAKE):
@@ -168,7 +165,7 @@ class Node:
             publisher.serve(connection, header)
 
     def _methods(self) -> dict[str, Callable[..., Any]]:
-        """What masters and nodes may ask; the first argument is always the caller's name."""
+        """The slave API; the first argument is always the caller's name."""
         return {
             "getPid": lambda caller: os.getpid(),
             "getMasterUri": lambda caller: self.master,

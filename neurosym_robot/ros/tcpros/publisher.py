@@ -1,4 +1,4 @@
-"""The publishing side of a topic: a short queue for each subscriber, so that none delays others."""
+"""The publishing side of a topic: a short queue per subscriber, so that none delays another."""
 
 import collections
 import select
@@ -11,8 +11,8 @@ from neurosym_robot.ros.tcpros.wire import encode_block, encode_header
 
 __all__ = ["Publisher"]
 
-SLOW = 5.0  # seconds that a subscriber may take for one message; then it is dropped
-LOOK = 1.0  # seconds between looks whether a subscriber is gone, while there is nothing to send
+SLOW = 5.0  # seconds that a subscriber may take for one message before it is dropped
+LOOK = 1.0  # seconds between checks for subscribers that have left, while nothing is sent
 
 
 class Publisher:
@@ -26,8 +26,8 @@ class Publisher:
         Args:
             topic: what is published.
             caller: name of the node.
-            report: is told, in one line, who was refused or dropped.
-            queue_size: messages that wait for a subscriber at most; older ones are left out.
+            report: called with one line about each subscriber that is refused or dropped.
+            queue_size: messages that wait for a subscriber; the oldest are dropped.
         """
         self.topic, self._caller, self._report = topic, caller, report
         self._queue_size = queue_size
@@ -37,12 +37,12 @@ class Publisher:
 
     @property
     def subscribers(self) -> list[str]:
-        """Names of those connected at this moment."""
+        """Names of the connected subscribers."""
         with self._changed:
             return [peer for peer, _ in self._queues.values()]
 
     def publish(self, message: bytes) -> None:
-        """Send a serialised message to every subscriber, without waiting for any."""
+        """Send a serialised message to every subscriber, without waiting."""
         block = encode_block(message)
         with self._changed:
             for _, queue in self._queues.values():
@@ -64,15 +64,7 @@ class Publisher:
             self._report(f"refused the subscriber {peer}: {reason}")
             connection.sendall(encode_header({"error": reason}))
             return
-        fields = {
-            "callerid": self._caller,
-            "topic": topic.name,
-            "type": topic.type,
-            "md5sum": topic.md5,
-            "message_definition": topic.definition,
-            "latching": "0",
-        }
-        connection.sendall(encode_header(fields))
+        connection.sendall(encode_header(topic.header(self._caller, latching="0")))
         connection.settimeout(SLOW)
         queue: collections.deque[bytes] = collections.deque(maxlen=self._queue_size)
         with self._changed:
@@ -87,7 +79,7 @@ class Publisher:
                 del self._queues[connection]
 
     def _next(self, queue: collections.deque[bytes], connection: socket.socket) -> bytes | None:
-        """What to send next; None when the connection is to end."""
+        """The next block to send; None when the connection is to end."""
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: queue or self._closed, LOOK)
@@ -95,6 +87,6 @@ class Publisher:
                     return None
                 if queue:
                     return queue.popleft()
-            # Subscribers have nothing to say, so something to read is the end.
+            # Subscribers send nothing, so that something to read is the end.
             if select.select([connection], [], [], 0)[0] and not connection.recv(4096):
                 return None

@@ -1,4 +1,4 @@
-"""The subscribing side of a topic: a thread for each publisher, which outlives its restarts."""
+"""The subscribing side of a topic: a thread per publisher, which survives its restarts."""
 
 import contextlib
 import socket
@@ -43,13 +43,12 @@ class Subscriber:
         """Without publishers.
 
         Args:
-            topic: what is listened to.
+            topic: what is subscribed.
             caller: name of the node.
-            hear: is called with every message, serialised, and the header that its publisher sent
-                ("callerid", "type", "md5sum", "message_definition"), in a thread of that
-                publisher's.
-            report: is told, in one line, who is connected, lost or refused.
-            refuse: says of a publisher's header why it is not wanted, or None.
+            hear: called with every serialised message and its publisher's header ("callerid",
+                "type", "md5sum", "message_definition"), in that publisher's thread.
+            report: called with one line when a publisher is connected, lost or refused.
+            refuse: returns the reason to refuse a publisher by its header, or None.
         """
         self.topic, self.caller, self.hear, self.report = topic, caller, hear, report
         self.refuse = refuse
@@ -59,12 +58,12 @@ class Subscriber:
 
     @property
     def publishers(self) -> list[str]:
-        """URIs of those connected at this moment."""
+        """URIs of the connected publishers."""
         with self._lock:
             return [uri for uri, link in self._links.items() if link.connected]
 
     def hears(self, caller: str) -> bool:
-        """Whether the publisher of that name is connected at this moment."""
+        """Whether the publisher of that name is connected."""
         with self._lock:
             links = list(self._links.values())
         return any(link.connected and link.header.get("callerid") == caller for link in links)
@@ -72,13 +71,13 @@ class Subscriber:
     def update(self, uris: Iterable[str], all_of_them: bool = True) -> None:
         """Connect to the publishers that the master names.
 
-        One that it no longer names is left when its connection ends, not before: a master that was
-        restarted has forgotten publishers that go on publishing.
+        A publisher that is no longer named is left when its connection ends: a restarted master
+        has forgotten publishers that are still there.
 
         Args:
             uris: of the publishers.
-            all_of_them: whether others are gone. The answer to a registration may be older than an
-                update that has come meanwhile, so it only adds.
+            all_of_them: whether others are gone. The answer to a registration only adds, because
+                it may be older than an update.
         """
         with self._lock:
             if self._closed:
@@ -109,14 +108,14 @@ class Subscriber:
 
 
 class _Link(threading.Thread):
-    """The connection to the publisher at one URI, made again as long as the publisher is wanted."""
+    """The connection to the publisher at one URI, renewed as long as the publisher is wanted."""
 
     def __init__(self, subscriber: Subscriber, uri: str):
         super().__init__(daemon=True, name=f"{subscriber.topic.name} from {uri}")
         self._subscriber, self._uri = subscriber, uri
         self.wanted = True
         self.connected = False
-        self._fruitful = False  # a message came: who only shakes hands is not tried at once again
+        self._fruitful = False  # a message came; else the next try waits longer
         self._ending = threading.Event()
         self._connection: socket.socket | None = None
         self.header: dict[str, str] = {}
@@ -130,7 +129,7 @@ class _Link(threading.Thread):
                     self._listen(connection)
             except Mismatch as error:
                 self._say(f"refused: {error}")
-                # Its definition stays what it is. Restarted, it has another URI.
+                # Its definition will not change; restarted, it has another URI.
                 self._ending.wait()
             except OSError as error:
                 reason = error.strerror or str(error)
@@ -169,15 +168,8 @@ class _Link(threading.Thread):
 
     def _shake(self, connection: socket.socket) -> None:
         topic = self._subscriber.topic
-        fields = {
-            "callerid": self._subscriber.caller,
-            "topic": topic.name,
-            "type": topic.type,
-            # Any: then it is us who compare, and who say clearly what is wrong.
-            "md5sum": "*",
-            "message_definition": topic.definition,
-            "tcp_nodelay": "1",
-        }
+        # With any md5sum the publisher answers, and we compare and report what is wrong.
+        fields = topic.header(self._subscriber.caller, md5sum="*", tcp_nodelay="1")
         with deadline(connection, HANDSHAKE):
             connection.sendall(encode_header(fields))
             header = decode_header(read_block(connection, MAX_HEADER))
