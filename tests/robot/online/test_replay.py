@@ -13,13 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.commands import replay as replay_verb
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame, frames_of_tracks
-from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.replay import replay
 from neurosym_robot.online.status import format_summary
 from neurosym_robot.online.window import Health
@@ -28,7 +26,6 @@ from neurosym_robot.ros.bag_writer import BagWriter
 from neurosym_robot.ros.bags import read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS
 from neurosym_robot.ros.people import seconds_of, see
-from neurosym_robot.tracking.live import OnlineStitcher
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -184,40 +181,9 @@ def test_the_rate_is_that_of_the_stamps():
         list(replay(frames, Still(), Analytics(), rate=math.nan))  # pyright: ignore
 
 
-def test_broken_tracks_are_joined_on_the_way():
-    tracks = simulate("cross-path", 2, 20.0, people=2, faults=TrackerFaults(0.02, 0.02, 0.5, 1.0))
-    seen = set()
-    for event in replay(
-        frames_of_tracks(tracks),
-        Still(),
-        Analytics(),
-        stitcher=OnlineStitcher(),  # pyright: ignore
-    ):
-        seen.update(event.frame.ids.tolist())
-    assert len(seen) == 2 < len(np.unique(tracks.id))
-
-
 def test_a_summary_of_little():
     analytics = Analytics()
     text = format_summary(analytics.summary(), Health(frames=3, duplicate_stamps=2))
     assert "nobody was seen" in text
     assert "duplicate stamps 2" in text
     assert "latency" not in text
-
-
-def test_the_predictor_is_the_same(recording):
-    """A bag read back gives the forecasts of the frames that were written."""
-    predictors = [
-        Predictor(load_model(MODELS[0]), samples=2, max_people=4, recording="run") for _ in range(2)
-    ]
-    tracks = simulate("cross-path", 1, 14.0, people=3, faults=FAULTS)
-    direct = replay(frames_of_tracks(tracks), predictors[0], Analytics())
-    read = replay(read_people(recording), predictors[1], Analytics())
-    count = 0
-    for a, b in zip(direct, read, strict=True):
-        assert (a.forecast is None) == (b.forecast is None)
-        if a.forecast is not None and b.forecast is not None:
-            (one,), (other,) = a.forecast.models.values(), b.forecast.models.values()
-            assert_allclose(one.samples, other.samples, atol=1e-5)
-            count += 1
-    assert count > 10

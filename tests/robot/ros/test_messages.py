@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.definitions import HUMANS, HUMANS_TRAJS, PEOPLE, blank, typestore
-from neurosym_robot.ros.people import id_of_name, seconds_of, see
-from neurosym_robot.ros.trajectories import make_trajectories
+from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, blank, typestore
+from neurosym_robot.ros.people import id_of_name, see
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -50,23 +49,6 @@ def test_people_there_and_back(store):
         assert back.stamp == pytest.approx(frame.stamp, abs=1e-6)
         assert_array_equal(back.ids, frame.ids)
         assert_array_equal(back.xy, frame.xy)
-
-
-def test_trajectories_there_and_back(store):
-    rng = np.random.default_rng(0)
-    ids, steps, xy = np.array([4, -1]), 100 + 0.4 * np.arange(5), rng.normal(size=(2, 5, 2))
-    covariance = np.zeros((2, 5, 2, 2))
-    covariance[1, 4] = [[1, 2], [3, 4]]
-    new = functools.partial(blank, store)
-    message = through_bytes(store, make_trajectories(new, 100.8, steps, ids, xy, covariance))
-    frames = [see(HUMANS, step) for step in message.trajs]
-    assert seconds_of(message.header.stamp) == pytest.approx(100.8)
-    assert_allclose([frame.stamp for frame in frames], steps, rtol=0, atol=1e-6)
-    assert_array_equal(np.stack([frame.xy for frame in frames], 1), xy)
-    assert all((frame.ids == ids).all() for frame in frames)
-    spread = message.trajs[4].humans[1].centroid.covariance.reshape(6, 6)
-    assert_array_equal(spread[:2, :2], covariance[1, 4])
-    assert spread.sum() == 10
 
 
 def test_names_that_are_no_numbers_have_ids_of_their_own():

@@ -196,15 +196,3 @@ def test_the_verb(tmp_path, capsys):
         with pytest.raises(SystemExit) as done:
             verb([str(source), "--out", *arguments])
         assert done.value.code == 2
-
-
-def test_the_verb_reads_tables(tmp_path, capsys):
-    tracks, source, out = broken(), tmp_path / "in.csv", tmp_path / "out.txt"
-    rows = zip(tracks.stamp, tracks.id, *(1000 * tracks.position.T))
-    source.write_text("\n".join(["t,who,x,y", *[",".join(map(str, row)) for row in rows]]))
-    names = ["time=t", "id=who", "x=x", "y=y"]
-    with pytest.raises(SystemExit) as done:
-        verb([str(source), "--out", str(out), "--unit", "mm", "--columns", *names])
-    assert done.value.code == 0
-    assert "1 joins" in capsys.readouterr().out
-    assert_allclose(read_text(out, 0.1).position, stitch(broken()).tracks.position, atol=1e-4)
