@@ -31,12 +31,6 @@ def test_each_file_is_a_scene(tmp_path):
         source.files(["a", "c"])
 
 
-def test_a_recording_called_general_would_mean_none(tmp_path):
-    (tmp_path / "general.txt").write_text("0 1 2 3\n")
-    with pytest.raises(InputError, match="no recording can be called general"):
-        open_source(tmp_path)
-
-
 def test_one_file(tmp_path):
     (tmp_path / "walk.txt").write_text("0 1 2 3\n")
     source = open_source(tmp_path / "walk.txt")
@@ -81,18 +75,20 @@ def test_real_folds_of_thor(shared):
         assert all(tracks.stamp.min() > ends[tracks.recording] for tracks in splits[1])
 
 
-def test_names_that_differ_in_ending_alone(tmp_path):
-    for name in ("a.txt", "a.csv"):
-        (tmp_path / name).write_text("0 1 2 3\n")
-    with pytest.raises(InputError, match="differ only in their ending"):
-        open_source(tmp_path)
-
-
-def test_nothing_there(tmp_path):
+def test_refused(tmp_path):
+    for names, message in (
+        ((), r"no \.txt, \.csv.* file in it"),
+        (("general.txt",), "no recording can be called general"),
+        (("a.txt", "a.csv"), "differ only in their ending"),
+    ):
+        for name in names:
+            (tmp_path / name).write_text("0 1 2 3\n")
+        with pytest.raises(InputError, match=message):
+            open_source(tmp_path)
+        for name in names:
+            (tmp_path / name).unlink()
     with pytest.raises(InputError, match="no such file or folder"):
         open_source(tmp_path / "absent")
-    with pytest.raises(InputError, match=r"no \.txt, \.csv.* file in it"):
-        open_source(tmp_path)
 
 
 def test_benchmark_folder(tmp_path):

@@ -4,7 +4,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
@@ -64,7 +64,6 @@ def recordings(draw) -> Tracks:
     return dataclasses.replace(tracks, period=0.4)
 
 
-@settings(max_examples=150, deadline=None)
 @given(
     st.lists(recordings(), min_size=1, max_size=2),
     st.integers(1, 3),
@@ -141,32 +140,12 @@ def test_windows_do_not_cross_gaps():
         cut_windows([whole], 8, 8)
 
 
-def test_what_has_no_grid_or_another_one_is_refused():
-    stamp = np.cumsum(np.linspace(0.3, 0.5, 40))
-    free = make_tracks("free", stamp, np.ones(40, int), np.zeros((40, 2)))
-    with pytest.raises(InputError, match="free: its stamps are on no one grid: resample it first"):
-        cut_windows([free], 8, 8)
-    slow = dataclasses.replace(walk(20, 2), stamp=walk(20, 2).stamp * 2)
-    with pytest.raises(InputError, match=r"recordings with steps of 0\.4, 0\.8 s: bring"):
-        cut_windows([walk(20, 2), slow], 4, 4)
-
-
 def test_steps_longer_than_what_is_filled_are_refused():
     """Data of 2 s steps has no steps of 0.4 s, and is not silently used as if it had."""
     sparse = dataclasses.replace(walk(40, 2, "sparse"), stamp=walk(40, 2).stamp * 5)
     with pytest.raises(InputError, match=r"sparse: its points are 2 s apart, too far to put some"):
         cut_windows([on_grid(sparse, 0.4)], 8, 8)
     assert cut_windows([on_grid(sparse, 2.0)], 8, 8).period == 2.0
-
-
-def test_the_largest_split_is_cut_fast(shared):
-    recordings = read_split(shared / "data/eth_ucy", "univ", "test")
-    seconds = []
-    for _ in range(3):
-        start = time.process_time()
-        cut_windows(recordings, 8, 12)
-        seconds.append(time.process_time() - start)
-    assert min(seconds) < 0.4
 
 
 def test_the_whole_benchmark_is_read_and_cut_in_time(shared):
@@ -182,26 +161,25 @@ def walk(frames: int, agents: int, name: str = "walk") -> Tracks:
     return make_tracks(name, frame * 0.4, agent, np.stack([frame, agent], axis=1))
 
 
-def test_too_few_frames():
-    with pytest.raises(InputError, match="short: too few frames: 15 where a window needs 16"):
-        cut_windows([walk(15, 3, "short")], 8, 8)
-
-
-def test_nobody_stays():
-    with pytest.raises(InputError, match="lonely: no 16 consecutive frames have at least 2 people"):
-        cut_windows([walk(40, 1, "lonely")], 8, 8)
-
-
-def test_no_recordings():
-    with pytest.raises(InputError, match="no recordings"):
-        cut_windows([], 8, 8)
+def test_refused():
+    stamp = np.cumsum(np.linspace(0.3, 0.5, 40))
+    free = make_tracks("free", stamp, np.ones(40, int), np.zeros((40, 2)))
+    slow = dataclasses.replace(walk(20, 2), stamp=walk(20, 2).stamp * 2)
+    for recordings, message in (
+        ([], "no recordings"),
+        ([walk(15, 3, "short")], "short: too few frames: 15 where a window needs 16"),
+        ([walk(40, 1, "lonely")], "lonely: no 16 consecutive frames have at least 2 people"),
+        ([free], "free: its stamps are on no one grid: resample it first"),
+        ([walk(20, 2), slow], r"recordings with steps of 0\.4, 0\.8 s: bring"),
+    ):
+        with pytest.raises(InputError, match=message):
+            cut_windows(recordings, 8, 8)
 
 
 def test_one_agent_where_asked():
     assert cut_windows([walk(20, 1)], 8, 8, min_agents=1).scenes == 5
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 999),
     step=st.floats(0.05, 0.7),

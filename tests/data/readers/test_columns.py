@@ -4,7 +4,7 @@ import json
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -41,7 +41,6 @@ tables = st.dictionaries(
 
 
 @pytest.mark.filterwarnings("ignore:.*runs backward")
-@settings(max_examples=50, deadline=None)
 @given(table=tables, form=st.sampled_from(["csv", "records", "lists", "lines"]))
 def test_round_trip(table, form, tmp_path_factory):
     rows = [dict(zip(("t0", "who", "px", "py"), key + xy)) for key, xy in table.items()]

@@ -57,11 +57,6 @@ def test_what_surrounds_the_rows(tmp_path, around):
         assert_array_equal(getattr(plain, name), getattr(other, name))
 
 
-def test_one_row(tmp_path):
-    (tmp_path / "a.txt").write_text("780.0 1 2 3")
-    assert read_text(tmp_path / "a.txt").position.tolist() == [[2, 3]]
-
-
 def test_coordinates_are_rounded_as_sgan_does(tmp_path):
     (tmp_path / "a.txt").write_text("0 1 1.23456789 499999.99996\n")
     assert_array_equal(read_text(tmp_path / "a.txt").position, [[1.2346, 500000.0]])
