@@ -192,10 +192,14 @@ def component_text(component: Any, table: Registry[Any]) -> str:
 
 def differences(config: Any) -> list[str]:
     """NAME=VALUE of each field that differs from its default; the inverse of `changed`."""
-    usual, found = type(config)(), []
+    try:
+        usual = type(config)()
+    except TypeError:  # It has a field without a default.
+        usual = None
+    found = []
     for name, hint in _hints(type(config)).items():
         value, table = getattr(config, name), _table(hint)
-        if value == getattr(usual, name):
+        if usual is not None and value == getattr(usual, name):
             continue
         if table is not None and value is not None:
             value = component_text(value, table)

@@ -1,8 +1,8 @@
 """Forecasts of many scenes at once: batches, and agents packed without padding.
 
-Where a forecaster's decoding looks at no neighbour, the agents of many padded scenes are decoded as
-one scene without padding, in parts of one size: nothing is computed for padding, and a single
-compiled program serves scenes of every size. Single scenes are `scene_forecaster`'s.
+If a forecaster's decoding looks at no neighbour, the agents of many padded scenes are decoded as
+one scene without padding, in parts of one size: no work is spent on padding, and one compiled
+program serves scenes of every size. Single scenes are `scene_forecaster`'s.
 """
 
 import functools
@@ -24,7 +24,6 @@ from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
 __all__ = [
-    "PART",
     "Map",
     "decode_agents",
     "draw_noises",
@@ -40,7 +39,7 @@ PART = 128
 """Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
 
 Map = Callable[..., Iterable[Any]]
-"""`map`, or that of an executor, whose calls may then run at once."""
+"""`map`, or an executor's, which may run calls at once."""
 
 
 def predict_scenes(
@@ -52,17 +51,16 @@ def predict_scenes(
     recording: str = "",
     frames: Sequence[int] | None = None,
 ) -> list[np.ndarray]:
-    """`predict` of many scenes, scenes of one padded size at once.
+    """`predict` for many scenes, scenes of one padded size at once.
 
-    Scene i is forecast as `predict(model, observed[i], frame=frames[i], ...)` does, up to float
-    rounding. All forecasts are in memory together, 16 pred_len bytes a sample of a person: some
-    2.6 kB a person for 20 samples of 8 steps. Hand over what is more than that in parts, with the
-    `frames` of each.
+    Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float rounding. All
+    forecasts are in memory together, 16 pred_len bytes for each sample of a person; pass larger
+    numbers of scenes in parts, with the `frames` of each.
 
     Args:
         model: see `load_model`.
         observed: for each scene `[N_i, obs_len, 2]` metres.
-        samples: k, of which a deterministic model makes one.
+        samples: k; a deterministic model makes one.
         seed: with `recording` and `frames`, determines the noise.
         recording: name of the recording.
         frames: index of each scene's first observed step in the recording; default: 0, 1, 2, ...
@@ -71,8 +69,8 @@ def predict_scenes(
         For each scene `[k, N_i, pred_len, 2]` float64 metres in its own frame.
 
     Raises:
-        InputError: naming the scene, for what `predict` refuses; for frames of another number than
-            scenes; for more than there is memory for.
+        InputError: naming the scene that `predict` would refuse; for another number of frames than
+            scenes; for more than fits into memory.
     """
     refuse(Count, {"samples": samples})
     frames = range(len(observed)) if frames is None else frames
@@ -88,7 +86,7 @@ def predict_scenes(
     refuse_beyond_memory(
         f"forecasting {bounds[-1]} people with {samples} samples",
         16.0 * bounds[-1] * samples * model.config.pred_len,
-        "hand the scenes over in parts, or ask for fewer samples",
+        "pass the scenes in parts, or ask for fewer samples",
     )
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
@@ -105,18 +103,9 @@ def forecast_windows(
     seed: int,
     run: Map = map,
 ) -> np.ndarray:
-    """Futures of all agent windows, in their order.
+    """Futures [k, A, pred_len, 2] of the A agents of `windows`, float64 world metres.
 
-    Args:
-        model: see `load_model`.
-        windows: of A agent windows.
-        batches: made of them.
-        samples: k, of which a deterministic model makes one.
-        seed: with a scene's identity, determines the noise.
-        run: see `forecast_batches`.
-
-    Returns:
-        [k, A, pred_len, 2] float64 metres in the recordings' frame.
+    `batches` are made of the windows; a deterministic model makes one sample.
     """
     forecaster, params = model.forecaster, jax.device_put(model.params)
     samples = samples if forecaster.noise.dim else 1
@@ -141,11 +130,11 @@ def forecast_batches(
     """Futures of all valid agents of some batches, batch after batch, scene after scene.
 
     Args:
-        forecaster: what forecasts.
+        forecaster: of the model.
         params: its parameters.
         scenes: batches, each with a leading axis of B scenes.
         noises: for each batch, `[k, B, dim]` or `[k, B, N, dim]`, see `draw_noises`.
-        run: applies a function to pieces of the work that do not depend on each other.
+        run: applies a function to independent pieces of work.
 
     Returns:
         [k, A, pred_len, 2] metres relative to each scene's origin.
@@ -179,7 +168,7 @@ def draw_noises(
 
 
 def encode_batch(forecaster: TwoStageForecaster, params: Any, scenes: Scene) -> Any:
-    """What `encode` gives for the A valid agents of a batch: arrays [A, ...] on the host."""
+    """Contexts of the A valid agents of a batch: arrays [A, ...] on the host."""
     if forecaster.encoder is None:
         return ()
     context = _encode(forecaster.encoder, params, scenes.bare())
@@ -187,10 +176,7 @@ def encode_batch(forecaster: TwoStageForecaster, params: Any, scenes: Scene) -> 
 
 
 def pack_agents(scenes: Sequence[Scene], noises: Sequence[np.ndarray]) -> tuple[Scene, np.ndarray]:
-    """The valid agents of some batches as one scene of A agents, and their noise `[k, A, dim]`.
-
-    A noise is `[k, B, dim]` or, per agent, `[k, B, N, dim]` for its batch of B scenes of N slots.
-    """
+    """The A valid agents of some batches as one scene, and their noise `[k, A, dim]`."""
     masks = [np.asarray(batch.valid) for batch in scenes]
     without = [batch.bare().replace(identity=None) for batch in scenes]
     agents = jax.tree.map(
@@ -211,15 +197,9 @@ def decode_agents(
     noise: np.ndarray,
     run: Map = map,
 ) -> np.ndarray:
-    """Futures `[k, A, pred_len, 2]` of A >= 1 packed agents, in parts of `PART`.
+    """Futures `[k, A, pred_len, 2]` of A >= 1 packed agents, decoded in parts of `PART`.
 
-    Args:
-        forecaster: whose decoding looks at no neighbour.
-        params: its parameters.
-        context: arrays [A, ...], see `encode_batch`.
-        agents: of A agents.
-        noise: [k, A, dim].
-        run: applies a function to every part.
+    `context [A, ...]` is `encode_batch`'s, `agents` and `noise [k, A, dim]` are `pack_agents`'.
     """
     count = noise.shape[1]
 
@@ -239,7 +219,7 @@ def decode_agents(
 
 
 def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """`futures [k, A, ...]` in their places `valid [B, N]`: `[k, B, N, ...]`, elsewhere zero."""
+    """`futures [k, A, ...]` in their slots `valid [B, N]`: `[k, B, N, ...]`, zero in padding."""
     places = np.zeros((len(futures), *valid.shape, *futures.shape[2:]), futures.dtype)
     places[:, valid] = futures
     return places

@@ -20,23 +20,23 @@ __all__ = ["Model", "predict", "refuse_other_length"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Model:
-    """A forecaster's configuration and parameters, and what is known of where they came from."""
+    """A forecaster's configuration and parameters, and their origin."""
 
     config: Any
-    """Of the type that its kind of forecaster has: `GeneratorConfig` for SGAN and NeuroSyM."""
+    """The forecaster's `Config`: `GeneratorConfig` for SGAN and NeuroSyM."""
     params: Any
     """Nested dictionaries of arrays."""
     dataset: str | None = None
-    """The dataset to test it on, where known: left out of its training, or `simulations`, of which
-    others are for training."""
+    """The data set to test it on, where known: left out of its training, or `simulations`, which
+    has other recordings for training."""
     kind: str = "generator"
-    """Of forecaster, by name: see `register_forecaster`."""
+    """The forecaster's name, see `register_forecaster`."""
     plugins: tuple[str, ...] = ()
-    """What `--plugin` named when it was trained, for people: it is never imported from here."""
+    """Plugins it was trained with, for messages: none is imported because of them."""
 
     @property
     def name(self) -> str:
-        """What tables call this model."""
+        """Name in tables: the forecaster's title."""
         return self.forecaster.title
 
     @property
@@ -46,7 +46,7 @@ class Model:
 
     @property
     def weighting(self) -> Weighting | None:
-        """How it weights pairs of agents; None for a model without symbols."""
+        """The weighting of pairs; None for a model without symbols."""
         weighting = getattr(self.config, "weighting", None)
         return weighting if isinstance(weighting, Weighting) else None
 
@@ -77,16 +77,16 @@ def predict(
     Args:
         model: see `load_model`.
         observed: [N, obs_len, 2] metres.
-        samples: number of futures.
+        samples: number of futures k; a deterministic model makes one.
         seed: with `recording` and `frame`, determines the noise.
         recording: name of the recording.
         frame: index of the first observed step in the recording.
 
     Returns:
-        [samples, N, pred_len, 2] float64 metres.
+        [k, N, pred_len, 2] float64 metres.
 
     Raises:
-        InputError: for a wrong shape, a coordinate that is not finite, or a number out of range.
+        InputError: for a wrong shape, an unusable coordinate, or a number out of range.
     """
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
@@ -95,11 +95,7 @@ def predict(
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
-    """Refuse `observed [N, T, 2]`, called `name`, of more or fewer steps than the model observes.
-
-    Raises:
-        InputError: with both numbers.
-    """
+    """Refuse `observed [N, T, 2]`, called `name`, if T is not the steps that the model observes."""
     steps, wanted = observed.shape[1], model.config.obs_len
     if steps != wanted:
         raise InputError(f"{name} has {steps} steps; the model observes {wanted}")

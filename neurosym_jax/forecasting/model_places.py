@@ -1,4 +1,4 @@
-"""Where models are: what a path or a name means, which models ship, and which are at hand."""
+"""Where models are: what a name means, which models ship, and which were downloaded."""
 
 import os
 from collections.abc import Sequence
@@ -18,64 +18,63 @@ DOWNLOADED = {
 
 
 def find_model(path: Path | str) -> Path:
-    """A model's folder or file by its path, the name of one that ships, or a path of downloads.
+    """The place of a model: an existing path, the name of a shipped model, or a downloaded path.
 
-    A path that is there goes before a name. What is nowhere is returned as it is.
+    A path that is found nowhere is returned unchanged.
     """
     path = Path(path)
     shipped = _shipped_folder() / path
-    # Of `os`, for which a name that is too long is nowhere.
+    # os.path, unlike Path, takes a name that is too long for one that does not exist.
     if path.name and not os.path.exists(path) and os.path.isdir(shipped):
         return shipped
     return find(path)
 
 
 def find_checkpoints(names: Sequence[Path | str]) -> list[str]:
-    """`names` for `load_model`, with all the checkpoints in a folder in place of that folder.
+    """`names` for `load_model`; a folder of checkpoints is replaced by all of them.
 
-    Args:
-        names: see `find_model`; also `sgan-20v` and `sgan-20vp`, once they are downloaded.
+    `sgan-20v` and `sgan-20vp` are the downloaded checkpoints of SGAN.
 
     Raises:
         InputError: for checkpoints that are not downloaded yet.
     """
-    return [path for name in names for path in _several(str(name))]
+    found: list[str] = []
+    for name in map(str, names):
+        folder = find_model(name)
+        if name in DOWNLOADED and not os.path.exists(folder):
+            folder = data_folder() / DOWNLOADED[name]
+            if not folder.is_dir():
+                raise InputError(
+                    f"{name}: not here yet: `neurosym download sgan-checkpoints` fetches it"
+                )
+        found += [str(path) for path in _models_in(folder)] or [name]
+    return found
 
 
-def _several(name: str) -> list[str]:
-    folder = find_model(name)
-    if name in DOWNLOADED and not os.path.exists(folder):
-        folder = data_folder() / DOWNLOADED[name]
-        if not folder.is_dir():
-            raise InputError(
-                f"{name}: not here yet: `neurosym download sgan-checkpoints` fetches it"
-            )
-    return [str(path) for path in _in_folder(folder)] or [name]
+def shipped_models() -> list[Path]:
+    """The folders of the models that ship with the package, in order of name."""
+    return _models_in(_shipped_folder())
 
 
-def _in_folder(folder: Path) -> list[Path]:
-    """The models in a folder that is none itself."""
+def models_at_hand() -> list[tuple[str, Path]]:
+    """(name, place) of the models that have a name: shipped, then downloaded."""
+    base = data_folder() / "sgan-checkpoints"
+    downloaded = [path for folder in DOWNLOADED.values() for path in _models_in(base / folder.name)]
+    return [
+        *((path.name, path) for path in shipped_models()),
+        *((path.relative_to(base).as_posix(), path) for path in downloaded),
+    ]
+
+
+def _models_in(folder: Path) -> list[Path]:
+    """The models in a folder that is not a model itself."""
     if not os.path.isdir(folder) or (folder / "config.json").exists():
         return []
     return sorted([*folder.glob("*.pt"), *(path.parent for path in folder.glob("*/config.json"))])
 
 
-def shipped_models() -> list[Path]:
-    """The folders of the models that ship with the package, in order of name."""
-    return _in_folder(_shipped_folder())
-
-
-def models_at_hand() -> list[tuple[str, Path]]:
-    """(name, place) of the models that can be named without a path: shipped, then downloaded."""
-    shipped = [(path.name, path) for path in shipped_models()]
-    base = data_folder() / "sgan-checkpoints"
-    folders = [base / folder.name for folder in DOWNLOADED.values()]
-    downloaded = [path for folder in folders for path in _in_folder(folder)]
-    return shipped + [(path.relative_to(base).as_posix(), path) for path in downloaded]
-
-
 def _shipped_folder() -> Path:
-    """`checkpoints`, within the package where that is installed, beside it in a clone."""
+    """`checkpoints`: in the package where that is installed, beside it in a clone."""
     package = Path(neurosym_jax.__path__[0])
     within = package / "checkpoints"
     return within if within.is_dir() else package.parent / "checkpoints"

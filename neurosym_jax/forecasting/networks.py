@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
@@ -23,6 +24,7 @@ __all__ = [
     "GeneratorForecaster",
     "decode_scene",
     "encode_scene",
+    "forecast",
     "interact_scene",
 ]
 
@@ -114,7 +116,7 @@ def encode_scene(
 ) -> Any:
     """Context `[N, C]` of one scene: encoding, symbols and alpha (NeuroSyM), pooling.
 
-    `alpha [N, N, obs_len]` takes the place of that of the config's weighting.
+    `alpha [N, N, obs_len]` replaces that of the config's weighting.
     """
     hidden = Generator(config).apply(params, scene.displacement, method=Generator.observe)
     return interact_scene(config, params, hidden, scene, alpha)
@@ -123,18 +125,11 @@ def encode_scene(
 def interact_scene(
     config: GeneratorConfig, params: Any, hidden: Any, scene: Scene, alpha: Array | None = None
 ) -> Any:
-    """The part of `encode_scene` that looks at neighbours; `hidden [N, H]` is the other's."""
+    """The part of `encode_scene` that looks at neighbours, after the encoding `hidden [N, H]`."""
     weigh = _weighting(config, params)
     if alpha is None and weigh is not None:
         alpha = weigh(jnp.asarray(scene.observed), jnp.asarray(scene.valid))
     return Generator(config).apply(params, hidden, scene, alpha, method=Generator.interact)
-
-
-def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
-    """The config's weighting with what it has learned, None for a model without symbols."""
-    if config.weighting is None:
-        return None
-    return functools.partial(config.weighting.alpha, params.get("weighting", {}))
 
 
 def decode_scene(
@@ -150,8 +145,56 @@ def decode_scene(
 
     displacement: Any = jax.vmap(decode)(noise)
     if config.residual:
-        # The sample that does not deviate is known by a noise of 0, which nobody draws.
+        # A noise of 0, which is never drawn, asks for the sample that does not deviate.
         straight = (noise == 0).all(axis=-1).reshape(len(noise), -1, 1, 1)
         last = jnp.asarray(scene.displacement)[:, -1:]
         displacement = jnp.where(straight, last, displacement)
     return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)
+
+
+def forecast(
+    config: GeneratorConfig,
+    params: Any,
+    observed: ArrayLike,
+    noise: ArrayLike,
+    alpha: ArrayLike | None = None,
+    *,
+    valid: ArrayLike | None = None,
+) -> Array:
+    """k futures of one scene as a pure function, to differentiate by all but `config` and `valid`.
+
+    It computes what `predict` does in the same coordinates, but nothing is padded, checked or moved
+    to the host. Reverse mode only: the gradient of pooling is written by hand (see `models.pairs`).
+    Symbols with a hard threshold have a gradient of zero by positions; the weightings `soft` and
+    `quantised` (straight through) have another.
+
+    Args:
+        config: of the generator, `Model.config`.
+        params: `Model.params`; a weighting's parameters, such as thresholds, are in
+            `params["weighting"]`.
+        observed: [N, obs_len, 2] metres. Map coordinates lose precision in float32 before this
+            function sees them: subtract an origin, or use x64.
+        noise: [k, noise_dim], or [k, N, noise_dim] where the config says per agent ("ped").
+        alpha: [N, N, obs_len] weight of each pair's step; default: the model's own weighting.
+        valid: [N] bool, False for padding; default: no padding.
+
+    Returns:
+        [k, N, pred_len, 2] metres, in the frame of `observed`.
+    """
+    observed, noise = jnp.asarray(observed), jnp.asarray(noise)
+    last = observed[:, -1]
+    present = jnp.ones(len(last), bool) if valid is None else jnp.asarray(valid)
+    # For precision only: a network sees differences of positions.
+    origin = jax.lax.stop_gradient(present @ last / jnp.maximum(present.sum(), 1))
+    steps = jnp.diff(observed, axis=1, prepend=observed[:, :1])
+    scene = Scene(observed - origin, steps, present, identity=jnp.zeros(2, jnp.uint32), origin=None)
+    given = None if alpha is None else jnp.asarray(alpha)
+    context = encode_scene(config, params, scene, given)
+    return decode_scene(config, params, context, scene, noise) + origin
+
+
+def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
+    """The config's weighting with its trained parameters; None for a model without symbols."""
+    if config.weighting is None:
+        return None
+    return functools.partial(config.weighting.alpha, params.get("weighting", {}))

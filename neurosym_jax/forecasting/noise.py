@@ -1,13 +1,12 @@
 """Noise as a function of (seed, scene, sample, slot): the same however scenes are batched.
 
-Each scene, or each agent slot where noise is per agent, has its own stream of random numbers, and a
-sample's numbers do not depend on how many samples are asked for. The last is a property of jax's
-partitionable threefry (element i of an array depends on i alone); the tests hold it down.
+Each scene, or each agent slot where noise is per agent, has its own stream of random numbers. A
+sample's numbers do not depend on how many samples are drawn, which is a property of JAX's
+partitionable threefry (element i of an array depends on i alone) that the tests check.
 
 `fixed` noise is one stream for all scenes and seeds: sample i is the same vector everywhere. A
-network trained with it by the best of k learns k forecasts that cover what may happen, where one
-trained with noise drawn anew has to do with k forecasts that happen to be drawn (multiple choice
-learning, Guzman-Rivera et al., NeurIPS 2012).
+network trained with it by the best of k learns k forecasts that cover what may happen (multiple
+choice learning, Guzman-Rivera et al., NeurIPS 2012).
 """
 
 import dataclasses
@@ -30,28 +29,20 @@ CHUNK = 1024
 
 @dataclasses.dataclass(frozen=True)
 class NoiseSpec:
-    """What noise a forecaster wants for each sample; `dim` 0 says that it is deterministic."""
+    """The noise that a forecaster takes for each sample; a deterministic one has `dim` 0."""
 
     dim: int = 0
     per_agent: bool = False
     distribution: Literal["gaussian", "uniform", "fixed"] = "gaussian"
     """Standard normal, uniform on [-1, 1), or standard normal and the same in every scene."""
     first_zero: bool = False
-    """Of fixed noise: 0 in the place of the first sample."""
+    """Whether the first sample of fixed noise is 0."""
 
 
 def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
-    """Noise of one scene; `key` is the run's, the same for every scene, and is not consumed.
+    """Noise of one scene, [k, dim] or per agent [k, N, dim].
 
-    Args:
-        spec: dimension, distribution, and whether noise is per agent.
-        key: the run's random key.
-        identity: [2] uint32, see `Scene.identity`.
-        samples: k.
-        agents: N slots.
-
-    Returns:
-        [k, dim] where noise is global to the scene, else [k, N, dim].
+    `key` is the run's, the same for every scene, and is not consumed; `identity` is `Scene`'s.
     """
     if not spec.per_agent:
         return _stream(spec, key, identity, jnp.uint32(0), samples)
@@ -65,7 +56,7 @@ def draw_noise(
     """`scene_noise` of B scenes, `identity [B, 2]`: [k, B, dim] or [k, B, N, dim] on the host.
 
     Raises:
-        InputError: for a seed that is not in [0, 2**32), which jax would silently wrap.
+        InputError: for a seed outside [0, 2**32), which JAX would silently wrap.
     """
     refuse(Seed, {"seed": seed})
     scenes = len(identity)
@@ -87,16 +78,12 @@ def draw_noise(
 
 
 def fixed_noise(samples: int, dim: int, *, first_zero: bool = False) -> Array:
-    """[k, dim] standard normal numbers, always the same; more samples begin with those of fewer.
-
-    `first_zero` puts 0 in the place of the first.
-    """
+    """[k, dim] standard normal numbers, always the same; the first n do not depend on k."""
     noise = jax.random.normal(jax.random.key(0), (samples, dim), jnp.float32)
     return noise.at[0].set(0) if first_zero else noise
 
 
 def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:
-    """[k, dim] numbers of one stream."""
     if spec.distribution == "fixed":
         return fixed_noise(samples, spec.dim, first_zero=spec.first_zero)
     for part in (identity[0], identity[1], slot):

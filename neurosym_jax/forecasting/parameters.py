@@ -1,4 +1,4 @@
-"""Parameters as nested dictionaries of arrays, and flat: by path, such as `params/mlp/bias`."""
+"""Parameters: nested dictionaries of arrays, and flat, by path such as `params/mlp/bias`."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,16 +12,15 @@ __all__ = ["flat_parameters", "listed", "nested_parameters", "refuse_not_finite"
 
 
 def flat_parameters(params: Any) -> dict[str, np.ndarray]:
-    """The arrays of nested dictionaries by their path, its names joined by `/`.
+    """The arrays of nested dictionaries by path.
 
     Raises:
-        InputError: for what would not come back as it is: anything but dictionaries of dictionaries
-            or of arrays of numbers, empty ones, names with a `/`.
+        InputError: for a tree that would not come back: not dictionaries, empty ones, names with a
+            `/`, leaves that are not arrays of numbers.
     """
-    leaves = jax.tree_util.tree_leaves_with_path(params)
     flat = {
         jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf, order="C")
-        for path, leaf in leaves
+        for path, leaf in jax.tree_util.tree_leaves_with_path(params)
     }
     if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
         raise InputError("parameters must be nested dictionaries of arrays, by names without a '/'")
@@ -35,7 +34,7 @@ def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
     """The inverse of `flat_parameters`.
 
     Raises:
-        InputError: naming it, for a path within that of an array.
+        InputError: for a path within another's.
     """
     params: dict[str, Any] = {}
     for path, value in flat.items():
@@ -52,17 +51,13 @@ def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse_not_finite(flat: Mapping[str, np.ndarray]) -> None:
-    """Refuse, by their names, arrays [...] that hold a NaN or an infinity.
-
-    Raises:
-        InputError: naming them.
-    """
+    """Refuse, with an InputError that names them, arrays that hold a NaN or an infinity."""
     bad = [name for name, value in flat.items() if not np.isfinite(value).all()]
     if bad:
         raise InputError(f"parameters that are not finite: {listed(bad)}")
 
 
 def listed(names: Sequence[str], most: int = 6) -> str:
-    """Names for a message; of many the first ones, and how many more there are."""
+    """Names for a message: the first `most`, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more

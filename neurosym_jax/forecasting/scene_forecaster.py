@@ -1,7 +1,6 @@
-"""Forecasts of single scenes as they come: from a scene to its futures in the world's frame.
+"""Forecasts of single scenes as they come, in the world's frame.
 
-`predict`, the online predictor and the latency that an evaluation reports are this. Batches of
-scenes are `batched`'s.
+Used by `predict`, the online predictor and an evaluation's latency; `batched` forecasts batches.
 """
 
 import functools
@@ -23,15 +22,15 @@ __all__ = ["SceneForecaster", "forecast_scene"]
 
 
 class SceneForecaster:
-    """k futures of one scene after the other, by one compiled program for each bucket."""
+    """k futures of each scene it is called with, by one compiled program a bucket of sizes."""
 
     def __init__(self, forecaster: Forecaster, params: Any, *, samples: int, seed: int):
-        """Ready for scenes; nothing is compiled yet.
+        """Move `params` to the device; nothing is compiled yet.
 
         Args:
-            forecaster: what forecasts.
-            params: its parameters, moved to the device once.
-            samples: k, of which a deterministic forecaster makes one.
+            forecaster: of the model.
+            params: its parameters.
+            samples: k; a deterministic forecaster makes one.
             seed: with a scene's identity, determines the noise.
 
         Raises:
@@ -46,7 +45,7 @@ class SceneForecaster:
         self._fits = 0
 
     def __call__(self, scene: Scene) -> np.ndarray:
-        """`[k, N, pred_len, 2]` float64 metres in the frame of `scene`'s origin: see `finish`."""
+        """Futures [k, N, pred_len, 2], float64 metres in the world's frame."""
         return self.finish(self.start(scene), scene)
 
     def start(self, scene: Scene) -> Array:
@@ -65,7 +64,7 @@ class SceneForecaster:
         return forecast_scene(self.forecaster, self._params, padded, noise)
 
     def fit(self, people: int) -> int:
-        """Slots of the program that forecasts so many people.
+        """Number of slots of the program for so many people.
 
         Raises:
             InputError: for more samples or people than there is memory for.
@@ -82,11 +81,7 @@ class SceneForecaster:
 
     @staticmethod
     def finish(started: Array, scene: Scene) -> np.ndarray:
-        """Wait for what `start` began of the same `scene`; slots that are not valid mean nothing.
-
-        Returns:
-            [k, N, pred_len, 2] float64 metres in the world's frame.
-        """
+        """Futures [k, N, pred_len, 2] that `start(scene)` began, float64 metres in the world."""
         return to_world(np.asarray(started)[:, : len(scene.valid)], scene)
 
 

@@ -177,7 +177,7 @@ def test_what_many_scenes_refuse():
         ([good, np.full((1, 4, 2), np.inf)], None, r"observed\[1\]: agent 0, step 0"),
         ([good, good[:0]], None, r"observed\[1\]: a scene needs at least one agent"),
         ([good, good], [0], "1 frames are given for 2 scenes"),
-        ([np.zeros((10**6, 4, 2))], None, "hand the scenes over in parts"),
+        ([np.zeros((10**6, 4, 2))], None, "pass the scenes in parts"),
     ):
         with pytest.raises(InputError, match=message):
             predict_scenes(model, scenes, samples=10**6, frames=frames)
