@@ -72,8 +72,8 @@ class Moments:
             period: seconds between the models' steps.
             title: of the page, such as the recording's name.
             floor_map: see `floor_map.read_floor_map`.
-            reset_after: seconds; see `Window`.
-            far: metres; see `Window`.
+            reset_after: see `Window`.
+            far: see `Window`.
             at_least: least probability of an event that is shown.
         """
         self._symbols, self._likely = PairSymbols(models), LikelyEvents(period, at_least)
@@ -109,11 +109,7 @@ class Moments:
     ) -> str | None:
         """The line of a frame; None if its stamp is refused, as by the predictor.
 
-        Args:
-            frame: as the predictor saw it.
-            forecast: if the frame completed a step.
-            summary: `Analytics.summary()` then.
-            robot: [3] metres, metres, radians, if known.
+        `summary` is `Analytics.summary()` then, `robot` [3] metres, metres, radians.
         """
         if not self._accept(float(frame.stamp)):
             return None

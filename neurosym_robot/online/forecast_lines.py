@@ -18,16 +18,7 @@ class ForecastLines:
     """A JSON object per forecast, once its future is known; metres to the millimetre."""
 
     def __init__(self, path: Path, period: float, at_least: float = AT_LEAST):
-        """Begin the file.
-
-        Args:
-            path: nothing is overwritten.
-            period: seconds between the models' steps.
-            at_least: least probability of an event that is written.
-
-        Raises:
-            InputError: if it exists or cannot be written.
-        """
+        """Begin the file; InputError if it exists or cannot be written."""
         self.path, self._period = path, period
         self._likely = LikelyEvents(period, at_least)
         self._file = GrowingFile(path)

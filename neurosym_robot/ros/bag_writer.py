@@ -101,17 +101,7 @@ class ForecastBag:
         frame_id: Callable[[], str] = lambda: "map",
         at_least: float = AT_LEAST,
     ):
-        """Open the bag.
-
-        Args:
-            path: see `BagWriter`.
-            period: seconds between the models' steps.
-            frame_id: returns the frame of the coordinates.
-            at_least: least probability of an event that is written.
-
-        Raises:
-            InputError: as `BagWriter` does.
-        """
+        """Open the bag, as `BagWriter`; `frame_id` returns the frame of the coordinates."""
         self._bag = BagWriter(path)
         self.path = self._bag.path
         self._period, self._frame_id = period, frame_id

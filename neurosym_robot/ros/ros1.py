@@ -49,20 +49,20 @@ class ForecastNode(ForecastingNode):
         at_least: float = AT_LEAST,
         report: Callable[[str], None] = print,
     ):
-        """Join the graph.
+        """Join the graph; other arguments are those of `ForecastingNode` and `tcpros.Node`.
 
         Args:
             predictor: of one or several models, each with a topic of its own.
-            topic: of the people; None is the first of `PEOPLE_TOPICS`, or the second if ids are
-                mended.
-            source: which messages belong to the stream and into which frame they are transformed.
-            stitcher: mends ids, if given; the people are then published on the first topic.
-            master: URI; see `names.master_uri`.
+            topic: of the people; None is the first of `PEOPLE_TOPICS`, or the second with a
+                `stitcher`, as the mended people are published on the first.
+            source: which messages belong to the stream.
+            stitcher: mends ids, if given.
+            master: URI.
             name: of the node.
-            remaps: "FROM:=TO" each, of names in the graph.
-            status: seconds between lines about the stream; 0 for none.
-            at_least: least probability of an event that is published.
-            report: called with one line at a time about the stream and its connections.
+            remaps: of names in the graph.
+            status: seconds between status lines.
+            at_least: least probability of an event.
+            report: called with one line at a time.
 
         Raises:
             InputError: for an invalid topic, name or URI, or if rosbags is not installed.

@@ -26,11 +26,7 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_override
 
 
 def import_rclpy() -> Any:
-    """The module rclpy.
-
-    Raises:
-        InputError: if ROS 2 is not set up.
-    """
+    """The module rclpy; InputError if ROS 2 is not set up."""
     try:
         return importlib.import_module("rclpy")
     except ImportError:
@@ -39,11 +35,7 @@ def import_rclpy() -> Any:
 
 
 def message_type(kind: str) -> Any:
-    """The class of a message, by its type.
-
-    Raises:
-        InputError: if its package is missing.
-    """
+    """The class of a message, by its type; InputError if its package is missing."""
     package, _, name = kind.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
@@ -52,14 +44,9 @@ def message_type(kind: str) -> Any:
 
 
 def node_parameters(arguments: Sequence[str], name: str) -> dict[str, Any]:
-    """A node's parameters by name, from files and from `-p`, as rclpy resolves them.
+    """Parameters by name, from files and `-p` in the `arguments` after `--ros-args`.
 
-    Args:
-        arguments: what stands after `--ros-args`.
-        name: of the node, unless the arguments name it.
-
-    Raises:
-        InputError: for arguments that ROS 2 refuses, or if it is missing.
+    `name` is the node's, unless the arguments name it. InputError for arguments that ROS 2 refuses.
     """
     rclpy = import_rclpy()
     context = rclpy.context.Context()

@@ -72,13 +72,9 @@ class PeopleSource:
     def take(
         self, kind: str, message: Any, publisher: str = "", received: float = 0.0
     ) -> Frame | None:
-        """The frame that a message holds; None if it does not belong to the stream.
+        """The frame of a message of type `kind`; None if it does not belong to the stream.
 
-        Args:
-            kind: the message's type, a key of `KINDS`.
-            message: of people.
-            publisher: name of its sender.
-            received: time of arrival in seconds of any monotonic clock.
+        `received` is the time of arrival in seconds of any monotonic clock.
         """
         seen = see(kind, message)
         if not self._is_ours(publisher, received):

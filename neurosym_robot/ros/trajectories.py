@@ -24,17 +24,10 @@ def make_trajectories(
     frame_id: str = "map",
     confidence: ArrayLike = 1.0,
 ) -> Any:
-    """The HumansTrajs message of trajectories.
+    """The HumansTrajs message of positions `xy` [N, T, 2] in metres at `steps` [T] in seconds.
 
-    Args:
-        new: returns an empty message, by its type.
-        stamp: seconds, of the last step observed.
-        steps: [T] seconds, of every step.
-        ids: [N] whole numbers.
-        xy: [N, T, 2] metres.
-        covariance: [N, T, 2, 2] square metres, or zero.
-        frame_id: of the coordinates.
-        confidence: [N], or one for everybody.
+    `ids` are [N], `covariance` [N, T, 2, 2] square metres, `confidence` [N]; `stamp` is that of the
+    last step observed.
     """
     positions = np.asarray(xy, np.float64)
     people, length = positions.shape[:2]

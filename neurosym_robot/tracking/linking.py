@@ -63,15 +63,10 @@ def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:
 def assign(
     ends: TrackEnds, starts: TrackEnds, options: LinkOptions, most: ArrayLike = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Links of least cost: indices into `ends` and into `starts`, of the same length.
+    """Links of least cost from lost tracks to new ones: indices into `ends` and into `starts`.
 
-    Cost is the distance from where the person was expected, over how far off that may be.
-
-    Args:
-        ends: of tracks that were lost.
-        starts: of new ones.
-        options: when two tracks may be one person's.
-        most: cost of a link, at most, [] or [L] by start; 1 is as far off as may be.
+    The cost is the distance from the expected position, as a share of the distance allowed; `most`,
+    [] or [L] by start, is the highest cost of a link.
     """
     gap = starts.stamp[None] - ends.stamp[:, None]
     allowed = (gap > 0) & (gap <= options.max_gap)
@@ -81,7 +76,6 @@ def assign(
     ahead = np.linalg.norm(moved - gap[..., None] * before, axis=-1)
     back = np.linalg.norm(moved - gap[..., None] * after, axis=-1)
     turned = options.turn * np.linalg.norm(after - before, axis=-1)
-    # A start of which the velocity is unknown is no witness.
     unknown = np.isnan(starts.velocity[:, 0])[None]
     off = np.where(unknown, ahead, (ahead + back) / 2 + turned)
     cost = off / np.maximum(options.reach + options.drift * gap, 1e-9)

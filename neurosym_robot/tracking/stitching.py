@@ -37,7 +37,7 @@ class Stitched:
     tracks: Tracks
     before: int  # ids before
     joins: list[Join]
-    outside: int  # rows dropped because they lie outside the map
+    outside: int  # rows outside the map, dropped
     ghosts: int  # rows dropped because whoever they are was seen for less than `least`, or far away
     filled: int  # rows added, by interpolation
 
@@ -53,15 +53,15 @@ def stitch(
     """Mend a recording.
 
     Args:
-        tracks: R rows.
-        options: when two tracks may be one person's.
-        fill: seconds; gaps up to this long are filled linearly, at the recording's own rate.
+        tracks: of the recording.
+        options: when two tracks are joined.
+        fill: gaps up to this many seconds are filled linearly, at the recording's own rate.
         polygon: [P, 2] metres, corners of the map; rows outside are dropped first.
         ids: new id of an old one, decided by hand.
 
     Raises:
-        InputError: for no row inside the map, a polygon that is none, or a map of ids that gives
-            two people of one moment the same id.
+        InputError: if no row is inside the map, for an invalid polygon, or if `ids` gives two
+            people the same id at one time.
     """
     if not fill >= 0:
         raise InputError(f"fill must not be negative, not {fill}")
@@ -91,13 +91,7 @@ def stitch(
 def stitched_ids(
     tracks: Tracks, options: LinkOptions = LOOKING_BACK, pinned: Collection[int] = ()
 ) -> tuple[np.ndarray, list[Join]]:
-    """Mended ids [R] of the rows, `NOBODY` for those of ghosts, and what was joined.
-
-    Args:
-        tracks: R rows.
-        options: when two tracks may be one person's.
-        pinned: ids that stand as they are.
-    """
+    """Mended ids [R] of the rows, `NOBODY` for ghosts, and the joins; `pinned` ids stay."""
     label = _follow(tracks, options, pinned)
     order = np.lexsort((tracks.stamp, label))
     label, stamp, position = label[order], tracks.stamp[order], tracks.position[order]
@@ -129,7 +123,7 @@ def stitched_ids(
 
 
 def _follow(tracks: Tracks, options: LinkOptions, pinned: Collection[int]) -> np.ndarray:
-    """[R] an id for each unbroken way: the tracker's, or a new one where that is another's."""
+    """[R] an id for each unbroken track: the tracker's, or a new one if that is taken."""
     label, used = tracks.id.copy(), set(tracks.id.tolist())
     follower = Follower(options.max_gap, len(label))
     names: dict[Track, int] = {}
@@ -154,7 +148,7 @@ def _follow(tracks: Tracks, options: LinkOptions, pinned: Collection[int]) -> np
 
 
 def _fill(tracks: Tracks, fill: float) -> Tracks:
-    """Points in gaps up to `fill` seconds, where frames of the recording are or would be."""
+    """Fill gaps of up to `fill` seconds at the times of the recording's frames."""
     frames = np.unique(tracks.stamp)
     if len(frames) < 2:
         return tracks
@@ -185,11 +179,7 @@ def _fill(tracks: Tracks, fill: float) -> Tracks:
 
 
 def inside(position: np.ndarray, polygon: ArrayLike) -> np.ndarray:
-    """[R] bool, which of `position [R, 2]` lie inside the polygon with corners `[P, 2]`.
-
-    Raises:
-        InputError: where the polygon is not at least three finite corners.
-    """
+    """[R] bool: which of `position [R, 2]` lie inside the polygon with corners `[P, 2]`."""
     corners = np.asarray(polygon, np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         raise InputError(f"a polygon is at least three corners [P, 2], not {list(corners.shape)}")

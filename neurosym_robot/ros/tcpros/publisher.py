@@ -21,14 +21,7 @@ class Publisher:
     def __init__(
         self, topic: Topic, caller: str, report: Callable[[str], None], queue_size: int = 10
     ):
-        """Without subscribers.
-
-        Args:
-            topic: what is published.
-            caller: name of the node.
-            report: called with one line about each subscriber that is refused or dropped.
-            queue_size: messages that wait for a subscriber; the oldest are dropped.
-        """
+        """A publisher of the node `caller`; a full queue drops its oldest message."""
         self.topic, self._caller, self._report = topic, caller, report
         self._queue_size = queue_size
         self._queues: dict[socket.socket, tuple[str, collections.deque[bytes]]] = {}

@@ -40,13 +40,12 @@ class Subscriber:
         report: Callable[[str], None],
         refuse: Callable[[Mapping[str, str]], str | None] = lambda header: None,
     ):
-        """Without publishers.
+        """A subscriber of the node `caller`.
 
         Args:
             topic: what is subscribed.
             caller: name of the node.
-            hear: called with every serialised message and its publisher's header ("callerid",
-                "type", "md5sum", "message_definition"), in that publisher's thread.
+            hear: called with every serialised message and its publisher's header, in a thread.
             report: called with one line when a publisher is connected, lost or refused.
             refuse: returns the reason to refuse a publisher by its header, or None.
         """

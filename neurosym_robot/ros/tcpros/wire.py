@@ -1,7 +1,7 @@
-"""What goes over a TCPROS connection: blocks with their length in front; the first is a header.
+"""Blocks of a TCPROS connection, with their length in front; the first is a header.
 
-As https://wiki.ros.org/ROS/TCPROS and https://wiki.ros.org/ROS/Connection%20Header say. Whatever
-comes from the other side is bounded before it is read.
+See https://wiki.ros.org/ROS/TCPROS and https://wiki.ros.org/ROS/Connection%20Header. The length of
+what the other side sends is checked before it is read.
 """
 
 import socket
@@ -24,7 +24,7 @@ MAX_MESSAGE = 4 << 20  # bytes; ten thousand people are about 1 MB
 
 
 class ProtocolError(ConnectionError):
-    """The other side does not speak TCPROS, or says that it will not."""
+    """The other side does not speak TCPROS, or refuses."""
 
 
 def encode_block(data: bytes) -> bytes:
@@ -39,11 +39,7 @@ def encode_header(fields: Mapping[str, str]) -> bytes:
 
 
 def decode_header(data: bytes) -> dict[str, str]:
-    """The fields of a header, given without its own length.
-
-    Raises:
-        ProtocolError: where lengths do not fit, a field has no "=", or text is not UTF-8.
-    """
+    """The fields of a header, given without its own length; ProtocolError if malformed."""
     fields, at = {}, 0
     while at < len(data):
         if at + 4 > len(data):
@@ -61,12 +57,7 @@ def decode_header(data: bytes) -> dict[str, str]:
 
 
 def read_block(connection: socket.socket, limit: int) -> bytes:
-    """The next block, without its length.
-
-    Raises:
-        ProtocolError: if it would be longer than `limit` bytes.
-        OSError: when the connection is closed, lost, or slower than its timeout.
-    """
+    """The next block, without its length; ProtocolError if longer than `limit` bytes."""
     (length,) = struct.unpack("<I", _read(connection, 4))
     if length > limit:
         raise ProtocolError(f"a block of {length} bytes was announced, more than {limit}")

@@ -27,7 +27,7 @@ _NONSENSE += (ValueError, TypeError, LookupError, AttributeError, ArithmeticErro
 
 
 class CallError(ConnectionError):
-    """A call did not get through, or its answer makes no sense."""
+    """A call did not get through, or its answer is malformed."""
 
 
 class Refused(CallError):
@@ -54,11 +54,11 @@ class _Transport(xmlrpc.client.Transport):
 
 
 def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> Any:
-    """The value that `method` of the node or master at `uri` answers.
+    """The answer of `method` of the node or master at `uri`.
 
     Raises:
-        Refused: if the code is not 1; the text is the message.
-        CallError: if nobody answers within `timeout` seconds, or with anything else.
+        Refused: with the message, if the code is not 1.
+        CallError: for no valid answer within `timeout` seconds.
     """
     try:
         with xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)) as proxy:

@@ -15,8 +15,10 @@ from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros.definitions import EVENTS, STATES, blank, typestore
 from neurosym_robot.ros.outgoing import (
     MARKERS,
+    central_path,
     events_message,
     markers_message,
+    poses_message,
     samples_message,
     states_message,
 )
@@ -126,3 +128,15 @@ def test_lines_for_rviz(store, forecast):
     assert seen.color.a == 1 > lost.color.a > 0
     end = forecast.models["SGAN"].samples[3, 0, -1]
     assert_allclose([seen.points[-1].x, seen.points[-1].y], end)
+
+
+def test_poses_are_the_central_sample_and_face_the_way(store, forecast):
+    new = functools.partial(blank, store)
+    poses = received(store, poses_message(new, forecast, "SGAN", 0.4, "map")).poses
+    path = central_path(forecast, "SGAN")
+    found = np.array([(pose.position.x, pose.position.y) for pose in poses])
+    assert_allclose(found, path[:, 1:].reshape(-1, 2))
+    z, w = np.array([(pose.orientation.z, pose.orientation.w) for pose in poses]).T
+    steps = np.diff(path, axis=1).reshape(-1, 2)
+    facing = np.stack([w**2 - z**2, 2 * z * w], axis=1)
+    assert_allclose((facing * steps).sum(axis=1), np.linalg.norm(steps, axis=1), atol=1e-9)
