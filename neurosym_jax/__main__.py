@@ -1,13 +1,12 @@
 """`neurosym COMMAND` and `python -m neurosym_jax COMMAND`: each file in `commands/` is a command.
 
-Other packages add theirs by entry points in the group `neurosym_jax.commands`.
-
-A command's file has `Options`, a dataclass, and `run(options)`; `PREPARE` where others than users
-write its command lines (see `commands/_running.py`). The first line of its text is what
-the list of commands says. It is imported when it is asked for.
+Other packages add theirs by entry points in the group `neurosym_jax.commands`. A command's file
+has a dataclass `Options`, `run(options)` and sometimes `PREPARE` (see `commands/_running.py`); the
+first line of its docstring is its line in the list. It is imported only when it is called.
 """
 
 import ast
+import difflib
 import importlib
 import importlib.util
 import os
@@ -38,8 +37,7 @@ def main(arguments: list[str] | None = None) -> None:
         print("interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:
-        # Who reads what is printed, such as `head`, has seen enough: neither is the rest written at
-        # the end.
+        # The reader, such as `head`, has closed the pipe; Python must not flush to it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
 
@@ -60,8 +58,6 @@ def _run(arguments: list[str]) -> None:
         prepare = getattr(command, "PREPARE", list)
         run_command(command.Options, command.run, rest, f"neurosym {name}", prepare)
     else:
-        import difflib
-
         nearest = difflib.get_close_matches(name, modules, 1)
         hint = f"did you mean {nearest[0]}?" if nearest else "neurosym --help lists them"
         sys.exit(f"error: there is no command {name!r}: {hint}")

@@ -1,22 +1,22 @@
-"""What means "your input, not our code": commands print each as a single line."""
+"""Errors and warnings about a user's input; commands print each as a single line."""
 
 __all__ = ["InputError", "InputWarning", "TrainingError", "printable"]
 
 
 class InputError(ValueError):
-    """Something a user gave cannot be used; the message names the file, the row and the reason."""
+    """Input that cannot be used; the message names the file, the row and the reason."""
 
 
 class InputWarning(UserWarning):
-    """Something a user gave can be used but looks wrong; the message names the file."""
+    """Input that can be used but looks wrong; the message names the file."""
 
 
 class TrainingError(InputError):
-    """Training cannot go on or be resumed; what was saved before is kept."""
+    """Training cannot continue or be resumed; saved states are kept."""
 
 
 def printable(text: str) -> str:
-    """Text from outside, with what would steer a terminal, or cannot be written, escaped."""
+    """Foreign text with characters escaped that would steer a terminal or cannot be written."""
     return "".join(
         letter if letter.isprintable() else letter.encode("unicode_escape").decode()
         for letter in text

@@ -37,17 +37,17 @@ def load_entry_points() -> None:
     for name, module in entry_points("plugins").items():
         try:
             importlib.import_module(module)
-        except Exception as error:  # Another package must not stop what does without it.
+        except Exception as error:  # Commands that do not need this package go on.
             reason = f"{type(error).__name__}: {error}"
             text = f"plugin {name} ({module}): cannot be imported ({reason})"
             warnings.warn(text, InputWarning, stacklevel=2)
 
 
 def load_plugin(plugin: str) -> None:
-    """Import `plugin`, a path that ends in `.py` or the name of a module, unless that was done.
+    """Import `plugin`, a path that ends in `.py` or the name of a module, once.
 
     Raises:
-        InputError: naming it, where it is not there or fails.
+        InputError: naming a plugin that does not exist or fails.
     """
     try:
         if plugin.endswith(".py"):
@@ -56,7 +56,7 @@ def load_plugin(plugin: str) -> None:
             importlib.import_module(plugin)
     except InputError as error:
         raise InputError(f"plugin {plugin}: {error}") from None
-    except Exception as error:  # It is somebody's own code, which can fail in any way.
+    except Exception as error:  # A user's own code can fail in any way.
         reason = f"{type(error).__name__}: {error}"
         raise InputError(f"plugin {plugin}: cannot be imported ({reason})") from error
     _loaded[plugin] = None

@@ -30,7 +30,7 @@ class Decoder(nn.Module):
     config: GeneratorConfig
 
     def setup(self):
-        """Declare embedding, cell, output layer and, where used, pooling and its perceptron."""
+        """Declare embedding, cell, output layer and, if used, pooling and its perceptron."""
         config = self.config
         self.spatial_embedding = Affine(2, config.embedding_dim)
         self.recurrent = cell_network(config.cell, config.embedding_dim, config.decoder_h_dim)
@@ -55,8 +55,8 @@ class Decoder(nn.Module):
             observed: [N, obs_len, 2] positions, metres.
             displacement: [N, 2] last observed displacement, metres.
             valid: [N] bool.
-            weigh: of NeuroSyM where it pools at predicted steps: alpha of the positions of the last
-                `obs_len` steps, seen or predicted. Nothing later than a step is in it.
+            weigh: if NeuroSyM pools at predicted steps, the alpha of the last `obs_len` positions,
+                observed or predicted, up to a step.
 
         Returns:
             [N, pred_len, 2] displacements, metres.

@@ -1,8 +1,8 @@
 """The generator of SGAN and NeuroSyM, for one scene and one noise vector.
 
-`encode` does not depend on the noise, so best-of-k encodes once and maps `decode` over k noises. Of
-its two parts `observe` (LSTM) looks at no neighbour, `interact` (pooling, context) does. Scenes in
-a batch and samples are axes that `jax.vmap` adds (see `forecasting.networks`).
+`encode` does not depend on the noise, so best-of-k encodes once and maps `decode` over k noises. It
+has two parts: `observe` (recurrent) looks at no neighbour, `interact` (pooling, context) does.
+`jax.vmap` adds axes for scenes in a batch and samples (see `forecasting.networks`).
 """
 
 import jax.numpy as jnp
@@ -40,14 +40,14 @@ class Generator(nn.Module):
     ) -> Array:
         """One forecast of `scene`: `[N, pred_len, 2]` displacements in metres.
 
-        `noise` is `[noise_dim]` where it is global to the scene, else `[N, noise_dim]`; `alpha` is
-        NeuroSyM's weight of each pair and step, `[N, N, obs_len]`, and `weigh` what gives it at
-        predicted steps, where the config pools there (see `Decoder`).
+        `noise` is `[noise_dim]`, or `[N, noise_dim]` if drawn per agent. NeuroSyM needs the weights
+        `alpha [N, N, obs_len]`, and `weigh`, which computes them at predicted steps, if the config
+        pools there (see `Decoder`).
         """
         return self.decode(self.encode(scene, alpha), scene, noise, weigh)
 
     def encode(self, scene: Scene, alpha: Array | None = None) -> Array:
-        """What is known before the noise: `[N, decoder_h_dim - noise_dim]`."""
+        """Context before the noise: `[N, decoder_h_dim - noise_dim]`."""
         return self.interact(self.observe(jnp.asarray(scene.displacement)), scene, alpha)
 
     def observe(self, displacement: Array) -> Array:
@@ -55,7 +55,7 @@ class Generator(nn.Module):
         return self.encoder(displacement)
 
     def interact(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
-        """What `encode` returns, from the hidden states [N, H] that `observe` returns."""
+        """The result of `encode`, from the hidden states `context [N, H]` of `observe`."""
         if self.config.pools:
             track = jnp.asarray(scene.observed)
             pooled = pool(self.pooling, self.config.pooling, context, track, scene.valid, alpha)

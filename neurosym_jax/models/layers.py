@@ -1,8 +1,8 @@
 """Affine layers and the ReLU perceptron, initialised as SGAN initialises them.
 
-Kernels are [in, out]. The layers expose `kernel` and `bias`, because a chain of affine layers is
-folded into one matrix where that saves work (see `lstm`, `decoder` and the poolings); the
-parameters, and so what an optimiser sees, stay those of the unfolded layers.
+Kernels are [in, out]. The layers expose `kernel` and `bias`, because chains of affine layers are
+folded into one matrix where that saves work (see `cell`, `decoder` and the poolings). An optimiser
+still sees the parameters of the unfolded layers.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ __all__ = ["Affine", "Perceptron", "uniform_within"]
 def kaiming_normal(key, shape, dtype=jnp.float32):
     """Initialiser drawing from N(0, 2 / inputs): K. He et al., ICCV 2015."""
     scale = jnp.sqrt(jnp.array(2 / shape[0], dtype))
-    # The barriers keep what is drawn the same, whether a network's initialisation is compiled as
-    # one program or not: the compiler would multiply by products of constants.
+    # Without barriers the compiler would multiply by products of constants, and the numbers drawn
+    # would depend on whether a network's initialisation is compiled as one program.
     return jax.lax.optimization_barrier(jax.random.normal(key, shape, dtype)) * scale
 
 

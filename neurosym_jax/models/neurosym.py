@@ -1,8 +1,7 @@
 """NeuroSyM's pooling: SGAN's, with the pair's relative history weighted step by step by alpha.
 
-Three variants, told apart in `docs/symbols.md`: the papers' (`as_described`), the robot package's
-(`neurosym_ros`) and the earlier release's with its defects (`neurosym_ijcnn`). alpha is an
-argument, so that any weighting can be tried and differentiated through.
+`docs/symbols.md` explains its three variants: the papers' (`as_described`), the robot package's
+(`neurosym_ros`) and the earlier release's with its defects (`neurosym_ijcnn`).
 """
 
 import dataclasses
@@ -20,43 +19,6 @@ from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NO_FORECAST
 
 __all__ = ["AsDescribed", "NeurosymIjcnn", "NeurosymRos"]
-
-
-@dataclasses.dataclass(frozen=True)
-class AsDescribed(PoolNet):
-    """NeuroSyM as its papers describe it."""
-
-    title: ClassVar[str] = "NeuroSyM"
-    inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "track", "alpha"})
-
-    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
-        """See `Pooling.network`."""
-        sizes = (obs_len, embedding_dim, h_dim, self.hidden_dim, self.bottleneck_dim)
-        return self._variant()(*sizes)
-
-    def _variant(self) -> "type[_HistoryNetwork]":
-        return _DescribedNetwork
-
-
-@dataclasses.dataclass(frozen=True)
-class NeurosymRos(AsDescribed):
-    """NeuroSyM as the authors' robot package computes it."""
-
-    title: ClassVar[str] = "NeuroSyM (robot package)"
-
-    def _variant(self) -> "type[_HistoryNetwork]":
-        return _RosNetwork
-
-
-@dataclasses.dataclass(frozen=True)
-class NeurosymIjcnn(AsDescribed):
-    """NeuroSyM as the earlier release computes it, with its defects."""
-
-    title: ClassVar[str] = "NeuroSyM (IJCNN release)"
-    inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "alpha_rows"})
-
-    def _variant(self) -> "type[_HistoryNetwork]":
-        return _IjcnnNetwork
 
 
 class _HistoryNetwork(nn.Module):
@@ -151,8 +113,8 @@ def _ros_pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: A
 class _IjcnnNetwork(_HistoryNetwork):
     """The earlier release: its relative history is identically zero, so nothing depends on i.
 
-    What is left of the embedding is its bias, times a row of alpha that the released collation
-    picked for agent j; everybody gets the same maximum over j.
+    Of the embedding only the bias acts, times a row of alpha that the released collation picked for
+    agent j; all agents get the same maximum over j.
     """
 
     def setup(self):
@@ -160,14 +122,40 @@ class _IjcnnNetwork(_HistoryNetwork):
         self.declare(2, self.embedding_dim)
 
     def __call__(self, hidden: Array, valid: Array, alpha_rows: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`, every row the same.
-
-        Raises:
-            InputError: for alpha of pairs.
-        """
+        """Social vectors `[N, bottleneck_dim]`, all rows equal; an InputError for other alpha."""
         if np.shape(alpha_rows) != (len(hidden), self.obs_len):
             raise InputError(f"neurosym_ijcnn {NO_FORECAST}")
         embedded = alpha_rows[..., None] * self.spatial_embedding.bias
         each = self.mlp(jnp.concatenate([embedded.reshape(len(hidden), -1), hidden], axis=-1))
         highest = jnp.where(valid[:, None], each, 0).max(axis=0)
         return jnp.broadcast_to(highest, each.shape)
+
+
+@dataclasses.dataclass(frozen=True)
+class AsDescribed(PoolNet):
+    """NeuroSyM as its papers describe it."""
+
+    title: ClassVar[str] = "NeuroSyM"
+    inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "track", "alpha"})
+    variant: ClassVar[type[_HistoryNetwork]] = _DescribedNetwork
+
+    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
+        """See `Pooling.network`."""
+        return self.variant(obs_len, embedding_dim, h_dim, self.hidden_dim, self.bottleneck_dim)
+
+
+@dataclasses.dataclass(frozen=True)
+class NeurosymRos(AsDescribed):
+    """NeuroSyM as the authors' robot package computes it."""
+
+    title: ClassVar[str] = "NeuroSyM (robot package)"
+    variant: ClassVar[type[_HistoryNetwork]] = _RosNetwork
+
+
+@dataclasses.dataclass(frozen=True)
+class NeurosymIjcnn(AsDescribed):
+    """NeuroSyM as the earlier release computes it, with its defects."""
+
+    title: ClassVar[str] = "NeuroSyM (IJCNN release)"
+    inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "alpha_rows"})
+    variant: ClassVar[type[_HistoryNetwork]] = _IjcnnNetwork

@@ -27,15 +27,15 @@ def max_over_neighbours(
 ) -> Array:
     """`max_j relu(W relu(first_layer of i and j) + b)` over valid j, for every agent i.
 
-    Agents are taken one by one, so the widest array is `[N, hidden]`, which stays in the cache
-    where `[N, N, hidden]` does not. The gradient is that of the neighbours who won the maximum, one
-    for each of the B outputs (of equals, the first): the others have none, and are not looked at
-    again. It is written by hand, so there is no forward-mode derivative.
+    Agents are processed one by one, so the widest array is `[N, hidden]`, which stays in the cache
+    where `[N, N, hidden]` does not. Only the neighbour who wins the maximum of an output (of
+    equals, the first) has a gradient, so the backward pass computes no other pair. It is written by
+    hand: there is no forward-mode derivative.
 
     Args:
         first_layer: `(shared, own, theirs, of_pair) -> [hidden]` of one pair, before its ReLU: from
             `shared`, and from slices of the next three.
-        shared: what all pairs share: parameters.
+        shared: parameters.
         agents: arrays with a leading axis of N agents i.
         neighbours: arrays with a leading axis of N agents j.
         pairs: arrays `[N, N, ...]` of (i, j).
@@ -58,7 +58,7 @@ def _maximum(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
 
 
 def _candidates(layer, shared, neighbours, kernel, bias, valid, own, of_pairs) -> Array:
-    """[N, B] of every neighbour of one agent; 0, neutral for the maximum, where not valid."""
+    """[N, B] candidates of one agent; 0, neutral for the maximum, where not valid."""
     hidden = nn.relu(layer(shared, own, neighbours, of_pairs))
     # The last ReLU makes every candidate non-negative.
     return jnp.where(valid[:, None], nn.relu(hidden @ kernel + bias), 0)
