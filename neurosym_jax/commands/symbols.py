@@ -1,9 +1,8 @@
 """Show a recording's QTC symbols and weights.
 
 States of a scene's pairs over time as text; alpha as a heat map over pairs and time; the frequency
-of each state in all scenes, and its weight; with a model, its forecast as a GIF in which line width
-is the pair's weight. With --forecast, the probabilities of the pairs' events and states in the
-model's samples, as text, JSON lines and a figure.
+of each state in all scenes, and its weight. With --forecast, the probabilities of the pairs' events
+and states in the model's samples, as text, JSON lines and a figure.
 """
 
 import dataclasses
@@ -49,7 +48,7 @@ class Options:
     weighting: str | None = None
     """Weighting, as in `neurosym train`; default: the model's, else cnd."""
     model: Path | None = None
-    """Model whose learned weights and forecast are shown."""
+    """Model whose weights or, with --forecast, forecast are shown."""
     forecast: bool = False
     """Show instead the model's forecast of the pairs: events and states with probabilities."""
     calculus: str = "c1"
@@ -103,7 +102,7 @@ def run(options: Options) -> None:
     print(f"\n{counts.sum()} observed pair-steps of {windows.scenes} windows:")
     print(format_shares(counts))
 
-    from neurosym_jax.plotting import animate_forecast, plot_pairs, plot_states, save_figure
+    from neurosym_jax.plotting import plot_pairs, plot_states, save_figure
 
     table = weighting.state_weights()
     learned = None if table is None else parameters.get("table")
@@ -114,14 +113,6 @@ def run(options: Options) -> None:
             "states": plot_states(counts, table, learned, f"{name}, {weighting.name}"),
         }.items()
     ]
-    if model is not None:
-        seen = slice(model.config.obs_len)
-        forecast = predict(model, pairs.position[:, seen])
-        words = f"{title}: forecast of {model.name}; lines: {weighting.name}"
-        path = options.out / "forecast.gif"
-        alpha = pairs.alpha[..., seen]
-        animate_forecast(path, pairs.position, forecast, alpha, words, windows.period)
-        written.append(path)
     print("\n" + "\n".join(map(str, written)))
 
 

@@ -1,4 +1,3 @@
-from .animation import animate_forecast as animate_forecast
 from .forecasts import plot_fan as plot_fan
 from .forecasts import plot_forecasts as plot_forecasts
 from .forest import plot_forest as plot_forest

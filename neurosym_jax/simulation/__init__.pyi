@@ -1,5 +1,4 @@
 from .scenarios import Scenario as Scenario
-from .scenarios import ground_truth as ground_truth
 from .scenarios import simulate as simulate
 from .scenarios import synthetic_tracks as synthetic_tracks
 from .tracker import TrackerFaults as TrackerFaults

@@ -24,7 +24,6 @@ from neurosym_jax.simulation.tracker import TrackerFaults, track
 __all__ = [
     "ROOM",
     "Scenario",
-    "ground_truth",
     "simulate",
     "simulate_labelled",
     "synthetic_tracks",
@@ -62,7 +61,7 @@ def simulate(
             `duration`, `people` or `rate` gives another walk.
         duration: seconds.
         people: number of people.
-        faults: of the tracker; None is `TrackerFaults()`.
+        faults: of the tracker; None is `TrackerFaults()`. Without noise positions are exact.
         rate: frames per second.
 
     Returns:
@@ -90,26 +89,8 @@ def simulate_labelled(
     path, stamp = _walk(scenario, seed, duration, people, rate)
     keys = _key(seed, 1), _key(seed, 2)
     frame, person, ids, position = track(path, faults or TrackerFaults(), rate, *keys)
-    tracks = make_tracks(_name(scenario, seed), stamp[frame], ids, position)
+    tracks = make_tracks(f"synthetic/{scenario}/{seed}", stamp[frame], ids, position)
     return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
-
-
-def ground_truth(
-    scenario: Scenario,
-    seed: int = 0,
-    duration: float = 120.0,
-    people: int = 2,
-    rate: float = 10.0,
-) -> Tracks:
-    """The walk behind `simulate` with the same arguments: no faults, ids 0 .. people - 1."""
-    path, stamp = _walk(scenario, seed, duration, people, rate)
-    ids = np.repeat(np.arange(people), len(stamp))
-    position = path.transpose(1, 0, 2).reshape(-1, 2)
-    return make_tracks(_name(scenario, seed), np.tile(stamp, people), ids, position)
-
-
-def _name(scenario: str, seed: int) -> str:
-    return f"synthetic/{scenario}/{seed}"
 
 
 def _walk(

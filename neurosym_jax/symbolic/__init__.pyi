@@ -15,7 +15,6 @@ from .forecast import symbolic_forecast as symbolic_forecast
 from .shuffled import Shuffled as Shuffled
 from .soft import soft_alpha as soft_alpha
 from .soft import soft_symbols as soft_symbols
-from .soft import state_probabilities as state_probabilities
 from .soft_weightings import Quantised as Quantised
 from .soft_weightings import Soft as Soft
 from .state_weightings import Cnd as Cnd

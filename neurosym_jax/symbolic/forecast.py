@@ -2,15 +2,14 @@
 
 Every sample is a joint future of the scene, so in each of them a pair is in one state at each step,
 and an event happens or not. The share of samples is smoothed, because an event that happens in none
-of k samples is not impossible: of C classes with prior shares b (uniform unless given) the one
-counted n times gets
+of k samples is not impossible: of C classes the one counted n times gets
 
-    p = (n + w b) / (k + w)
+    p = (n + w / C) / (k + w)
 
-the mean of a Dirichlet distribution with the prior weight w: as if w more samples had been seen
-that are distributed as b. The default w = 1 with uniform b is Perks' prior (1947, "Some
-observations on inverse probability including a new indifference rule"), and for an event, which has
-two classes, Jeffreys'. `evaluation.symbol_scores` scores the probabilities.
+the mean of a Dirichlet distribution with a uniform prior of weight w: as if w more samples had been
+seen. The default w = 1 is Perks' prior (1947, "Some observations on inverse probability including a
+new indifference rule"), and for an event, which has two classes, Jeffreys'.
+`evaluation.symbol_scores` scores the probabilities.
 """
 
 import functools
@@ -23,7 +22,6 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import from_json
-from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.events import events_named
@@ -64,7 +62,6 @@ def symbolic_forecast(
     *,
     pairs: ArrayLike | None = None,
     valid: ArrayLike | None = None,
-    prior: ArrayLike | None = None,
     **settings: Any,
 ) -> SymbolicForecast:
     """Probabilities of the states and symbols of pairs at every future step.
@@ -75,7 +72,6 @@ def symbolic_forecast(
         pairs: [P, 2] ordered pairs; None for all N^2, which takes 4 N^2 T (2 S + 5 k) bytes: with
             20 samples of 8 steps in QTC_C1 21 MB for 50 people and 2.1 GB for 500.
         valid: [N] bool, False for padding; pairs with padding, or of an agent with itself, get 0.
-        prior: [S] shares of the states for smoothing; None is uniform.
         **settings: see `SymbolSettings`.
 
     Returns:
@@ -93,10 +89,7 @@ def symbolic_forecast(
         4.0 * others.size * futures.samples.shape[2] * (2 * size + 5 * len(futures.samples)),
         "name fewer pairs",
     )
-    shares = jnp.full(size, 1 / size) if prior is None else jnp.asarray(prior, jnp.float32)
-    if shares.shape != (size,):
-        raise InputError(f"prior must be [{size}], not {list(shares.shape)}")
-    return _forecast(how, futures, others, shares)
+    return _forecast(how, futures, others)
 
 
 def symbolic_events(
@@ -148,19 +141,17 @@ def _settings(given: dict[str, Any]) -> SymbolSettings:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _forecast(
-    how: SymbolSettings, futures: Futures, others: Array, prior: Array
-) -> SymbolicForecast:
-    rows = pair_states_of(how, futures)
-    count, size = rows[0].size, len(prior)
+def _forecast(how: SymbolSettings, futures: Futures, others: Array) -> SymbolicForecast:
+    rows, table = pair_states_of(how, futures), symbol_table(how.calculus)
+    count, size = rows[0].size, len(table)
     first = size * jnp.arange(count).reshape(1, *rows.shape[1:])
     # A state that its calculus does not list falls beyond the end, and is not counted.
     place = jnp.where(rows < 0, count * size, first + rows)
-    counts = jnp.zeros(count * size, prior.dtype).at[place.ravel()].add(1, mode="drop")
-    seen = counts.reshape(count, size) + how.smoothing * prior[None]
+    counts = jnp.zeros(count * size).at[place.ravel()].add(1, mode="drop")
+    seen = counts.reshape(count, size) + how.smoothing * (1 / size)
     shares = (seen / (len(rows) + how.smoothing)).reshape(*rows.shape[1:], size)
     states = jnp.where(others[..., None, None], shares, 0)
-    return SymbolicForecast(states, jnp.tensordot(states, symbol_table(how.calculus), 1))
+    return SymbolicForecast(states, jnp.tensordot(states, table, 1))
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))

@@ -1,4 +1,4 @@
-"""Differentiable QTC: the probability of each symbol and state, and the expected alpha.
+"""Differentiable QTC_C1: the probability of each symbol, and the expected alpha.
 
 A hard symbol (`qtc`) compares a margin d, metres that a step leads away from the other agent or to
 the right of the line to it, with a threshold q. A soft one blurs the comparison by a logistic error
@@ -13,29 +13,25 @@ so that nothing jumps where two agents meet. Norms have gradient 0 where they ar
 gradients are finite everywhere, and outside of that distance each symbol is the hard one wherever
 its margin lies ten temperatures from the threshold (probability > 0.9999).
 
-The relative speed q5 has the difference of the steps' lengths as its margin; q6 and QTC_BC, which
-compare angles and distances, have no soft form. Symbols are taken as independent.
+Symbols are taken as independent.
 """
 
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.calculi import CALCULI, Calculus, observe
+from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.qtc import Convention, side_factor, ways
 
-__all__ = ["soft_alpha", "soft_symbols", "state_probabilities"]
+__all__ = ["soft_alpha", "soft_symbols"]
 
 
 def soft_symbols(
     k: ArrayLike,
     l: ArrayLike,
-    calculus: str = "c1",
     *,
     temperature: ArrayLike,
     quantisation_factor: ArrayLike = 0.0,
@@ -43,12 +39,11 @@ def soft_symbols(
     convention: Convention = "distance",
     straight_through: bool = False,
 ) -> Array:
-    """Probabilities of the symbols of the pair (k, l), differentiable in every array.
+    """Probabilities of the QTC_C1 symbols of the pair (k, l), differentiable in every array.
 
     Args:
         k: [..., T, 2] positions in metres.
         l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
-        calculus: `b1`, `b2`, `b12_1d`, `c1` or `c2`.
         temperature: metres per step, > 0.
         quantisation_factor: see `qtc.Thresholds`.
         side_quantisation_factor: see `qtc.Thresholds`.
@@ -56,61 +51,25 @@ def soft_symbols(
         straight_through: give the hard symbols probability 1, with the gradients of the soft ones.
 
     Returns:
-        [..., T-1, m, 3] probabilities of (-, 0, +) for each symbol.
-
-    Raises:
-        InputError: for an unknown calculus, or one with other symbols than q1 to q5.
+        [..., T-1, 4, 3] probabilities of (-, 0, +) for each symbol.
     """
-    names = _refuse_hard(calculus).symbols
-    sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    pair, probabilities = ways(k, l), {}
-    for place, way in enumerate(pair):
+    of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
+    approaches, sides = [], []
+    for way in ways(k, l):
         approach = _approach(*way, temperature, convention)
-        probabilities[f"q{place + 1}"] = _probabilities(approach, quantisation_factor, temperature)
-        if f"q{place + 3}" in names:
-            side = _probabilities(_side(*way, temperature), sides, temperature)
-            if convention == "as_published":  # Its sides are never -: what would be is +.
-                folded = [jnp.zeros_like(side[..., 0]), side[..., 1], side[..., 0] + side[..., 2]]
-                side = jnp.stack(folded, axis=-1)
-            probabilities[f"q{place + 3}"] = side
-    if "q5" in names:
-        of_k, of_l = (_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in pair)
-        probabilities["q5"] = _probabilities(of_k - of_l, quantisation_factor, temperature)
-    soft = jnp.stack([probabilities[name] for name in names], axis=-2)
+        approaches.append(_probabilities(approach, quantisation_factor, temperature))
+        side = _probabilities(_side(*way, temperature), of_sides, temperature)
+        if convention == "as_published":  # Its sides are never -: what would be is +.
+            folded = [jnp.zeros_like(side[..., 0]), side[..., 1], side[..., 0] + side[..., 2]]
+            side = jnp.stack(folded, axis=-1)
+        sides.append(side)
+    soft = jnp.stack(approaches + sides, axis=-2)
     if not straight_through:
         return soft
     thresholds: dict[str, Any] = {"quantisation_factor": quantisation_factor}
     thresholds["side_quantisation_factor"] = side_quantisation_factor
-    hard = observe(k, l, calculus, convention=convention, **thresholds)
+    hard = observe(k, l, convention=convention, **thresholds)
     return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
-
-
-def state_probabilities(probabilities: ArrayLike, calculus: str = "c1") -> Array:
-    """Probability of each state if the symbols are independent, but for those that others imply.
-
-    In a state in which k stands, for example, q5 follows from q1 to q4, as in the hard calculus.
-
-    Args:
-        probabilities: [..., m, 3] of (-, 0, +) for each symbol, see `soft_symbols`.
-        calculus: as of `soft_symbols`.
-
-    Returns:
-        [..., S] in the order of the calculus's `states`, adding up to 1.
-
-    Raises:
-        InputError: for an unknown calculus, or one without a soft form.
-    """
-    probabilities = jnp.asarray(probabilities)
-    states = _refuse_hard(calculus).states.astype(int)
-    joint = jnp.ones((), probabilities.dtype)
-    alike = np.ones((len(states), len(states)), bool)
-    for symbol, of_states in enumerate(states.T):
-        equal = of_states[:, None] == of_states
-        # A symbol is implied where no state with the same symbols before it has another value.
-        implied = ~(alike & ~equal).any(axis=1)
-        joint = joint * jnp.where(implied, 1, probabilities[..., symbol, of_states + 1])
-        alike &= equal
-    return joint
 
 
 def soft_alpha(
@@ -139,16 +98,6 @@ def soft_alpha(
     approaches, sides = _both(q1, q2), _both(q3, q4)
     weights = jnp.asarray(table, probabilities.dtype).reshape(9, 9)
     return (approaches @ weights * sides).sum(axis=-1)
-
-
-def _refuse_hard(calculus: str) -> Calculus:
-    value = CALCULI[calculus]
-    if value.optional or not set(value.symbols) <= {"q1", "q2", "q3", "q4", "q5"}:
-        raise InputError(
-            f"the calculus {calculus!r} has no soft form: it has {', '.join(value.symbols)}"
-            + (", which can be absent" if value.optional else "")
-        )
-    return value
 
 
 def _both(first: Array, second: Array) -> Array:

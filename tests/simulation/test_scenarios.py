@@ -6,20 +6,20 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import (
-    ROOM,
-    ground_truth,
-    simulate,
-    synthetic_tracks,
-)
+from neurosym_jax.simulation.scenarios import ROOM, simulate, synthetic_tracks
+from neurosym_jax.simulation.tracker import TrackerFaults
 
 SCENARIOS = ["all-forward", "cross-path"]
 SEEDS = range(4)
 
 
+def exact(scenario, seed=0, **options):
+    return simulate(scenario, seed, faults=TrackerFaults(noise=0.0), **options)
+
+
 def paths(scenario, seed, people=2):
     """[P, F, 2] true positions at 10 Hz."""
-    return ground_truth(scenario, seed, people=people).position.reshape(people, -1, 2)
+    return exact(scenario, seed, people=people).position.reshape(people, -1, 2)
 
 
 def closest(path):
@@ -92,9 +92,9 @@ def test_a_seed_is_a_walk(scenario):
 
 
 def test_a_seed_is_the_same_walk_under_x64():
-    single = ground_truth("all-forward", 3)
+    single = exact("all-forward", 3)
     with jax.enable_x64(True):
-        double = ground_truth("all-forward", 3)
+        double = exact("all-forward", 3)
     # Ten seconds, in which rounding has no time to grow.
     early = single.stamp < 10
     np.testing.assert_allclose(double.position[early], single.position[early], atol=1e-3)
@@ -110,7 +110,7 @@ def test_synthetic_tracks_stand_on_the_grid():
 
 
 def test_other_rates_keep_their_clock():
-    tracks = ground_truth("all-forward", duration=4.0, people=1, rate=25.0)
+    tracks = exact("all-forward", duration=4.0, people=1, rate=25.0)
     assert_array_equal(tracks.stamp, np.arange(101) / 25)
     assert_array_equal(tracks.id, 0)
 

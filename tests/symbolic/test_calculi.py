@@ -20,7 +20,6 @@ from neurosym_jax.symbolic.calculi import (
     state_index,
 )
 from neurosym_jax.symbolic.cnd import adjacency
-from neurosym_jax.symbolic.soft import soft_symbols, state_probabilities
 from neurosym_jax.symbolic.states import ABSENT, collapse, converse, format_state, validate
 from tests.symbolic import literal
 
@@ -150,40 +149,6 @@ def test_a_diagram_of_pairs_near_and_apart(calculus, count, edges):
     assert (len(rows), table.sum()) == (count, 2 * edges)
 
 
-@pytest.mark.usefixtures("double")
-def test_soft_states_become_the_observed_ones():
-    draw = np.random.default_rng(1)
-    k, l = draw.normal(size=(2, 60, 5, 2)).cumsum(axis=2)
-    k[:10, 1:] = k[:10, :1]  # Some stand.
-    given = {"quantisation_factor": 0.3, "side_quantisation_factor": 0.3}
-    for calculus in ("b1", "b2", "c1", "c2"):
-        soft = jax.jit(lambda k, l, c=calculus: soft_symbols(k, l, c, temperature=1e-4, **given))
-        probable = np.asarray(jax.jit(state_probabilities, static_argnums=1)(soft(k, l), calculus))
-        np.testing.assert_allclose(probable.sum(axis=-1), 1, atol=1e-9)
-        rows = np.asarray(state_index(calculus, seen(calculus, k, l, "distance", **given)))
-        certain = np.take_along_axis(probable, rows[..., None], axis=-1)
-        assert (certain > 0.99).mean() > 0.98
-
-    @jax.jit
-    @jax.grad
-    def total(k):
-        return soft_symbols(k, l, "c2", temperature=0.1, quantisation_factor=0.1)[..., 0].sum()
-
-    gradient = total(k)
-    assert np.isfinite(gradient).all()
-    assert np.abs(gradient).max() > 0.1
-
-
-def test_soft_states_are_the_products_of_their_symbols():
-    draw = np.random.default_rng(0).dirichlet([1.0] * 3, (4, 5))
-    probable = np.asarray(state_probabilities(draw, "c2"))
-    np.testing.assert_allclose(probable.sum(axis=-1), 1, rtol=1e-6)
-    for state, value in zip(CALCULI["c2"].states, probable.T):
-        stands = state[0] == state[2] == 0 or state[1] == state[3] == 0
-        of_symbols = [draw[:, i, q + 1] for i, q in enumerate(state[: 4 if stands else 5])]
-        np.testing.assert_allclose(value, np.prod(of_symbols, axis=0), rtol=1e-5)
-
-
 @mock.patch.dict(CALCULI)
 def test_a_registered_calculus_has_states_and_a_diagram():
     def nearer(k, l, convention, thresholds):
@@ -206,8 +171,6 @@ PAIR = np.zeros((2, 2)), np.zeros((2, 2))
         (lambda: observe(*PAIR, "c3"), r"unknown calculus 'c3': .*there are b1, b2"),
         (lambda: observe(*PAIR, "bc1", far=2.0), "unknown threshold 'far': there are quantis"),
         (lambda: observe(*PAIR, "bc2", convention="lines"), "unknown QTC convention 'lines'"),
-        (lambda: soft_symbols(*PAIR, "bc1", temperature=0.1), "'bc1' has no soft form"),
-        (lambda: soft_symbols(*PAIR, "c2_angle", temperature=0.1), "'c2_angle' has no soft form"),
         (lambda: adjacency("c1", "any"), r"'any'.*dominance, continuity"),
         (lambda: format_state(np.array([10, 10])), "10 is not a QTC symbol"),
     ],

@@ -149,7 +149,6 @@ def test_a_registered_event_is_forecast_like_the_others():
         ({"calculus": "z9"}, "unknown calculus 'z9'"),
         ({"speed": -1.0}, "speed must"),
         ({"sped": 1.0}, "unknown field 'sped'"),
-        ({"prior": np.ones(3)}, r"prior must be \[81\]"),
         ({"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),
     ],
 )
