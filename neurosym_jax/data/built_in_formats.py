@@ -46,7 +46,7 @@ class Obsmat(Format):
         """Eight numbers a row, of which z and vz are zero and the others agree."""
         if head.columns != 8 or head.rows[:, [3, 6]].any():
             return False
-        return _mismatch(head.rows, head.rows[:, [2, 4]], head.rows[:, [5, 7]]) < 0.5
+        return _mismatch(head.rows, head.rows[:, [2, 4]], head.rows[:, [5, 7]], True) < 0.5
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         from neurosym_jax.data.readers.eth_ucy import read_obsmat
@@ -150,16 +150,18 @@ class Columns(Format):
         return [read_columns(path, options, period)]
 
 
-def _mismatch(rows: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> float:
+def _mismatch(
+    rows: np.ndarray, position: np.ndarray, velocity: np.ndarray, numbered: bool = False
+) -> float:
     """How much velocities differ from the moves between rows, as a share of these.
 
-    The unit of time is taken as it fits best. A velocity may be that of the step to its row, from
-    its row, or the mean of both.
+    A velocity may be that of the step to its row, from its row, or the mean of both.
 
     Args:
         rows: [R, columns], time and id first.
         position: [R, 2].
         velocity: [R, 2].
+        numbered: whether times are frame numbers; their unit is then taken as it fits best.
     """
     before, after = consecutive(rows[:, 0], rows[:, 1])
     time = rows[after, 0] - rows[before, 0]
@@ -168,7 +170,7 @@ def _mismatch(rows: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> f
     moved = (position[after] - position[before]) / time
     errors = [np.inf]
     for said in (velocity[before], velocity[after], (velocity[before] + velocity[after]) / 2):
-        scale = np.vdot(moved, said) / max(float(np.vdot(said, said)), 1e-12)
+        scale = np.vdot(moved, said) / max(float(np.vdot(said, said)), 1e-12) if numbered else 1.0
         if scale > 0:
             errors.append(np.abs(moved - scale * said).sum() / np.abs(moved).sum())
     return float(min(errors))

@@ -6,7 +6,7 @@ A format is told by how a file begins. A plugin adds a format with `register_for
 import dataclasses
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar
 
@@ -167,10 +167,9 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
         InputWarning: of a table that is left out because it has no columns of tracks.
     """
     try:
-        paths = sorted(path for path in folder.iterdir() if _may_be_read(path))
+        paths = _recordings(folder, folder.iterdir())
     except OSError as error:
         raise InputError(f"{folder}: no such file or folder ({error.strerror})") from None
-    _refuse_none(folder, paths)
     if options.columns or options.format:
         return paths
     others = [path for path in paths if owner_of(path) is None and _lacks_tracks(path)]
@@ -187,20 +186,14 @@ def files_below(folder: Path) -> list[Path]:
     Raises:
         InputError: if there is none.
     """
-    paths = sorted(
-        path for path in folder.rglob("*") if _may_be_read(path) and not owner_of(path.parent)
-    )
-    _refuse_none(folder, paths)
-    return paths
+    return _recordings(folder, (path for path in folder.rglob("*") if not owner_of(path.parent)))
 
 
-def _refuse_none(folder: Path, paths: list[Path]) -> None:
-    if not paths:
+def _recordings(folder: Path, paths: Iterable[Path]) -> list[Path]:
+    found = sorted(path for path in paths if path.suffix.lower() in SUFFIXES or owner_of(path))
+    if not found:
         raise InputError(f"{folder}: no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file in it")
-
-
-def _may_be_read(path: Path) -> bool:
-    return path.suffix.lower() in SUFFIXES or owner_of(path) is not None
+    return found
 
 
 def _lacks_tracks(path: Path) -> bool:

@@ -32,7 +32,7 @@ def decode_json(text: str) -> Any:
 
 
 def read_json_table(path: Path) -> tuple[list[str], list[list[str | None]]]:
-    """Names of the columns and the rows of a table: a list of objects, lists by name, or lines.
+    """Names of the columns and the rows of a table: an object a line, or a list of objects.
 
     Values that are null, a list or an object become None.
 
@@ -41,42 +41,21 @@ def read_json_table(path: Path) -> tuple[list[str], list[list[str | None]]]:
     """
     lines = (line for line in read_lines(path) if line.strip())
     try:
-        table = decode_json(next(lines))
+        rows: Any = decode_json(next(lines))
     except ValueError:
-        table = None
-    if isinstance(table, dict) and not _of_lists(table):
-        return _rows(path, chain([table], _decoded(path, lines)))
-    if table is None or next(lines, None) is not None:
+        rows = None
+    if isinstance(rows, dict):
+        rows = chain([rows], _decoded(path, lines))
+    else:
         if refuse_irregular(path) > _WHOLE:
             raise InputError(f"{path}: more than {_WHOLE:,} bytes: write a JSON object a line")
         try:
-            table = decode_json("".join(read_lines(path)))
+            rows = decode_json("".join(read_lines(path)))
         except ValueError as error:
             reason = str(error)[:80]
             raise InputError(f"{path}: neither JSON nor a JSON object a line ({reason})") from None
-    if isinstance(table, dict) and _of_lists(table):
-        if len({len(column) for column in table.values()}) > 1:
-            raise InputError(f"{path}: its lists are of different lengths")
-        return list(table), [list(map(json_text, row)) for row in zip(*table.values())]
-    rows = [table] if isinstance(table, dict) else table
-    if not isinstance(rows, list) or not rows or not isinstance(rows[0], dict):
-        raise InputError(f"{path}: a table in JSON is a list of objects or an object of lists")
-    return _rows(path, rows)
-
-
-def _of_lists(table: dict[str, Any]) -> bool:
-    return all(isinstance(column, list) for column in table.values())
-
-
-def _decoded(path: Path, lines: Iterable[str]) -> Iterator[Any]:
-    for row, line in enumerate(lines, 2):
-        try:
-            yield decode_json(line)
-        except ValueError as error:
-            raise InputError(f"{path}: row {row}: not JSON ({str(error)[:80]})") from None
-
-
-def _rows(path: Path, rows: Iterable[Any]) -> tuple[list[str], list[list[str | None]]]:
+        if not isinstance(rows, list) or not rows:
+            raise InputError(f"{path}: a table in JSON is a list of objects, or an object a line")
     names: list[str] = []
     found: list[list[str | None]] = []
     for at, row in enumerate(rows, 1):
@@ -85,6 +64,14 @@ def _rows(path: Path, rows: Iterable[Any]) -> tuple[list[str], list[list[str | N
             raise InputError(f"{path}: row {at}: not an object with the keys of row 1")
         found.append([json_text(row[name]) for name in names])
     return names, found
+
+
+def _decoded(path: Path, lines: Iterable[str]) -> Iterator[Any]:
+    for row, line in enumerate(lines, 2):
+        try:
+            yield decode_json(line)
+        except ValueError as error:
+            raise InputError(f"{path}: row {row}: not JSON ({str(error)[:80]})") from None
 
 
 def json_text(value: Any) -> str | None:

@@ -140,7 +140,7 @@ def read_table(path: Path, names: Sequence[str] | None = None) -> Table:
     """The table in a file.
 
     Args:
-        path: delimited text, JSON (a list of objects, an object of lists, or an object a line),
+        path: delimited text, JSON (a list of objects, or an object a line),
             Parquet or Arrow; text and JSON may be compressed with gzip.
         names: of the columns of delimited numbers that have no header; default: the file says.
 

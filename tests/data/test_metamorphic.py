@@ -41,6 +41,7 @@ class Walk:
     def __init__(self, seed: int, people: int = 3, steps: int = 18):
         rng = np.random.default_rng(seed)
         angle, pace = rng.uniform(-3, 3, people), rng.uniform(0.8, 1.6, people)
+        angle[0] = 1.5  # Where all headings are small, speed and heading are much like vx and vy.
         velocity = pace[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         start = rng.uniform(-8, 8, (people, 2))
         rows = []

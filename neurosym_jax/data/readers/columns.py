@@ -4,7 +4,6 @@ The time is a number, ISO 8601, or a frame number as in `eth_ucy.read_text`; ids
 names of the columns may give their units (`t_ms`, `x [mm]`).
 """
 
-import dataclasses
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -20,7 +19,7 @@ from neurosym_jax.data.tables import Table, read_table
 from neurosym_jax.data.tracks import LATE, PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["Columns", "names_tracks", "parse_columns", "read_columns"]
+__all__ = ["names_tracks", "parse_columns", "read_columns"]
 
 _USUAL = {
     "time": ("", "time", "t", "timestamp", "stamp", "ts", "datetime"),
@@ -44,37 +43,20 @@ _SUFFIX = re.compile(rf"(?:^|[ _.\[(-]+)({'|'.join([*_SECONDS, *METRES])})[\])]?
 _ISO = r"^\d{4}-?\d\d"
 
 
-@dataclasses.dataclass(frozen=True)
-class Columns:
-    """Columns of a table by name or number (from 1); empty for the usual names."""
-
-    time: str = ""
-    """Seconds, or the unit in the name or in `ReadOptions.time_unit`, or ISO 8601."""
-    frame: str = ""
-    """Frame numbers, instead of a time."""
-    id: str = ""
-    """Ids of people: numbers or texts."""
-    x: str = ""
-    y: str = ""
-    extras: dict[str, str] = dataclasses.field(default_factory=dict)
-    """name: column that is kept as an extra."""
-
-
-def parse_columns(pairs: Sequence[str]) -> Columns:
-    """Columns from `time=t id=person x=px y=py`, and extras of any other name.
+def parse_columns(pairs: Sequence[str]) -> dict[str, str]:
+    """Name or number (from 1) of the column of time (or frame), id, x, y and extras.
 
     Raises:
-        InputError: for anything else.
+        InputError: for anything but `time=t id=person x=px y=py`, and extras as `group=g`.
     """
-    usual: dict[str, str] = {}
-    extras: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for pair in pairs:
         key, _, name = pair.partition("=")
-        if not key.isidentifier() or not name or key in usual or key in extras:
+        if not key.isidentifier() or not name or key in columns:
             known = "=.. ".join(_USUAL)
             raise InputError(f"{pair}: columns are given as {known}=.. (or EXTRA=..), each once")
-        (usual if key in _USUAL else extras)[key] = name
-    return Columns(**usual, extras=extras)
+        columns[key] = name
+    return columns
 
 
 def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
@@ -91,14 +73,17 @@ def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = 
     """
     columns = parse_columns(options.columns)
     table = read_table(path)
-    who, x, y = (_find(table, key, getattr(columns, key)) for key in ("id", "x", "y"))
-    extras = {name: _find(table, name, given) for name, given in columns.extras.items()}
-    has_time = columns.time or any(_is_usual("time", name) for name in table.names)
-    numbered = bool(columns.frame and not columns.time) or not has_time
-    key = "frame" if numbered else "time"
-    clock = _find(table, key, getattr(columns, key))
-    if len({who, x, y, clock}) < 4:
-        raise InputError(f"{path}: time, id, x and y are four columns, not {columns}")
+    has_time = "time" in columns or any(_is_usual("time", name) for name in table.names)
+    numbered = not has_time or ("frame" in columns and "time" not in columns)
+    keys = ["id", "x", "y", "frame" if numbered else "time"]
+    who, x, y, clock = (_find(table, key, columns.get(key, "")) for key in keys)
+    if len({clock, who, x, y}) < 4:
+        raise InputError(f"{path}: {', '.join(keys)} are four columns")
+    extras = {
+        name: table.extra(_find(table, name, given))
+        for name, given in columns.items()
+        if name not in _USUAL
+    }
     stride = options.stride_of(path, period)
     metres = _metres(path, [table.names[x], table.names[y]], options)
     guessed = None
@@ -111,14 +96,8 @@ def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = 
         time, guessed = frame / step * period, step if stride is None else None
     else:
         time = _seconds(table, clock, options, stride)
-    return assemble(
-        path,
-        time,
-        table.ids(who),
-        table.numbers(x, y) * metres,
-        {name: table.extra(place) for name, place in extras.items()},
-        frame_step=guessed,
-    )
+    position = table.numbers(x, y) * metres
+    return assemble(path, time, table.ids(who), position, extras, frame_step=guessed)
 
 
 def names_tracks(names: Sequence[str]) -> bool:
