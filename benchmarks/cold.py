@@ -60,7 +60,7 @@ def _process(command: list[str], cache: str) -> tuple[float, float]:
         stdout=subprocess.DEVNULL,
     )
     peak = 0.0
-    # Nothing is told of a process that has ended, and its peak is reached before that.
+    # The system keeps no figures of an ended process; its peak is reached before the end.
     while os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
         peak = max(peak, _peak_so_far(process.pid))
         time.sleep(0.01)

@@ -1,4 +1,4 @@
-"""Latency of an online forecast: from a frame's arrival to everybody's 20 futures.
+"""Latency of an online forecast: from a frame's arrival to 20 futures of all people.
 
 Ten frames a second of people walking at random through a square, as fast as they can be pushed; the
 models that ship for zara1 at 8 + 8, each alone. Measured is `Forecast.latency`: window, forecast,

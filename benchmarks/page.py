@@ -76,7 +76,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 
 def _ratio(value: float, theirs: dict[str, Any], ours: dict[str, Any]) -> str:
-    """Of the medians; their fastest round over our slowest, and their slowest over our fastest."""
+    """Ratio of the medians and its range, from the extreme rounds of both."""
     if theirs is ours:
         return "1"
     low, high = theirs["low"] / ours["high"], theirs["high"] / ours["low"]

@@ -23,7 +23,7 @@ class TorchForecaster:
 
     @classmethod
     def of(cls, checkpoint: dict[str, Any]) -> "TorchForecaster":
-        """Of what `torch.load` gives of a published checkpoint."""
+        """Build the network from a published checkpoint as `torch.load` returns it."""
         pooling = checkpoint["args"]["pooling_type"] == "pool_net"
         generator = Generator(checkpoint["args"]["pred_len"], pooling)
         generator.load_original(checkpoint["g_state"])

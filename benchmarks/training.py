@@ -1,6 +1,6 @@
 """A training iteration of recipe `sgan`, a discriminator and a generator step: ours and torch's.
 
-Everybody trains on the same 64 scenes of zara1's training split (about 780 agents), best of 20,
+All train on the same 64 scenes of zara1's training split (about 780 agents), best of 20,
 8 + 8 steps, with the published sizes. The opponents are `torch_peer` and, with `--reference`, the
 original code, whose own step functions and networks are run on the CPU.
 """
@@ -37,7 +37,7 @@ def measure(options: Any) -> dict[str, Any]:
 
 
 def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
-    """Of one network's step."""
+    """Return the work of one network's step."""
     from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 
     config, scores = GeneratorConfig(), DiscriminatorConfig()

@@ -1,7 +1,7 @@
 """Evaluation of SGAN's 20 published checkpoints, best of 20: ours, torch as it can be, and theirs.
 
 Of the contestants, data and checkpoints are read before the clock starts; what is timed is
-forecasting and errors, without collisions. Everybody reports the mean of the 20 joint ADEs, which
+forecasting and errors, without collisions. All report the mean of the 20 joint ADEs, which
 differ by their random numbers. Beside them is the user's command, a whole process: `evaluate.py`
 from its start to its report, baselines included and figures not, with collisions and with
 `--no-collisions`; its programs are in the cache.

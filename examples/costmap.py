@@ -1,4 +1,4 @@
-"""People's forecasts as a costmap: how probable it is that somebody will be in a cell.
+"""People's forecasts as a costmap: the probability that a person will be in a cell.
 
 python examples/costmap.py FORECASTS.bag COSTMAP.bag    of a bag that `neurosym replay --out` wrote
 python examples/costmap.py ros1|ros2 [SAMPLES-TOPIC]    on a robot, beside its node

@@ -1,4 +1,4 @@
-"""Swap in a weighting of one's own: whoever is near matters, and how near is learned.
+"""Swap in a weighting of your own: near people matter more, and the distance is learned.
 
     python examples/own_weighting.py
 

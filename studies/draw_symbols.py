@@ -67,7 +67,7 @@ def draw_events(path: Path) -> None:
             spine.set_color("#CCCCCC")
     panels[-1].axis("off")
     told = "Big dots: where they were seen last.\nSmall ones: each 0.4 s after.\n\n"
-    told += "Rings: where they are when the\nevent is told, at the time beside\nits name."
+    told += "Rings: where they are when the\nevent happens, at the time beside\nits name."
     panels[-1].text(0, 0.9, told, fontsize=11.5, color=INK, va="top")
     figure.savefig(path)
 
@@ -150,7 +150,7 @@ def state(k1: np.ndarray, l1: np.ndarray, convention: Convention) -> list[str]:
 
 
 def step(axes: Axes, start: np.ndarray, end: np.ndarray, colour: str) -> None:
-    """An arrow from where somebody is to where they go."""
+    """Draw an arrow from a position to the next."""
     look = {"arrowstyle": "-|>,head_length=0.5,head_width=0.22", "color": colour, "linewidth": 2}
     gaps = {"shrinkA": 7, "shrinkB": 0}
     tip, tail = (end[0], end[1]), (start[0], start[1])

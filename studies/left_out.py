@@ -1,4 +1,4 @@
-"""Which recipe is best in places that nobody has seen, judged for every scene by the other four.
+"""Which recipe is best in unseen places, judged for every scene by the other four.
 
 python -m studies.left_out DATA OUT RECIPE [RECIPE ...] [--seeds N] [--steps N] \\
     [--pairs eth+hotel ...] [--more FOLDER] > docs/left_out.md
@@ -45,13 +45,13 @@ class Study:
     data: Path
     """ETH/UCY as SGAN has it: `train`, `val` and `all`."""
     out: Path
-    """Of the runs and the evaluations."""
+    """Folder of the runs and the evaluations."""
     recipes: tuple[str, ...]
     steps: int
     seeds: tuple[int, ...]
     pairs: tuple[tuple[str, ...], ...] = tuple(itertools.combinations(SCENES, 2))
     more: Path = Path()
-    """Of recordings that some recipes learn from besides."""
+    """Folder of the additional recordings that some recipes learn from."""
 
     def others(self) -> dict[str, list[str]]:
         """By scene, the others that it is left out with."""
@@ -124,7 +124,7 @@ class Study:
         tested = {scene: values.mean(axis=(1, 2)) for scene, values in errors.items()}
         return "\n".join(
             [
-                "# Recipes in places that nobody has seen",
+                "# Recipes for unseen places",
                 "",
                 "Choose how to train for a place of which there is no data.",
                 "",

@@ -20,7 +20,7 @@ from studies.weighting.data import LEARNED, TESTED, read_corridor
 STANFORD = Path("datasets/TrajNet/Train/stanford")
 HERMES = Path("datasets/HERMES/Corridor-2D")
 KEPT_BACK = ("bookstore_0", "bookstore_2", "deathCircle_0", "gates_1", "hyang_5")
-"""Of Stanford; those of HERMES are in neither of its two lists."""
+"""Stanford recordings kept for later judgements; HERMES's are in neither of its two lists."""
 STANFORD_TESTED = ("coupa_3", "hyang_6", "nexus_9")
 """Nothing of the place coupa is in training; of the other two, other recordings are."""
 

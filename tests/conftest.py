@@ -77,7 +77,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item):
-    """What is absent is told in one line of the summary, however many tests skip without it."""
+    """Report a missing dependency once in the summary, however many tests it skips."""
     report = yield
     if report.when == "setup" and report.skipped and isinstance(report.longrepr, tuple):
         report.longrepr = (str(item.config.rootpath / "tests"), None, report.longrepr[2])

@@ -94,7 +94,7 @@ def test_rooms_import_what_is_left_of_them():
     assert wrong == LATER
 
 
-def test_commands_are_imported_by_nobody():
+def test_commands_are_not_imported():
     users = {file for file, names in FILES.items() for name, _ in names if ours(name) == "commands"}
     assert {file for file in users if not file.startswith("commands/")} <= {"__main__.py"}
 

@@ -38,7 +38,7 @@ STEPS = (8, 8)
 START = 1.7e9
 """Seconds, of the first message: a robot's clock counts from 1970."""
 STORAGES = (".bag", ".mcap", ".db3", ".bag")
-"""Of the four recordings; the chain is the same for all."""
+"""Formats of the four bags; the chain is the same for all."""
 
 
 def experiment(
@@ -144,7 +144,7 @@ def _forecast(
 
 
 def _mended(frames: list[Frame]) -> list[np.ndarray]:
-    """Of everybody in each frame, -1 where the stitcher waits whether it is somebody."""
+    """Return the stitched ids of each frame, -1 for a detection that is not confirmed yet."""
     stitcher = OnlineStitcher()
     given = [stitcher.push(*frame) for frame in frames]
     return [np.where(ids == NOBODY, -1, ids) for ids in given]

@@ -51,15 +51,15 @@ class Recording:
     frames: list[Frame]
     """As the tracker named people."""
     mended: list[np.ndarray]
-    """Their ids, stitched; -1 for nobody."""
+    """Stitched ids of each frame, -1 for a detection without one."""
     people: list[np.ndarray]
     """Who they truly are."""
     forecasts: list[Forecast]
     """Those that were scored."""
     summary: dict[str, Any]
-    """Of the analytics."""
+    """Summary of the analytics."""
     unstitched: dict[str, Any]
-    """Of the analytics, had nothing been stitched."""
+    """Summary of the analytics without stitching."""
     scores: dict[str, Score]
 
     @property
@@ -72,12 +72,12 @@ class Recording:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Results:
-    """Everything that a report says."""
+    """Results of all recordings, and how they were made."""
 
     seconds: float
     """Length of a recording."""
     seeds: tuple[int, ...]
-    """Of the recordings."""
+    """Seeds of the recordings."""
     samples: int
     """Futures that each model drew."""
     faults: TrackerFaults
@@ -88,7 +88,7 @@ class Results:
 
 
 def complete(forecasts: list[Forecast]) -> list[Forecast]:
-    """Those of everybody, with everybody's future known."""
+    """Return the forecasts that cover all people and whose futures are all known."""
     return [
         each
         for each in forecasts
@@ -106,10 +106,10 @@ def published(forecast: Forecast, model: str | None) -> np.ndarray:
 
 
 def score(forecasts: list[Forecast], model: str | None) -> Score:
-    """Of a model, or of constant velocity if None.
+    """Return the errors of a model, or of constant velocity if None.
 
     Raises:
-        InputError: where no forecast is of everybody.
+        InputError: if no forecast covers all people.
     """
     kept = complete(forecasts)
     if not kept:

@@ -22,13 +22,13 @@ __all__ = ["METHODS", "offline", "online", "table"]
 
 
 def offline(tracks: Tracks) -> np.ndarray:
-    """[R] ids that `stitch` gives, -1 for nobody."""
+    """[R] ids from `stitch`, -1 for rows without a person."""
     ids = stitched_ids(tracks)[0]
     return np.where(ids == NOBODY, -1, ids)
 
 
 def online(tracks: Tracks) -> np.ndarray:
-    """[R] ids that `OnlineStitcher` gives frame by frame, -1 for nobody."""
+    """[R] ids from `OnlineStitcher`, frame by frame, -1 for rows without a person."""
     stitcher, given = OnlineStitcher(), np.zeros(len(tracks.id), np.int64)
     order = np.lexsort((tracks.id, tracks.stamp))
     ids = np.concatenate([stitcher.push(*frame) for frame in frames_of_tracks(tracks)])

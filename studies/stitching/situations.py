@@ -20,7 +20,7 @@ GHOSTS = (2.0, 0.5)
 """False tracks a second, and seconds that one lasts on average."""
 
 Labelled = tuple[Tracks, np.ndarray]
-"""Tracks, and [R] the true person of each row, -1 where it is nobody."""
+"""Tracks, and [R] the true person of each row, -1 for false detections."""
 
 
 def room(seed: int, faults: TrackerFaults = FAULTS) -> Labelled:

@@ -148,7 +148,7 @@ def _short(name: str) -> str:
 
 
 def _rows(group: dict[str, Any], metrics: list[str]) -> list[list[str]]:
-    """Of each forecaster its means, the best in bold."""
+    """Return the mean scores of each forecaster, the best in bold."""
     means = group["means"]
     best = {m: min(f"{each[m]:.3f}" for each in means.values() if m in each) for m in metrics}
     rows = []

@@ -15,7 +15,7 @@ from studies.weighting.data import LEARNED, TESTED, read_corridor
 __all__ = ["CHOOSING", "TestSet", "sets_of"]
 
 CHOOSING = ("boa-300-055-095", "bot-360-090-090")
-"""Of HERMES, in place of validation scenes."""
+"""Recordings of HERMES that serve as validation scenes."""
 THOR = {
     "CLiFF-LHMP_thor1_exp-1-run-2": "thor-1",
     "CLiFF-LHMP_thor3_exp-3-run-2": "thor-3",

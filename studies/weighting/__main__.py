@@ -84,7 +84,7 @@ def read(path: Path) -> ErrorsByScene:
 
 
 def main(data: Path, out: Path, names: Sequence[str] = SETS) -> None:
-    """Train and score what is left, and write the page of what is there."""
+    """Train and score the missing runs, and write the page of all finished ones."""
     from studies.weighting.page import write
 
     enable_compilation_cache()

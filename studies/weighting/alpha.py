@@ -36,7 +36,7 @@ def spread(windows: Windows, weighting: str) -> tuple[float, float]:
 
 
 def interacting_share(windows: Windows) -> float:
-    """Of all agents of all windows, how many interact."""
+    """Return the share of agents, over all windows, who interact."""
     found = [
         (interacting(np.asarray(batch.scene.observed), valid).sum(), valid.sum())
         for batch in make_batches(windows)

@@ -34,9 +34,9 @@ class Comparison:
     """Per cent: with `wide_high` the interval over seeds and test scenes, see `paired`."""
     wide_high: float
     p: float
-    """Of no difference."""
+    """p value of no difference."""
     p_equivalent: float
-    """Of a difference of `MARGIN` or more."""
+    """p value of a difference of `MARGIN` or more."""
     reach: float
     """Per cent: the least margin that equivalence would be shown within, were there no difference,
     in nine of ten such studies."""

@@ -1,6 +1,6 @@
 """The positive control: simulated people who give way by the QTC_C1 state of the pair.
 
-Everybody walks a straight way at a pace of their own. At the last observed step they look up, and
+Each person walks straight at their own speed. At the last observed step they look up, and
 from then on give way, to the right and slower, to the nearest of those on their path, the more the
 nearer. On one's path is whose pair with one is in one of two states: both approach, and both drift
 to the same side of the floor, so that the bearing stays what it is. Who passes, follows or leaves
@@ -33,7 +33,7 @@ WOBBLE = 0.02
 
 
 def _path_table() -> np.ndarray:
-    """[81] 1 for the states of somebody on one's path, by code, else 0."""
+    """[81] by state code: 1 for a neighbour on one's path, else 0."""
     table = np.zeros(81)
     for side in (-1, 1):
         table[np.ravel_multi_index((0, 0, 1 + side, 1 - side), (3, 3, 3, 3))] = 1  # - - + -
@@ -73,7 +73,7 @@ def _giving_way(before: np.ndarray, now: np.ndarray, velocity: np.ndarray) -> np
     """Accelerations [S, N, 2], of positions [S, N, 2] a step apart and the velocities."""
     steps = np.stack([before, now], axis=2)
     states = observe(steps[:, :, None], steps[:, None])[..., 0, :]
-    # Nobody is on their own path: the state of a pair with oneself is not one of these.
+    # A person is not on their own path: the state with oneself is none of these.
     on_path = ON_ONES_PATH[np.asarray(encode_state(states))] > 0
     distance = np.linalg.norm(now[:, :, None] - now[:, None], axis=-1)
     nearest = np.where(on_path, distance, np.inf).min(axis=-1, keepdims=True)

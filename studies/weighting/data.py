@@ -23,7 +23,7 @@ from studies.weighting.control import LENGTHS, control
 __all__ = ["load"]
 
 FRAMES, METRES = 16.0, 0.01
-"""Of HERMES: frames a second, metres in its unit."""
+"""Frame rate of HERMES in 1/s, and its unit of length in metres."""
 
 LEARNED = (
     *("bo-360-075-075", "bo-360-120-120", "boa-300-050-085", "boa-300-065-105"),

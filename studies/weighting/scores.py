@@ -1,7 +1,7 @@
-"""What a trained network scores on everybody, and on those who interact.
+"""Scores of a trained network over all people, and over those who interact.
 
-Interacting is said once, of the observation alone: somebody within 2 m comes nearer, by more than
-5 cm over the last observed step of 0.4 s, which is more than the trackers' noise.
+A person interacts if, in the observation, another person within 2 m comes nearer by more than 5 cm
+over the last observed step of 0.4 s, which is more than the trackers' noise.
 """
 
 from collections import defaultdict
@@ -24,7 +24,7 @@ NEAR, NEARER = 2.0, 0.05
 """Metres to a neighbour, and that the distance has to shrink by in the last step."""
 
 JOINT = ("joint_ade", "energy_score", "joint_fde", "central_ade")
-"""Of the interacting, and of all; `excess_collisions` are a matter of everybody."""
+"""Metrics of both groups; `excess_collisions` are computed over all people only."""
 
 
 def interacting(observed: np.ndarray, valid: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ TITLES = {
     "corridors": "HERMES's corridors",
     "zara2": "ETH/UCY's zara2",
 }
-"""Of the panels."""
+"""Titles of the panels."""
 
 ANSWER = """\
 **No: on these recordings, weighing neighbours by their QTC states does not make better
@@ -18,7 +18,7 @@ run, and not told apart from the same weights given to the wrong people. The sam
 right weighting at once: simulated people who go by such symbols are forecast with 61 % less error
 by it, and in three of four trainings the network finds it by itself
 (`learned`)."""
-"""What whoever read the numbers wrote; to be read anew when they change."""
+"""Written by hand from the numbers; check it when they change."""
 
 TEXT = """# Does symbolic weighting help?
 
