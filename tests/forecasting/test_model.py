@@ -114,12 +114,6 @@ def test_batch_size(name):
         assert np.abs(forecast[0] - forecast[1]).max() > 1e-3
 
 
-@pytest.mark.parametrize("slots", [16, 64, 4096])
-def test_more_batch_sizes(slots):
-    name = "pool_net" if slots == 64 else "none"
-    assert_same(forecasts(random_model(name), cut(crowd()), slots), reference(name))
-
-
 @EACH
 def test_order_of_scenes_and_company(name):
     """Another recording before it puts every scene elsewhere in its batch."""
@@ -230,13 +224,6 @@ def test_float64():
     assert_same(found, reference(name), atol=1e-4)
 
 
-def test_one_person_alone():
-    observed = cut(crowd()).position[:1, :4]
-    forecast = predict(random_model("pool_net"), observed, samples=K)
-    assert forecast.shape == (K, 1, 4, 2)
-    assert np.isfinite(forecast).all()
-
-
 def test_seed_and_identity_act():
     observed = cut(crowd()).position[:1, :4]
     model = random_model("pool_net")
@@ -252,11 +239,29 @@ def test_seed_and_identity_act():
         (np.zeros((2, 8, 2)), "observed has 8 steps; the model observes 4"),
         (np.full((2, 4, 2), np.nan), "agent 0, step 0 is not finite"),
         (np.zeros((4, 2)), "observed must be"),
+        (np.full((2, 4, 2), 1e200), "agent 0, step 0 is more than 1e.09 m away"),
+        (np.ma.masked_equal(np.zeros((2, 4, 2)), 0), "some coordinates are masked"),
     ],
 )
 def test_predict_refuses(observed, message):
     with pytest.raises(InputError, match=message):
         predict(random_model("pool_net"), observed)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"samples": 0}, "samples must be at least 1, not 0"),
+        ({"samples": 2.5}, "samples must be a whole number, not 2.5"),
+        ({"seed": -1}, r"seed must lie in \[0, 2\*\*32\), not -1"),
+        ({"seed": 2**32}, "seed must lie in"),
+    ],
+)
+def test_numbers_that_are_refused(how, message):
+    with pytest.raises(InputError, match=message):
+        predict(random_model("pool_net"), np.zeros((2, 4, 2)), **how)
+    with pytest.raises(InputError, match=message):
+        predict_scenes(random_model("pool_net"), [np.zeros((2, 4, 2))], **how)
 
 
 @pytest.mark.slow

@@ -2,19 +2,16 @@ import dataclasses
 import json
 import shutil
 import subprocess
-from unittest import mock
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands.convert import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
-from neurosym_jax.forecasting.forecasters import FORECASTERS, register_forecaster
-from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import flat_parameters, nested_parameters
 from neurosym_jax.models.config import GeneratorConfig
@@ -62,14 +59,6 @@ def test_round_trip(saved):
     }
     assert (saved / "README.md").read_text().startswith("# SGAN, to be tested on zara1\n")
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
-
-
-@pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros", "neurosym_ijcnn"])
-def test_round_trip_of_neurosym(tmp_path, pooling):
-    model = random_model(GeneratorConfig(pooling=f"{pooling},hidden_dim=8"))
-    save_model(tmp_path / "new", model, "a card")
-    assert load_model(tmp_path / "new").config == model.config
-    assert (tmp_path / "new" / "README.md").read_text() == "a card"
 
 
 def test_anybody_can_check_the_digest(saved):
@@ -210,33 +199,6 @@ def test_what_is_no_model(tmp_path):
 def test_parameters_that_would_not_come_back(params):
     with pytest.raises(InputError, match="parameter"):
         flat_parameters(params)
-
-
-@dataclasses.dataclass(frozen=True)
-class Own(Lengths):
-    weights: tuple[float, float] = (1.0, 0.0)
-
-
-class OwnForecaster(Forecaster):
-    Config = Own
-
-    def forecast(self, params, scene, noise):
-        steps = jnp.arange(1, self.pred_len + 1)[:, None] * params["own"]["velocity"]
-        return (scene.observed[:, -1, None] + steps)[None]
-
-
-@mock.patch.dict(FORECASTERS)
-def test_a_forecaster_of_ones_own(tmp_path, monkeypatch):
-    register_forecaster("own", OwnForecaster)
-    params = {"own": {"velocity": np.array([0.5, 0.0])}, "scale": np.float32(3)}
-    save_model(tmp_path / "own", Model(Own(weights=(2.0, 3.0)), params, None, "own"))
-    loaded = load_model(tmp_path / "own")
-    assert (loaded.kind, loaded.config) == ("own", Own(weights=(2.0, 3.0)))
-    assert loaded.params["scale"].shape == ()
-    end = predict(loaded, np.zeros((1, 8, 2)))[0, 0, -1]
-    np.testing.assert_allclose(end, [4.0, 0.0])
-    save_model(tmp_path / "baseline", Model(Lengths(), {}, kind="constant_velocity"))
-    assert load_model(tmp_path / "baseline").name == "constant velocity"
 
 
 def test_converting_what_needs_a_place(tmp_path):

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batches, unpacked
@@ -18,11 +17,9 @@ from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.networks import encode_scene
 from neurosym_jax.forecasting.noise import draw_noise
-from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
-from neurosym_jax.plotting import line_styles
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.weightings import make_weighting
 
@@ -106,18 +103,6 @@ def test_the_weighting_acts(name):
 
 
 @EACH
-def test_somebody_alone(name):
-    model = random_model(name)
-    alone = predict(model, walks()[:1], samples=K)
-    assert alone.shape == (K, 1, 4, 2)
-    assert np.isfinite(alone).all()
-    padded = by_batch(model, walks()[:1], 16)
-    assert padded.shape == alone.shape
-    recorded = predict(model, walks()[:1], samples=K, recording="r")
-    assert_allclose(recorded - make_scene(walks()[:1]).origin, padded, rtol=0, atol=1e-5)
-
-
-@EACH
 def test_alpha_is_of_the_observed_scene(name):
     """`encode_scene` is the network on the alpha of the config's weighting, and nothing else."""
     model = random_model(name)
@@ -169,33 +154,3 @@ def test_another_variant_is_another_network(tmp_path, sign):
     sign(tmp_path / "m", lambda all: all["config"].update(pooling="neurosym_ros,hidden_dim=32"))
     with pytest.raises(InputError, match=r"describes another network: .*spatial_embedding"):
         load_model(tmp_path / "m")
-
-
-def test_evaluated_beside_sgan(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(evaluate, "shipped_models", list)
-    sgan = GeneratorConfig(pred_len=4)
-    export_torch_checkpoint(tmp_path / "sgan.pt", sgan, random_params(sgan)["params"])
-    variants = ("as_described", "neurosym_ros")
-    for name in variants:
-        save_model(tmp_path / name, random_model(name))
-    given = tuple(str(tmp_path / name) for name in ("sgan.pt", *variants))
-    rows = run(
-        Options(
-            checkpoint=given,
-            dataset="cross-path",
-            samples=2,
-            collisions=False,
-            json=tmp_path / "rows.json",
-            plots=tmp_path / "figures",
-        )
-    )
-    names = [row["model"] for row in rows[2:]]
-    assert names == ["SGAN", "NeuroSyM, cnd", "NeuroSyM (robot package), cnd_shipped"]
-    assert all(np.isfinite(row["joint_ade"]) for row in rows)
-    assert len({row["scenes"] for row in rows}) == 1
-    printed = capsys.readouterr().out
-    assert all(name in printed for name in names)
-    assert len(list((tmp_path / "figures").iterdir())) == 3
-    styles = line_styles([row["model"] for row in rows])
-    assert (styles["SGAN"], styles["NeuroSyM, cnd"]) == ("-.", ":")
-    assert len(set(styles.values())) == len(styles)

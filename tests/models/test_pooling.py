@@ -3,8 +3,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.decoder import pooling_network
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.models.social import _GridNetwork
 
@@ -92,18 +90,6 @@ def test_only_valid_agents_count(module):
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_order_of_agents(module):
-    params = with_random_params(module)
-    order = np.array([3, 0, 5, 1, 4, 2])
-    pooled = jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL)
-    assert_allclose(
-        jax.jit(module.apply)(params, HIDDEN[order], POSITIONS[order], ALL),
-        pooled[order],
-        atol=1e-6,
-    )
-
-
-@pytest.mark.parametrize("module", MODULES)
 def test_gradients_where_people_coincide(module):
     params = with_random_params(module)
     positions = np.zeros_like(POSITIONS)
@@ -120,12 +106,6 @@ def test_nobody_at_all():
     for module in MODULES:
         pooled = jax.jit(module.apply)(with_random_params(module), HIDDEN, POSITIONS, ~ALL)
         assert np.isfinite(pooled).all()
-
-
-def test_made_by_the_config():
-    social = GeneratorConfig(pooling="social,grid_size=5")
-    assert pooling_network(social, 32) == _GridNetwork(32, 5, 2.0)
-    assert pooling_network(GeneratorConfig(), 32) == PoolNetwork(16, 32, 512, 8)
 
 
 def test_the_edge_of_the_neighbourhood_is_outside():

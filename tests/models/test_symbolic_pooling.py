@@ -1,18 +1,13 @@
 """NeuroSyM's poolings, folded as they are, against their formulas written out for every pair."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.decoder import pooling_network
 from neurosym_jax.models.neurosym import _DescribedNetwork, _IjcnnNetwork, _RosNetwork
-from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.weightings import make_weighting
 
 N, T, E, H, B = 6, 5, 4, 3, 7
 SIZES = (T, E, H, 9, B)
@@ -124,17 +119,6 @@ def test_ijcnn_refuses_weights_of_pairs():
             pool(module, params, alpha=alpha)
 
 
-def test_ones_weight_nothing():
-    """alpha of 1 everywhere is the same network without alpha in it."""
-    module = _DescribedNetwork(*SIZES)
-    params = with_random_params(module)
-    dense = params["params"]["spatial_embedding"]
-    wanted = literally(
-        params, lambda i, j: (OBSERVED[j] - OBSERVED[i]) @ dense["kernel"] + dense["bias"]
-    )
-    assert_allclose(pool(module, params, alpha=np.ones_like(ALPHA)), wanted, atol=1e-5)
-
-
 @EACH
 def test_zeros_leave_the_neighbours_hidden_states(module):
     params = with_random_params(module)
@@ -156,41 +140,6 @@ def test_it_is_the_pairs_own_weight(module):
     others = np.arange(N) != 2
     assert_array_equal(after[others], before[others])
     assert np.abs(after[2] - before[2]).max() > 1e-3
-
-
-@EACH
-@pytest.mark.parametrize("slots", [6, 7, 16])
-def test_padding_changes_nothing(module, slots):
-    params = with_random_params(module)
-    extra = slots - N
-    # What a padded slot holds must not matter.
-    padded = [
-        np.pad(HIDDEN, [(0, extra), (0, 0)], constant_values=9),
-        np.pad(OBSERVED, [(0, extra), (0, 0), (0, 0)], constant_values=-7),
-        np.arange(slots) < N,
-        np.pad(ALPHA, [(0, extra), (0, extra), (0, 0)], constant_values=5),
-    ]
-    pooled = pool(module, params, *padded)
-    assert np.isfinite(pooled).all()
-    assert_allclose(pooled[:N], pool(module, params), atol=1e-6)
-
-
-@EACH
-def test_order_of_agents_is_the_order_of_results(module):
-    params = with_random_params(module)
-    order = np.array([3, 0, 5, 1, 4, 2])
-    permuted = pool(
-        module, params, HIDDEN[order], OBSERVED[order], ALL, ALPHA[np.ix_(order, order)]
-    )
-    assert_allclose(permuted, pool(module, params)[order], atol=1e-6)
-
-
-@EACH
-def test_only_relative_positions_count(module):
-    params = with_random_params(module)
-    assert_allclose(
-        pool(module, params, observed=np.add(OBSERVED, [3, -2])), pool(module, params), atol=2e-5
-    )
 
 
 @EACH
@@ -235,44 +184,6 @@ def test_somebody_alone_and_nobody(module):
     assert np.isfinite(pool(module, params, valid=~ALL)).all()
 
 
-@EACH
-def test_it_runs_in_double_precision(module):
-    with jax.enable_x64(True):
-        params = jax.tree.map(lambda leaf: leaf.astype(np.float64), with_random_params(module))
-        pooled = pool(module, params, *(a.astype(np.float64) for a in (HIDDEN, OBSERVED)))
-    assert pooled.dtype == np.float64
-    assert_allclose(pooled, pool(module, with_random_params(module)), atol=1e-5)
-
-
-def test_made_by_the_config():
-    for pooling, network in (
-        ("as_described", _DescribedNetwork),
-        ("neurosym_ros", _RosNetwork),
-        ("neurosym_ijcnn", _IjcnnNetwork),
-    ):
-        config = GeneratorConfig(pooling=f"{pooling},hidden_dim=9", obs_len=5)
-        assert pooling_network(config, 32) == network(5, 16, 32, 9, 8)
-
-
 def test_the_first_release_has_no_symbols_of_predicted_steps():
     with pytest.raises(InputError, match="needs a pooling other than 'neurosym_ijcnn'"):
         GeneratorConfig(pooling="neurosym_ijcnn", pool_every_timestep=True)
-
-
-@pytest.mark.parametrize("pooling", ["as_described", "neurosym_ros"])
-def test_a_generators_forecast_depends_on_its_weights(pooling):
-    """Through the whole generator: alpha of the observed symbols, and its gradient."""
-    config = GeneratorConfig(pooling=f"{pooling},hidden_dim=16", obs_len=T, pred_len=2)
-    scene = make_scene(OBSERVED.astype(np.float64))
-    generator, noise = Generator(config), np.zeros(config.noise_dim)
-    alpha = jax.jit(make_weighting())(scene.observed, scene.valid)
-    init = jax.eval_shape(generator.init, jax.random.key(0), scene, noise, alpha)
-    rng = np.random.default_rng(2)
-    params = jax.tree.map(lambda leaf: rng.normal(0, 0.4, leaf.shape).astype(np.float32), init)
-
-    def total(alpha):
-        return jnp.square(generator.apply(params, scene, noise, alpha)).sum()
-
-    gradient = np.asarray(jax.jit(jax.grad(total))(alpha))
-    assert np.isfinite(gradient).all()
-    assert np.abs(gradient).max() > 1e-5

@@ -11,7 +11,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
 from neurosym_jax.forecasting.forecasters import FORECASTERS, register_forecaster
 from neurosym_jax.forecasting.model import Model, predict
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.forecasting.model_folder import load_model, save_model
 
 OBSERVED = np.random.default_rng(0).normal(size=(3, 8, 2))
 
@@ -26,6 +26,7 @@ def registry():
 @dataclasses.dataclass(frozen=True)
 class Damped(Lengths):
     rate: float = 0.5
+    weights: tuple[float, float] = (1.0, 0.0)
 
 
 class DampedForecaster(Forecaster):
@@ -43,9 +44,13 @@ class DampedForecaster(Forecaster):
         return (scene.observed[:, -1, None] + steps * step[:, None])[None]
 
 
-def test_a_model_of_ones_own_forecasts(registry):
+def test_a_model_of_ones_own_forecasts_and_is_saved(registry, tmp_path):
     register_forecaster("damped")(DampedForecaster)
-    model = Model(Damped(pred_len=4), {"scale": np.float32(2)}, "zara1", "damped")
+    config = Damped(pred_len=4, weights=(2.0, 3.0))
+    save_model(tmp_path / "own", Model(config, {"scale": np.float32(2)}, "zara1", "damped"))
+    model = load_model(tmp_path / "own")
+    assert (model.kind, model.config, model.dataset) == ("damped", config, "zara1")
+    assert model.params["scale"].shape == ()
     last, step = OBSERVED[:, -1], OBSERVED[:, -1] - OBSERVED[:, -2]
     expected = last[:, None] + np.arange(1, 5)[:, None] * step[:, None]
     np.testing.assert_allclose(predict(model, OBSERVED)[0], expected, atol=1e-5)
@@ -54,16 +59,11 @@ def test_a_model_of_ones_own_forecasts(registry):
 
 
 @pytest.mark.parametrize("kind", ["constant_velocity", "constant_velocity_sampled"])
-def test_the_baselines_are_models_without_parameters(kind):
-    model = Model(Lengths(pred_len=5), {}, kind=kind)
+def test_the_baselines_are_models_without_parameters(tmp_path, kind):
+    save_model(tmp_path / "model", Model(Lengths(pred_len=5), {}, kind=kind))
+    model = load_model(tmp_path / "model")
     assert predict(model, OBSERVED, samples=3).shape[1:] == (3, 5, 2)
     assert model.name.startswith("constant velocity")
-
-
-def test_names_and_titles_of_the_generators():
-    assert Model(GeneratorConfig(), {}).name == "SGAN"
-    assert Model(GeneratorConfig(pooling="as_described"), {}).name == "NeuroSyM, cnd"
-    assert {"generator", "constant_velocity"} <= set(FORECASTERS)
 
 
 def test_refusals(registry):
