@@ -177,7 +177,7 @@ class Moments:
 
 
 class View:
-    """Shows a stream frame by frame; a subclass says where the lines of `Moments` go."""
+    """Shows a stream frame by frame; a subclass writes the lines of `Moments`."""
 
     _moments: Moments
 

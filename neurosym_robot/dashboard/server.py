@@ -48,7 +48,7 @@ class PageServer(BoundedServer):
         super().__init__(place[:2], _Handler)  # pyright: ignore
 
     def close(self) -> None:
-        """Close the port; readers are told the end of the stream by their own threads."""
+        """Close the port; connected readers get the rest of the stream."""
         self.shutdown()
         self.server_close()
 

@@ -72,7 +72,7 @@ def forecast_message(
 
 
 def truth_message(new: New, forecast: Forecast, period: float, frame_id: str = "map") -> Any:
-    """The HumansTrajs of what happened to those seen to the end; None if there is nobody.
+    """The HumansTrajs of the observed future of those seen to the end; None without any.
 
     It has the stamp of the forecast, so that the two can be matched.
 

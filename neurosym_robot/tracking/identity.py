@@ -15,11 +15,11 @@ def idf1(person: ArrayLike, given: ArrayLike) -> float:
     `2 IDTP / (2 IDTP + IDFP + IDFN)`; 1 is perfect.
 
     Args:
-        person: [R] whole numbers, the true person of each row; -1 where the row is nobody.
-        given: [R] whole numbers, the id given to it; -1 where the person was missed.
+        person: [R] whole numbers, the true person of each row; -1 for a false detection.
+        given: [R] whole numbers, the id given to it; -1 if the person was missed.
 
     Raises:
-        InputError: for shapes that differ, or where there is neither a person nor an id.
+        InputError: if the shapes differ, or without any person or id.
     """
     person, given = np.asarray(person), np.asarray(given)
     if person.ndim != 1 or person.shape != given.shape:

@@ -49,7 +49,7 @@ class TrackEnds:
 
     stamp: np.ndarray  # [L] seconds
     position: np.ndarray  # [L, 2] metres
-    velocity: np.ndarray  # [L, 2] metres per second; NaN where a single point is known
+    velocity: np.ndarray  # [L, 2] metres per second; NaN for a single point
 
 
 def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:

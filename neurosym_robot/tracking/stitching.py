@@ -38,7 +38,7 @@ class Stitched:
     before: int  # ids before
     joins: list[Join]
     outside: int  # rows outside the map, dropped
-    ghosts: int  # rows dropped because whoever they are was seen for less than `least`, or far away
+    ghosts: int  # rows of tracks shorter than `least`, or far away, dropped
     filled: int  # rows added, by interpolation
 
 
@@ -161,14 +161,14 @@ def _fill(tracks: Tracks, fill: float) -> Tracks:
     nth = np.arange(len(row)) - np.searchsorted(row, row) + 1
     weight = nth / pieces
     stamp = tracks.stamp[row] + weight * gap[row]
-    # The stamps of others, where there are any: a frame must not become two by rounding.
+    # Snap to existing stamps, so that rounding does not make two frames of one.
     nearest = np.clip(np.searchsorted(frames, stamp), 1, len(frames) - 1)
     nearest -= stamp - frames[nearest - 1] < frames[nearest] - stamp
     stamp = np.where(np.abs(frames[nearest] - stamp) <= step / 4, frames[nearest], stamp)
     weight = ((stamp - tracks.stamp[row]) / gap[row])[:, None]
     position = tracks.position[row] + weight * (tracks.position[row + 1] - tracks.position[row])
     known = tracks.known
-    # An added row has the extras, and where it is foreseen the place, of the row before the gap.
+    # An added row has the extras of the row before the gap.
     both = dataclasses.replace(
         tracks.take(np.append(np.arange(len(tracks.id)), row)),
         stamp=np.append(tracks.stamp, stamp),

@@ -79,7 +79,7 @@ class _Handler(SimpleXMLRPCRequestHandler):
     timeout = TIMEOUT
 
     def handle_one_request(self) -> None:
-        # All of it, and not each of its bytes.
+        # The deadline is for the whole request, not for each byte.
         with deadline(self.connection, TIMEOUT):
             super().handle_one_request()
 

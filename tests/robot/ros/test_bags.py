@@ -102,14 +102,15 @@ def test_what_a_killed_writer_leaves_is_no_bag_yet(tmp_path, kind):
         BagWriter(path)
 
 
+@pytest.mark.parametrize("count", [20, pytest.param(300, marks=pytest.mark.exhaustive)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_damaged_bytes_lose_no_frame_in_silence(tmp_path, kind):
+def test_damaged_bytes_lose_no_frame_in_silence(tmp_path, kind, count):
     """Values change where a container has no checksum; frames are all there, or it is said."""
     path = write(tmp_path / f"run.{kind}")
     files = [path] if path.is_file() else sorted(path.iterdir())
     length, refused = len(list(read_people(path))), 0
     rng = np.random.default_rng(0)
-    for number in range(60):
+    for number in range(count):
         # Of a folder: metadata.yaml now and then, else the data.
         file = files[0] if number % 10 == 0 else files[-1]
         whole = file.read_bytes()
@@ -124,7 +125,7 @@ def test_damaged_bytes_lose_no_frame_in_silence(tmp_path, kind):
             except InputError:
                 refused += 1
         file.write_bytes(whole)
-    assert refused > 12
+    assert refused > count // 10
 
 
 def test_which_topic(tmp_path):
