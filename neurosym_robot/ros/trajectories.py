@@ -36,16 +36,17 @@ def make_trajectories(
     spread = spread.reshape(people, length, 36)
     sure = np.broadcast_to(confidence, people).tolist()
     message, empty = new(HUMANS_TRAJS), new("darko_perception_msgs/msg/Human")
+    empty.centroid.pose.orientation.w = 1.0
     put_stamp(message.header, stamp, frame_id)
     for step, at in enumerate(np.asarray(steps, np.float64).tolist()):
         now = new(HUMANS)
         put_stamp(now.header, at, frame_id)
         for n in range(people):
-            # Only what is written is copied: a message has thousands of them.
+            # Only what is written is copied, because a message has thousands of positions.
             human, place = copy.copy(empty), copy.copy(empty.centroid)
-            place.pose = new("geometry_msgs/msg/Pose")
-            place.pose.position.x, place.pose.position.y = positions[n, step].tolist()
-            place.pose.orientation.w = 1.0
+            place.pose = copy.copy(place.pose)
+            place.pose.position = point = copy.copy(place.pose.position)
+            point.x, point.y = positions[n, step].tolist()
             place.covariance = spread[n, step]
             human.id, human.confidence, human.centroid = int(ids[n]) % 2**64, sure[n], place
             now.humans.append(human)
