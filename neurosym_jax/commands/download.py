@@ -1,4 +1,4 @@
-"""Fetch ETH/UCY or SGAN's checkpoints; say how to get THÖR."""
+"""Fetch ETH/UCY or SGAN's checkpoints, or show how to get THÖR."""
 
 import dataclasses
 from pathlib import Path
@@ -12,34 +12,34 @@ from neurosym_jax.data.published import HOME, data_folder
 
 __all__ = ["Options", "run"]
 
-THOR = """THÖR's recordings are to be fetched by hand:
+THOR = """THÖR's recordings have to be fetched by hand:
   1. download https://zenodo.org/records/3382145 (THÖR: files such as Exp_1_run_1_6D.tsv) or
      https://zenodo.org/records/10407223 (THÖR-MAGNI: CSV files), and unpack what is an archive;
   2. put the recordings into {folder}
      (any of them; each file is a scene of its own);
-  3. run this command again: it says what is there and whether it can be read."""
+  3. run this command again: it lists the files and whether they can be read."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Fetch ETH/UCY or SGAN's checkpoints; say how to get THÖR, and check what was put there.
+    """Fetch ETH/UCY or SGAN's checkpoints; show how to get THÖR, and check the files put there.
 
-    evaluate.py and train.py look into the folder of the data by themselves.
+    evaluate.py and train.py find downloaded data by themselves.
     """
 
     what: Annotated[Literal["eth-ucy", "sgan-checkpoints", "thor"], tyro.conf.Positional]
     """Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints (2.6 MB), or THÖR."""
     to: Path | None = None
-    """Folder in which the collection gets a folder of its own; default: $NEUROSYM_DATA, else
+    """Folder for the collection's own folder; default: $NEUROSYM_DATA, else
     neurosym_jax in $XDG_DATA_HOME or ~/.local/share."""
     mirror: str = HOME
     """Address, or folder, of a copy of the files, with the same paths below it."""
     timeout: float = 20.0
-    """Seconds of silence after which a connection is given up."""
+    """Seconds without an answer after which a connection is given up."""
 
 
 def run(options: Options) -> int:
-    """Do what `options` say; 2 where nothing of THÖR is there yet.
+    """Fetch the collection; return 2 if no file of THÖR is there yet.
 
     Raises:
         InputError: naming the file or address and what is wrong with it.
@@ -51,7 +51,7 @@ def run(options: Options) -> int:
     count, came = download(options.what, folder, options.mirror, options.timeout)
     print(f"{folder}: {count} files, every SHA-256 as published, {came} of them fetched now")
     if options.to is not None and options.to.resolve() != data_folder().resolve():
-        print(f"To have it found without being told: export NEUROSYM_DATA={options.to}")
+        print(f"To have it found by name: export NEUROSYM_DATA={options.to}")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Say what a recording, or a folder of them, holds."""
+"""Summarise a recording, or every recording in a folder."""
 
 import dataclasses
 import warnings
@@ -18,21 +18,21 @@ __all__ = ["Options", "run"]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Say what a recording, or each of a folder's, holds."""
+    """Summarise a recording, or every recording in a folder."""
 
     path: Annotated[Path, tyro.conf.Positional]
-    """A file, or a folder that is searched with its subfolders."""
+    """A file, or a folder, which is searched with its subfolders."""
     figure: Path | None = None
-    """A PNG of all tracks."""
+    """PNG file for a figure of all tracks."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How files are read."""
 
 
 def run(options: Options) -> int:
-    """Print what `options.path` holds; 2 if nothing in it could be read.
+    """Print the summaries; return 2 if no file in a folder could be read.
 
     Raises:
-        InputError: where a single file cannot be read, or a folder has none.
+        InputError: for a single file that cannot be read, or a folder without files.
     """
     folder = is_folder(options.path)
     paths = files_below(options.path) if folder else [options.path]

@@ -172,5 +172,5 @@ def _mismatch(
     for said in (velocity[before], velocity[after], (velocity[before] + velocity[after]) / 2):
         scale = np.vdot(moved, said) / max(float(np.vdot(said, said)), 1e-12) if numbered else 1.0
         if scale > 0:
-            errors.append(np.abs(moved - scale * said).sum() / np.abs(moved).sum())
+            errors.append(np.abs(moved - scale * said).sum() / max(np.abs(moved).sum(), 1e-12))
     return float(min(errors))

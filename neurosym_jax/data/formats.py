@@ -82,8 +82,9 @@ def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     Raises:
         InputError: if the file cannot be read, or for an unknown format or option of it.
     """
-    name = options.format or ("columns" if options.columns else sniff(path))
-    return component_from_text(name, known_formats(), str(path))
+    if options.format is not None:
+        return component_from_text(options.format, known_formats(), str(path))
+    return FORMATS["columns" if options.columns else sniff(path)]()
 
 
 def sniff(path: Path) -> str:

@@ -4,6 +4,7 @@ A source reads files only when recordings are asked for.
 """
 
 import dataclasses
+import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -189,7 +190,7 @@ def open_source(
     how: Any = {"read": read, "period": period}
     if data is None:
         return Synthetic(**how)
-    data = find(data)
+    data = data if os.path.exists(data) else find(data)
     if str(data) in COLLECTIONS and not data.exists():
         raise InputError(f"{data}: not here yet: `neurosym download {data}` fetches it")
     try:

@@ -1,5 +1,6 @@
 """What is no text, no file, or larger than it looks ends in one line, soon and in little memory."""
 
+import gzip
 import os
 import socket
 import time
@@ -149,3 +150,10 @@ def test_windows_in_one_call():
     steps = np.diff(windows.position[:, 4:, 0])
     np.testing.assert_allclose(steps, 0.2, atol=1e-9)
     assert windows_from([walk], 4, 4, min_agents=1).period == 0.4
+
+
+def test_a_gzip_bomb_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("neurosym_jax.data.text.UNPACKED", (1_000_000, 10))
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"0 1 2 3\n" * 400_000))
+    with pytest.raises(InputError, match=r"a\.csv\.gz: unpacks to more than 1,000,000 bytes"):
+        read_any(tmp_path / "a.csv.gz")
