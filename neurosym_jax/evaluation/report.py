@@ -1,12 +1,13 @@
 """Files of an evaluation: the report, replaced when whole, and beside it the rows as they come.
 
-`evaluation.json` has beside it `evaluation.jsonl`, a line for each row; each names by a digest what
-it depends on, so an interrupted evaluation goes on from them.
+`evaluation.json` has `evaluation.jsonl` beside it, a line for each row. Each line has a digest of
+the row's inputs, so that an interrupted evaluation continues from these rows.
 """
 
 import dataclasses
 import hashlib
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -16,15 +17,13 @@ import polars as pl
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.results import Result, Row, Settings, each_result, rows_frame
-from neurosym_jax.evaluation.test_sets import Test, TestSet
+from neurosym_jax.evaluation.test_sets import Test
 from neurosym_jax.forecasting.parameters import flat_parameters
 from neurosym_jax.runtime import files
 
 __all__ = ["FORMAT", "check_report", "evaluate_into", "read_report", "write_report"]
 
 FORMAT = 2
-
-Shown = Callable[[Sequence[Row]], None]
 
 
 def evaluate_into(
@@ -35,7 +34,7 @@ def evaluate_into(
     resume: bool = False,
     pool: Executor | None = None,
     facts: Mapping[str, Any] | None = None,
-    show: Shown | None = None,
+    show: Callable[[Sequence[Row]], None] | None = None,
 ) -> tuple[list[Row], list[Result]]:
     """Evaluate all `tests` and write a report; rows are appended beside it as they come.
 
@@ -57,39 +56,34 @@ def evaluate_into(
         InputError: for files that are no report or cannot be written; and as `evaluate_tests`.
     """
     check_report(path)
-    digests = {test.test_set: _digests(test, settings) for test in tests}
     log = path.with_suffix(".jsonl")
-    wanted = {digest for of_test in digests.values() for digest in of_test}
-    kept = {row["inputs"]: row for row in _kept(log) if row["inputs"] in wanted} if resume else {}
-    files.write_text(log, "".join(map(_line, kept.values())))
+    digests = {test.test_set: _digests(test, settings) for test in tests}
+    order = [digest for of_test in digests.values() for digest in of_test]
+    kept = {digest: row for digest, row in _kept(log).items() if resume and digest in order}
+    files.write_text(log, "".join(_line(digest, row) for digest, row in kept.items()))
+    left = [digest for digest in order if digest not in kept]
     todo = []
     for test in tests:
-        left = [
-            entry
-            for entry, digest in zip(test.entries, digests[test.test_set])
-            if digest not in kept
-        ]
-        todo += [dataclasses.replace(test, entries=left)] if left else []
-    whole = {test.test_set for test in tests if not kept.keys() & set(digests[test.test_set])}
-    pending = {test.test_set: iter(digests[test.test_set]) for test in tests}
-    results: list[Result] = []
-    shown: set[TestSet] = set()
+        both = zip(test.entries, digests[test.test_set])
+        if entries := [entry for entry, digest in both if digest in left]:
+            todo.append(dataclasses.replace(test, entries=entries))
+    whole = {test_set for test_set, of_test in digests.items() if not kept.keys() & set(of_test)}
+    unseen, results = dict(digests), []
 
     def show_whole() -> None:
-        for test_set, of_test in digests.items():
-            if show and test_set not in shown and all(digest in kept for digest in of_test):
-                show([_plain(kept[digest]) for digest in of_test])
-                shown.add(test_set)
+        for test_set, of_test in list(unseen.items()):
+            if all(digest in kept for digest in of_test):
+                del unseen[test_set]
+                if show:
+                    show([kept[digest] for digest in of_test])
 
     show_whole()
-    for result in each_result(todo, settings, pool):
-        digest = next(each for each in pending[result.test_set] if each not in kept)
-        kept[digest] = {**result.row, "inputs": digest}
-        files.append_text(log, _line(kept[digest]))
-        if result.test_set in whole:
-            results.append(result)
+    for result, digest in zip(each_result(todo, settings, pool), left):
+        kept[digest] = result.row
+        files.append_text(log, _line(digest, result.row))
+        results += [result] if result.test_set in whole else []
         show_whole()
-    rows = [_plain(kept[digest]) for of_test in digests.values() for digest in of_test]
+    rows = [kept[digest] for digest in order]
     readings = {how.recording: how.to_json() for test in tests for how in test.windows.reading}
     write_report(path, rows, {**(facts or {}), "recordings": list(readings.values())})
     return rows, results
@@ -102,7 +96,7 @@ def write_report(path: Path, rows: Sequence[Row], facts: Mapping[str, Any]) -> N
         InputError: when `path` holds anything else, or cannot be written.
     """
     if check_report(path):
-        print(f"replacing the report in {path}")
+        print(f"replacing the report in {path}", file=sys.stderr)
     files.write_json(path, {"format": FORMAT, **facts, "rows": list(rows)})
 
 
@@ -152,23 +146,20 @@ def _log_text(log: Path) -> str | None:
     return text if not text or text.startswith('{"checkpoint"') else None
 
 
-def _kept(log: Path) -> list[Row]:
-    """The rows of a log, of which the last may have been written in part."""
-    rows = []
+def _kept(log: Path) -> dict[str, Row]:
+    """The rows of a log by digest; the last line may have been written in part."""
+    rows = {}
     for line in (_log_text(log) or "").splitlines():
         try:
-            rows.append(json.loads(line))
+            row = json.loads(line)
         except ValueError:
             break
+        rows[row.pop("inputs")] = row
     return rows
 
 
-def _line(row: Row) -> str:
-    return json.dumps(row, allow_nan=False) + "\n"
-
-
-def _plain(row: Row) -> Row:
-    return {name: value for name, value in row.items() if name != "inputs"}
+def _line(digest: str, row: Row) -> str:
+    return json.dumps({**row, "inputs": digest}, allow_nan=False) + "\n"
 
 
 def _digests(test: Test, settings: Settings) -> list[str]:

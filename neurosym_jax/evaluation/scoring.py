@@ -70,9 +70,8 @@ class Evaluation(NamedTuple):
     scores: Scores
     """Scene by scene, in the order of the windows."""
     agents: int
-    """Agent windows."""
     samples: int
-    """k; 1 for a deterministic forecaster, whatever was asked for."""
+    """k; 1 for a deterministic forecaster."""
     seconds: float
 
     def mean(self, metric: str) -> float:
@@ -289,8 +288,9 @@ def score_futures(
 ) -> list[Scores]:
     """Scores of each of some batches by forecasts [k, A, T, 2] of their agents."""
     ends = np.cumsum([scene.valid.sum() for scene in scenes])[:-1]
-    asked = noise_free is not None and any(metric.noise_free for _, metric in metrics)
-    alone = np.split(noise_free, ends, axis=1) if asked else [None] * len(scenes)
+    alone: Sequence[np.ndarray | None] = [None] * len(scenes)
+    if noise_free is not None and any(metric.noise_free for _, metric in metrics):
+        alone = np.split(noise_free, ends, axis=1)
 
     def of_batch(scene: Scene, piece: np.ndarray, alone: np.ndarray | None) -> Scores:
         valid = np.asarray(scene.valid)

@@ -133,8 +133,8 @@ def test_default_run(options, tmp_path, capsys):
     assert "evaluating" not in err  # No progress bar where no terminal is.
 
     run(options(samples=3, figures=True, dataset="cross-path", all=True))
-    out = capsys.readouterr().out
-    assert f"replacing the report in {tmp_path / 'rows.json'}" in out
+    out, err = capsys.readouterr()
+    assert f"replacing the report in {tmp_path / 'rows.json'}" in err
     assert "3 of them replaced" in out
 
 

@@ -123,9 +123,9 @@ def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
     path = tmp_path / "new/rows.json"
     assert not check_report(path)
     write_report(path, [], {})
-    assert capsys.readouterr().out == ""
+    assert capsys.readouterr() == ("", "")
     write_report(path, [{"model": "a"}], {"protocol": "sgan"})
-    assert capsys.readouterr().out == f"replacing the report in {path}\n"
+    assert capsys.readouterr().err == f"replacing the report in {path}\n"
     assert json.loads(path.read_text()) == {
         "format": 2,
         "protocol": "sgan",
