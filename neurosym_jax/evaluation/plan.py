@@ -75,11 +75,10 @@ def make_plan(
         models: (path, model).
         dataset: test on this one only.
         test_on: names of recordings to test on, as one test set.
-        obs_len: observed steps.
-        pred_len: steps to forecast.
+        obs_len: refuse models that observe another number of steps.
+        pred_len: refuse models that forecast another number of steps.
         baselines: forecasters without parameters, by name.
-        only_matching: leave out models that do not match the dataset or horizon, instead of
-            refusing them.
+        only_matching: leave out models that would be refused.
 
     Raises:
         InputError: for a model that does not match, or an unknown dataset or baseline.
@@ -127,13 +126,6 @@ def one_of_each(
 
     Models held out for these datasets come first; where there are none, as for a user's own
     recordings, those trained for other people, then any trained on real people.
-
-    Args:
-        source: of the recordings.
-        models: (path, model).
-        dataset: test on this one only.
-        obs_len: observed steps; by default, as `pred_len`, a model's default.
-        pred_len: steps to forecast.
     """
     lengths = (obs_len or GeneratorConfig().obs_len, pred_len or GeneratorConfig().pred_len)
     fitting = [
@@ -197,17 +189,9 @@ def load_tests(
     min_agents: int = 2,
     start: float | None = None,
 ) -> list[Test]:
-    """Read the plan's test sets, in its order; each recording once.
+    """Read the test sets of a plan (see `make_plan`), each recording once.
 
-    Args:
-        source: of the recordings.
-        plan: see `make_plan`.
-        test_on: names of the recordings, where the plan is of those.
-        min_agents: scenes with fewer people are left out.
-        start: `time.perf_counter()` from which the first test set's seconds count.
-
-    Raises:
-        InputError: for recordings that cannot be read, or have no window.
+    The first test set's seconds count from `start`, a `time.perf_counter()`.
     """
     since = time.perf_counter() if start is None else start
 

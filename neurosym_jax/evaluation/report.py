@@ -49,11 +49,7 @@ def evaluate_into(
         show: called with the rows of a test set as soon as all are there.
 
     Returns:
-        All rows in the order of the tests, and the results of the test sets of which no row was
-        kept.
-
-    Raises:
-        InputError: for files that are no report or cannot be written; and as `evaluate_tests`.
+        All rows in order, and the results of the test sets of which no row was kept.
     """
     check_report(path)
     log = path.with_suffix(".jsonl")

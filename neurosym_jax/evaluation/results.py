@@ -117,9 +117,6 @@ def evaluate(
     Returns:
         Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its name, and the
         bounds of its 95 % interval under `NAME_low` and `NAME_high`.
-
-    Raises:
-        InputError: for recordings without a window, or numbers out of range.
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     models = [models] if isinstance(models, Model) else models
@@ -149,24 +146,16 @@ def rows_frame(rows: Sequence[Row]) -> pl.DataFrame:
 
 
 def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
-    """Results of all tests in their order, the entries of each in theirs.
-
-    Raises:
-        InputError: for numbers out of range, or a metric that fails.
-    """
+    """Results of all tests in their order, the entries of each in theirs."""
     return list(each_result(tests, settings))
 
 
 def each_result(
     tests: Sequence[Test], settings: Settings, pool: Executor | None = None
 ) -> Iterator[Result]:
-    """Yield the results of `evaluate_tests` as they come.
+    """Yield the results of `evaluate_tests` as they come; `pool` evaluates each test set as a task.
 
-    Args:
-        tests: see there.
-        settings: see there.
-        pool: evaluates each test set as a task of its own; by default all are evaluated here, in
-            threads.
+    Without `pool` all are evaluated here, in threads.
     """
     total = sum(len(test.entries) for test in tests)
     results = _here(tests, settings) if pool is None else _over(pool, tests, settings)

@@ -66,11 +66,7 @@ def make_test(
     min_agents: int = 2,
     start: float | None = None,
 ) -> Test:
-    """Cut `recordings` into the windows of a test set; its seconds count from `start`.
-
-    Raises:
-        InputError: for recordings without a window.
-    """
+    """Cut `recordings` into the windows of a test set; its seconds count from `start`."""
     start = time.perf_counter() if start is None else start
     windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
     for path, model in entries:

@@ -120,15 +120,17 @@ def test_a_metric_that_counts_nothing_here(own_metric):
 
 
 def test_values_of_agents_and_of_scenes_weigh_agents(own_metric):
-    of_agents = own_metric(lambda forecast, scene: scene.observed[:, 0, 0])
-    windows = WINDOWS.position[:, 0, 0]
+    # Weights of slots without a person are ignored.
+    of_agents = own_metric(
+        lambda forecast, scene: (scene.observed[:, 0, 0] + 9, 1 + 0 * forecast[0, :, 0, 0])
+    )
     assert of_agents.count.tolist() == WINDOWS.sizes.tolist()
     with mock.patch.dict(METRICS):
         del METRICS["own"]
         of_scenes = own_metric(lambda forecast, scene: scene.valid.sum().astype(float))
     assert of_scenes.mean == pytest.approx(np.sum(WINDOWS.sizes**2) / np.sum(WINDOWS.sizes))
-    assert np.isfinite(of_agents.mean)
-    assert len(windows) == of_agents.count.sum()
+    firsts = [each.scene.observed[each.scene.valid][:, 0, 0] for each in make_batches(WINDOWS)]
+    assert of_agents.mean == pytest.approx(np.concatenate(firsts).mean() + 9, rel=1e-5)
 
 
 def test_a_metric_sees_the_extras(own_metric):
