@@ -1,4 +1,4 @@
-"""The built-in formats: how each is told by the head of a file, and which reader reads it.
+"""The built-in formats: how each is recognised by the head of a file, and its reader.
 
 A reader is imported when it reads.
 """

@@ -1,6 +1,6 @@
 """The table of file formats, and reading with whichever format fits.
 
-A format is told by how a file begins. A plugin adds a format with `register_format`.
+A format is recognised by how a file begins. A plugin adds a format with `register_format`.
 """
 
 import dataclasses

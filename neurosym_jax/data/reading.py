@@ -46,7 +46,7 @@ class ReadOptions:
         return sorted(name for name in names if getattr(self, name) != getattr(AS_IT_SAYS, name))
 
     def stride_of(self, path: Path, period: float) -> float | None:
-        """Frame numbers in `period` seconds in this file; None if the frames are to tell.
+        """Frame numbers in `period` seconds in this file; None for their most common step.
 
         Raises:
             InputError: if both fps and stride are given.

@@ -45,7 +45,7 @@ def frame_step(path: Path, frame: np.ndarray, stride: float | None) -> float:
     Args:
         path: for messages.
         frame: [R] whole numbers.
-        stride: frame numbers; None if the frames are to tell.
+        stride: frame numbers; None for their most common step.
 
     Raises:
         InputError: for a stride that is not a usable number.

@@ -1,4 +1,4 @@
-"""Files as text: plain or gzip, in pieces of whole lines, and the head that formats are told by.
+"""Files as text, plain or gzip, in pieces of whole lines, and the head that shows the format.
 
 Anything that is not a regular file (opening a pipe would block), not text, or too large is refused
 before its content is kept.
@@ -39,7 +39,7 @@ LINE = 1 << 24
 UNPACKED = (256_000_000, 10)
 """Characters that a gzip file may hold: at least the first, else the second times its size."""
 
-_HEAD = 1 << 16  # characters that a format is told by; a THÖR header has about 10,000
+_HEAD = 1 << 16  # characters that formats are recognised by; a THÖR header has about 10,000
 _NAME = re.compile(r"""(?:^|[\s,;])["'(]*[^\W\d]""")
 _GROWTH = 12.0  # bytes of memory for each byte of a file, at most
 
@@ -120,7 +120,7 @@ def read_lines(path: Path) -> Iterator[str]:
 
 @dataclasses.dataclass(frozen=True)
 class Head:
-    """How a file begins: all that a format is told by."""
+    """How a file begins; formats are recognised by it."""
 
     text: str
     """Its first lines, comments included; empty if it is not text."""
