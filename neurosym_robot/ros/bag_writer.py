@@ -9,7 +9,14 @@ from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.plugin import ACTIVE, SUFFIXES
-from neurosym_robot.ros.definitions import EVENTS, FORECAST, HUMANS_TRAJS, STATES, blank, typestore
+from neurosym_robot.ros.definitions import (
+    EVENTS,
+    FORECAST,
+    HUMANS_TRAJS,
+    STATES,
+    blank,
+    shared_typestore,
+)
 from neurosym_robot.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
 from neurosym_robot.ros.outgoing import ENDINGS, makers
 from neurosym_robot.ros.trajectories import truth_message
@@ -39,7 +46,7 @@ class BagWriter:
             raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
         self.ros = 1 if path.suffix == ".bag" else 2
         self.path = path if self.ros == 1 else path.with_suffix("")
-        self._store = typestore(self.ros)
+        self._store = shared_typestore(self.ros)
         from rosbags import rosbag1, rosbag2
 
         active = self.path.with_name(self.path.stem + ACTIVE)

@@ -22,7 +22,7 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.plugin import ACTIVE, SUFFIXES, is_bag, topic_of
-from neurosym_robot.ros.definitions import typestore
+from neurosym_robot.ros.definitions import shared_typestore
 from neurosym_robot.ros.messages import PEOPLE_TOPICS
 from neurosym_robot.ros.people import KINDS, POSES
 from neurosym_robot.ros.source import PeopleSource
@@ -134,7 +134,7 @@ def _read(
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
-    store = typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
+    store = shared_typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
     files = [path] if path.is_file() else sorted(path.iterdir())
     files = [file for file in files if file.name.endswith((*SUFFIXES, ACTIVE))]
     try:

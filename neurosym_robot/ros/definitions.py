@@ -11,7 +11,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["blank", "definitions", "ros1_name", "typestore"]
+__all__ = ["blank", "definitions", "ros1_name", "shared_typestore", "typestore"]
 
 PEOPLE = "people_msgs/msg/People"
 HUMANS = "darko_perception_msgs/msg/Humans"
@@ -49,6 +49,10 @@ def typestore(ros: Literal[1, 2]) -> Any:
         types.update(get_types_from_msg(text, name))
     store.register(types)
     return store
+
+
+shared_typestore = functools.cache(typestore)
+"""A typestore that is made once; types must not be added to it."""
 
 
 def ros1_name(kind: str) -> str:

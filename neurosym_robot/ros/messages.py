@@ -4,6 +4,7 @@ Messages come from `new(type)`, which returns empty ones: rclpy's own, or `defin
 way from a message to people is `people.py`.
 """
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -36,9 +37,11 @@ def make_people(new: New, frame: Frame, frame_id: str = "map") -> Any:
     """The People message of a frame."""
     message = new(PEOPLE)
     put_stamp(message.header, frame.stamp, frame_id)
+    empty = new("people_msgs/msg/Person")
     for id, (x, y) in zip(frame.ids.tolist(), frame.xy.tolist()):
-        person = new("people_msgs/msg/Person")
+        person = copy.copy(empty)
         person.name, person.reliability = str(id), 1.0
+        person.position = copy.copy(empty.position)
         person.position.x, person.position.y = x, y
         message.people.append(person)
     return message
