@@ -1,13 +1,16 @@
 """Tables: runs of one model are one line, means over test sets, and what a paper takes."""
 
 import csv
+import dataclasses
 import io
 import re
+from unittest import mock
 
 import numpy as np
 import pytest
 from scipy.stats import t
 
+from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.results import rows_frame
 from neurosym_jax.evaluation.summary import conclusion, lines_of, means_of
 from neurosym_jax.evaluation.tables import format_table
@@ -84,6 +87,9 @@ def test_bold_only_where_the_interval_says_so():
         return [line.values["joint_ade"].best for line in lines]
 
     assert best(0.20, 0.23) == [True, False]
+    with mock.patch.dict(METRICS):
+        METRICS["joint_ade"] = dataclasses.replace(METRICS["joint_ade"], higher_is_better=True)
+        assert best(0.20, 0.23) == [False, True]
     assert best(0.20, 0.21) == [False, False]
     assert [line.values["joint_ade"].best for line in lines_of([row("a", "eth", 0.2)])] == [False]
 
@@ -146,7 +152,8 @@ def test_a_table_fits_the_terminal():
         assert max(map(len, lines[:note])) <= width
         at = lines.index("eth: 8 + 8 steps, 602 scenes, 2253 people")
         assert lines[at + 2].split()[:2] == ["model", "ADE"]
-        assert lines[at + 3].startswith("constant velocity  0.431 ±.010")
+        assert lines[at + 3].startswith("constant velocity  0.431 ±.010  ")
+        assert lines[at + 4].startswith("SGAN               0.300 ±.010*")
         assert "own" not in "".join(lines)  # It has no value anywhere.
     assert "by bootstrap over 50 blocks of scenes" in lines[-2]
     assert lines[-1].startswith("*: significantly better than all others")
