@@ -99,7 +99,7 @@ class TwoStageForecaster(Forecaster):
 
     @abc.abstractmethod
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
-        """As `forecast`, given the context; if `decodes_alone`, `scene` has no identity."""
+        """As `forecast`, given the context [N, ...]; if `decodes_alone`, without identity."""
 
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.forecast`."""

@@ -95,7 +95,11 @@ def predict(
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
-    """Refuse `observed [N, T, 2]`, called `name`, if T is not the steps that the model observes."""
+    """Refuse `observed [N, T, 2]`, called `name`, if the model does not observe T steps.
+
+    Raises:
+        InputError: with both numbers.
+    """
     steps, wanted = observed.shape[1], model.config.obs_len
     if steps != wanted:
         raise InputError(f"{name} has {steps} steps; the model observes {wanted}")

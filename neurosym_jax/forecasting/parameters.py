@@ -51,7 +51,11 @@ def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse_not_finite(flat: Mapping[str, np.ndarray]) -> None:
-    """Refuse, with an InputError that names them, arrays that hold a NaN or an infinity."""
+    """Refuse arrays [...] that hold a NaN or an infinity.
+
+    Raises:
+        InputError: naming them.
+    """
     bad = [name for name, value in flat.items() if not np.isfinite(value).all()]
     if bad:
         raise InputError(f"parameters that are not finite: {listed(bad)}")

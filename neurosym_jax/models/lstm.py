@@ -29,7 +29,7 @@ class LSTM(Cell):
         return LSTMNetwork(inputs, features, name=name)
 
     def start(self, hidden: Array) -> tuple[Array, ...]:
-        """The cell state starts at zero."""
+        """`hidden [..., H]`, and a cell state of zeros."""
         return hidden, jnp.zeros_like(hidden)
 
     def update(self, gates: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:

@@ -37,7 +37,7 @@ def describe_pairs(
     people: np.ndarray,
     period: float,
 ) -> ScenePairs:
-    """The pairs of a scene; `parameters` are the weighting's, for the others see `ScenePairs`."""
+    """The pairs of the scene `position [N, T, 2]`; `parameters` are the weighting's."""
 
     @jax.jit
     def describe(positions: Any) -> Any:

@@ -134,7 +134,7 @@ def other_pairs(valid: ArrayLike | None, count: int) -> Array:
 def side_factor(
     quantisation_factor: ArrayLike, convention: str, given: ArrayLike | None
 ) -> ArrayLike:
-    """The quantisation factor of q3 and q4 (see `Thresholds`), from the one given.
+    """The quantisation factor [] of q3 and q4 (see `Thresholds`), from the one given.
 
     Raises:
         InputError: for an unknown convention.
