@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("neurosym_jax", "neurosym_robot", "checkpoints", "pyproject.toml", "setup.py")
 SOURCES += ("README.md", "LICENSE")
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
-EVALUATE = ("--checkpoint", "sgan_simulations_8_8", "--scene", "cross-path", "--samples", "2")
+EVALUATE = ("--checkpoint", "sgan_simulations_8_8", "--dataset", "cross-path", "--samples", "2")
 # The network and the recipe of test_sweep.py, whose programs are compiled there or here.
 TRAIN = ("--steps", "25", "--out", "run", "--dataset", "cross-path", "--model", "sgan", "--set")
 TRAIN += ("batch_scenes=4", "best_k=2", "max_agents=4")

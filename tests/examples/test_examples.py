@@ -9,6 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic import alpha_table
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
@@ -119,10 +120,11 @@ def test_a_metric_of_ones_own():
     compute = example("closest").closest
     forecast = np.zeros((2, 3, 4, 2))
     forecast[:, 1, :, 0], forecast[1, 1, 2, 0] = 3.0, 1.0
-    total, count = compute(forecast, forecast[0], np.array([True, True, False]))
-    assert (float(total), int(count)) == (4.0, 2)
-    total, count = compute(forecast[:, :1], forecast[0, :1], np.array([True]))
-    assert (float(total), int(count)) == (0.0, 0)
+    scene = pad_scene(make_scene(np.zeros((2, 2, 2))), 3)
+    value, known = compute(forecast, scene)
+    assert (value[:2].tolist(), known[:2].tolist()) == ([2.0, 2.0], [True, True])
+    alone = make_scene(np.zeros((1, 2, 2)))
+    assert not compute(forecast[:, :1], alone)[1].any()
 
 
 def test_forecasts_become_a_costmap(tmp_path):
