@@ -32,6 +32,7 @@ REFUSALS = [
     ("text", "780;1;8,46;3,59\n", r"row 1: x is not a number: '8,46' \(use a decimal point\)"),
     ("text", "0 1 2 3\n1 1_0 2 3\n", "row 2: ped is not a number: '1_0'"),
     ("text", "0 1 2 3\n1 01 2 3\n", "the ids '1' and '01' are one number"),
+    ("cliff", "1e12,1,0,0,0,0\n", r"row 1: time 1e\+12 is not a usable number"),
     ("cliff", "0.1,1.5,0,0,0,0\n", "row 1: id 1.5 is not whole"),
     ("columns", "t,id,x\n1,2,3\n", "which column is y"),
     ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),

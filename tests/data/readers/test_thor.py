@@ -111,3 +111,9 @@ def test_unaligned_clocks_become_scenes(shared):
         assert 100 < early.sum() < len(early)
         assert_array_equal(windows.position[early, :8], others.position[early, :8])
         assert np.abs(windows.position[early] - others.position[early]).max() > 4
+
+
+def test_a_helmet_at_one_time_twice_is_in_two_runs(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("Time,x,y,ag_id,tracklet_id\n1,2,3,Helmet_4,5\n1,7,3,Helmet_4,6\n")
+    assert [run.recording for run in read_tracklets(path)] == ["a_1", "a_2"]
