@@ -118,9 +118,10 @@ def test_the_card(done, tmp_path):
     assert f"{facts['validation']['val_ade']:.3f}" in text
     for name in ("seed", "jax", "threads", "code", facts["data"]["training"][:16]):
         assert name in text
-    errors = {"joint": {"ade": 0.25, "fde": 0.5}, "marginal": {"ade": 0.125, "fde": 0.375}}
-    row = {"checkpoint": "here", "model": "SGAN", "scene": "zara1", "samples": 20, **errors}
-    row["metrics"] = {"joint_ade": 0.25, "collision_rate": 0.031, "of_a_plugin": 1.5}
+    metrics = {"joint_ade": 0.25, "joint_fde": 0.5, "marginal_ade": 0.125, "marginal_fde": 0.375}
+    metrics |= {"collision_rate": 0.031, "of_a_plugin": 1.5}
+    row = {"checkpoint": "here", "model": "SGAN", "dataset": "zara1", "samples": 20, **metrics}
+    row |= {f"{name}_low": None for name in metrics}
     folder = shutil.copytree(done / "model", tmp_path / "model")
     write_card(folder, facts, [row, {**row, "checkpoint": None, "model": "constant velocity"}])
     text = (load_model(folder) and folder / "README.md").read_text()
