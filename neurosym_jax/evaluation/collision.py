@@ -21,7 +21,7 @@ PAIRS, PATHS = 2**14, 2**12
 """Pairs, and pairs in one sample, processed together: their arrays stay in the caches."""
 
 REACH = COLLISION_DISTANCE + 1e-3
-"""Distance between boxes, rounding included, from which on nobody collides, metres."""
+"""Distance between boxes, m, beyond which no collision is possible, rounding included."""
 
 
 def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:

@@ -111,7 +111,7 @@ def score(
     seen = np.zeros((len(future), 1, 2)) if observed is None else np.asarray(observed, np.float64)
 
     def padded(values: ArrayLike, dtype: Any = None) -> np.ndarray:
-        """[1, slots, ...] of `values [N, ...]`, zero where nobody counts."""
+        """[1, slots, ...] of `values [N, ...]`, zero where no agent counts."""
         values = np.asarray(values)
         array = np.zeros((1, slots, *values.shape[1:]), dtype or values.dtype)
         array[0, : len(present)][present] = values[present]

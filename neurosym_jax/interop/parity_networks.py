@@ -122,7 +122,7 @@ def alpha_rows_used(pair_rows: np.ndarray, bounds: np.ndarray) -> list[np.ndarra
 
     The release stores a row for each ordered pair, N*N for a scene of N agents, but slices the rows
     by the agents' bounds, N for a scene. So a scene gets rows of other pairs, after the first scene
-    those of other scenes, and its network reads row start + j for agent j, whoever looks at j.
+    those of other scenes, and its network reads row start + j for agent j, for every i.
 
     Args:
         pair_rows: [sum of N*N, T] weights of the pairs of all scenes, pair (i, j) of a scene in

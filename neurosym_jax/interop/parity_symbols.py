@@ -28,7 +28,7 @@ RELEASED = CndShipped(convention="as_published", decimals=DECIMALS)
 def qtc(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     """States and weights of stored pairs, in every convention that is stored.
 
-    The released code writes 10 for a pair of which nobody moves; we write 0 as for any standing.
+    The released code writes 10 for a pair in which both people stand; we write 0.
     """
     del row
     k = floats(arrays, "k", None, None, 2).astype(np.float64)

@@ -1,4 +1,4 @@
-"""How far one training step is from a torch run that somebody saved: a case of `interop.parity`.
+"""Parity of one training step with a stored torch run: a case of `interop.parity`.
 
 One discriminator step, then one generator step that the new discriminator scores, on one batch,
 with given noises and no augmentation. The parameters before, the noises and the batch are torch's;

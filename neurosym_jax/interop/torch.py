@@ -62,7 +62,7 @@ def load_torch_checkpoint(path: str | os.PathLike) -> TorchCheckpoint:
 
     Published files hold `g_state` and `args`; those of a training run hold more. The generator
     is always `g_state`, which SGAN's own evaluation uses, never `g_best_state`. NeuroSyM's files do
-    not say which of its networks they are, nor how alpha was weighted: the network is told from
+    not say which of its networks they are, nor how alpha was weighted: the network is inferred from
     its tensors, and the weighting is the authors' table unless the file was exported from here.
 
     Raises:
