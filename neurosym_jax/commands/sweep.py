@@ -18,7 +18,7 @@ class Options:
 
     models: tuple[str, ...] = ("sgan", "neurosym")
     """sgan, neurosym (as described), neurosym_ros, or any other pooling's name."""
-    datasets: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--scenes"])] = ()
+    datasets: tuple[str, ...] = ()
     """Data sets to leave out of training and test on; default: all that the data has."""
     seeds: tuple[int, ...] = (0, 1, 2)
     """Random seeds, a training each."""

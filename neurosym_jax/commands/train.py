@@ -42,7 +42,7 @@ class Options:
     or encounter; or one that a plugin registers."""
     weighting: str | None = None
     """Weighting of NeuroSyM, KIND[,FIELD=VALUE...], see docs/weightings.md (default: cnd)."""
-    dataset: Annotated[str | None, tyro.conf.arg(aliases=["--scene"])] = None
+    dataset: str | None = None
     """Data set to leave out of training (eth, hotel, ...); `general` trains on all of ETH/UCY. Of
     the simulations, the one to train on (default: all of them)."""
     obs_len: int = 8
