@@ -3,9 +3,9 @@
     python examples/own_weighting.py
 
 Trains two small models on the simulations, one with `cnd` and one with `nearness`, and compares
-them. From the command line the same weighting is called by module and kind:
+them. On the command line this file is a plugin:
 
-    PYTHONPATH=examples python train.py --model neurosym --weighting own_weighting:nearness
+    python train.py --plugin examples/own_weighting.py --model neurosym --weighting nearness
 """
 
 import tempfile

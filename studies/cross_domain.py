@@ -6,10 +6,10 @@ ALL="$MODELS $(ls -d checkpoints/*_general_8_*)"
 python evaluate.py --data THOR --checkpoint $ALL --no-figures --json docs/cross_domain/thor.json
 python evaluate.py --data MORE/tests --checkpoint $ALL --no-figures \\
     --json docs/cross_domain/more.json
-python evaluate.py --data DATA --scene zara1 --checkpoint $MODELS --no-figures \\
+python evaluate.py --data DATA --dataset zara1 --checkpoint $MODELS --no-figures \\
     --json docs/cross_domain/zara1.json
 for scene in all-forward cross-path; do
-    python evaluate.py --scene $scene --checkpoint $ALL --no-figures \\
+    python evaluate.py --dataset $scene --checkpoint $ALL --no-figures \\
         --json docs/cross_domain/$scene.json
 done
 python -m studies.cross_domain docs/cross_domain/*.json > docs/cross_domain.md

@@ -6,10 +6,10 @@ python -m studies.left_out DATA OUT RECIPE [RECIPE ...] [--seeds N] [--steps N] 
 A RECIPE is `ours`, or a list of changes to it or to the network, such as
 `scale=0.3,noise_type=fixed`; with `more=NAME+NAME` it learns from these folders of `--more` besides
 (`studies.more_data` makes them). Of every pair of ETH/UCY's five scenes, models are trained on the
-others, as `train.py --scene` would, and tested on both. The error by which a recipe is judged for a
-scene is the mean over its pairs, always tested on the other scene of the pair: nothing of the scene
-itself is in it, neither as training nor as test. Runs are single-threaded, as many at once as there
-are cores; a finished run is never trained again, so that seeds can be added later.
+others, as `train.py --dataset` would, and tested on both. The error by which a recipe is judged for
+a scene is the mean over its pairs, always tested on the other scene of the pair: nothing of the
+scene itself is in it, neither as training nor as test. Runs are single-threaded, as many at once as
+there are cores; a finished run is never trained again, so that seeds can be added later.
 """
 
 import argparse
