@@ -109,7 +109,8 @@ def test_rows_of_another_evaluation_are_evaluated_again(tests, whole, tmp_path):
         assert len(rows) == sum(len(test.entries) for test in given)
 
 
-def test_in_other_processes_the_rows_are_the_same(tests, whole, tmp_path):
+def test_in_other_processes_the_rows_are_the_same(tests, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})  # Not the plugins of other tests.
     with executor(jobs=1) as pool:
         rows, _ = evaluate_into(tmp_path / "rows.json", tests, SETTINGS, pool=pool)
     for row, other in zip(timeless(rows), whole, strict=True):
