@@ -31,7 +31,7 @@ PUBLISHED = {
 }
 
 NAMES = {
-    "runs/more_": "{model}, more data",
+    "runs/sdd_": "{model}, more data",
     "sgan-20v/": "SGAN-20V, published networks",
     "sgan-20vp/": "SGAN-20VP, published networks",
     "checkpoints/": "{model}, ours",

@@ -28,14 +28,14 @@ CHOSEN = (
         "`single_agent_share=0.2`, 2,000 steps",
         "pairs eth + hotel and univ + zara1 left out: their whole test recordings, 8 + 12, one "
         "seed; with SGAN's pooling, and with two more seeds, only after all trainings "
-        "([training.md](training.md#beside-constant-velocity))",
+        "([training.md](training.md#residual-networks))",
         "all, these four's and 8 + 8 too",
     ),
     (
         "`scale=0.6` with the pooling `encounter`, without more data",
         "the same two pairs left out, 8 + 12, three seeds, before its trainings; what it gains is "
         "eth's, and eth's clock was the reason to try ([training.md]"
-        "(training.md#beside-constant-velocity))",
+        "(training.md#residual-networks))",
         "all, these four's and 8 + 8 too",
     ),
     (
@@ -64,7 +64,7 @@ leave-one-out test splits, best of {samples} samples. *Joint* takes one sample f
 as most later papers do. Constant velocity is a single forecast.
 
 Rows are means over {seeds} seeds of the noise. Rows "residual"
-([Train](training.md#beside-constant-velocity)) have the same noise in every scene, and are means of
+([Train](training.md#residual-networks)) have the same noise in every scene, and are means of
 {trainings} trainings. Those with "more data" have learned from Stanford's drone scenes besides
 ([Train](training.md#more-data)), and the published ones have not. All others are of **one training
 seed**: how much another training would differ is not in them. After ± stands half of the 95 %
