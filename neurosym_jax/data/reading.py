@@ -1,5 +1,6 @@
 """How files are read: what a user says of them, what a format is, and what a reading reports."""
 
+import abc
 import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -73,7 +74,7 @@ AS_IT_SAYS = ReadOptions()
 
 
 @dataclasses.dataclass(frozen=True)
-class Format:
+class Format(abc.ABC):
     """A format of files. A subclass with these attributes and methods is registered by name; its
     fields, if any, are options that only this format has."""
 
@@ -96,13 +97,13 @@ class Format:
         """Whether a file of this format holds something else, so that folders are read without."""
         return False
 
+    @abc.abstractmethod
     def read(self, path: Path, options: ReadOptions, period: float) -> "list[Tracks]":
         """The recordings in a file; where frames are numbered, one step is `period` seconds.
 
         Raises:
             InputError: naming file, row and reason.
         """
-        raise NotImplementedError
 
 
 @dataclasses.dataclass(frozen=True)

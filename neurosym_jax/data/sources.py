@@ -3,6 +3,7 @@
 A source reads files only when recordings are asked for.
 """
 
+import abc
 import dataclasses
 import os
 from collections.abc import Iterable, Sequence
@@ -40,7 +41,7 @@ TRAIN_SHARE = 0.8
 
 
 @dataclasses.dataclass(frozen=True)
-class Source:
+class Source(abc.ABC):
     """Named data sets and their recordings."""
 
     scenes: tuple[str, ...]
@@ -79,8 +80,8 @@ class Source:
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
         return self._on_grid([tracks for path in paths if path for tracks in self._read_file(path)])
 
-    def _read(self, scene: str, split: Split) -> list[Tracks]:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _read(self, scene: str, split: Split) -> list[Tracks]: ...
 
     def _paths(self) -> Iterable[Path]:
         return ()

@@ -1,5 +1,6 @@
 """What a recurrent cell is, and the encoder that runs one; `cells` has the table."""
 
+import abc
 import dataclasses
 from typing import Any, ClassVar
 
@@ -15,7 +16,7 @@ __all__ = ["Cell", "Encoder", "cell_network", "embed"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Cell(Checked):
+class Cell(Checked, abc.ABC):
     """A recurrent cell of encoder and decoder; the fields of a subclass are its options.
 
     A step is `update(x @ input_kernel + biases + h @ recurrent_kernel, state)`, for an input x and
@@ -25,21 +26,21 @@ class Cell(Checked):
     title: ClassVar[str]
     """What tables call it, except an LSTM; in lower case, the scope of its parameters."""
 
+    @abc.abstractmethod
     def network(self, inputs: int, features: int, name: str) -> Any:
         """The Flax module with the cell's parameters, called `name`.
 
         It has `input_kernel` [inputs, G], `recurrent_kernel` [features, G] and maps x [..., inputs]
         to `x @ input_kernel` + biases [..., G]. G is the number of pre-activations, the gates.
         """
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def start(self, hidden: Array) -> tuple[Array, ...]:
         """The state with this hidden state [..., H], before the first step."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def update(self, gates: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:
         """The next state, from `gates` [..., G]."""
-        raise NotImplementedError
 
 
 def cell_network(cell: Cell, inputs: int, features: int) -> Any:

@@ -1,5 +1,6 @@
 """What a pooling is; `poolings` has the table."""
 
+import abc
 import dataclasses
 from typing import Any, ClassVar
 
@@ -15,7 +16,7 @@ NO_FORECAST = (
 
 
 @dataclasses.dataclass(frozen=True)
-class Pooling(Checked):
+class Pooling(Checked, abc.ABC):
     """A pooling over each agent's neighbours in one scene; the fields of a subclass are options.
 
     A subclass is registered by `register_pooling` and chosen by `GeneratorConfig.pooling`.
@@ -33,6 +34,7 @@ class Pooling(Checked):
     - "alpha_rows": [N, obs_len] instead, for the parity of a release (`NO_FORECAST`).
     """
 
+    @abc.abstractmethod
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> Any:
         """The Flax module from `inputs` to [N, `width(h_dim)`].
 
@@ -43,7 +45,6 @@ class Pooling(Checked):
             obs_len: steps of a track.
             embedding_dim: size of an embedded position in the generator.
         """
-        raise NotImplementedError
 
     def width(self, h_dim: int) -> int:
         """Size of a pooled vector, by default the option `bottleneck_dim`."""
@@ -61,6 +62,9 @@ class NoPooling(Pooling):
 
     title: ClassVar[str] = "SGAN, no pooling"
     inputs: ClassVar[frozenset[str]] = frozenset()
+
+    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> Any:
+        """None: there is nothing to call."""
 
     def width(self, h_dim: int) -> int:
         """0."""

@@ -6,6 +6,7 @@ are its options, and equal weightings share compiled programs. What it learns or
 model's parameters, `params["weighting"]`. The built-in ones are listed in `weightings`.
 """
 
+import abc
 import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
@@ -30,12 +31,13 @@ Scenes = Iterable[tuple[Any, Any]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Weighting(Checked):
+class Weighting(Checked, abc.ABC):
     """A weighting; a subclass has its options as fields and overrides `weigh`."""
 
     title: ClassVar[str] = ""
     """The name by which it is registered, in text forms and tables."""
 
+    @abc.abstractmethod
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """[N, N, T] weights of all ordered pairs of one scene, before the rules of `alpha`.
 
@@ -44,7 +46,6 @@ class Weighting(Checked):
             positions: [N, T, 2] metres.
             valid: [N] bool, False for padding; None for no padding.
         """
-        raise NotImplementedError
 
     def start(self, scenes: Scenes | None = None) -> Parameters:
         """Parameters before training; `scenes` is the training data, where known."""

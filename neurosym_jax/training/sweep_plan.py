@@ -118,8 +118,9 @@ def plan_runs(
         for named in _networks(models, weightings):
             for dataset in datasets or source.scenes:
                 for pred_len in pred_lens:
-                    lengths = {"obs_len": obs_len, "pred_len": pred_len}
-                    generator = named_generator(**named, **lengths, changes=network)
+                    generator = named_generator(
+                        **named, obs_len=obs_len, pred_len=pred_len, changes=network
+                    )
                     name = f"{model_name(generator)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
                     own = {"dataset": dataset, "pred-len": pred_len, "seed": seed}
                     arguments = (*_options(own | named | {"out": out / name}), *common)

@@ -84,7 +84,7 @@ def write_report(
     return f"{text}\n{format_table(read_report(sweep / 'sweep.json'), 'markdown')}\n\n{files}"
 
 
-def _read(folder: Path) -> tuple[list[Row], dict[int, ErrorsByScene]]:
+def _read(folder: Path) -> tuple[Sequence[Row], dict[int, ErrorsByScene]]:
     """The rows of a sweep, and by their index the errors of those that were trained."""
     rows = read_report(folder / "sweep.json").to_dicts()
     try:
@@ -92,9 +92,10 @@ def _read(folder: Path) -> tuple[list[Row], dict[int, ErrorsByScene]]:
         with np.load(folder / ERRORS) as arrays:
             for index, row in enumerate(rows):
                 if row["training_seed"] is not None:
-                    names, *of = (arrays[f"{name}_{index}"] for name in ARRAYS)
+                    names, totals, counts, identity = (arrays[f"{n}_{index}"] for n in ARRAYS)
                     steps = row["obs_len"] + row["pred_len"]
-                    errors[index] = ErrorsByScene(tuple(names.tolist()), *of, steps)
+                    metrics = tuple(names.tolist())
+                    errors[index] = ErrorsByScene(metrics, totals, counts, identity, steps)
         return rows, errors
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None
@@ -155,9 +156,9 @@ def _compare(
                 seeds = sorted(ours.keys() & theirs.keys())
                 if not seeds:
                     raise InputError(f"{model} and {reference} have no seed in common on {scene}")
-                pairs = [[of[seed] for seed in seeds] for of in (ours, theirs)]
-                parts.append(paired_difference(*pairs, numbers=seeds))
-                means.append(np.mean([one.mean for one in pairs[1]], axis=0))
+                first, second = ([of[seed] for seed in seeds] for of in (ours, theirs))
+                parts.append(paired_difference(first, second, numbers=seeds))
+                means.append(np.mean([one.mean for one in second], axis=0))
                 names = {"model": model, "reference": reference, "scene": scene}
                 compared.append(names | _numbers(parts[-1], means[-1]))
             if len(parts) > 1:

@@ -24,6 +24,7 @@ A moment has
 The last line has the final `score` alone.
 """
 
+import abc
 import collections
 import itertools
 import json
@@ -176,13 +177,13 @@ class Moments:
         }
 
 
-class View:
+class View(abc.ABC):
     """Shows a stream frame by frame; a subclass writes the lines of `Moments`."""
 
     _moments: Moments
 
-    def _write(self, line: str) -> None:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _write(self, line: str) -> None: ...
 
     def show(
         self,

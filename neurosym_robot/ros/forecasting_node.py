@@ -1,5 +1,6 @@
 """What the nodes of ROS 1 and ROS 2 share: from a frame to the topics of its forecast."""
 
+import abc
 import time
 from collections.abc import Callable
 from typing import Any
@@ -21,23 +22,23 @@ __all__ = ["DIAGNOSE", "ForecastingNode"]
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
 
 
-class ForecastingNode:
+class ForecastingNode(abc.ABC):
     """A predictor in a ROS graph; a subclass speaks to the graph by the four methods below."""
 
+    @abc.abstractmethod
     def _new(self, kind: str) -> Any:
         """An empty message, by its type."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def _advertise(self, topic: str, kind: str) -> Any:
         """A publisher, by topic and type; None if there is no such type."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def _is_heard(self, publisher: Any) -> bool:
         """Whether a publisher has subscribers."""
-        raise NotImplementedError
 
-    def _send(self, publisher: Any, message: Any) -> None:
-        raise NotImplementedError
+    @abc.abstractmethod
+    def _send(self, publisher: Any, message: Any) -> None: ...
 
     def __init__(
         self,
