@@ -12,7 +12,7 @@ __all__ = ["Options", "run"]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Compare a sweep's models with references, paired: Markdown, JSON and a forest plot."""
+    """Compare a sweep's models with references, paired: Markdown, CSV, JSON and a forest plot."""
 
     sweep: tyro.conf.Positional[Path]
     """Folder of the sweep."""

@@ -22,6 +22,7 @@ from neurosym_jax.data.sources import (
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.plugins import loaded
 from neurosym_jax.training.finish import outcome
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.network import model_name, named_generator
@@ -105,6 +106,7 @@ def _test_of(options: Options, folder: Path) -> str:
         where = ["--data", "RECORDINGS"]
     elif options.dataset is not None:
         where += ["--dataset", options.dataset]
+    where += [part for plugin in loaded() for part in ("--plugin", plugin)]
     return shlex.join(["neurosym", "evaluate", "--checkpoint", str(folder / "model"), *where])
 
 
