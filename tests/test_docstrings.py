@@ -44,7 +44,7 @@ def test_shapes_and_errors_are_said():
             text, name = ast.get_docstring(function) or "", f"{path.stem}.{function.name}"
             if takes_arrays(function) and not SHAPE.search(text) and not text.startswith("See `"):
                 lacking.append(f"{name}: takes arrays, but no shape is given")
-            if raises_input_error(function) and "InputError" not in text:
+            if raises_input_error(function) and "Raises:" not in text:
                 lacking.append(f"{name}: raises InputError, but does not say so")
     assert lacking == []
 

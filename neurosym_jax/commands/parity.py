@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from neurosym_jax.evaluation.report import check_report
 from neurosym_jax.interop.parity import TOLERANCE, format_parity, parity_json, run_parity
 from neurosym_jax.runtime.files import write_json
 
@@ -30,11 +31,12 @@ def run(options: Options) -> int:
     It is 1 for a miss, and where nothing was compared: that proves nothing.
 
     Raises:
-        InputError: as `run_parity`, or when the JSON file cannot be written.
+        InputError: as `run_parity`, or when the JSON file cannot be written or is not ours.
     """
     rows = run_parity(options.directory, options.tolerance)
     print(format_parity(rows))
     if options.json is not None:
+        check_report(options.json)
         write_json(options.json, parity_json(rows))
     compared = [row.ok for row in rows if row.skipped is None]
     return 0 if compared and all(compared) else 1

@@ -107,7 +107,11 @@ def generator_of(row: Mapping[str, Any]) -> GeneratorConfig:
 
 
 def manifest_field(row: Mapping[str, Any], name: str) -> Any:
-    """The field `name` of a row; InputError where it is missing."""
+    """The field `name` of a row.
+
+    Raises:
+        InputError: where it is missing.
+    """
     if name not in row:
         raise InputError(f"manifest: {name} is missing")
     return row[name]

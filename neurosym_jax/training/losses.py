@@ -204,7 +204,11 @@ def generator_loss(options: LossOptions, made: Forecasts) -> tuple[Array, dict[s
 
 
 def refuse_no_loss(options: LossOptions) -> None:
-    """Raise InputError for options that leave all terms out."""
+    """Refuse options that leave all terms out.
+
+    Raises:
+        InputError: naming the weights that are 0.
+    """
     weights = [term.weight for term in TERMS.values()]
     if not any(getattr(options, name) for name in weights):
         raise InputError(f"{' and '.join(weights)} are 0: nothing would be learned")

@@ -223,6 +223,10 @@ def test_json_report(tmp_path, case):
     assert (report["format"], report["tolerance"], len(report["rows"])) == (1, 1e-5, 3)
     assert report["rows"][0]["output"] == "pred_rel"
     assert report["rows"][0]["shape"] == [7, PRED, 2]
+    (tmp_path / "out.json").write_text("my notes")
+    with pytest.raises(InputError, match=r"out\.json"):
+        run(options)
+    assert (tmp_path / "out.json").read_text() == "my notes"
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
