@@ -99,7 +99,7 @@ class Decoder(nn.Module):
     ) -> Array:
         unroll = nn.scan(
             lambda decoder, state, valid: decoder._pooled_step(state, base, valid, weigh),
-            variable_broadcast="params",
+            variable_broadcast=("params", "training"),
             split_rngs={"params": False},
             in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
             length=self.config.pred_len,

@@ -14,7 +14,7 @@ from jax import Array
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.models.pairs import max_over_neighbours
+from neurosym_jax.models.pairs import bottleneck_relu, max_over_neighbours
 from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NO_FORECAST
 
@@ -67,9 +67,10 @@ class _DescribedNetwork(_HistoryNetwork):
         folded = folded.reshape(3 * self.obs_len, self.hidden_dim)
         of_neighbour = hidden @ of_hidden + first.bias
 
-        return max_over_neighbours(
+        highest = max_over_neighbours(
             _described_pair, folded, track, (track, of_neighbour), alpha, second, valid
         )
+        return bottleneck_relu(self, highest)
 
 
 def _described_pair(folded: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
@@ -99,9 +100,10 @@ class _RosNetwork(_HistoryNetwork):
         of_neighbour = hidden @ of_hidden + first.bias
 
         shifted, own = (x.reshape(agents, self.obs_len, -1) for x in (shifted, own))
-        return max_over_neighbours(
+        highest = max_over_neighbours(
             _ros_pair, of_steps, own, (shifted, of_neighbour), alpha, second, valid
         )
+        return bottleneck_relu(self, highest)
 
 
 def _ros_pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:

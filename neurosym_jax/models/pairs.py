@@ -1,4 +1,4 @@
-"""The part of every pooling that works on pairs: two layers, and the maximum over neighbours."""
+"""The part of poolings that works on pairs: two layers, the maximum over neighbours, a ReLU."""
 
 import functools
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from jax import Array
 
 from neurosym_jax.models.layers import Affine
 
-__all__ = ["max_over_neighbours"]
+__all__ = ["bottleneck_relu", "max_over_neighbours"]
 
 FirstLayer = Callable[[Any, Any, Any, Any], Array]
 
@@ -25,7 +25,9 @@ def max_over_neighbours(
     second: Affine,
     valid: Array,
 ) -> Array:
-    """`max_j relu(W relu(first_layer of i and j) + b)` over valid j, for every agent i.
+    """`max_j W relu(first_layer of i and j) + b` over valid j, for every agent i.
+
+    `bottleneck_relu` comes after it, which gives the same vectors as a ReLU of every pair.
 
     Agents are processed one by one, so the widest array is `[N, hidden]`, which stays in the cache
     where `[N, N, hidden]` does not. Only the neighbour who wins the maximum of an output (of
@@ -43,10 +45,11 @@ def max_over_neighbours(
         valid: [N] bool.
 
     Returns:
-        [N, B], finite and at least 0 for every slot.
+        [N, B], finite for every slot; 0 if nobody is valid.
     """
     layer = jax.vmap(first_layer, in_axes=(None, None, 0, 0))
-    return _maximum(layer, shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
+    highest = _maximum(layer, shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
+    return jnp.where(valid.any(), highest, 0)
 
 
 @functools.partial(jax.custom_vjp, nondiff_argnums=(0,))
@@ -58,10 +61,9 @@ def _maximum(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
 
 
 def _candidates(layer, shared, neighbours, kernel, bias, valid, own, of_pairs) -> Array:
-    """[N, B] candidates of one agent; 0, neutral for the maximum, where not valid."""
+    """[N, B] candidates of one agent; -inf where not valid."""
     hidden = nn.relu(layer(shared, own, neighbours, of_pairs))
-    # The last ReLU makes every candidate non-negative.
-    return jnp.where(valid[:, None], nn.relu(hidden @ kernel + bias), 0)
+    return jnp.where(valid[:, None], hidden @ kernel + bias, -jnp.inf)
 
 
 def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
@@ -74,12 +76,11 @@ def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
         return highest, jnp.where(values == highest, slots, len(valid) - 1).min(axis=0)
 
     highest, winner = jax.lax.map(of_agent, (agents, pairs))
-    return highest, (shared, agents, neighbours, pairs, kernel, highest, winner)
+    return highest, (shared, agents, neighbours, pairs, kernel, winner)
 
 
 def _backward(layer, saved, cotangent):
-    shared, agents, neighbours, pairs, kernel, highest, winner = saved
-    cotangent = jnp.where(highest > 0, cotangent, 0)
+    shared, agents, neighbours, pairs, kernel, winner = saved
     weight = kernel.T
 
     def of_agent(sums, agent):
@@ -109,3 +110,32 @@ def _add_rows(arrays: Any, rows: Array, values: Any) -> Any:
 
 
 _maximum.defvjp(_forward, _backward)
+
+
+def bottleneck_relu(module: nn.Module, x: Array) -> Array:
+    """`relu(x)`, the end of the pooling `module`.
+
+    Its gradient at `x <= 0` is 0, or, where the module has the variable `leak` of the collection
+    `training`, that share of the gradients which raise `x` (see `training.gentle_pooling`).
+    """
+    if not module.has_variable("training", "leak"):
+        return nn.relu(x)
+    return _leaking_relu(x, module.get_variable("training", "leak"))
+
+
+@jax.custom_vjp
+def _leaking_relu(x: Array, leak: Array) -> Array:
+    return nn.relu(x)
+
+
+def _leaking_forward(x: Array, leak: Array):
+    return nn.relu(x), (x > 0, leak)
+
+
+def _leaking_backward(saved, cotangent: Array):
+    on, leak = saved
+    raising = leak * jnp.minimum(cotangent, 0)
+    return jnp.where(on, cotangent, raising), jnp.zeros_like(leak)
+
+
+_leaking_relu.defvjp(_leaking_forward, _leaking_backward)

@@ -12,7 +12,7 @@ from jax import Array
 
 from neurosym_jax.configuration import Count
 from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.models.pairs import max_over_neighbours
+from neurosym_jax.models.pairs import bottleneck_relu, max_over_neighbours
 from neurosym_jax.models.pooling import Pooling
 
 __all__ = ["PoolNet", "PoolNetwork"]
@@ -57,7 +57,8 @@ class PoolNetwork(nn.Module):
         of_embedding, of_hidden = jnp.split(first.kernel, [self.embedding_dim])
         v = position @ (self.spatial_embedding.kernel @ of_embedding)
         u = v + hidden @ of_hidden + (self.spatial_embedding.bias @ of_embedding + first.bias)
-        return max_over_neighbours(_difference, (), v, u, (), second, valid)
+        highest = max_over_neighbours(_difference, (), v, u, (), second, valid)
+        return bottleneck_relu(self, highest)
 
 
 def _difference(_, v: Array, u: Array, __) -> Array:

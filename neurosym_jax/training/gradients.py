@@ -17,6 +17,7 @@ from jax import Array
 from neurosym_jax.models import Discriminator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import AnyArray
+from neurosym_jax.training.gentle_pooling import with_leak
 from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.losses import (
     Forecasts,
@@ -90,6 +91,7 @@ def generator_gradient(
     decode = functools.partial(decode_groups, generator_config)
 
     def loss(params: Any) -> tuple[Array, Metrics]:
+        params = with_leak(params) if config.gentle_pooling else params
         contexts = encode_groups(generator_config, params, groups)
         trials = decode(*jax.lax.stop_gradient((params, contexts)), groups, noises)
         chosen = [

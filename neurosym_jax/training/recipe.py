@@ -38,6 +38,9 @@ class TrainConfig(LossOptions, AugmentationOptions, Checked):
     d_learning_rate: Positive = 1e-3
     schedule: Literal["constant", "cosine"] = "cosine"
     warmup_steps: Whole = 100
+    gentle_pooling: bool = False
+    """Train the pooling slowly, from a small start, so that its units do not die: see
+    `training.gentle_pooling`."""
     clip_norm: NotNegative = 2.0
     """Largest norm of the generator's gradient; 0 for no clipping."""
     ema: BelowOne = 0.0
@@ -55,7 +58,7 @@ class TrainConfig(LossOptions, AugmentationOptions, Checked):
 
 
 RECIPES = {
-    "ours": TrainConfig(rotate=0.5, scale=0.3, jitter=0.04),
+    "ours": TrainConfig(rotate=0.5, scale=0.3, jitter=0.04, gentle_pooling=True),
     "sgan": TrainConfig(
         max_agents=None,
         steps=8400,

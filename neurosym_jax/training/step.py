@@ -17,6 +17,7 @@ from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.augmentation import augment
+from neurosym_jax.training.gentle_pooling import slowed, started
 from neurosym_jax.training.gradients import (
     Metrics,
     discriminator_gradient,
@@ -80,6 +81,8 @@ def initial_state(
         weighting = initial_parameters(generator_config.weighting)
     if weighting:
         generator = {**generator, "weighting": jax.tree.map(jnp.asarray, weighting)}
+    if config.gentle_pooling:
+        generator = started(generator)
     discriminator = ()
     if config.adversarial_weight:
         discriminator = _initial(
@@ -218,6 +221,8 @@ def update_generator(config: TrainConfig, state: TrainState, gradient: Any) -> T
     update, optimizer = _generator_optimizer(config).update(
         gradient, state.generator_optimizer, state.generator
     )
+    if config.gentle_pooling:
+        update = slowed(update)
     params = optax.apply_updates(state.generator, update)
     average = state.average
     if config.ema:

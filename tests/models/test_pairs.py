@@ -19,7 +19,9 @@ def first_layer(shared, own, theirs, of_pair):
 
 def pooled(shared, agents, neighbours, pairs, kernel, bias):
     second = SimpleNamespace(kernel=kernel, bias=bias)
-    return max_over_neighbours(first_layer, shared, agents, neighbours, pairs, second, VALID)
+    return jax.nn.relu(
+        max_over_neighbours(first_layer, shared, agents, neighbours, pairs, second, VALID)
+    )
 
 
 def plainly(shared, agents, neighbours, pairs, kernel, bias):
