@@ -187,6 +187,6 @@ def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     clock.done("encoding and pooling")
     futures = decode_agents(forecaster, params, contexts, agents, noise)
     clock.done("decoding")
-    score_futures(chosen(metric_names(collisions=False)), futures, scenes)
+    score_futures(chosen(metric_names(collisions=False)), {"samples": futures}, scenes)
     clock.done("errors")
     return clock.seconds

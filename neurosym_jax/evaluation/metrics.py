@@ -2,15 +2,25 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation import best_of_k, collision, distribution, symbol_scores
+from neurosym_jax.evaluation import best_of_k, collision, distribution, neighbours, symbol_scores
 from neurosym_jax.registry import Registry
 
-__all__ = ["METRICS", "SYMBOLS", "Metric", "known_metric", "metric_names", "register_metric"]
+__all__ = [
+    "METRICS",
+    "SYMBOLS",
+    "Given",
+    "Metric",
+    "known_metric",
+    "metric_names",
+    "register_metric",
+]
 
 Compute = Callable[[Any, Any], Any]
+Given = Literal["samples", "noise_free", "moves"]
+"""What a metric is computed from, see `Metric.given`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,8 +47,9 @@ class Metric:
     higher_is_better: bool = False
     by_default: bool = True
     """Whether it is computed without being named (`--metrics`)."""
-    noise_free: bool = False
-    """Whether `forecast` is [1, N, T, 2] for a noise of zero, instead of the k samples."""
+    given: Given = "samples"
+    """What `forecast` is: the k samples; "noise_free", [1, N, T, 2] for a noise of zero; "moves",
+    how far each sample moves when an agent's neighbours are there instead of absent."""
     on_host: bool = False
     """Whether `compute` gets numpy arrays of a batch, [k, B, N, T, 2] and a scene with a leading
     axis B, and returns [B, N] or [B]: for work that depends on the numbers."""
@@ -57,9 +68,7 @@ class Metric:
         return f"{value:.3f}" + (f" {self.unit}" if self.unit not in ("", "m") else "")
 
 
-def _further(
-    title: str, compute: Compute, unit: str = "m", about: str = "", **more: bool
-) -> Metric:
+def _further(title: str, compute: Compute, unit: str = "m", about: str = "", **more: Any) -> Metric:
     return Metric(title, compute, unit, about, by_default=False, **more)
 
 
@@ -70,6 +79,10 @@ _CENTRAL = "central: the one sample of the scene that is nearest to the others"
 _NOISE_FREE = "noise-free: the forecast for a noise of zero"
 _PROPER = "energy score, CRPS: proper scores of the k samples as a distribution; less is better"
 _COVERED = "covered: true positions in the region that should hold this share of them"
+_NEIGHBOURS = (
+    "neighbours: people of scenes of two or more whose forecast moves by over 1 mm when the others "
+    "are removed, of all or of those with somebody within 2 m; mean move at the last step"
+)
 _STATES = "states: QTC_C1 states of ordered pairs within 8 m, log and Brier score; less is better"
 _EVENTS = "events: of the same pairs, mean over events; less is better"
 
@@ -98,10 +111,19 @@ METRICS: Registry[Metric] = Registry(
         "central_fde": _further("central FDE", distribution.central_fde, "m", _CENTRAL),
         # Of a single forecast the central one is that forecast.
         "noise_free_ade": _further(
-            "noise-free ADE", best_of_k.joint_ade, "m", _NOISE_FREE, noise_free=True
+            "noise-free ADE", best_of_k.joint_ade, "m", _NOISE_FREE, given="noise_free"
         ),
         "noise_free_fde": _further(
-            "noise-free FDE", best_of_k.joint_fde, "m", _NOISE_FREE, noise_free=True
+            "noise-free FDE", best_of_k.joint_fde, "m", _NOISE_FREE, given="noise_free"
+        ),
+        "neighbour_share": _further(
+            "changed by neighbours", neighbours.share, "share", _NEIGHBOURS, given="moves"
+        ),
+        "neighbour_near": _further(
+            "changed by near neighbours", neighbours.near, "share", _NEIGHBOURS, given="moves"
+        ),
+        "neighbour_move": _further(
+            "moved by neighbours", neighbours.move, "m", _NEIGHBOURS, given="moves"
         ),
         "state_log": _further("states log", symbol_scores.state_log, "nats", _STATES),
         "state_brier": _further("states Brier", symbol_scores.state_brier, "", _STATES),

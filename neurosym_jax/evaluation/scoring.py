@@ -13,7 +13,8 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.data.batching import Batch, bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
+from neurosym_jax.evaluation.metrics import METRICS, Given, Metric, metric_names
+from neurosym_jax.evaluation.neighbours import without_neighbours
 from neurosym_jax.forecasting.batched import Map, draw_noises, forecast_batches, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.environment import cpu_cores
@@ -128,27 +129,22 @@ def score(
         extras={name: padded(values) for name, values in (extras or {}).items()},
     )
     samples = np.stack([padded(sample - origin, dtype) for sample in forecast])
-    return score_scenes(chosen(metrics), samples, scene)
+    return score_scenes(chosen(metrics), {"samples": samples}, scene)
 
 
-def score_scenes(
-    metrics: Metrics, forecast: np.ndarray, scene: Scene, noise_free: np.ndarray | None = None
-) -> Scores:
-    """Scores of a batch of B padded scenes by `forecast` [k, B, N, T, 2] metres.
-
-    `noise_free` [1, B, N, T, 2] is the forecast without noise, for metrics that ask for it.
+def score_scenes(metrics: Metrics, forecasts: Mapping[Given, np.ndarray], scene: Scene) -> Scores:
+    """Scores of a batch of B padded scenes by forecasts [k, B, N, T, 2] metres, see `Metric.given`.
 
     Raises:
         InputError: for a metric that fails, gives something else, or lacks its forecast.
     """
     scene = scene.replace(origin=None, identity=None)
     found: dict[str, Any] = {}
-    for wanted, given in ((False, forecast), (True, noise_free)):
-        alike = [(name, metric) for name, metric in metrics if metric.noise_free == wanted]
-        if not alike:
-            continue
-        if given is None:
-            raise InputError(f"metric {alike[0][0]}: samples alone lack the noise-free forecast")
+    for kind in dict.fromkeys(metric.given for _, metric in metrics):
+        alike = [(name, metric) for name, metric in metrics if metric.given == kind]
+        if kind not in forecasts:
+            raise InputError(f"metric {alike[0][0]}: samples alone have no {kind} forecast")
+        given = forecasts[kind]
         traced = tuple(each for each in alike if not each[1].on_host)
         parts: Any = _traced(traced, given, scene) if traced else ()
         found |= {name: of for (name, _), of in zip(traced, parts)}
@@ -272,29 +268,33 @@ def score_group(
 ) -> list[Scores]:
     """Scores of each of some batches, all forecast at once."""
     noises = draw_noises(forecaster.noise, scenes, samples, seed)
-    if any(metric.noise_free for _, metric in metrics) and forecaster.noise.dim:
+    kinds = {metric.given for _, metric in metrics}
+    if "noise_free" in kinds and forecaster.noise.dim:
         # A sample more, which the other metrics do not see.
         noises = [np.concatenate([noise, np.zeros_like(noise[:1])]) for noise in noises]
     futures = forecast_batches(forecaster, params, scenes, noises, run)
-    return score_futures(metrics, futures[:samples], scenes, run, futures[-1:])
+    forecasts: dict[Given, np.ndarray] = {"samples": futures[:samples], "noise_free": futures[-1:]}
+    if "moves" in kinds:
+        alone = [without_neighbours(*each) for each in zip(scenes, noises)]
+        singles = forecast_batches(forecaster, params, *zip(*alone), run)
+        forecasts["moves"] = (futures - singles)[:samples]
+    return score_futures(metrics, forecasts, scenes, run)
 
 
 def score_futures(
     metrics: Metrics,
-    futures: np.ndarray,
+    forecasts: Mapping[Given, np.ndarray],
     scenes: Sequence[Scene],
     run: Map = map,
-    noise_free: np.ndarray | None = None,
 ) -> list[Scores]:
     """Scores of each of some batches by forecasts [k, A, T, 2] of their agents."""
-    ends = np.cumsum([scene.valid.sum() for scene in scenes])[:-1]
-    alone: Sequence[np.ndarray | None] = [None] * len(scenes)
-    if noise_free is not None and any(metric.noise_free for _, metric in metrics):
-        alone = np.split(noise_free, ends, axis=1)
+    ends = np.cumsum([scene.valid.sum() for scene in scenes])
+    starts = ends - [scene.valid.sum() for scene in scenes]
+    kinds = {metric.given for _, metric in metrics} & forecasts.keys()
 
-    def of_batch(scene: Scene, piece: np.ndarray, alone: np.ndarray | None) -> Scores:
+    def of_batch(scene: Scene, start: int, end: int) -> Scores:
         valid = np.asarray(scene.valid)
-        without = None if alone is None else unpacked(alone, valid)
-        return score_scenes(metrics, unpacked(piece, valid), scene, without)
+        pieces = {kind: unpacked(forecasts[kind][:, start:end], valid) for kind in kinds}
+        return score_scenes(metrics, pieces, scene)
 
-    return list(run(of_batch, scenes, np.split(futures, ends, axis=1), alone))
+    return list(run(of_batch, scenes, starts, ends))

@@ -54,6 +54,11 @@ class Forecaster(abc.ABC):
         """The noise it takes; by default none, a deterministic forecast."""
         return NoiseSpec()
 
+    @property
+    def sees_neighbours(self) -> bool:
+        """Whether a forecast should depend on who else is in the scene."""
+        return True
+
     def shapes(self) -> Mapping[str, tuple[int, ...]] | None:
         """Shapes of the parameters by path, to check a model's folder by; None for no check."""
         return None

@@ -2,7 +2,7 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import jax
@@ -79,6 +79,11 @@ class GeneratorForecaster(TwoStageForecaster):
         return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
 
     @property
+    def sees_neighbours(self) -> bool:
+        """Whether it has a pooling."""
+        return self.config.pools
+
+    @property
     def encoder(self) -> "GeneratorForecaster | None":
         """Encoding does not depend on the horizon; without pooling it is part of the decoding."""
         if not self.config.pools:
@@ -123,13 +128,21 @@ def encode_scene(
 
 
 def interact_scene(
-    config: GeneratorConfig, params: Any, hidden: Any, scene: Scene, alpha: Array | None = None
+    config: GeneratorConfig,
+    params: Any,
+    hidden: Any,
+    scene: Scene,
+    alpha: Array | None = None,
+    method: Callable[..., Any] = Generator.interact,
 ) -> Any:
-    """The part of `encode_scene` that looks at neighbours, after the encoding `hidden [N, H]`."""
+    """The part of `encode_scene` that looks at neighbours, after the encoding `hidden [N, H]`.
+
+    `method` is the generator's `interact`, or its `pool` for the pooled vectors.
+    """
     weigh = _weighting(config, params)
     if alpha is None and weigh is not None:
         alpha = weigh(jnp.asarray(scene.observed), jnp.asarray(scene.valid))
-    return Generator(config).apply(params, hidden, scene, alpha, method=Generator.interact)
+    return Generator(config).apply(params, hidden, scene, alpha, method=method)
 
 
 def decode_scene(

@@ -57,10 +57,14 @@ class Generator(nn.Module):
     def interact(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
         """The result of `encode`, from the hidden states `context [N, H]` of `observe`."""
         if self.config.pools:
-            track = jnp.asarray(scene.observed)
-            pooled = pool(self.pooling, self.config.pooling, context, track, scene.valid, alpha)
+            pooled = self.pool(context, scene, alpha)
             context = jnp.concatenate([context, pooled], axis=-1)
         return self.context_mlp(context) if self.config.needs_context_mlp else context
+
+    def pool(self, context: Array, scene: Scene, alpha: Array | None = None) -> Array:
+        """The vectors `[N, B]` that `interact` adds to `context`; the config must pool."""
+        track = jnp.asarray(scene.observed)
+        return pool(self.pooling, self.config.pooling, context, track, scene.valid, alpha)
 
     def decode(
         self, context: Array, scene: Scene, noise: Array, weigh: Weigh | None = None

@@ -68,6 +68,14 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     yield from ("", markdown_table(head, rows))
     if not test_rows:
         yield from ("", "Not tested yet.")
+    if (share := validation.get("val_neighbour_share")) is not None:
+        near, move = (validation.get(f"val_neighbour_{name}", 0.0) for name in ("near", "move"))
+        yield from ("", "## Neighbours", "")
+        yield (
+            f"Without their neighbours, the forecasts of {100 * share:.1f} % of people change (of "
+            f"{100 * near:.1f} % of those with somebody within 2 m), by {move:.2f} m at the last "
+            "step on average, on the validation windows."
+        )
     settings = {
         f"{name} windows": f"{count['scenes']} scenes, {count['agents']} agents, "
         f"SHA-256 `{facts['data'][name][:16]}`"

@@ -15,7 +15,7 @@ from neurosym_jax.runtime.files import write_json
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.run import Run
 
-__all__ = ["RUN", "outcome", "write_curves", "write_model"]
+__all__ = ["RUN", "best_of", "outcome", "write_curves", "write_model"]
 
 RUN = "run.json"
 
@@ -39,12 +39,16 @@ def write_model(
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(model.params)),
         "code": code_version(),
         "plugins": list(model.plugins),
-        # The newest of equals, as the loop and the checkpoints choose.
-        "validation": min(reversed(validations), key=lambda row: row["val_score"]),
+        "validation": best_of(validations),
     }
     write_json(folder / RUN, facts)
     # Last: a run that has a model is whole, whatever kills the process.
     save_model(folder / "model", model, model_card(facts))
+
+
+def best_of(validations: list[dict[str, Any]]) -> dict[str, Any]:
+    """The row of the state that is kept: the newest of equals, as the checkpoints choose."""
+    return min(reversed(validations), key=lambda row: row["val_score"])
 
 
 def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:

@@ -27,7 +27,8 @@ from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
-from neurosym_jax.training.finish import write_curves, write_model
+from neurosym_jax.training.dead_pooling import EFFECT, neighbour_effect, warn_if_dead
+from neurosym_jax.training.finish import best_of, write_curves, write_model
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
@@ -148,6 +149,7 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
                 ):
                     best = _copy(_validated(config, state))
                 validations.append(row)
+                warn_if_dead(row)
             log.append(row)
             on_row(row)
             if validated:
@@ -157,6 +159,7 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
             bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)
     model = Model(run.generator, best, run.dataset, plugins=names(loaded()))
+    warn_if_dead(best_of(validations))
     write_curves(folder, log.rows())
     write_model(folder, model, {**record, **run.data_facts()}, validations)
     return model
@@ -216,14 +219,16 @@ def _validated(config: TrainConfig, state: TrainState) -> Any:
 
 def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     """Joint best-of-k errors on the validation windows; `val_score` chooses the best state."""
+    forecaster = GeneratorForecaster(run.generator)
     result = score_forecaster(
-        GeneratorForecaster(run.generator),
+        forecaster,
         params,
         batches,
         samples=run.recipe.best_k,
         seed=run.recipe.seed,
-        metrics=("joint_ade", "joint_fde"),
+        metrics=("joint_ade", "joint_fde", *(EFFECT if forecaster.sees_neighbours else ())),
     )
     ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
     score = ade + fde if run.recipe.select_by == "ade_fde" else ade
-    return {"val_ade": ade, "val_fde": fde, "val_score": score}
+    row = {"val_ade": ade, "val_fde": fde, "val_score": score}
+    return row | neighbour_effect(result, run.generator, params, batches)

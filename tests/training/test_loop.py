@@ -19,6 +19,7 @@ from neurosym_jax.training.finish import outcome
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.metrics_log import MetricsLog
+from neurosym_jax.training.step import initial_state
 from neurosym_jax.training.stream import SceneStream
 
 
@@ -89,6 +90,25 @@ def test_what_a_run_tells(run, done, told):
     ]
 
 
+def test_a_dead_pooling_is_warned_of(with_recipe, tmp_path, monkeypatch, capsys):
+    def dead(*args):
+        state = initial_state(*args)
+        layer = state.generator["params"]["pooling"]["mlp"]["layer_1"]
+        layer["bias"] = layer["bias"] - 100
+        return state
+
+    monkeypatch.setattr(loop, "initial_state", dead)
+    train_run(with_recipe(steps=25, ema=0.0), tmp_path)
+    row = json.loads((tmp_path / "run.json").read_text())["validation"]
+    assert row["val_neighbour_share"] == row["val_neighbour_move"] == 0
+    warning = (
+        "warning: dead pooling at step 25: 0 % of people are changed by their neighbours: "
+        "4 of 4 bottleneck units are never above 0\n"
+    )
+    assert capsys.readouterr().err.count(warning) == 2  # At the validation and at the end.
+    assert "the forecasts of 0.0 % of people" in (tmp_path / "model" / "README.md").read_text()
+
+
 @pytest.mark.slow
 def test_what_a_run_leaves(run, done):
     names = {path.name for path in done.iterdir()}
@@ -101,6 +121,7 @@ def test_what_a_run_leaves(run, done):
     rows = [json.loads(line) for line in (done / "metrics.jsonl").read_text().splitlines()]
     assert [row["step"] for row in rows] == [25, 50, 75]
     assert all(np.isfinite(list(row.values())).all() for row in rows)
+    assert all(row["val_neighbour_near"] >= 0 for row in rows)
     facts = json.loads((done / "run.json").read_text())
     best = min(rows, key=lambda row: row["val_score"])
     assert facts["validation"] == best
