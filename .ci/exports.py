@@ -1,10 +1,12 @@
-"""Hook of mkdocs: expands `{{ exports PACKAGE }}` and `{{ commands }}` in the reference.
+"""Hook of mkdocs: expands `{{ exports PACKAGE }}`, `{{ commands }}` and `{{ table FILE.csv }}`.
 
 `{{ exports PACKAGE }}` becomes the reference of all names in the package's `__init__.pyi`. Every
 object stands on one page, that of its subpackage; the page of the whole package links to it.
 """
 
 import ast
+import csv
+import html
 import re
 from pathlib import Path
 
@@ -12,7 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def on_page_markdown(markdown: str, **_) -> str:
-    """Expand both placeholders of a page."""
+    """Expand the placeholders of a page."""
+    markdown = re.sub(r"{{ table (\S+) }}", lambda match: _table(match[1]), markdown)
     markdown = re.sub(r"{{ exports (\S+) }}", lambda match: _exports(match[1]), markdown)
     return markdown.replace("{{ commands }}", _commands())
 
@@ -38,6 +41,21 @@ def _names(stub: Path, package: str) -> list[str]:
         if isinstance(node, ast.ImportFrom) and node.module
         for alias in node.names
     ]
+
+
+def _table(name: str) -> str:
+    """A CSV file of docs/ as a table that assets/tables.js filters and sorts."""
+    with (ROOT / "docs" / name).open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    lines = [
+        "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row) + "</tr>"
+        for tag, row in [("th", head), *(("td", row) for row in rows)]
+    ]
+    body = "".join(lines[1:])
+    return (
+        f'<div class="md-typeset__scrollwrap"><table class="filtered"><thead>{lines[0]}</thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
 
 
 def _commands() -> str:

@@ -21,7 +21,7 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
     """Write the figures of one scenario's recordings to `out / "figures"`; Markdown of each."""
     from PIL import Image  # comes with matplotlib
 
-    from neurosym_jax.plotting import plot_fan, plot_forecasts, plot_horizon_errors
+    from neurosym_jax.plotting import plot_forecasts, plot_horizon_errors
     from neurosym_jax.plotting.tracks import plot_tracks
 
     first = recordings[0]
@@ -34,7 +34,7 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
         buffer = io.BytesIO()
         figure.savefig(buffer, dpi=DOTS)
         Image.open(buffer).convert("RGB").quantize(COLOURS).save(path, optimize=True)
-        blocks.extend([f"![{caption}](figures/{path.name})", caption])
+        blocks.append(f"![{caption}](figures/{path.name})")
 
     mended = [
         Frame(frame.stamp, ids[ids >= 0], frame.xy[ids >= 0])
@@ -44,21 +44,20 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
         tracks_of_frames(iter(first.frames), "as the tracker named them"),
         tracks_of_frames(iter(mended), "stitched"),
     ]
-    add("tracks", plot_tracks(tracks), "Recording 1: a colour an id, a dot where each begins.")
-    for kind, forecast, caption in _moments(first, names[-1]):
-        assert forecast.future is not None
-        seconds = forecast.stamp - first.frames[0].stamp
-        figure = plot_forecasts(
-            forecast.observed,
-            forecast.future,
-            {name: published(forecast, name) for name in names},
-            f"{seconds:.1f} s into recording 1",
-        )
-        add(kind, figure, caption)
-        if kind == "median":
-            samples = forecast.models[names[-1]].samples
-            figure = plot_fan(forecast.observed, forecast.future, samples, names[-1])
-            add("fan", figure, f"The same moment with all samples of {names[-1]}.")
+    caption = (
+        "Tracks of recording 1, a colour for each id: as the tracker named them, and stitched."
+    )
+    add("tracks", plot_tracks(tracks), caption)
+    forecast = _median(first, names[-1])
+    assert forecast.future is not None
+    seconds = forecast.stamp - first.frames[0].stamp
+    figure = plot_forecasts(
+        forecast.observed,
+        forecast.future,
+        {name: published(forecast, name) for name in names},
+        f"{seconds:.1f} s into recording 1",
+    )
+    add("median", figure, "The forecast with the median error")
     errors = {
         name: np.average(
             [recording.scores[name].horizon for recording in recordings],
@@ -70,29 +69,17 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
     add(
         "horizon",
         plot_horizon_errors(errors, 0.4, "error over the horizon"),
-        "Mean error of the published forecast at each step, both recordings.",
+        "Mean error at each step",
     )
     return blocks
 
 
-def _moments(recording: Recording, model: str) -> list[tuple[str, Forecast, str]]:
-    """Forecasts to show, chosen by rule and not by looks."""
+def _median(recording: Recording, model: str) -> Forecast:
+    """The forecast with the median error: chosen by rule and not by looks."""
     kept = complete(recording.forecasts)
     futures = np.array([forecast.future for forecast in kept])
     distance = np.linalg.norm(
         np.stack([published(forecast, model) for forecast in kept]) - futures, axis=-1
     )
     order = np.argsort(distance.mean(axis=(1, 2)), kind="stable")
-    near = np.linalg.norm(futures[:, 0] - futures[:, 1], axis=-1).min(axis=1)
-    return [
-        (
-            "median",
-            kept[int(order[len(order) // 2])],
-            f"The forecast of recording 1 in which {model}'s error is the median.",
-        ),
-        (
-            "closest",
-            kept[int(near.argmin())],
-            "The forecast of recording 1 in which the two people come closest to each other.",
-        ),
-    ]
+    return kept[int(order[len(order) // 2])]

@@ -3,8 +3,8 @@
 python -m studies.symbolic_forecast DATA OUT
 
 DATA holds ETH/UCY in `eth_ucy`, THÖR's tracks in `thor`, see docs/data.md, and HERMES's runs in
-`hermes`, see studies/weighting/data.py. OUT gets `scores.json`, `symbolic_forecast.md` and
-`symbolic_forecast.png`; with `scores.json` in place of DATA the last two are made of it.
+`hermes`, see studies/weighting/data.py. OUT gets `scores.json` and `symbolic_forecast.md`,
+`.csv` and `.png`; with `scores.json` in place of DATA the last three are made of it.
 """
 
 import json
@@ -26,14 +26,14 @@ from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.futures import SymbolSettings
 from studies.symbolic_forecast.cases import make_cases
-from studies.symbolic_forecast.page import document, figure
+from studies.symbolic_forecast.page import document, figure, table
 from studies.symbolic_forecast.scores import SymbolScores, evaluate_symbols
 from studies.symbolic_forecast.sets import TestSet, sets_of
 
 LENGTH, SAMPLES, SEED = 8, 20, 0
 MOST: dict[Split, int] = {"train": 20_000, "val": 8_000, "test": 30_000}
 """Pairs of each split, about."""
-AGAINST = ("Markov chain", "constant velocity", "SGAN")
+AGAINST = ("Markov chain", "constant velocity")
 """What NeuroSyM is compared with."""
 
 
@@ -47,6 +47,7 @@ def main(data: Path, out: Path) -> None:
         found["seconds"] = time.perf_counter() - start
         write_json(out / "scores.json", found)
     write_text(out / "symbolic_forecast.md", document(found))
+    write_text(out / "symbolic_forecast.csv", table(found))
     print(save_figure(figure(found), out / "symbolic_forecast.png"))
 
 
@@ -107,7 +108,6 @@ def _of_set(which: TestSet) -> tuple[dict[str, SymbolScores], dict[str, Any]]:
     folder = Path(__file__).resolve().parents[2] / "checkpoints"
     models = {
         "NeuroSyM": load_model(folder / f"neurosym_{which.models}_8_8"),
-        "SGAN": load_model(folder / f"sgan_{which.models}_8_8"),
         "constant velocity": baseline("constant_velocity", LENGTH, LENGTH),
         "constant velocity, sampled": baseline("constant_velocity_sampled", LENGTH, LENGTH),
     }

@@ -24,18 +24,8 @@ Runs = Mapping[str, Mapping[str, Mapping[int, ErrorsByScene]]]
 """By set, arm and seed."""
 
 PRIMARY = ("interacting joint_ade", "interacting energy_score")
-SECONDARY = (
-    *("all joint_ade", "all energy_score", "interacting joint_fde", "interacting central_ade"),
-    "all excess_collisions",
-)
 CONTROL = (("right", "ones"), ("right", "wrong"), ("wrong", "ones"))
 REAL = (("quantised", "ones"), ("quantised", "shuffled"))
-FAITHFUL = (
-    ("NeuroSyM ones", "no pooling"),
-    ("NeuroSyM 1/15", "no pooling"),
-    ("NeuroSyM quantised", "NeuroSyM ones"),
-    ("NeuroSyM 1/15", "NeuroSyM ones"),
-)
 
 
 def write(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]], out: Path) -> None:
@@ -98,15 +88,6 @@ def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str
         control=_comparisons([("control", each) for each in control]),
         primary=_comparisons(primary, p, equivalent),
         worth=_worth(runs, windows),
-        secondary=_secondary(runs),
-        faithful=_comparisons(
-            [
-                ("corridors", compare(*pair, runs["corridors"], PRIMARY[0]))
-                for pair in FAITHFUL
-                if min(_seeds(runs["corridors"], arm) for arm in pair) > 1
-            ]
-        ),
-        errors=_errors(runs),
     )
 
 
@@ -119,27 +100,23 @@ def _comparisons(
     rows = [
         [
             name,
-            f"{each.arm} less {each.reference}",
+            f"{each.arm} − {each.reference}",
             _plain(each.metric).removesuffix(", interacting"),
             f"{_percent(each.percent)} % ({_percent(each.low)} to {_percent(each.high)})",
-            f"{_percent(each.wide_low)} to {_percent(each.wide_high)}",
             _p(each.p if p is None else p[index]),
             _p(each.p_equivalent if equivalent is None else equivalent[index]),
-            f"{each.reach:.1f} %",
         ]
         for index, (name, each) in enumerate(found)
     ]
-    head = ["data", "arms", "error", "difference (95 %)", "wider", "p, different"]
-    head += [f"p, within {MARGIN:g} %", "in reach"]
-    return markdown_table(head, rows, right=5)
+    head = ["data", "arms", "error", "difference (95 %)", "p, different"]
+    return markdown_table([*head, f"p, within {MARGIN:g} %"], rows, right=3)
 
 
 def _worth(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str:
     rows = []
     for name, (learned, tested) in windows.items():
         varies = [
-            " / ".join(f"{100 * part:.0f} %" for part in spread(tested, weighting))
-            for weighting in ("cnd", "quantised")
+            f"{100 * spread(tested, weighting)[0]:.0f} %" for weighting in ("cnd", "quantised")
         ]
         rows.append(
             [
@@ -147,20 +124,11 @@ def _worth(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str:
                 f"{learned.scenes} / {tested.scenes}",
                 f"{100 * interacting_share(tested):.0f} %",
                 *varies,
-                *(_difference(runs[name], (arm, "no pooling")) for arm in ("SGAN", "ones")),
+                _difference(runs[name], ("ones", "no pooling")),
             ]
         )
-    head = ["data", "scenes learned / tested", "interacting", "`cnd`", "`quantised`"]
-    return markdown_table([*head, "SGAN's pooling", "`encounter`"], rows, right=6)
-
-
-def _secondary(runs: Runs) -> str:
-    rows = [
-        [name, _plain(metric), *(_difference(runs[name], pair, metric) for pair in REAL)]
-        for name in SETS[1:]
-        for metric in SECONDARY
-    ]
-    return markdown_table(["data", "error", *(f"{a} less {b}" for a, b in REAL)], rows, right=2)
+    head = ["data", "scenes learned / tested", "interacting", "spread of `cnd`"]
+    return markdown_table([*head, "of `quantised`", "`encounter`"], rows, right=5)
 
 
 def _difference(
@@ -173,23 +141,6 @@ def _difference(
         return ""
     each = compare(*pair, arms, metric)
     return f"{_percent(each.percent)} % ({_percent(each.low)} to {_percent(each.high)})"
-
-
-def _errors(runs: Runs) -> str:
-    rows = []
-    for arm, how in ARMS.items():
-        cells = []
-        for name in SETS:
-            seeds = list(runs[name].get(arm, {}).values())
-            cells.append(_mean(seeds, PRIMARY[0]) if seeds else "")
-        rows.append([arm, how.about, *cells])
-    return markdown_table(["arm", "", *SETS], rows, right=len(SETS))
-
-
-def _mean(seeds: list[ErrorsByScene], metric: str) -> str:
-    values = [run.mean[run.metrics.index(metric)] for run in seeds]
-    spread = f" ± {np.std(values, ddof=1):.3f}" if len(values) > 1 else ""
-    return f"{np.mean(values):.3f}{spread} ({len(values)})"
 
 
 def _percent(value: float) -> str:

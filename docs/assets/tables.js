@@ -1,0 +1,32 @@
+// Tables of class "filtered": a field that keeps the rows with all its words, and columns to sort by.
+document.querySelectorAll("table.filtered").forEach((table) => {
+  const body = table.tBodies[0];
+  const rows = [...body.rows];
+  const field = document.createElement("input");
+  field.type = "search";
+  field.placeholder = "Filter rows, such as: 12 joint sgan";
+  field.setAttribute("aria-label", "Filter rows");
+  field.className = "table-filter";
+  table.parentElement.before(field);
+  field.addEventListener("input", () => {
+    const words = field.value.toLowerCase().split(/\s+/);
+    for (const row of rows) {
+      const text = row.textContent.toLowerCase();
+      row.hidden = !words.every((word) => text.includes(word));
+    }
+  });
+  const number = (text) => (isNaN(parseFloat(text)) ? text : parseFloat(text));
+  [...table.tHead.rows[0].cells].forEach((head, column) => {
+    const button = document.createElement("button");
+    button.textContent = head.textContent;
+    head.replaceChildren(button);
+    let down = false;
+    button.addEventListener("click", () => {
+      const key = (row) => number(row.cells[column].textContent);
+      rows.sort((a, b) => (key(a) > key(b) ? 1 : key(a) < key(b) ? -1 : 0) * (down ? -1 : 1));
+      down = !down;
+      head.setAttribute("aria-sort", down ? "ascending" : "descending");
+      body.append(...rows);
+    });
+  });
+});
