@@ -158,8 +158,15 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
             done += count
             bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)
-    model = Model(run.generator, best, run.dataset, plugins=names(loaded()))
-    warn_if_dead(best_of(validations))
+    kept = best_of(validations)
+    warn_if_dead(kept)
+    model = Model(
+        run.generator,
+        best,
+        run.dataset,
+        plugins=names(loaded()),
+        neighbours=kept.get("val_neighbour_near"),
+    )
     write_curves(folder, log.rows())
     write_model(folder, model, {**record, **run.data_facts()}, validations)
     return model

@@ -128,6 +128,7 @@ def test_what_a_run_leaves(run, done):
     assert facts["counts"]["training"] == {"scenes": 13, "agents": run.training.agents}
     model = load_model(done / "model")
     assert (model.config, model.dataset) == (run.generator, "zara1")
+    assert model.neighbours == best["val_neighbour_near"]
     assert facts["parameters"] == sum(leaf.size for leaf in jax.tree.leaves(model.params))
 
 
