@@ -15,11 +15,11 @@ import jax.numpy as jnp
 
 __all__ = ["slowed", "started", "with_leak"]
 
-SCALE = 0.1
+SCALE = 0.3
 """Factor of the initial weights of the bottleneck's layer."""
 BIAS = 0.5
 """Its initial biases."""
-RATE = 0.1
+RATE = 0.05
 """Factor of the learning rate of the pooling's parameters."""
 LEAK = 0.1
 """Share of the gradients that raise a unit, where the unit is below 0."""
