@@ -70,7 +70,7 @@ def _programs() -> dict[str, float]:
     done("the evaluation of two models on a scene")
     windows = _windows()
     with tempfile.TemporaryDirectory() as folder:
-        how = {"generator": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
+        how = {"network": GeneratorConfig(pooling=NoPooling()), "recipe": _recipe("ours")}
         train(windows, windows, Path(folder) / "run", **how)
     done("a training run")
     return found
@@ -95,7 +95,7 @@ def _training_costs() -> dict[str, float]:
     import jax
 
     from neurosym_jax.models.poolings import POOLINGS
-    from neurosym_jax.training.network import named_generator
+    from neurosym_jax.training.network import named_network
     from neurosym_jax.training.step import initial_state, train_steps
     from neurosym_jax.training.stream import SceneStream
 
@@ -103,7 +103,7 @@ def _training_costs() -> dict[str, float]:
     key = jax.eval_shape(lambda: jax.random.key(0))
     # SGAN with its discriminator, which takes a batch of its own.
     for model, recipe in (("sgan", _recipe("sgan")), ("neurosym", _recipe("ours"))):
-        config = named_generator(model)
+        config = named_network(model)
         batches = 2 if recipe.adversarial_weight else 1
         stream = SceneStream(_windows(), recipe.batch_scenes, recipe.seed, recipe.max_agents)
         groups = stream.steps(0, batches)

@@ -17,7 +17,7 @@ import numpy as np
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.symbolic import register_weighting
 from neurosym_jax.training.loop import train
-from neurosym_jax.training.network import named_generator
+from neurosym_jax.training.network import named_network
 from neurosym_jax.training.recipe import make_recipe
 
 
@@ -39,10 +39,10 @@ def main(steps: int = 100, weightings: tuple[str, ...] = ("cnd", "nearness")) ->
     for weighting in weightings:
         # Narrow, so that it is quick.
         narrow = ("pooling.hidden_dim=64",)
-        network = named_generator("neurosym", weighting=weighting, changes=narrow)
+        network = named_network("neurosym", weighting=weighting, changes=narrow)
         with tempfile.TemporaryDirectory() as folder:
             run = Path(folder) / "run"
-            model = train(training, validation, run, generator=network, recipe=recipe)
+            model = train(training, validation, run, network=network, recipe=recipe)
             last = (run / "metrics.jsonl").read_text().splitlines()[-1]
         print(f"{model.name} after {steps} steps: {last}")
         if weighting == "nearness":

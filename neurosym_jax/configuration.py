@@ -20,6 +20,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.registry import Registry
 
 __all__ = [
+    "AtLeastOne",
     "BelowOne",
     "Checked",
     "Count",
@@ -55,6 +56,7 @@ class Rule:
 Count = Annotated[int, Rule("be at least 1", lambda value: value >= 1)]
 Seed = Annotated[int, Rule("lie in [0, 2**32)", lambda value: 0 <= value < 2**32)]
 Whole = Annotated[int, Rule("be at least 0", lambda value: value >= 0)]
+AtLeastOne = Annotated[float, Rule("be at least 1", lambda value: value >= 1)]
 NotNegative = Annotated[float, Rule("be at least 0", lambda value: value >= 0)]
 Positive = Annotated[float, Rule("be positive", lambda value: value > 0)]
 Share = Annotated[float, Rule("lie in [0, 1]", lambda value: 0 <= value <= 1)]

@@ -21,7 +21,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene
-from neurosym_jax.training import loop
+from neurosym_jax.training import generator_objective, loop
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.run import Run
 from neurosym_jax.training.step import TrainState
@@ -76,8 +76,8 @@ def run_of(params, monkeypatch):
         return state._replace(step=np.int32(state.step + count)), {"g_loss": np.ones(count)}
 
     state = TrainState(np.int32(0), params, (), (), (), ())
-    monkeypatch.setattr(loop, "initial_state", lambda *_: state)
-    monkeypatch.setattr(loop, "train_steps", advance)
+    monkeypatch.setattr(generator_objective, "initial_state", lambda *_: state)
+    monkeypatch.setattr(generator_objective, "train_steps", advance)
     values = {"val_ade": 1.0, "val_fde": 1.0, "val_score": 2.0}
     monkeypatch.setattr(loop, "_validate", lambda *_: dict(values))
     # As figures are written, but drawn in no time.

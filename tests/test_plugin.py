@@ -15,7 +15,7 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import nested_parameters
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
-from neurosym_jax.training.network import named_generator
+from neurosym_jax.training.network import named_network
 
 ROOT = Path(__file__).parents[1]
 PLUGIN = """
@@ -161,7 +161,7 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     model = tmp_path / "model"
     with mock.patch.dict(WEIGHTINGS):
         register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)
-        network = named_generator("neurosym", weighting="nearness")
+        network = named_network("neurosym", weighting="nearness")
         shapes = Model(network, {}).forecaster.shapes()
         assert shapes is not None
         params = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}

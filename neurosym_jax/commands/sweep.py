@@ -17,7 +17,8 @@ class Options:
     """Train every model on every data set with every seed, test them, and make one table."""
 
     models: tuple[str, ...] = ("sgan", "neurosym")
-    """sgan, neurosym (as described), neurosym_ros, or any other pooling's name."""
+    """sgan, neurosym (as described), anchors, anchor_table, neurosym_ros, or any other pooling's
+    name."""
     datasets: tuple[str, ...] = ()
     """Data sets to leave out of training and test on; default: all that the data has."""
     seeds: tuple[int, ...] = (0, 1, 2)
@@ -28,10 +29,10 @@ class Options:
     """Steps to forecast, a model each."""
     weightings: tuple[str, ...] = ("cnd",)
     """Weightings of NeuroSyM, a model each; see train's --weighting."""
-    recipe: Literal["ours", "sgan"] = "ours"
-    """How the models are trained, see docs/training.md."""
+    recipe: Literal["ours", "sgan", "anchors"] | None = None
+    """How the models are trained, see docs/training.md; default: as `train` does each."""
     steps: int | None = None
-    """Generator steps; default: the recipe's."""
+    """Steps of training; default: the recipe's."""
     set: tuple[str, ...] = ()
     """Changes to the recipe, NAME=VALUE."""
     network: tuple[str, ...] = ()

@@ -25,7 +25,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.finish import outcome
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.network import model_name, named_generator
+from neurosym_jax.training.network import model_name, named_network, usual_recipe
 from neurosym_jax.training.recipe import make_recipe
 from neurosym_jax.training.run import Run
 
@@ -36,13 +36,15 @@ __all__ = ["Options", "make_run", "run"]
 class Options:
     """Train a model: `python train.py` alone does so on the embedded simulations."""
 
-    model: Literal["sgan", "neurosym"] = "sgan"
-    """SGAN, or NeuroSyM, which weights pairs of people by symbols."""
+    model: Literal["sgan", "neurosym", "anchors", "anchor_table"] = "sgan"
+    """SGAN; NeuroSyM, which weights pairs of people by symbols; anchors, a small network of learned
+    residuals with probabilities; or its baseline, a table of fixed offsets."""
     pooling: str | None = None
     """Of SGAN pool_net (default), none or social; of NeuroSyM as_described (default), neurosym_ros
     or encounter; or one that a plugin registers."""
     weighting: str | None = None
-    """Weighting of NeuroSyM, KIND[,FIELD=VALUE...], see docs/weightings.md (default: cnd)."""
+    """Weighting of NeuroSyM (default: cnd) or anchors (default: none), KIND[,FIELD=VALUE...], see
+    docs/weightings.md."""
     dataset: str | None = None
     """Data set to leave out of training (eth, hotel, ...); `general` trains on all of ETH/UCY. Of
     the simulations, the one to train on (default: all of them)."""
@@ -52,12 +54,13 @@ class Options:
     """Steps to forecast."""
     period: float = 0.4
     """Seconds between steps; recordings that have others are resampled."""
-    recipe: Literal["ours", "sgan"] = "ours"
-    """How the model is trained, see docs/training.md."""
+    recipe: Literal["ours", "sgan", "anchors"] | None = None
+    """How the model is trained, see docs/training.md; default: anchors for anchors and their table,
+    else ours."""
     seed: int = 0
     """Random seed for initialisation, data order, augmentation and noise."""
     steps: int | None = None
-    """Generator steps; default: the recipe's."""
+    """Steps of training; default: the recipe's."""
     set: tuple[str, ...] = ()
     """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=0."""
     network: tuple[str, ...] = ()
@@ -87,8 +90,8 @@ def run(options: Options) -> None:
     """
     run = make_run(options)
     where = run.dataset or ("files" if options.train_on else "simulations")
-    name = f"{model_name(run.generator)}_{where}_{options.obs_len}_{options.pred_len}"
-    folder = options.out or Path("runs") / f"{name}_{options.recipe}_{options.seed}"
+    name = f"{model_name(run.network)}_{where}_{options.obs_len}_{options.pred_len}"
+    folder = options.out or Path("runs") / f"{name}_{_recipe(options)}_{options.seed}"
     print(
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
         f"{run.validation.scenes} scenes to validate on, {run.recipe.steps} steps"
@@ -116,7 +119,7 @@ def make_run(options: Options) -> Run:
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
-    generator = named_generator(
+    network = named_network(
         options.model,
         pooling=options.pooling,
         weighting=options.weighting,
@@ -125,22 +128,27 @@ def make_run(options: Options) -> Run:
         changes=options.network,
     )
     recipe = make_recipe(
-        options.recipe, seed=options.seed, steps=options.steps, changes=options.set
+        _recipe(options), seed=options.seed, steps=options.steps, changes=options.set
     )
     source = open_source(options.data, options.dataset, read=options.read, period=options.period)
     learned, validated = _recordings(options, source)
     learned += _besides(options, source, validated)
     training, validation = (
-        cut_windows(tracks, options.obs_len, options.pred_len) for tracks in (learned, validated)
+        cut_windows(tracks, options.obs_len, options.pred_len, min_agents=least)
+        for tracks, least in ((learned, recipe.min_agents), (validated, 2))
     )
     return Run(
-        generator=dataclasses.replace(generator, period=training.period),
+        network=dataclasses.replace(network, period=training.period),
         recipe=recipe,
         training=training,
         validation=validation,
         dataset=None if options.train_on else options.dataset or source.name or None,
         data_name=_data_name(options, source),
     )
+
+
+def _recipe(options: Options) -> str:
+    return options.recipe or usual_recipe(options.model)
 
 
 def _recordings(options: Options, source: Source) -> list[list[Tracks]]:

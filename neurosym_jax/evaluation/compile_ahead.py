@@ -54,7 +54,7 @@ class CompileAhead:
                     future.result()
                 empty: Any = jax.tree.map(np.zeros_like, scene)
                 empty.valid[0, 0] = True
-                samples = self._samples if forecaster.noise.dim else 1
+                samples = forecaster.count(self._samples)
                 metrics = chosen(self._metrics)
                 score_group(forecaster, model.params, [empty], samples, 0, metrics)
 

@@ -93,7 +93,7 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
 def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts:
     """Forecast a whole test set by `model`, in the order of its windows."""
     windows, obs_len, forecaster = test.windows, test.windows.obs_len, model.forecaster
-    samples = samples if forecaster.noise.dim else 1
+    samples = forecaster.count(samples)
     numbers = 2.0 * samples * windows.agents * forecaster.pred_len
     refuse_beyond_memory("saving forecasts", 24 * numbers, "ask for fewer samples")
     with ThreadPoolExecutor(cpu_cores()) as pool:

@@ -218,7 +218,7 @@ def score_forecaster(
 ) -> Evaluation:
     """Scores of `forecaster` on every scene of `batches`, see `make_batches`."""
     start = time.perf_counter()
-    samples = samples if forecaster.noise.dim else 1
+    samples = forecaster.count(samples)
     groups = list(_groups(batches, samples))
     slots = max(sum(batch.scene.valid.size for batch in group) for group in groups)
     refuse_beyond_memory(

@@ -82,7 +82,7 @@ def predict_scenes(
     for number, scene in enumerate(scenes):
         refuse_other_length(model, scene, f"observed[{number}]")
     bounds = np.cumsum([0, *map(len, scenes)])
-    samples = samples if model.forecaster.noise.dim else 1
+    samples = model.forecaster.count(samples)
     refuse_beyond_memory(
         f"forecasting {bounds[-1]} people with {samples} samples",
         16.0 * bounds[-1] * samples * model.config.pred_len,
@@ -108,7 +108,7 @@ def forecast_windows(
     `batches` are made of the windows; a deterministic model makes one sample.
     """
     forecaster, params = model.forecaster, jax.device_put(model.params)
-    samples = samples if forecaster.noise.dim else 1
+    samples = forecaster.count(samples)
     found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
     for batch in batches:
         noises = draw_noises(forecaster.noise, [batch.scene], samples, seed)

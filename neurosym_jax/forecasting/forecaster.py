@@ -76,6 +76,18 @@ class Forecaster(abc.ABC):
             [k, N, pred_len, 2] metres relative to the scene's origin.
         """
 
+    def distribution(self, params: Any, scene: Scene, noise: Array) -> tuple[Array, Array | None]:
+        """`forecast`, and the probabilities [k] of its samples; None where all have the same."""
+        return self.forecast(params, scene, noise), None
+
+    def count(self, samples: int) -> int:
+        """Number of samples it makes where `samples` are asked for: one without noise.
+
+        Raises:
+            InputError: where it cannot make as many.
+        """
+        return samples if self.noise.dim else 1
+
     def scene_bytes(self, samples: int, slots: int) -> float:
         """About the memory that one scene takes: futures, and states of its agents."""
         return 4.0 * samples * slots * (8 * self.pred_len + 256)

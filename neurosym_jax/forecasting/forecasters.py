@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.anchors import AnchorsForecaster, AnchorTableForecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
 from neurosym_jax.forecasting.networks import GeneratorForecaster
@@ -15,6 +16,8 @@ FORECASTERS: Registry[type[Forecaster]] = Registry(
     "forecaster",
     {
         "generator": GeneratorForecaster,
+        "anchors": AnchorsForecaster,
+        "anchor_table": AnchorTableForecaster,
         "constant_velocity": ConstantVelocity,
         "constant_velocity_sampled": ConstantVelocitySampled,
     },

@@ -39,7 +39,7 @@ class SceneForecaster:
         refuse(Count, {"samples": samples})
         refuse(Seed, {"seed": seed})
         self.forecaster = forecaster
-        self.samples = samples if forecaster.noise.dim else 1
+        self.samples = forecaster.count(samples)
         self._params = jax.device_put(params)
         self._key = jax.random.key(seed)
         self._fits = 0

@@ -1,10 +1,10 @@
-from .dead_pooling import warn_if_no_gradient as warn_if_no_gradient
 from .gradients import discriminator_gradient as discriminator_gradient
 from .gradients import generator_gradient as generator_gradient
 from .loop import train as train
 from .loop import train_run as train_run
-from .network import named_generator as named_generator
+from .network import named_network as named_network
 from .recipe import RECIPES as RECIPES
+from .recipe import AnchorRecipe as AnchorRecipe
 from .recipe import TrainConfig as TrainConfig
 from .recipe import make_recipe as make_recipe
 from .run import Run as Run

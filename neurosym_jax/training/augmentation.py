@@ -5,12 +5,13 @@ To add an augmentation: its function, an entry at the end of `AUGMENTATIONS`, an
 """
 
 import dataclasses
+import math
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.configuration import BelowOne, NotNegative, Share
+from neurosym_jax.configuration import AtLeastOne, BelowOne, NotNegative, Share
 from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.training.groups import Groups, cuts
 
@@ -26,8 +27,12 @@ class AugmentationOptions:
     probability 1/2; true is 1."""
     scale: BelowOne = 0.0
     """Each training scene is scaled by a random factor within 1 ± scale."""
+    stretch: AtLeastOne = 1.0
+    """In place of `scale`: the factor is log-uniform from 1 / stretch to stretch."""
     jitter: NotNegative = 0.0
     """Largest standard deviation of noise added to a scene's observed positions, m."""
+    clean_share: BelowOne = 0.0
+    """Probability that a training scene gets no such noise. Recordings differ in their noise."""
     single_agent_share: Share = 0.0
     """Probability that a training scene is reduced to one random person."""
 
@@ -35,13 +40,16 @@ class AugmentationOptions:
 def _move(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
     """Rotate and mirror a share of the scenes, each by its own angle; scale all."""
     rotate, scale = options.rotate, options.scale
-    if not rotate and not scale:
+    if not rotate and not scale and options.stretch == 1:
         return groups
     counts = [scene.valid.shape[0] for scene in groups]
     choose, turn, flip, stretch = jax.random.split(key, 4)
     total = sum(counts)
     turned = jax.random.uniform(choose, (total,)) < rotate
     factor = jax.random.uniform(stretch, (total,), minval=1 - scale, maxval=1 + scale)
+    if options.stretch > 1:
+        bound = math.log(options.stretch)
+        factor = jnp.exp(jax.random.uniform(stretch, (total,), minval=-bound, maxval=bound))
     angle = turned * jax.random.uniform(turn, (total,), maxval=2 * jnp.pi)
     sign = jnp.where(turned, jax.random.rademacher(flip, (total,)), 1)
     cos, sin = factor * jnp.cos(angle), factor * jnp.sin(angle)
@@ -69,7 +77,12 @@ def _jitter(groups: Groups, key: Array, options: AugmentationOptions) -> Groups:
     # One draw for all groups: each draw adds a second of compiling to the step.
     errors = jax.random.normal(error, (sum(sizes),))
     counts = [scene.valid.shape[0] for scene in groups]
-    deviations = jax.random.uniform(size, (sum(counts), 1, 1, 1), maxval=options.jitter)
+    if clean := options.clean_share:
+        shape = (sum(counts), 1, 1, 1)
+        level = jax.random.uniform(size, shape, minval=-clean / (1 - clean))
+        deviations = options.jitter * jnp.maximum(level, 0)
+    else:
+        deviations = jax.random.uniform(size, (sum(counts), 1, 1, 1), maxval=options.jitter)
 
     def jittered(scene: Scene, errors: Array, deviation: Array) -> Scene:
         observed = scene.observed + deviation * errors.reshape(scene.observed.shape)

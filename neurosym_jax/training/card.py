@@ -8,9 +8,9 @@ from neurosym_jax.configuration import from_json
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.summary import metrics_of
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import replace_card
-from neurosym_jax.models.config import GeneratorConfig
 
 __all__ = ["model_card", "write_card"]
 
@@ -33,12 +33,13 @@ def write_card(
 
 
 def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    generator = from_json(GeneratorConfig, dict(facts["generator"]), "run.json")
-    training, validation = facts["training"], facts["validation"]
-    yield f"# {Model(generator, {}).name}, {facts['data_name']}"
+    kind = facts["forecaster"]
+    network = from_json(FORECASTERS[kind].Config, dict(facts["network"]), "run.json")
+    validation = facts["validation"]
+    yield f"# {Model(network, {}, kind=kind).name}, {facts['data_name']}"
     yield ""
     yield (
-        f"Forecasts {generator.pred_len} steps from {generator.obs_len} observed ones. "
+        f"Forecasts {network.pred_len} steps from {network.obs_len} observed ones. "
         "`neurosym_jax.load_model` reads this folder, and `python evaluate.py "
         "--checkpoint` tests it."
     )
@@ -50,7 +51,7 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     both = [f"{best}_{error}" for best in ("joint", "marginal") for error in ("ade", "fde")]
     names = [name for name in metrics_of(test_rows[0]) if name not in both] if test_rows else []
     further = {name: known_metric(name) for name in names}
-    rows = [[label, str(training["best_k"]), chosen, "", *[""] * len(further)]]
+    rows = [[label, str(facts["samples"]), chosen, "", *[""] * len(further)]]
     for row in test_rows:
         errors = [
             f"{row[f'{best}_ade']:.3f} / {row[f'{best}_fde']:.3f}" for best in ("joint", "marginal")
@@ -84,7 +85,7 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     settings |= {"parameters": facts["parameters"], "code": facts["code"] or "no checkout"}
     if plugins := facts.get("plugins"):
         settings["plugins"] = ", ".join(plugins)
-    sections = {"training": "", "generator": "network: ", "environment": "environment: "}
+    sections = {"training": "", "network": "network: ", "environment": "environment: "}
     for section, prefix in sections.items():
         for name, value in facts[section].items():
             if value not in (None, ""):

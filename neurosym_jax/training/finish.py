@@ -59,7 +59,7 @@ def write_curves(folder: Path, history: list[dict[str, Any]]) -> None:
         rows = [row for row in history if name in row]
         return [row["step"] for row in rows], [row[name] for row in rows]
 
-    losses = [name for name in ("g_loss", "g_adversarial", "d_loss") if name in history[0]]
+    losses = [name for name in ("loss", "g_loss", "g_adversarial", "d_loss") if name in history[0]]
     figure = plot_training(
         {name: curve(name) for name in losses},
         {"ADE": curve("val_ade"), "FDE": curve("val_fde")},
@@ -76,7 +76,7 @@ def outcome(run: Run, model: Model) -> str:
     Raises:
         InputError: for a baseline that cannot forecast these windows.
     """
-    config, samples = run.generator, run.recipe.best_k
+    config, samples = run.network, run.samples
     batches = make_batches(run.validation)
     models = [model, *(baseline(name, config.obs_len, config.pred_len) for name in BASELINES)]
     lines = [f"on the {run.validation.scenes} validation scenes, joint best of {samples}, metres:"]

@@ -6,7 +6,7 @@ Everything random follows from (seed, step), so a resumed run continues bit for 
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,29 +19,32 @@ from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.environment import run_environment
-from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.training.anchor_objective import AnchorObjective
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.dead_pooling import EFFECT, neighbour_effect, warn_if_dead
 from neurosym_jax.training.finish import best_of, write_curves, write_model
+from neurosym_jax.training.generator_objective import GeneratorObjective
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.metrics_log import MetricsLog
-from neurosym_jax.training.recipe import RECIPES, TrainConfig
+from neurosym_jax.training.objective import CHUNK, Objective
+from neurosym_jax.training.recipe import RECIPES, Recipe
 from neurosym_jax.training.run import Run, refuse_other_run
-from neurosym_jax.training.step import TrainState, initial_state, train_steps
-from neurosym_jax.training.stream import SceneStream
 
-__all__ = ["CHUNK", "train", "train_run"]
+__all__ = ["train", "train_run"]
 
 Row = dict[str, Any]
 
-CHUNK = 25
-"""Most steps of one compiled call, between two updates of the progress bar."""
+OBJECTIVES: dict[str, Callable[[Run], Objective]] = {
+    "generator": GeneratorObjective,
+    "anchors": AnchorObjective,
+    "anchor_table": AnchorObjective,
+}
+"""How each kind of forecaster is trained."""
 
 
 def train(
@@ -49,21 +52,22 @@ def train(
     validation: Windows | Sequence[Tracks],
     folder: Path | str,
     *,
-    generator: GeneratorConfig | None = None,
-    recipe: TrainConfig | None = None,
+    network: Any = None,
+    recipe: Recipe | None = None,
     dataset: str | None = None,
     data_name: str = "data not named",
     resume: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
-    """Train a generator; the module's text lists the files that it leaves in `folder`.
+    """Train a model; the module's text lists the files that it leaves in `folder`.
 
     Args:
         training: recordings to cut windows from, or the windows.
         validation: the same; the state with the least error on these is kept.
         folder: of the run.
-        generator: the network; default: SGAN's. Its period becomes that of the data.
-        recipe: how the network is trained; default: `ours`.
+        network: a `GeneratorConfig`, `AnchorConfig` or `AnchorTableConfig`; default: SGAN's. Its
+            period becomes that of the data.
+        recipe: how the network is trained; default: `ours`, or `anchors` for one.
         dataset: the data set that was left out, to be tested on; recorded with the model.
         data_name: of the training data, for people.
         resume: continue the run in `folder`.
@@ -75,14 +79,17 @@ def train(
     Raises:
         InputError: for recordings without windows, and as `train_run`.
     """
-    generator = generator or GeneratorConfig()
-    lengths = generator.obs_len, generator.pred_len
+    network = network or GeneratorConfig()
+    if recipe is None:
+        recipe = RECIPES["ours" if isinstance(network, GeneratorConfig) else "anchors"]
     learned, validated = (
-        part if isinstance(part, Windows) else cut_windows(part, *lengths)
-        for part in (training, validation)
+        part
+        if isinstance(part, Windows)
+        else cut_windows(part, network.obs_len, network.pred_len, min_agents=least)
+        for part, least in ((training, recipe.min_agents), (validation, 2))
     )
-    generator = dataclasses.replace(generator, period=learned.period)
-    run = Run(generator, recipe or RECIPES["ours"], learned, validated, dataset, data_name)
+    network = dataclasses.replace(network, period=learned.period)
+    run = Run(network, recipe, learned, validated, dataset, data_name)
     return train_run(run, Path(folder), resume=resume, on_row=on_row)
 
 
@@ -105,15 +112,10 @@ def train_run(
 
 def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]) -> Model:
     config = run.recipe
-    networks = 2 if config.adversarial_weight else 1  # A step takes a batch for each.
-    stream = SceneStream(run.training, config.batch_scenes, config.seed, config.max_agents)
-    _refuse_too_large(run, stream.shapes)
+    objective = OBJECTIVES[run.kind](run)
     batches = make_batches(run.validation)
-    of_state, of_steps = (jax.random.fold_in(jax.random.key(config.seed), part) for part in (0, 1))
-    example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
-    weighting = initial_parameters(run.generator.weighting, _observed(run.training))
-    state = initial_state(run.generator, config, example, of_state, weighting)
-    best = _copy(_validated(config, state))
+    state = objective.start()
+    best = _copy(objective.params(state))
     validations: list[Row] = []
     record = {**run.describe(), "environment": run_environment()}
 
@@ -133,21 +135,17 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
         while done < config.steps:
             to_validation = config.validate_every - done % config.validate_every
             count = min(CHUNK, to_validation, config.steps - done)
-            groups = jax.tree.map(
-                lambda leaf, count=count: leaf.reshape(count, networks, *leaf.shape[1:]),
-                stream.steps(done * networks, count * networks),
-            )
-            state, metrics = train_steps(run.generator, config, of_steps, state, groups)
+            state, metrics = objective.advance(state, done, count)
             row: Row = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
             _refuse_not_finite(row, folder, done, validations)
             if validated := count == to_validation or row["step"] == config.steps:
-                row |= _validate(run, _validated(config, state), batches)
+                row |= _validate(run, objective.params(state), batches)
                 _refuse_not_finite(row, folder, done, validations)
                 if row["val_score"] <= min(
                     (old["val_score"] for old in validations), default=np.inf
                 ):
-                    best = _copy(_validated(config, state))
+                    best = _copy(objective.params(state))
                 validations.append(row)
                 warn_if_dead(row)
             log.append(row)
@@ -158,41 +156,11 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
             done += count
             bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)
-    kept = best_of(validations)
-    warn_if_dead(kept)
-    model = Model(
-        run.generator,
-        best,
-        run.dataset,
-        plugins=names(loaded()),
-        neighbours=kept.get("val_neighbour_near"),
-    )
+    model = Model(run.network, best, run.dataset, run.kind, plugins=names(loaded()))
+    warn_if_dead(best_of(validations))
     write_curves(folder, log.rows())
     write_model(folder, model, {**record, **run.data_facts()}, validations)
     return model
-
-
-def _refuse_too_large(run: Run, shapes: Sequence[tuple[int, int]]) -> None:
-    """Refuse a batch of these (scenes, slots) of each size class that memory cannot hold.
-
-    A lower bound: positions of a round's batches, the k forecasts of one, and the numbers that
-    pooling keeps of each pair for its gradient.
-    """
-    config, generator = run.recipe, run.generator
-    slots = sum(scenes * size for scenes, size in shapes)
-    pairs = sum(scenes * size**2 for scenes, size in shapes)
-    batches = CHUNK * (2 if config.adversarial_weight else 1)
-    numbers = batches * slots * 2 * (2 * generator.obs_len + generator.pred_len)
-    numbers += config.best_k * slots * (2 * generator.pred_len + generator.decoder_h_dim)
-    numbers += 2 * pairs * generator.pooling.pair_numbers
-    remedy = "lower batch_scenes, best_k or max_agents with --set"
-    refuse_beyond_memory(f"a batch of {config.batch_scenes} scenes", 4 * numbers, remedy)
-
-
-def _observed(windows: Windows) -> Iterator[tuple[Any, Any]]:
-    """Batches (positions, valid) from which a weighting may be estimated."""
-    for batch in make_batches(windows):
-        yield batch.scene.observed, batch.scene.valid
 
 
 def _copy(params: Any) -> Any:
@@ -214,28 +182,24 @@ def _refuse_not_finite(row: Row, folder: Path, done: int, validations: list[Row]
 
 def _progress(row: Row, validations: list[Row]) -> dict[str, str]:
     """Values beside the progress bar."""
-    short = {"g_variety": "loss", "g_adversarial": "g_adv", "d_loss": "d"}
+    short = {"loss": "loss", "g_variety": "loss", "g_adversarial": "g_adv", "d_loss": "d"}
     values = {short[name]: row[name] for name in short if name in row}
     values |= {name: row[name] for row in validations[-1:] for name in ("val_ade", "val_fde")}
     return {name: f"{value:.3f}" for name, value in values.items()}
 
 
-def _validated(config: TrainConfig, state: TrainState) -> Any:
-    return state.average if config.ema else state.generator
-
-
 def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     """Joint best-of-k errors on the validation windows; `val_score` chooses the best state."""
-    forecaster = GeneratorForecaster(run.generator)
+    forecaster = FORECASTERS[run.kind](run.network)
     result = score_forecaster(
         forecaster,
         params,
         batches,
-        samples=run.recipe.best_k,
+        samples=run.samples,
         seed=run.recipe.seed,
         metrics=("joint_ade", "joint_fde", *(EFFECT if forecaster.sees_neighbours else ())),
     )
     ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
     score = ade + fde if run.recipe.select_by == "ade_fde" else ade
     row = {"val_ade": ade, "val_fde": fde, "val_score": score}
-    return row | neighbour_effect(result, run.generator, params, batches)
+    return row | neighbour_effect(result, run.network, params, batches)

@@ -1,23 +1,33 @@
-"""Generators by name, with the published sizes."""
+"""Networks by name, with the published sizes."""
 
 from collections.abc import Sequence
+from typing import Any
 
-from neurosym_jax.configuration import changed, component_from_text
+from neurosym_jax.configuration import changed, component_from_text, differences
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.anchor_table import AnchorTableConfig
+from neurosym_jax.models.anchors import AnchorConfig
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
-__all__ = ["POOLING_OF", "model_name", "named_generator", "named_weighting"]
+__all__ = [
+    "ANCHORS",
+    "POOLING_OF",
+    "model_name",
+    "named_network",
+    "named_weighting",
+    "usual_recipe",
+]
 
-
+ANCHORS = {"anchors": AnchorConfig, "anchor_table": AnchorTableConfig}
 POOLING_OF = {"sgan": "pool_net", "neurosym": "as_described"}
 """The pooling that each model has in its paper."""
 
 
-def named_generator(
+def named_network(
     model: str = "sgan",
     *,
     pooling: str | None = None,
@@ -25,21 +35,28 @@ def named_generator(
     obs_len: int = 8,
     pred_len: int = 8,
     changes: Sequence[str] = (),
-) -> GeneratorConfig:
-    """The generator of `sgan` or `neurosym`.
+) -> Any:
+    """The configuration of a generator, an anchors network or an anchor table.
 
     Args:
-        model: one of the two.
-        pooling: a registered one, that takes weights for NeuroSyM; default: the paper's.
-        weighting: of NeuroSyM, see `named_weighting`; default: `cnd`.
+        model: `sgan`, `neurosym`, `anchors` or `anchor_table`.
+        pooling: of a generator; default: the paper's. That of NeuroSyM takes weights.
+        weighting: of NeuroSyM (default: `cnd`) or anchors (default: none), see
+            `named_weighting`.
         obs_len: observed steps.
         pred_len: steps to forecast.
-        changes: of the published sizes, each NAME=VALUE of a field of `GeneratorConfig`.
+        changes: of the published sizes, each NAME=VALUE of a field of the configuration.
 
     Raises:
         InputError: for an unknown pooling or weighting, one that the model cannot have, or a change
             that does not fit.
     """
+    if model in ANCHORS:
+        if pooling is not None:
+            raise InputError(f"--pooling {pooling}: {model} has no pooling")
+        weights = [] if weighting is None else [f"weighting={weighting}"]
+        lengths = ANCHORS[model](obs_len=obs_len, pred_len=pred_len)
+        return changed(lengths, [*weights, *changes], "--network", "network")
     symbolic = model == "neurosym"
     name = pooling or POOLING_OF[model]
     known = pooling_names(symbolic=symbolic)
@@ -66,8 +83,18 @@ def named_weighting(text: str) -> Weighting:
     return component_from_text(name, WEIGHTINGS, f"weighting {text}")
 
 
-def model_name(config: GeneratorConfig) -> str:
+def usual_recipe(model: str) -> str:
+    """The name of the recipe that a model is trained by unless another is asked for."""
+    return "anchors" if model in ANCHORS else "ours"
+
+
+def model_name(config: Any) -> str:
     """A name that tells apart models trained on the same data."""
+    for name, kind in ANCHORS.items():
+        if isinstance(config, kind):
+            lengths = ("obs_len=", "pred_len=", "period=")
+            own = [each for each in differences(config) if not each.startswith(lengths)]
+            return "_".join([name, *(each.replace("=", "_") for each in own)])
     pooling = POOLINGS.name_of(config.pooling)
     if config.weighting is None:
         return f"sgan_{pooling}"

@@ -1,33 +1,58 @@
 """Recipes: the hyper-parameters of training."""
 
+import abc
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from neurosym_jax.configuration import (
+    AtLeastOne,
     BelowOne,
     Checked,
     Count,
     NotNegative,
     Positive,
     Seed,
+    Share,
     Whole,
     changed,
 )
 from neurosym_jax.models.config import DiscriminatorConfig
+from neurosym_jax.training.anchor_loss import AnchorLossOptions
 from neurosym_jax.training.augmentation import AugmentationOptions
 from neurosym_jax.training.losses import LossOptions, refuse_no_loss
 
-__all__ = ["RECIPES", "TrainConfig", "make_recipe"]
+__all__ = ["RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe"]
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainConfig(LossOptions, AugmentationOptions, Checked):
-    """A recipe; the options of losses and augmentations stand in their files."""
+class Recipe(AugmentationOptions, Checked, abc.ABC):
+    """What all recipes have; the options of losses and augmentations stand in their files."""
 
     seed: Seed = 0
     steps: Count = 3000
-    """Generator steps."""
+    """Steps of training; of a generator where there is a discriminator."""
+    min_agents: Count = 2
+    """Training scenes with fewer people are left out."""
+    warmup_steps: Whole = 100
+    clip_norm: NotNegative = 2.0
+    """Largest norm of the gradient, of a generator's; 0 for no clipping."""
+    ema: BelowOne = 0.0
+    """Decay of the averaged parameters, which are validated and kept; 0 averages none."""
+    validate_every: Count = 500
+    """Steps between validations; the best state by validation is kept."""
+    select_by: Literal["ade", "ade_fde"] = "ade_fde"
+    """Joint validation error that chooses the best state."""
+
+    @abc.abstractmethod
+    def samples(self, network: Any) -> int:
+        """Number of samples of which validation takes the best."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainConfig(LossOptions, Recipe):
+    """A recipe of SGAN and NeuroSyM."""
+
     batch_scenes: Count = 64
     """Approximate number of scenes in a batch; the proportions of sizes are fixed."""
     max_agents: Count | None = 16
@@ -37,18 +62,9 @@ class TrainConfig(LossOptions, AugmentationOptions, Checked):
     g_learning_rate: Positive = 1e-2
     d_learning_rate: Positive = 1e-3
     schedule: Literal["constant", "cosine"] = "cosine"
-    warmup_steps: Whole = 100
     gentle_pooling: bool = False
     """Train the pooling slowly, from a small start, so that its units do not die: see
     `training.gentle_pooling`."""
-    clip_norm: NotNegative = 2.0
-    """Largest norm of the generator's gradient; 0 for no clipping."""
-    ema: BelowOne = 0.0
-    """Decay of the averaged parameters, which are validated and kept; 0 averages none."""
-    validate_every: Count = 500
-    """Steps between validations; the best state by validation is kept."""
-    select_by: Literal["ade", "ade_fde"] = "ade_fde"
-    """Joint validation error that chooses the best state."""
     discriminator: DiscriminatorConfig = dataclasses.field(default_factory=DiscriminatorConfig)
 
     def __post_init__(self):
@@ -56,8 +72,42 @@ class TrainConfig(LossOptions, AugmentationOptions, Checked):
         super().__post_init__()
         refuse_no_loss(self)
 
+    def samples(self, network: Any) -> int:
+        """See `Recipe.samples`."""
+        return self.best_k
 
-RECIPES = {
+
+@dataclasses.dataclass(frozen=True)
+class AnchorRecipe(AnchorLossOptions, Recipe):
+    """A recipe of anchors and anchor tables; a batch has scenes of one size class."""
+
+    steps: Count = 2500
+    min_agents: Count = 1
+    rotate: bool | Share = 1.0
+    stretch: AtLeastOne = 1.6
+    jitter: NotNegative = 0.04
+    clean_share: BelowOne = 0.5
+    single_agent_share: Share = 0.2
+    learning_rate: Positive = 4e-3
+    ema: BelowOne = 0.99
+    batch_people: Count = 640
+    """People in a batch, padding included."""
+    batch_scenes: Count = 128
+    """Most scenes in a batch."""
+    crowd_tilt: float = 1.0
+    """A size class is drawn in proportion to its scenes times their mean size to this power."""
+    crowd_share: Share = 0.7
+    """Probability that the scenes of a batch are merged into crowds, see `anchor_loss`."""
+    crowd_people: Count = 40
+    """People in the largest crowds; their size is drawn log-uniformly."""
+
+    def samples(self, network: Any) -> int:
+        """See `Recipe.samples`."""
+        return network.samples
+
+
+RECIPES: dict[str, Recipe] = {
+    "anchors": AnchorRecipe(),
     "ours": TrainConfig(rotate=0.5, scale=0.3, jitter=0.04, gentle_pooling=True),
     "sgan": TrainConfig(
         max_agents=None,
@@ -74,18 +124,18 @@ RECIPES = {
         select_by="ade",
     ),
 }
-"""`sgan` is the published procedure; `ours` is justified in docs/training.md."""
+"""`sgan` is the published procedure; `ours` and `anchors` are justified in docs/training.md."""
 
 
 def make_recipe(
     name: str, *, seed: int = 0, steps: int | None = None, changes: Sequence[str] = ()
-) -> TrainConfig:
+) -> Recipe:
     """The recipe of this name, with changes to it.
 
     Args:
         name: a key of `RECIPES`.
         seed: of everything random.
-        steps: generator steps; None for the recipe's.
+        steps: of training; None for the recipe's.
         changes: each NAME=VALUE of a field, its value as JSON or as text.
 
     Raises:

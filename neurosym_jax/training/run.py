@@ -12,18 +12,23 @@ import numpy as np
 from neurosym_jax.configuration import to_json
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.training.recipe import RECIPES, AnchorRecipe, TrainConfig
 
-__all__ = ["Run", "data_digest", "refuse_other_run"]
+__all__ = ["KINDS", "Run", "data_digest", "refuse_other_run"]
+
+KINDS = {"generator": TrainConfig, "anchors": AnchorRecipe, "anchor_table": AnchorRecipe}
+"""The type of recipe for each forecaster that can be trained."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Run:
     """What is trained on what."""
 
-    generator: GeneratorConfig
-    recipe: TrainConfig
+    network: Any
+    """The configuration of a generator, an anchors network or an anchor table."""
+    recipe: Any
+    """A `Recipe` for it."""
     training: Windows
     validation: Windows
     dataset: str | None = None
@@ -31,10 +36,27 @@ class Run:
     data_name: str = "data not named"
     """Name of the training data, for people."""
 
+    def __post_init__(self):
+        """Refuse a recipe of another kind of network."""
+        if not isinstance(self.recipe, wanted := KINDS[self.kind]):
+            names = ", ".join(name for name, of in RECIPES.items() if isinstance(of, wanted))
+            raise InputError(f"the recipe is not one of {self.kind}: --recipe {names}")
+
+    @property
+    def kind(self) -> str:
+        """The name of the forecaster that is trained."""
+        return next(kind for kind in KINDS if FORECASTERS[kind].Config is type(self.network))
+
+    @property
+    def samples(self) -> int:
+        """Number of samples of which validation takes the best."""
+        return self.recipe.samples(self.network)
+
     def describe(self) -> dict[str, Any]:
         """The facts that must be equal for a run to be resumed; JSON-able."""
         return {
-            "generator": to_json(self.generator),
+            "forecaster": self.kind,
+            "network": to_json(self.network),
             "training": to_json(self.recipe),
             "scene": self.dataset,
             "data": {name: data_digest(windows) for name, windows in self._windows().items()},
@@ -45,6 +67,7 @@ class Run:
         parts = self._windows().items()
         return {
             "data_name": self.data_name,
+            "samples": self.samples,
             "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts},
             "recordings": {name: [how.to_json() for how in w.reading] for name, w in parts},
         }

@@ -29,6 +29,7 @@ from neurosym_jax.training.rollout import draw_group_noise
 
 __all__ = [
     "TrainState",
+    "averaged",
     "clip_gradient",
     "initial_state",
     "train_step",
@@ -224,14 +225,16 @@ def update_generator(config: TrainConfig, state: TrainState, gradient: Any) -> T
     if config.gentle_pooling:
         update = slowed(update)
     params = optax.apply_updates(state.generator, update)
-    average = state.average
-    if config.ema:
-        # The early average is over the last tenth of the steps so far.
-        decay = jnp.minimum(config.ema, (1.0 + state.step) / (10.0 + state.step))
-        average = jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, average, params)
+    average = averaged(config.ema, state.step, state.average, params) if config.ema else ()
     return state._replace(
         step=state.step + 1, generator=params, generator_optimizer=optimizer, average=average
     )
+
+
+def averaged(ema: float, step: Array, average: Any, params: Any) -> Any:
+    """The moving average after `step` steps; an early one is over the last tenth of the steps."""
+    decay = jnp.minimum(ema, (1.0 + step) / (10.0 + step))
+    return jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, average, params)
 
 
 def clip_gradient(config: TrainConfig, gradient: Any) -> Any:

@@ -15,7 +15,7 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import Scene
 from neurosym_jax.training.size_classes import quota, size_classes
 
-__all__ = ["SceneStream"]
+__all__ = ["SceneStream", "cropped"]
 
 
 class SceneStream:
@@ -63,17 +63,17 @@ class SceneStream:
                     for step in range(first, first + count)
                 ]
             )
-            windows, chosen = _cropped(windows, chosen, self.max_agents, focus)
+            windows, chosen = cropped(windows, chosen, self.max_agents, focus)
         scenes = gather_scenes(windows, chosen, slots).replace(origin=None, identity=None)
         return jax.tree.map(lambda array: array.reshape(count, quota, *array.shape[1:]), scenes)
 
 
-def _cropped(
+def cropped(
     windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarray
 ) -> tuple[Windows, np.ndarray]:
-    """The chosen scenes as new windows, large ones cropped around one agent.
+    """The chosen scenes as new windows, those of more than `agents` cropped around one agent.
 
-    `focus` in [0, 1) chooses the agent of each scene, as a share of its agents.
+    `focus` [S] in [0, 1) chooses the agent of each scene, as a share of its agents.
     """
     rows = []
     for scene, share in zip(chosen, focus):

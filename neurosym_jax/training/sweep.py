@@ -182,7 +182,7 @@ def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[s
     write_report(out / "sweep.json", rows, facts)
     write_errors(out, rows, [result.errors for result in results])
     for name, run in of_path.items():
-        lengths = (run.dataset, run.generator.obs_len, run.generator.pred_len)
+        lengths = (run.dataset, run.network.obs_len, run.network.pred_len)
         own = [
             row
             for row in rows

@@ -9,12 +9,17 @@ from typing import Any
 from neurosym_jax.configuration import to_json
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.finish import RUN
-from neurosym_jax.training.network import POOLING_OF, model_name, named_generator
-from neurosym_jax.training.recipe import TrainConfig, make_recipe
+from neurosym_jax.training.network import (
+    ANCHORS,
+    POOLING_OF,
+    model_name,
+    named_network,
+    usual_recipe,
+)
+from neurosym_jax.training.recipe import Recipe, make_recipe
 
 __all__ = ["SweepRun", "plan_runs"]
 
@@ -23,8 +28,8 @@ __all__ = ["SweepRun", "plan_runs"]
 class SweepRun:
     """One training of a sweep."""
 
-    generator: GeneratorConfig
-    recipe: TrainConfig
+    network: Any
+    recipe: Recipe
     dataset: str
     folder: Path
     arguments: tuple[str, ...]
@@ -55,7 +60,7 @@ class SweepRun:
         if not self.model.is_dir() or not (self.folder / RUN).is_file():
             return False
         facts = self.facts()
-        wanted = {"generator": to_json(self.generator), "training": to_json(self.recipe)}
+        wanted = {"network": to_json(self.network), "training": to_json(self.recipe)}
         for part, fields in json.loads(json.dumps(wanted)).items():
             for name, value in fields.items():
                 if facts[part].get(name) != value:
@@ -75,7 +80,7 @@ def plan_runs(
     seeds: Sequence[int] = (0,),
     obs_len: int = 8,
     pred_lens: Sequence[int] = (8,),
-    recipe: str = "ours",
+    recipe: str | None = None,
     steps: int | None = None,
     changes: Sequence[str] = (),
     network: Sequence[str] = (),
@@ -85,14 +90,14 @@ def plan_runs(
 
     Args:
         out: folder of the runs' folders.
-        models: `sgan`, `neurosym`, or a pooling's name.
+        models: `sgan`, `neurosym`, `anchors`, `anchor_table`, or a pooling's name.
         weightings: for each model that takes them, see `training.network.named_weighting`.
         datasets: to leave out of training; none for all that `data` has.
         seeds: of the trainings.
         obs_len: observed steps.
         pred_lens: steps to forecast.
-        recipe: its name.
-        steps: generator steps; None for the recipe's.
+        recipe: its name; None for that of each model.
+        steps: of training; None for the recipe's.
         changes: to the recipe, NAME=VALUE.
         network: changes to the networks, NAME=VALUE.
         data: as `data.open_source` takes it.
@@ -114,18 +119,19 @@ def plan_runs(
     # Seed by seed: an interrupted sweep has trained all models as often, and a process that trains
     # the next seed finds its programs compiled.
     for seed in seeds:
-        config = make_recipe(recipe, seed=seed, steps=steps, changes=changes)
         for named in _networks(models, weightings):
+            how = recipe or usual_recipe(named["model"])
+            config = make_recipe(how, seed=seed, steps=steps, changes=changes)
             for dataset in datasets or source.scenes:
                 for pred_len in pred_lens:
-                    generator = named_generator(
+                    made = named_network(
                         **named, obs_len=obs_len, pred_len=pred_len, changes=network
                     )
-                    name = f"{model_name(generator)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
+                    name = f"{model_name(made)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
                     own = {"dataset": dataset, "pred-len": pred_len, "seed": seed}
                     arguments = (*_options(own | named | {"out": out / name}), *common)
                     of = (dataset, out / name, arguments)
-                    runs[out / name] = SweepRun(generator, config, *of)
+                    runs[out / name] = SweepRun(made, config, *of)
     return list(runs.values())
 
 
@@ -136,8 +142,11 @@ def _options(values: Mapping[str, Any]) -> list[str]:
 
 
 def _networks(models: Sequence[str], weightings: Sequence[str]) -> Iterator[dict[str, str]]:
-    """The arguments of `named_generator` that make `models`."""
+    """The arguments of `named_network` that make `models`."""
     for model in models:
+        if model in ANCHORS:
+            yield {"model": model}
+            continue
         pooling = POOLING_OF.get(model, model)
         if "alpha" not in POOLINGS[pooling].inputs:
             yield {"model": "sgan", "pooling": pooling}

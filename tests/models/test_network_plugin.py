@@ -19,7 +19,7 @@ from neurosym_jax.models.cell import Encoder
 from neurosym_jax.models.cells import CELLS
 from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.training.network import named_generator
+from neurosym_jax.training.network import named_network
 
 PLUGIN = str(Path(__file__).with_name("network_plugin.py"))
 WALKS = np.random.default_rng(0).normal(0, 0.3, (4, 8, 2)).cumsum(axis=1)
@@ -67,7 +67,7 @@ def test_what_is_refused():
     assert pooling_names(symbolic=False) == ("none", "pool_net", "social", "nearest")
     assert pooling_names(symbolic=True) == ("as_described", "neurosym_ros", "encounter")
     with pytest.raises(InputError, match="sgan has none, pool_net, social, nearest"):
-        named_generator(pooling="neurosym_ros")
+        named_network(pooling="neurosym_ros")
     with pytest.raises(InputError, match="another pooling 'nearest' already"):
         register_pooling("nearest", PoolNet)
     with pytest.raises(InputError, match="pooling: unknown field 'warmth' for Nearest"):

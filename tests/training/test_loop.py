@@ -12,7 +12,7 @@ from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.symbolic.transition import Transition
 from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.training import loop
+from neurosym_jax.training import generator_objective, loop
 from neurosym_jax.training.card import write_card
 from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.finish import outcome
@@ -127,8 +127,7 @@ def test_what_a_run_leaves(run, done):
     assert facts["validation"] == best
     assert facts["counts"]["training"] == {"scenes": 13, "agents": run.training.agents}
     model = load_model(done / "model")
-    assert (model.config, model.dataset) == (run.generator, "zara1")
-    assert model.neighbours == best["val_neighbour_near"]
+    assert (model.config, model.dataset) == (run.network, "zara1")
     assert facts["parameters"] == sum(leaf.size for leaf in jax.tree.leaves(model.params))
 
 
@@ -245,7 +244,7 @@ def test_validations_come_when_they_are_due_and_at_the_end(with_recipe, tmp_path
         count = len(groups[0].valid)
         return state._replace(step=state.step + count), {"g_loss": np.ones(count)}
 
-    monkeypatch.setattr(loop, "train_steps", advance)
+    monkeypatch.setattr(generator_objective, "train_steps", advance)
     train_run(with_recipe(steps=65, validate_every=30), tmp_path)
     rows = MetricsLog(tmp_path / "metrics.jsonl", 1000).rows()
     steps = [(row["step"], "val_ade" in row) for row in rows]
@@ -280,9 +279,9 @@ def test_what_a_weighting_estimates_is_kept_as_it_was_counted(with_recipe, make_
     run = dataclasses.replace(with_recipe(steps=25, ema=0.0), training=same, validation=same)
     weighting = Transition()
     network = dataclasses.replace(
-        run.generator, pooling="as_described,bottleneck_dim=4,hidden_dim=16", weighting=weighting
+        run.network, pooling="as_described,bottleneck_dim=4,hidden_dim=16", weighting=weighting
     )
-    train_run(dataclasses.replace(run, generator=network), tmp_path / "run")
+    train_run(dataclasses.replace(run, network=network), tmp_path / "run")
     model = load_model(tmp_path / "run" / "model")
     assert model.config == network
     scenes = [(b.scene.observed, b.scene.valid) for b in make_batches(run.training)]

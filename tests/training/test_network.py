@@ -4,19 +4,19 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models import AsDescribed, Social
 from neurosym_jax.symbolic.state_weightings import Cnd, Learned
 from neurosym_jax.symbolic.weightings import Ones
-from neurosym_jax.training.network import model_name, named_generator, named_weighting
+from neurosym_jax.training.network import model_name, named_network, named_weighting
 
 
 def test_generators():
-    assert named_generator(pred_len=12).pred_len == 12
-    social = named_generator(pooling="social")
+    assert named_network(pred_len=12).pred_len == 12
+    social = named_network(pooling="social")
     assert social.pooling == Social()
-    symbolic = named_generator("neurosym", weighting="ones")
+    symbolic = named_network("neurosym", weighting="ones")
     assert (symbolic.pooling, symbolic.weighting) == (AsDescribed(), Ones())
 
 
 def test_changes():
-    changed = named_generator("neurosym", changes=["noise_type=fixed", "encoder_h_dim=48"])
+    changed = named_network("neurosym", changes=["noise_type=fixed", "encoder_h_dim=48"])
     assert (changed.noise_type, changed.encoder_h_dim) == ("fixed", 48)
     assert (changed.pooling, changed.weighting) == (AsDescribed(), Cnd())
     for change, reason in (
@@ -25,11 +25,11 @@ def test_changes():
         ("noise_type=fix", "network: noise_type"),
     ):
         with pytest.raises(InputError, match=reason):
-            named_generator(changes=[change])
+            named_network(changes=[change])
     with pytest.raises(InputError, match="fixed needs noise_mix_type global"):
-        named_generator(changes=["noise_type=fixed", "noise_mix_type=ped"])
+        named_network(changes=["noise_type=fixed", "noise_mix_type=ped"])
     with pytest.raises(InputError, match="residual needs noise_type fixed"):
-        named_generator(changes=["residual=true"])
+        named_network(changes=["residual=true"])
 
 
 @pytest.mark.parametrize(
@@ -42,14 +42,14 @@ def test_changes():
 )
 def test_what_a_model_cannot_have_is_refused(named, message):
     with pytest.raises(InputError, match=message):
-        named_generator(**named)
+        named_network(**named)
 
 
 def test_names():
-    assert model_name(named_generator(pooling="none")) == "sgan_none"
-    coarse = named_generator("neurosym", weighting="quantised,quantisation_factor=0.05")
+    assert model_name(named_network(pooling="none")) == "sgan_none"
+    coarse = named_network("neurosym", weighting="quantised,quantisation_factor=0.05")
     assert model_name(coarse) == "neurosym_as_described_quantised"
-    assert model_name(named_generator("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
+    assert model_name(named_network("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
 
 
 def test_weightings(tmp_path, monkeypatch):

@@ -31,9 +31,7 @@ def start(run, groups, **changes):
     """The state before the first step, with parameters that numpy draws: it compiles nothing."""
     config = dataclasses.replace(run.recipe, **changes)
     example = jax.tree.map(lambda leaf: leaf[0], groups[0])
-    shapes = jax.eval_shape(
-        lambda: initial_state(run.generator, config, example, jax.random.key(0))
-    )
+    shapes = jax.eval_shape(lambda: initial_state(run.network, config, example, jax.random.key(0)))
     rng = np.random.default_rng(0)
 
     def randomly(leaf):
@@ -48,7 +46,7 @@ def start(run, groups, **changes):
         average=generator if config.ema else (),
         discriminator=discriminator,
     )
-    noises = draw_group_noise(run.generator, groups, jax.random.key(1), config.best_k)
+    noises = draw_group_noise(run.network, groups, jax.random.key(1), config.best_k)
     return config, state, noises
 
 
@@ -89,13 +87,11 @@ def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, crite
     config, state, noises = start(run, groups, criterion=criterion, weigh_scenes=weigh)
     ours, metrics = jax.jit(
         lambda params: generator_gradient(
-            run.generator, config, params, (), groups, noises, label=1.0
+            run.network, config, params, (), groups, noises, label=1.0
         )
     )(state.generator)
     value, wanted = jax.jit(
-        jax.value_and_grad(
-            lambda params: literal_loss(run.generator, config, params, groups, noises)
-        )
+        jax.value_and_grad(lambda params: literal_loss(run.network, config, params, groups, noises))
     )(state.generator)
     assert metrics["g_loss"] == pytest.approx(float(value), rel=1e-5)
     assert metrics["g_gradient_norm"] > 0
@@ -114,11 +110,9 @@ def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
         for scene in groups
     )
     generator = dataclasses.replace(
-        run.generator, pooling="as_described,bottleneck_dim=4,hidden_dim=16", weighting="cnd"
+        run.network, pooling="as_described,bottleneck_dim=4,hidden_dim=16", weighting="cnd"
     )
-    config, state, noises = start(
-        dataclasses.replace(run, generator=generator), groups, **ALL_TERMS
-    )
+    config, state, noises = start(dataclasses.replace(run, network=generator), groups, **ALL_TERMS)
     fakes = draw_group_noise(generator, groups, jax.random.key(2), 1)
     both = state.generator, state.discriminator
 
@@ -149,7 +143,7 @@ def test_padding_and_empty_scenes_change_no_gradient(run, groups):
     @jax.jit
     def gradient(groups):
         return generator_gradient(
-            run.generator,
+            run.network,
             config,
             state.generator,
             state.discriminator,
@@ -228,7 +222,7 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_
     # Scores end in a ReLU, which may be shut at first; a shut one teaches nothing.
     state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
     with jax.debug_key_reuse(True):
-        step = jax.jit(lambda key: train_step(run.generator, config, state, batches, key))
+        step = jax.jit(lambda key: train_step(run.network, config, state, batches, key))
         (one, metrics), (again, _), (other, _) = (step(jax.random.key(s)) for s in (1, 1, 2))
     terms = {"g_variety", "g_adversarial"}
     assert set(metrics) == {"d_loss", "g_loss", "g_gradient_norm", *terms}

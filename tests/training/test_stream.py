@@ -82,21 +82,21 @@ def test_a_crowd_on_one_spot_keeps_the_focal_agent(make_windows):
 
 def test_noise_has_the_kind_and_shape_asked_for(windows, run):
     groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
-    per_agent = dataclasses.replace(run.generator, noise_mix_type="ped", noise_type="uniform")
-    for config in (run.generator, per_agent):
+    per_agent = dataclasses.replace(run.network, noise_mix_type="ped", noise_type="uniform")
+    for config in (run.network, per_agent):
         noises = draw_group_noise(config, groups, jax.random.key(0), 5)
         for noise, scene in zip(noises, groups):
             slots = scene.valid.shape if config is per_agent else scene.valid.shape[:1]
             assert noise.shape == (5, *slots, 2)
         flat = np.concatenate([np.ravel(noise) for noise in noises])
         assert len(np.unique(flat)) == len(flat)
-        assert (np.abs(flat).max() > 1) == (config is run.generator)
+        assert (np.abs(flat).max() > 1) == (config is run.network)
 
 
 @pytest.mark.parametrize("residual", [False, True])
 def test_fixed_noise_is_that_of_a_forecast(windows, run, residual):
     groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
-    config = dataclasses.replace(run.generator, noise_type="fixed", residual=residual)
+    config = dataclasses.replace(run.network, noise_type="fixed", residual=residual)
     spec = GeneratorForecaster(config).noise
     for noise, scene in zip(draw_group_noise(config, groups, jax.random.key(3), 5), groups):
         identity = np.zeros((len(scene.valid), 2), np.uint32)

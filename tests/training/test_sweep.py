@@ -60,7 +60,7 @@ def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
         assert options.plugin == ("mine.py",)
         assert (options.out, options.resume) == (run.folder, True)
         described = make_run(options)
-        assert (described.generator, described.recipe) == (run.generator, run.recipe)
+        assert (described.network, described.recipe) == (run.network, run.recipe)
         assert described.dataset == run.dataset
 
 

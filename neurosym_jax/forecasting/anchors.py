@@ -1,0 +1,181 @@
+"""Forecasters with a fixed number of samples that have probabilities: anchors and anchor table."""
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.models.anchor_table import AnchorTable, AnchorTableConfig
+from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
+from neurosym_jax.scene import Scene
+from neurosym_jax.symbolic.weighting import initial_parameters
+
+__all__ = [
+    "AnchorTableForecaster",
+    "AnchorsForecaster",
+    "apply_anchors",
+    "initial_anchors",
+    "spread_of",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorTableForecaster(Forecaster):
+    """An `AnchorTable`: its samples are equally probable."""
+
+    config: Any
+
+    Config: ClassVar[type] = AnchorTableConfig
+
+    @property
+    def title(self) -> str:
+        """What tables call it."""
+        return "anchor table"
+
+    @property
+    def sees_neighbours(self) -> bool:
+        """The table has the same offsets for everybody."""
+        return False
+
+    def shapes(self) -> Mapping[str, tuple[int, ...]]:
+        """See `Forecaster.shapes`."""
+        params = jax.eval_shape(functools.partial(initial_anchors, self.config), jax.random.key(0))
+        return {
+            jax.tree_util.keystr(path, simple=True, separator="/"): leaf.shape
+            for path, leaf in jax.tree_util.tree_leaves_with_path(params)
+        }
+
+    def count(self, samples: int) -> int:
+        """See `Forecaster.count`.
+
+        Raises:
+            InputError: for more samples than the configuration has.
+        """
+        if samples > self.config.samples:
+            raise InputError(
+                f"{self.title} has {self.config.samples} samples, not {samples}: ask for "
+                f"--samples {self.config.samples} or fewer"
+            )
+        return samples
+
+    def forecast(
+        self, params: Any, scene: Scene, noise: Array, alpha: Array | None = None
+    ) -> Array:
+        """See `Forecaster.forecast`; `alpha [N, N, obs_len]` replaces that of the weighting."""
+        return self.distribution(params, scene, noise, alpha)[0]
+
+    def distribution(
+        self, params: Any, scene: Scene, noise: Array, alpha: Array | None = None
+    ) -> tuple[Array, Array]:
+        """The k samples [k, N, pred_len, 2] and their probabilities [k].
+
+        `noise [k, 0]` says how many. Of fewer than the network has, see `spread_of`; their
+        probabilities are those given that the future is one of them.
+        """
+        observed, valid = jnp.asarray(scene.observed), jnp.asarray(scene.valid)
+        samples, log_probability = apply_anchors(self.config, params, observed, valid, alpha)
+        probability = jnp.exp(log_probability)
+        if len(noise) < len(samples):
+            chosen = spread_of(samples, probability, valid, len(noise))
+            samples, probability = samples[chosen], probability[chosen]
+            probability = probability / probability.sum()
+        return samples, probability
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorsForecaster(AnchorTableForecaster):
+    """An `AnchorNetwork`."""
+
+    Config: ClassVar[type] = AnchorConfig
+
+    @property
+    def title(self) -> str:
+        """The name, the weighting, and what the attention sees unless the geometry alone."""
+        config, parts = self.config, ["anchors"]
+        if not config.geometry:
+            parts += ["symbols alone"] if config.symbols else ["no neighbours"]
+        elif config.symbols:
+            parts += ["symbols"]
+        if config.weighting is not None:
+            parts += [config.weighting.name]
+        return ", ".join(parts)
+
+    @property
+    def sees_neighbours(self) -> bool:
+        """Whether the attention has inputs."""
+        return self.config.interacts
+
+    def scene_bytes(self, samples: int, slots: int) -> float:
+        """See `Forecaster.scene_bytes`; pairs have 32 features, their inputs and messages."""
+        return super().scene_bytes(self.config.samples, slots) + 4.0 * 128 * slots**2
+
+
+def apply_anchors(
+    config: Any,
+    params: Any,
+    observed: Array,
+    valid: Array,
+    alpha: Array | None = None,
+    company: Array | float = 0.0,
+) -> tuple[Array, Array]:
+    """All samples [K, N, pred_len, 2] and log-probabilities [K] of one scene.
+
+    Args:
+        config: of the network or the table.
+        params: of the model; `params["weighting"]` are those of the weighting.
+        observed: [N, obs_len, 2] metres.
+        valid: [N] bool.
+        alpha: [N, N, obs_len] replaces the weighting's; its last step counts.
+        company: see `AnchorNetwork`.
+    """
+    if isinstance(config, AnchorTableConfig):
+        return AnchorTable(config).apply({"params": params["params"]}, observed, valid)
+    if alpha is None and config.weighting is not None:
+        alpha = config.weighting.alpha(params.get("weighting", {}), observed, valid)
+    last = None if alpha is None else alpha[..., -1]
+    network = AnchorNetwork(config)
+    return network.apply({"params": params["params"]}, observed, valid, last, company)
+
+
+def initial_anchors(config: Any, key: Array, weighting: Any = None) -> Any:
+    """New parameters of `config`; `weighting` are those of its weighting, by default initial.
+
+    `key` [] is consumed.
+    """
+    network = (
+        AnchorTable(config) if isinstance(config, AnchorTableConfig) else AnchorNetwork(config)
+    )
+    params: Any = network.init(key, jnp.zeros((1, config.obs_len, 2)), jnp.ones(1, bool))
+    if weighting is None:
+        weighting = initial_parameters(getattr(config, "weighting", None))
+    return {**params, "weighting": jax.tree.map(jnp.asarray, weighting)} if weighting else params
+
+
+def spread_of(samples: Array, probability: Array, valid: Array, count: int) -> Array:
+    """[count] indices of the samples that represent all of them best.
+
+    The first is the most probable one. Each further one lowers most the expected distance from a
+    sample, drawn with its probability, to the nearest chosen one; distances are means over people
+    and steps. So the choice of `count` begins with the choice of `count` - 1.
+
+    Args:
+        samples: [K, N, T, 2] metres.
+        probability: [K].
+        valid: [N] bool.
+        count: below K.
+    """
+    offset = jnp.square(samples[:, None] - samples).sum(-1)
+    apart = jnp.where(valid[:, None], jnp.sqrt(offset), 0).sum((-1, -2))
+    chosen = [probability.argmax()]
+    for _ in range(count - 1):
+        nearest = apart[:, jnp.stack(chosen)].min(1)
+        expected = probability @ jnp.minimum(nearest[:, None], apart)
+        taken = jnp.isin(jnp.arange(len(samples)), jnp.stack(chosen))
+        chosen.append(jnp.where(taken, jnp.inf, expected).argmin())
+    return jnp.stack(chosen)

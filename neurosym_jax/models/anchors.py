@@ -1,0 +1,254 @@
+"""The anchors network: k joint forecasts of a scene, each a learned residual to constant velocity.
+
+Every person has a frame of their own heading, in which residuals are scaled by their speed. The
+heading fades with the speed, so that tracking noise does not turn the frame of a person who stands;
+a second set of anchors, in the scene's axes, is for standing people. Neighbours within `radius` are
+seen by attention. Sample i of all people is one joint forecast and has a probability.
+"""
+
+import dataclasses
+from typing import Annotated
+
+import jax.numpy as jnp
+import numpy as np
+from flax import linen as nn
+from jax import Array
+
+from neurosym_jax.configuration import Checked, Count, Positive
+from neurosym_jax.errors import InputError
+from neurosym_jax.models.frames import heading_of, length, turned
+from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.weighting import Weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
+
+__all__ = ["AnchorConfig", "AnchorNetwork"]
+
+HEADS = 4
+PAIR_DIM, MESSAGE_DIM = 32, 16
+"""Sizes of the attention's hidden layer and of what a person learns from all neighbours."""
+BASIS = 5
+"""Polynomials of time that a residual is composed of."""
+SLOW = 0.125
+"""Speed at which a heading has faded to 0.7, m/s; symbols take slower movement for none."""
+WIDE = 20.0
+"""Radius in which people are counted, metres."""
+LONGEST = 5.0
+"""Time within which the closest approach is searched, s."""
+ROUGHNESS = 0.003
+"""Differences of a track below this are all alike, metres."""
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorConfig(Checked):
+    """Architecture of the anchors network."""
+
+    obs_len: Count = 8
+    """Observed time steps, at least 4."""
+    pred_len: Count = 8
+    """Time steps to forecast."""
+    period: Positive = 0.4
+    """Seconds between time steps, in training."""
+    samples: Count = 20
+    """Number of joint forecasts, k."""
+    hidden: Count = 96
+    """Units of a person's two hidden layers."""
+    radius: Positive = 10.0
+    """Distance at which the effect of a neighbour has smoothly fallen to 0, metres."""
+    geometry: bool = True
+    """Whether the attention sees neighbours' positions and velocities."""
+    symbols: bool = False
+    """Whether the attention sees the QTC_C1 symbols of a pair, now and 1.2 s ago at steps of 0.4 s.
+    Without `geometry` and `symbols` people do not see each other."""
+    weighting: Annotated[Weighting | None, WEIGHTINGS] = None
+    """Weights of pairs, alpha, by which the attention is multiplied; None for 1."""
+
+    def __post_init__(self):
+        """Refuse values from which no network can be built."""
+        super().__post_init__()
+        if self.obs_len < 4:
+            raise InputError(f"obs_len must be at least 4, not {self.obs_len}")
+        if self.weighting is not None and not self.interacts:
+            raise InputError("weighting: without geometry and symbols there are no pairs to weight")
+
+    @property
+    def interacts(self) -> bool:
+        """Whether people see each other."""
+        return self.geometry or self.symbols
+
+
+class AnchorNetwork(nn.Module):
+    """k joint forecasts of one scene and their log-probabilities."""
+
+    config: AnchorConfig
+
+    @nn.compact
+    def __call__(
+        self,
+        observed: Array,
+        valid: Array,
+        alpha: Array | None = None,
+        company: Array | float = 0.0,
+    ) -> tuple[Array, Array]:
+        """Forecast positions `[k, N, pred_len, 2]` and log-probabilities `[k]`.
+
+        Args:
+            observed: [N, obs_len, 2] metres.
+            valid: [N] bool.
+            alpha: [N, N] weight of j for i; None for 1.
+            company: number of further people who are counted but not seen; for training only.
+        """
+        config = self.config
+        hertz, slow = 1 / config.period, SLOW * config.period
+        steps = jnp.diff(observed, axis=1)
+        velocity, roughness = self.velocity(steps)
+        speed = length(velocity)
+        heading = heading_of(velocity, slow)
+        walking = jnp.square(heading).sum(-1)
+        past = turned(steps, heading[:, None], -1)
+        own = [hertz * past.reshape(len(past), -1), hertz * length(steps)]
+        own += [jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1), roughness]
+        state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
+        seen = [state]
+        if config.interacts:
+            pairs, gate, around = self.pairs(observed, velocity, heading, valid)
+            if alpha is not None:
+                gate = gate * jnp.maximum(alpha, 0)
+            pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
+            message = _dense(MESSAGE_DIM, "message")(pairs)
+            seen += [attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)]
+            seen += [jnp.log1p(around + company)[:, None]]
+        state = nn.relu(_dense(config.hidden, "state")(jnp.concatenate(seen, -1)))
+
+        shape = (config.samples, BASIS, 2)
+        anchor = self.param("anchor", _anchors(0.25), shape)
+        still = self.param("still", _anchors(0.1), shape)
+        bend = _dense(int(np.prod(shape)), "bend", 0.01)(state).reshape(-1, *shape)
+        spread = jnp.exp(_dense(config.samples, "spread", 0.01)(state))[..., None, None]
+        scale = (speed * config.pred_len + 0.5)[:, None, None, None]
+        residual = turned(scale * (bend + spread * anchor), heading[:, None, None], 1)
+        # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
+        standing = (1 - jnp.sqrt(walking + 1e-6)) * (config.pred_len * config.period / 2.4)
+        residual = residual + standing[:, None, None, None] * spread * still
+        curve = jnp.asarray(_polynomials(config.pred_len, BASIS), observed.dtype)
+        residual = jnp.einsum("nkbc,tb->kntc", residual, curve)
+
+        score = jnp.where(valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0)
+        prior = self.param("prior", nn.initializers.zeros, (config.samples,))
+        pooled = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
+        ahead = jnp.arange(1, config.pred_len + 1, dtype=observed.dtype)[:, None]
+        forecast = observed[:, -1:] + velocity[:, None] * ahead + residual
+        return forecast, nn.log_softmax(prior + pooled)
+
+    def velocity(self, steps: Array) -> tuple[Array, Array]:
+        """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.
+
+        The velocity is a weighted mean of the observed steps. The weights are learned functions of
+        a track's roughness: the last step is best on smooth tracks (univ), a mean of several on
+        noisy ones (hotel).
+        """
+        second = jnp.diff(steps, axis=1)
+        differences = (second, jnp.diff(second, axis=1), steps)
+        logs = [jnp.log(length(each) + ROUGHNESS) for each in differences]
+        roughness = jnp.concatenate(logs, -1) / 2 + 1.5
+        hidden = nn.relu(nn.Dense(16, name="rough")(roughness))
+        recent = np.arange(steps.shape[1], dtype=np.float32)
+        weight = nn.softmax(recent + nn.Dense(steps.shape[1], name="smooth")(hidden))
+        return (weight[..., None] * steps).sum(1), roughness
+
+    def pairs(
+        self, observed: Array, velocity: Array, heading: Array, valid: Array
+    ) -> tuple[Array, Array, Array]:
+        """Features of j seen by i `[N, N, F]`, nearness `[N, N]` and number around `[N]`."""
+        config, position = self.config, observed[:, -1]
+        distance = length(position - position[:, None])
+        numbers = _geometry(position, velocity / config.period, heading, distance, config.radius)
+        features = numbers if config.geometry else []
+        if config.symbols:
+            features = [*features, *_symbols(observed, SLOW * config.period)]
+        others = valid & valid[:, None] & ~jnp.eye(len(valid), dtype=bool)
+        stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
+        gate = jnp.where(others, _within(distance, config.radius), 0)
+        return stacked, gate, jnp.where(others, _within(distance, WIDE), 0).sum(1)
+
+
+def attend(score: Array, value: Array, gate: Array) -> Array:
+    """Attention with an empty slot, `sum_j g_ij exp(s_ij) v_ij / (1 + sum_j g_ij exp(s_ij))`.
+
+    A softmax over neighbours alone would give a single neighbour the full weight at any distance.
+
+    Args:
+        score: [N, N, HEADS].
+        value: [N, N, M], an equal part for each head.
+        gate: [N, N], 0 for a neighbour that is not attended to.
+
+    Returns:
+        [N, M].
+    """
+    weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
+    share = weight / (1 + weight.sum(1, keepdims=True))
+    value = value.reshape(*share.shape, -1)
+    return (share[..., None] * value).sum(1).reshape(len(gate), -1)
+
+
+def _geometry(
+    position: Array, velocity: Array, heading: Array, distance: Array, radius: float
+) -> list[Array]:
+    """Features of pairs, each `[N, N]`: bearing, relative motion, closest approach, speeds.
+
+    `velocity [N, 2]` is in m/s.
+    """
+    there = turned(position - position[:, None], heading[:, None], -1)
+    relative = velocity - velocity[:, None]
+    motion = turned(relative, heading[:, None], -1)
+    soon = -(there * motion).sum(-1) / (jnp.square(motion).sum(-1) + 0.05)
+    soon = jnp.clip(soon, 0, LONGEST)
+    miss = length(there + motion * soon[..., None])
+    near = 1 / jnp.maximum(distance, 1)
+    speed = jnp.broadcast_to(length(velocity), distance.shape)
+    return [
+        *(there[..., 0] * near, there[..., 1] * near, motion[..., 0], motion[..., 1]),
+        *(length(relative), jnp.exp(-distance), distance / radius, 1 / (distance + 0.3)),
+        *(soon, jnp.exp(-2 * miss - soon), speed.T, speed),
+    ]
+
+
+def _symbols(observed: Array, factor: float) -> list[Array]:
+    """QTC_C1 symbols of all pairs at two steps, and their sizes: 16 features `[N, N]`."""
+    features = []
+    for end in (observed.shape[1], max(observed.shape[1] - 3, 2)):
+        pair = observed[:, end - 2 : end]
+        state = observe(
+            pair[:, None], pair, quantisation_factor=factor, side_quantisation_factor=factor
+        )[..., 0, :].astype(observed.dtype)
+        features += [*jnp.moveaxis(state, -1, 0), *jnp.moveaxis(jnp.abs(state), -1, 0)]
+    return features
+
+
+def _within(distance: Array, radius: float) -> Array:
+    """1 at distance 0, falling smoothly to 0 at `radius`."""
+    return jnp.square(jnp.maximum(1 - jnp.square(distance / radius), 0))
+
+
+def _polynomials(steps: int, count: int) -> np.ndarray:
+    """`[steps, count]` orthogonal polynomials of time, 0 at time 0; the first is a line up to 1."""
+    time = np.arange(1, steps + 1) / steps
+    basis, upper = np.linalg.qr(time[:, None] ** np.arange(1, count + 1), mode="reduced")
+    found = np.zeros((steps, count))
+    found[:, : basis.shape[1]] = basis * np.sign(np.diag(upper)) * np.sqrt((time**2).sum())
+    return found
+
+
+def _dense(features: int, name: str, scale: float = 2.0) -> nn.Dense:
+    """Affine layer whose kernel has the variance `scale` / inputs."""
+    init = nn.initializers.variance_scaling(scale, "fan_in", "normal")
+    return nn.Dense(features, name=name, kernel_init=init)
+
+
+def _anchors(scale: float) -> nn.initializers.Initializer:
+    """Initialiser of `[k, BASIS, 2]`: almost straight; the first anchor is 0."""
+
+    def initialise(key, shape, dtype=jnp.float32):
+        drawn = scale * nn.initializers.normal(1.0)(key, shape, dtype)
+        return drawn.at[:, 1:].multiply(0.1).at[0].set(0.0)
+
+    return initialise

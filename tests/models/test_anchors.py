@@ -1,0 +1,152 @@
+"""Anchors: what a person's forecast depends on, and what it does not."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.models.anchor_table import AnchorTable, AnchorTableConfig
+from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
+
+SMALL = AnchorConfig(pred_len=6, samples=4, hidden=8, symbols=True)
+VALID = jnp.ones(6, bool)
+
+
+@pytest.fixture(scope="module")
+def people():
+    rng = np.random.default_rng(0)
+    velocity = rng.normal(size=(6, 1, 2)) * 0.4
+    observed = rng.normal(size=(6, 1, 2)) * 2 + velocity * np.arange(8)[:, None]
+    return jnp.asarray(observed + rng.normal(size=observed.shape) * 0.02, jnp.float32)
+
+
+@pytest.fixture(scope="module")
+def network(people):
+    """`apply` of a small network whose parameters are all far from 0, and another's with them."""
+    rng = np.random.default_rng(0)
+    params = jax.eval_shape(AnchorNetwork(SMALL).init, jax.random.key(0), people, VALID)
+    params = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape) * 0.2, x.dtype), params)
+    return jax.jit(lambda *inputs: AnchorNetwork(SMALL).apply(params, *inputs)), params
+
+
+def test_padding_changes_nothing_and_people_have_no_order(network, people):
+    apply, _ = network
+    forecast, log_probability = apply(people, VALID)
+    order = jnp.array([3, 1, 5, 0, 2, 4])
+    padded = jnp.concatenate([people[order], jnp.full((2, 8, 2), 7.0)])
+    permuted, same = apply(padded, jnp.arange(8) < 6)
+    np.testing.assert_allclose(permuted[:, :6], forecast[:, order], atol=1e-4)
+    np.testing.assert_allclose(same, log_probability, atol=1e-5)
+    np.testing.assert_allclose(jnp.exp(log_probability).sum(), 1, rtol=1e-5)
+    assert jnp.ptp(log_probability) > 0.1
+
+
+def test_forecasts_move_with_the_scene_and_those_of_walkers_turn_with_it(network, people):
+    apply, params = network
+    shifted, _ = apply(people + jnp.array([5.0, -3.0]), VALID)
+    np.testing.assert_allclose(shifted, apply(people, VALID)[0] + jnp.array([5.0, -3.0]), atol=2e-4)
+    # What standing people may do is learned in the scene's axes.
+    params = {"params": params["params"] | {"still": jnp.zeros((4, 5, 2))}}
+    turn = jnp.array([[0.6, 0.8], [-0.8, 0.6]])
+    walkers = jax.jit(AnchorNetwork(SMALL).apply)
+    forecast, log_probability = walkers(params, people, VALID)
+    turned, same = walkers(params, people @ turn, VALID)
+    np.testing.assert_allclose(turned, forecast @ turn, atol=1e-3)
+    np.testing.assert_allclose(same, log_probability, atol=1e-4)
+
+
+def test_neighbours_are_seen_within_the_radius_only(network, people):
+    apply, _ = network
+    alone = apply(people[:2], jnp.array([True, False]))[0][:, 0]
+
+    def beside(metres, alpha=1.0):
+        pair = jnp.stack([people[0], people[0] + jnp.array([metres, 0.0])])
+        return apply(pair, VALID[:2], jnp.full((2, 2), alpha))[0][:, 0]
+
+    # Beyond 10 m people are counted, beyond 20 m nothing is left of them.
+    np.testing.assert_array_equal(beside(20.0), alone)
+    np.testing.assert_allclose(beside(19.9), alone, atol=1e-2)
+    np.testing.assert_array_equal(beside(10.0), beside(10.0, alpha=0.0))
+    assert 0 < jnp.abs(beside(9.9) - beside(9.9, alpha=0.0)).max() < 1e-2
+    assert jnp.abs(beside(1.0) - alone).max() > 0.05
+
+
+def test_alpha_multiplies_the_attention(network, people):
+    apply, _ = network
+    seen, ones, none = (
+        apply(people, VALID, alpha)[0] for alpha in (None, jnp.ones((6, 6)), jnp.zeros((6, 6)))
+    )
+    np.testing.assert_array_equal(seen, ones)
+    assert jnp.abs(none - seen).max() > 0.01
+    # With alpha 0 a neighbour's way makes no difference.
+    turned = people.at[1:, :-1].set(people[1:, -1:])
+    np.testing.assert_allclose(
+        apply(turned, VALID, jnp.zeros((6, 6)))[0][:, 0], none[:, 0], atol=1e-5
+    )
+    assert jnp.abs(apply(turned, VALID)[0][:, 0] - seen[:, 0]).max() > 0.01
+
+
+@pytest.mark.parametrize(("geometry", "symbols"), [(0, 0), (0, 1), (1, 0)])
+def test_what_the_attention_sees(people, geometry, symbols):
+    """With symbols alone a neighbour's speed is unseen; with neither, the neighbour."""
+    config = dataclasses.replace(SMALL, geometry=bool(geometry), symbols=bool(symbols))
+    rng, network = np.random.default_rng(1), AnchorNetwork(config)
+    pair = jnp.stack([people[0], people[0] + jnp.array([3.0, 1.0])])
+    shapes = jax.eval_shape(network.init, jax.random.key(0), pair, VALID[:2])
+    params = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape) * 0.2, x.dtype), shapes)
+    apply = jax.jit(lambda observed: network.apply(params, observed, VALID[:2])[0][:, 0])
+    last = pair[1, -1]
+    faster, stands = (pair.at[1].set(last + (pair[1] - last) * by) for by in (1.05, 0.0))
+    of_speed, of_state = (
+        float(jnp.abs(apply(other) - apply(pair)).max()) for other in (faster, stands)
+    )
+    assert (of_speed > 1e-4) == bool(geometry)
+    assert (of_state > 1e-4) == bool(geometry or symbols)
+
+
+def test_noise_of_a_standing_person_does_not_turn_the_forecast(network):
+    apply, _ = network
+    still = jnp.zeros((6, 8, 2))
+    noisy = still + 0.002 * jax.random.normal(jax.random.key(0), still.shape)
+    assert jnp.abs(apply(noisy, VALID)[0] - apply(still, VALID)[0]).max() < 0.15
+
+
+@pytest.mark.parametrize(
+    "network",
+    [AnchorNetwork(SMALL), AnchorTable(AnchorTableConfig(pred_len=6, samples=4))],
+    ids=["anchors", "table"],
+)
+def test_gradients_are_finite_where_people_stand_on_one_spot(network):
+    observed, valid = jnp.zeros((3, 8, 2)), jnp.array([True, True, False])
+    params = jax.jit(network.init)(jax.random.key(0), observed, valid)
+
+    def loss(params, observed):
+        forecast, log_probability = network.apply(params, observed, valid)
+        return jnp.square(forecast - 1).sum() + log_probability[0]
+
+    gradients = jax.jit(jax.grad(loss, (0, 1)))(params, observed)
+    assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+    assert jnp.abs(gradients[1][:2]).max() > 0
+
+
+@pytest.mark.parametrize(
+    ("config", "options", "message"),
+    [
+        (AnchorConfig, {"obs_len": 3}, "obs_len must be at least 4"),
+        (AnchorTableConfig, {"obs_len": 3}, "obs_len must be at least 4"),
+        (AnchorConfig, {"geometry": False, "weighting": "cnd"}, "no pairs to weight"),
+        (AnchorConfig, {"samples": 0}, "samples must be at least 1"),
+    ],
+)
+def test_refusals(config, options, message):
+    with pytest.raises(InputError, match=message):
+        config(**options)
+
+
+def test_the_table_has_961_numbers():
+    init = AnchorTable(AnchorTableConfig(pred_len=12)).init
+    params = jax.eval_shape(init, jax.random.key(0), jnp.zeros((1, 8, 2)), jnp.ones(1, bool))
+    assert sum(leaf.size for leaf in jax.tree.leaves(params)) == 961

@@ -1,0 +1,153 @@
+"""The training of anchors and their table: crowds, batches, and runs."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.models.anchor_table import AnchorTableConfig
+from neurosym_jax.models.anchors import AnchorConfig
+from neurosym_jax.training import anchor_stream
+from neurosym_jax.training.anchor_loss import AnchorLossOptions, anchor_loss, company
+from neurosym_jax.training.anchor_objective import AnchorObjective
+from neurosym_jax.training.anchor_stream import AnchorStream
+from neurosym_jax.training.augmentation import augment
+from neurosym_jax.training.loop import train_run
+from neurosym_jax.training.metrics_log import MetricsLog
+from neurosym_jax.training.recipe import AnchorRecipe
+
+RECIPE = AnchorRecipe(
+    steps=40, batch_people=48, validate_every=20, warmup_steps=5, learning_rate=0.01, ema=0.8
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_class():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(anchor_stream, "CLASSES", (6,))
+        yield
+
+
+@pytest.fixture(scope="module")
+def anchors_run(run):
+    windows = run.training
+    network = AnchorConfig(obs_len=windows.obs_len, pred_len=run.network.pred_len, hidden=8)
+    return dataclasses.replace(run, network=network, recipe=RECIPE)
+
+
+@pytest.fixture(scope="module")
+def done(anchors_run, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run") / "run"
+    train_run(anchors_run, folder)
+    return folder
+
+
+def test_scenes_of_a_crowd_share_their_best_sample():
+    future = jnp.zeros((2, 1, 3, 2))
+    forecast = jnp.array([[0.0, 1.0], [1.0, 0.2]])[..., None, None, None] * jnp.ones((1, 3, 2))
+    valid, probability = jnp.ones((2, 1), bool), jnp.log(jnp.array([[0.1, 0.9], [0.9, 0.1]]))
+    none = dict.fromkeys(("joint", "marginal", "mean", "likely", "probability"), 0.0)
+
+    def loss(crowd, **weights):
+        weights = {f"{name}_weight": value for name, value in {**none, **weights}.items()}
+        options = AnchorLossOptions(**weights, fde_weight=0.0)
+        found = anchor_loss(forecast, probability, future, valid, jnp.array(crowd), options)
+        return float(found) / np.sqrt(2)
+
+    apart, merged = [0, 1], [0, 0]
+    assert loss(apart, joint=1.0) == pytest.approx(0.1, abs=1e-3)
+    assert loss(merged, joint=1.0) == pytest.approx(0.5, abs=1e-3)
+    assert loss(merged, marginal=1.0) == pytest.approx(0.1, abs=1e-3)
+    assert loss(apart, likely=1.0) == pytest.approx(1.0, abs=1e-3)
+    assert loss(apart, probability=1.0) > loss(merged, probability=1.0) > 0
+    np.testing.assert_array_equal(company(valid, jnp.array([1, 1])), [1, 1])
+    np.testing.assert_array_equal(company(valid, jnp.array([0, 1])), [0, 0])
+
+
+def test_batches_depend_on_seed_and_step_and_crop_what_is_large(run):
+    stream = AnchorStream(run.training, RECIPE)
+    scenes, _crowd = stream.batch(3)
+    again, _ = AnchorStream(run.training, RECIPE).batch(3)
+    np.testing.assert_array_equal(scenes.observed, again.observed)
+    assert (stream.batch(4)[0].observed != scenes.observed).any()
+    assert scenes.valid.shape == (8, 6)
+    assert run.training.sizes.max() > 6
+    crowds = np.concatenate([np.bincount(stream.batch(step)[1]) for step in range(50)])
+    assert crowds.min() == 1
+    assert crowds.max() > 3
+    never = AnchorStream(run.training, dataclasses.replace(RECIPE, crowd_share=0.0))
+    np.testing.assert_array_equal(never.batch(0)[1], np.arange(8))
+
+
+def test_crowd_tilt_draws_larger_classes_more_often(run, monkeypatch):
+    monkeypatch.setattr(anchor_stream, "CLASSES", (3, 12))
+
+    def large(tilt):
+        stream = AnchorStream(run.training, dataclasses.replace(RECIPE, crowd_tilt=tilt))
+        return np.mean([stream.batch(step)[0].valid.shape[1] == 12 for step in range(200)])
+
+    assert large(0.0) < large(1.0) - 0.1
+
+
+def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
+    scenes = AnchorStream(run.training, dataclasses.replace(RECIPE, batch_people=720)).batch(0)[0]
+    (moved,) = augment((scenes,), jax.random.key(0), RECIPE)
+
+    def by(of):
+        after, before = (np.linalg.norm(getattr(each, of), axis=-1) for each in (moved, scenes))
+        return np.where(before > 0, after / np.maximum(before, 1e-9), np.nan)
+
+    ratio = np.nanmean(by("future"), axis=(1, 2))
+    assert 1 / 1.6 <= ratio.min() < 0.8
+    assert 1.25 < ratio.max() <= 1.601
+    straight = by("observed")
+    clean = np.nanmax(np.abs(straight - ratio[:, None, None]), axis=(1, 2)) < 1e-4
+    assert 0.35 < clean.mean() < 0.65
+
+
+def test_training_lowers_the_loss_and_learns_probabilities(done, anchors_run):
+    rows = MetricsLog(done / "metrics.jsonl", 100).rows()
+    assert rows[-1]["loss"] < 0.9 * rows[0]["loss"]
+    model = load_model(done / "model")
+    assert (model.kind, model.config) == ("anchors", anchors_run.network)
+    assert np.ptp(model.params["params"]["prior"]) > 0
+    facts = json.loads((done / "run.json").read_text())
+    assert (facts["forecaster"], facts["samples"]) == ("anchors", 20)
+    assert "| 20 |" in (done / "model" / "README.md").read_text()
+
+
+def test_the_table_learns(anchors_run, tmp_path):
+    lengths = (anchors_run.network.obs_len, anchors_run.network.pred_len)
+    run = dataclasses.replace(anchors_run, network=AnchorTableConfig(*lengths))
+    model = train_run(run, tmp_path / "run")
+    rows = MetricsLog(tmp_path / "run" / "metrics.jsonl", 100).rows()
+    assert rows[-1]["loss"] < 0.9 * rows[0]["loss"]
+    assert model.name == "anchor table"
+
+
+def test_a_resumed_run_ends_with_the_same_bits(anchors_run, done, tmp_path, monkeypatch):
+    advance = AnchorObjective.advance
+
+    def until(self, state, step, count):
+        if step >= 20:
+            raise KeyboardInterrupt
+        return advance(self, state, step, count)
+
+    monkeypatch.setattr(AnchorObjective, "advance", until)
+    with pytest.raises(KeyboardInterrupt):
+        train_run(anchors_run, tmp_path / "run")
+    monkeypatch.undo()
+    monkeypatch.setattr(anchor_stream, "CLASSES", (6,))
+    train_run(anchors_run, tmp_path / "run", resume=True)
+    for name in ("metrics.jsonl", "model/params.safetensors"):
+        assert (tmp_path / "run" / name).read_bytes() == (done / name).read_bytes()
+
+
+def test_a_recipe_of_another_network_is_refused(run):
+    with pytest.raises(InputError, match="not one of generator: --recipe ours, sgan"):
+        dataclasses.replace(run, recipe=RECIPE)
