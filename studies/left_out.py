@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t
 
-from neurosym_jax.data.readers.eth_ucy import SCENES, text_files
+from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.environment import cpu_cores
@@ -74,7 +74,7 @@ class Study:
         files = {
             split: [
                 str(path)
-                for path in text_files(self.data / split)
+                for path in split_files(self.data, None, split)
                 if path.stem.removesuffix(f"_{split}") not in left_out
             ]
             for split in ("train", "val")

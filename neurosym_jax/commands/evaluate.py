@@ -14,9 +14,8 @@ from typing import Annotated, Any
 import tyro
 
 from neurosym_jax.configuration import Count, Seed, refuse
-from neurosym_jax.data.inspection import describe_readings
 from neurosym_jax.data.published import data_folder
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, describe_readings
 from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names

@@ -5,15 +5,20 @@ import warnings
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import tyro
 
+from neurosym_jax.data.evidence import measure, steps_of
 from neurosym_jax.data.formats import FORMATS, files_below, is_folder, read_any
-from neurosym_jax.data.inspection import describe
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.tracks import GAP, Tracks, on_grid
+from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning, printable
 
-__all__ = ["Options", "run"]
+__all__ = ["Options", "describe", "run"]
+
+WINDOWS = ((8, 8), (8, 12))
+"""Observed and predicted steps of the windows that are counted."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,3 +64,33 @@ def run(options: Options) -> int:
 
         print(f"wrote {save_figure(plot_tracks(recordings), options.figure)}")
     return 0 if recordings else 2
+
+
+def describe(tracks: Tracks) -> str:
+    """People, duration, gaps, speeds and scenes of a recording, and what looks wrong in it."""
+    step, speed = steps_of(tracks)
+    usual = float(np.median(step)) if len(step) else np.nan
+    gap = step > GAP * usual
+    rate = f", {1 / usual:.4g} points a second" if usual > 0 else ""
+    longest = f", the longest {step[gap].max():.2f} s" if gap.any() else ""
+    middle, top = np.quantile(speed[~gap], (0.5, 1)) if len(step) else (np.nan, np.nan)
+    found = {name: f"{value:.2f}" for name, value in measure(tracks).items() if name != "steps"}
+    width, height = np.ptp(tracks.position, axis=0)
+    scenes = []
+    for obs_len, pred_len in WINDOWS:
+        try:
+            windows = cut_windows([on_grid(tracks)], obs_len, pred_len)
+            counted = f"{windows.scenes} ({windows.agents} people in them)"
+        except InputError:  # too short for one window
+            counted = "0"
+        scenes.append(f"{obs_len}+{pred_len}: {counted}")
+    lines = [
+        f"  {printable(tracks.recording)}",
+        f"    people {len(np.unique(tracks.id))}, points {len(tracks.id)}, duration "
+        f"{np.ptp(tracks.stamp):.1f} s{rate}, {gap.sum()} gaps{longest}",
+        f"    area {width:.1f} x {height:.1f} m, speeds median {middle:.2f}, fastest {top:.2f} m/s",
+        f"    evidence {', '.join(f'{name} {value}' for name, value in found.items()) or 'none'}",
+        f"    scenes {', '.join(scenes)}",
+    ]
+    warned = tracks.reading.warnings if tracks.reading else ()
+    return "\n".join([*lines, *(f"    warning: {printable(line)}" for line in warned)])

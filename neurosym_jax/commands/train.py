@@ -9,16 +9,9 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.data.inspection import describe_readings
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import (
-    GENERAL,
-    EthUcy,
-    Source,
-    Synthetic,
-    open_source,
-    recordings_in,
-)
+from neurosym_jax.data.formats import recordings_in
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, describe_readings
+from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic, open_source
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
@@ -174,7 +167,7 @@ def _besides(options: Options, source: Source, validated: list[Tracks]) -> list[
         InputError: for one that the model is to be validated or tested on, by what is in it.
     """
     found = [
-        on_grid(tracks, options.period)
+        on_grid(tracks, options.period, options.read.max_gap)
         for place in options.train_also
         for tracks in recordings_in(place, options.read)
     ]

@@ -1,19 +1,14 @@
-"""The built-in formats: how each is recognised by the head of a file, and its reader.
-
-A reader is imported when it reads.
-"""
-# ruff: noqa: D102 (`Format` documents the methods)
-
-from pathlib import Path
+"""The built-in formats: how each is recognised by the head of a file, and where its reader is."""
 
 import numpy as np
 
-from neurosym_jax.data.reading import Format, ReadOptions
+from neurosym_jax.data.reading import Format
 from neurosym_jax.data.rows import consecutive
 from neurosym_jax.data.text import Head
-from neurosym_jax.data.tracks import Tracks
 
 __all__ = ["Cliff", "Columns", "Obsmat", "Qtm", "Text", "Tracklets", "Trajnet"]
+
+_READERS = "neurosym_jax.data.readers"
 
 
 class Text(Format):
@@ -22,18 +17,11 @@ class Text(Format):
     title = "rows of `frame ped x y`"
     uses = frozenset({"unit", "stride", "fps"})
     general = True
+    reader = f"{_READERS}.eth_ucy:read_text"
 
     def knows(self, head: Head) -> bool:
         """Also binary files, which the reader refuses with the reason."""
         return not head.named
-
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        from neurosym_jax.data.readers.eth_ucy import read_text, refuse_swapped
-
-        tracks = read_text(path, period, options.stride_of(path, period), options.metres(path))
-        if options.format is None:
-            refuse_swapped(path, tracks)
-        return [tracks]
 
 
 class Obsmat(Format):
@@ -41,6 +29,7 @@ class Obsmat(Format):
 
     title = "ETH's obsmat (`frame id x z y vx vz vy`)"
     uses = frozenset({"stride", "fps"})
+    reader = f"{_READERS}.eth_ucy:read_obsmat"
 
     def knows(self, head: Head) -> bool:
         """Eight numbers a row, of which z and vz are zero and the others agree."""
@@ -48,16 +37,12 @@ class Obsmat(Format):
             return False
         return _mismatch(head.rows, head.rows[:, [2, 4]], head.rows[:, [5, 7]], True) < 0.5
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        from neurosym_jax.data.readers.eth_ucy import read_obsmat
-
-        return [read_obsmat(path, period, options.stride_of(path, period))]
-
 
 class Qtm(Format):
     """Motion capture of THÖR and THÖR-MAGNI."""
 
     title = "QTM export (THÖR, THÖR-MAGNI)"
+    reader = f"{_READERS}.qtm:read_qtm"
 
     def knows(self, head: Head) -> bool:
         """A header that begins with `Frame`."""
@@ -66,32 +51,24 @@ class Qtm(Format):
             for line in head.lines
         )
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        from neurosym_jax.data.readers.qtm import read_qtm
-
-        return [read_qtm(path)]
-
 
 class Tracklets(Format):
     """Tracklets of THÖR-MAGNI."""
 
     title = "THÖR-MAGNI tracklets"
+    reader = f"{_READERS}.thor:read_tracklets"
 
     def knows(self, head: Head) -> bool:
         """By five names of columns."""
         names = {name.strip() for name in head.first.split(",")}
         return {"Time", "x", "y", "tracklet_id", "ag_id"} <= names
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        from neurosym_jax.data.readers.thor import read_tracklets
-
-        return read_tracklets(path)
-
 
 class Cliff(Format):
     """Tracks that CLiFF-LHMP made of THÖR."""
 
     title = "CLiFF-LHMP tracks (`time,id,x,y,speed,heading`)"
+    reader = f"{_READERS}.thor:read_cliff"
 
     def knows(self, head: Head) -> bool:
         """Six numbers a row, the last two speed and heading, and not a velocity's x and y."""
@@ -104,34 +81,26 @@ class Cliff(Format):
         mismatch = _mismatch(head.rows, xy, polar)
         return mismatch < 0.4 and mismatch < 0.5 * _mismatch(head.rows, xy, head.rows[:, 4:])
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        from neurosym_jax.data.readers.thor import read_cliff
-
-        return [read_cliff(path)]
-
 
 class Trajnet(Format):
     """TrajNet++."""
 
     title = "TrajNet++"
     uses = frozenset({"stride"})
+    reader = f"{_READERS}.trajnet:read_trajnet"
 
     def knows(self, head: Head) -> bool:
         """Also a first row that is cut short, which the reader reports."""
         return head.first.replace(" ", "").startswith(('{"track":{', '{"scene":{'))
-
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        from neurosym_jax.data.readers.trajnet import read_trajnet
-
-        return [read_trajnet(path, options.stride_of(path, period))]
 
 
 class Columns(Format):
     """A user's own table."""
 
     title = "table with named columns"
-    uses = frozenset({"columns", "unit", "time_unit", "fps", "stride"})
+    uses = frozenset({"columns", "keep", "unit", "time_unit", "fps", "stride"})
     general = True
+    reader = f"{_READERS}.columns:read_columns"
 
     def knows(self, head: Head) -> bool:
         """Names of columns, JSON, Parquet or Arrow."""
@@ -143,11 +112,6 @@ class Columns(Format):
 
         header = head.named and "," in head.first and head.first[0] not in "{["
         return header and not names_tracks(head.first.split(","))
-
-    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        from neurosym_jax.data.readers.columns import read_columns
-
-        return [read_columns(path, options, period)]
 
 
 def _mismatch(

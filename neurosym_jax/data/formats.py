@@ -11,17 +11,9 @@ from pathlib import Path
 from typing import TypeVar
 
 from neurosym_jax.configuration import component_from_text
-from neurosym_jax.data.built_in_formats import (
-    Cliff,
-    Columns,
-    Obsmat,
-    Qtm,
-    Text,
-    Tracklets,
-    Trajnet,
-)
+from neurosym_jax.data import built_in_formats as built_in
+from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, Reading, ReadOptions
-from neurosym_jax.data.suspicions import suspicions
 from neurosym_jax.data.text import Head, read_head
 from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
@@ -37,6 +29,7 @@ __all__ = [
     "is_folder",
     "owner_of",
     "read_any",
+    "recordings_in",
     "register_format",
     "sniff",
 ]
@@ -50,13 +43,13 @@ SUFFIXES = (".txt", ".csv", ".tsv", ".json", ".ndjson", ".gz", ".parquet", ".arr
 FORMATS: Registry[type[Format]] = Registry(
     "format",
     {
-        "text": Text,
-        "obsmat": Obsmat,
-        "qtm": Qtm,
-        "tracklets": Tracklets,
-        "cliff": Cliff,
-        "trajnet": Trajnet,
-        "columns": Columns,
+        "text": built_in.Text,
+        "obsmat": built_in.Obsmat,
+        "qtm": built_in.Qtm,
+        "tracklets": built_in.Tracklets,
+        "cliff": built_in.Cliff,
+        "trajnet": built_in.Trajnet,
+        "columns": built_in.Columns,
     },
 )
 
@@ -70,20 +63,15 @@ def register_format(name: str, *, replace: bool = False) -> Callable[[type[F]], 
     return FORMATS.register(name, replace=replace)
 
 
-def known_formats() -> Registry[type[Format]]:
-    """`FORMATS`, with those of installed packages."""
-    load_entry_points()
-    return FORMATS
-
-
 def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     """The format of a file, as `options` or the file itself say.
 
     Raises:
         InputError: if the file cannot be read, or for an unknown format or option of it.
     """
+    load_entry_points()
     if options.format is not None:
-        return component_from_text(options.format, known_formats(), str(path))
+        return component_from_text(options.format, FORMATS, str(path))
     return FORMATS["columns" if options.columns else sniff(path)]()
 
 
@@ -99,7 +87,8 @@ def sniff(path: Path) -> str:
 
 def owner_of(path: Path) -> str | None:
     """Name of the format that a path has by its name alone, or None."""
-    return next((name for name, form in known_formats().items() if form().owns(path)), None)
+    load_entry_points()
+    return next((name for name, form in FORMATS.items() if form().owns(path)), None)
 
 
 def is_folder(path: Path) -> bool:
@@ -135,7 +124,8 @@ def read_any(
         Tracks with `reading`.
 
     Raises:
-        InputError: naming file, row and reason; for an option that the format does not use.
+        InputError: naming file, row and reason; for an option that the format does not use, and
+            for people who move as none do (see `evidence`), unless `options.yes_really`.
 
     Warns:
         InputWarning: of what looks wrong, which is in `reading` too.
@@ -150,12 +140,27 @@ def read_any(
     found = []
     for tracks in form.read(path, options, frame_period):
         how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))
-        lines = (*how.warnings, *suspicions(tracks, how.frame_step is not None))
+        refused, doubted = judge(tracks, options)
+        if refused and not options.yes_really:
+            raise InputError(
+                f"{path}: {refused[0]} (where it is true all the same, --yes-really accepts it)"
+            )
+        lines = (*how.warnings, *refused, *doubted)
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
         how = dataclasses.replace(how, format=FORMATS.name_of(type(form)), warnings=lines)
         found.append(dataclasses.replace(tracks, reading=how))
     return found
+
+
+def recordings_in(place: Path, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
+    """The recordings in a file of any known format or in a folder, on their own clocks.
+
+    Raises:
+        InputError: for files that cannot be read.
+    """
+    paths = data_files(place, options) if is_folder(place) else [place]
+    return [tracks for path in paths for tracks in read_any(path, options)]
 
 
 def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:

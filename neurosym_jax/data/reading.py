@@ -1,20 +1,18 @@
 """How files are read: what a user says of them, what a format is, and what a reading reports."""
 
-import abc
 import dataclasses
+import importlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 
 if TYPE_CHECKING:
     from neurosym_jax.data.text import Head
     from neurosym_jax.data.tracks import Tracks
 
-__all__ = ["AS_IT_SAYS", "METRES", "Format", "ReadOptions", "Reading", "TimeUnit", "Unit"]
-
-Unit = Literal["m", "cm", "mm"]
-TimeUnit = Literal["s", "ms", "us", "ns"]
+__all__ = ["AS_IT_SAYS", "METRES", "Format", "ReadOptions", "Reading", "describe_readings"]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 """Metres in each unit."""
@@ -29,9 +27,12 @@ class ReadOptions:
     columns: tuple[str, ...] = ()
     """Columns of a table by name or number (from 1): time=t id=person x=px y=py, or frame=...;
     any other NAME=column is kept as an extra of each agent, as group=g."""
-    unit: Unit = "m"
-    """Unit of the coordinates, where the format does not fix it."""
-    time_unit: TimeUnit | None = None
+    keep: tuple[str, ...] = ()
+    """Values of a table's column of kinds (label, class, type) that are people."""
+    unit: str | None = None
+    """Unit of the coordinates, where the format does not fix it: m (default), cm, mm, or metres as
+    a number, such as 0.032 for pixels of 3.2 cm."""
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
     """Unit of a table's times; default: the one in the column's name (`t_ms`), else seconds."""
     fps: float | None = None
     """Frames per second, where frames are numbered."""
@@ -40,10 +41,14 @@ class ReadOptions:
     eth_stride: float | None = None
     """Stride of files called biwi_eth* only: 6 gives the true time of SGAN's eth, whose frames are
     10 apart in a video of 15 frames per second. Published numbers use the wrong one."""
+    max_gap: float = 1.0
+    """Longest gap in a person's track that is filled by interpolation, seconds."""
+    yes_really: bool = False
+    """Accept recordings in which people move as no people do; the reasons become warnings."""
 
     def given(self) -> list[str]:
-        """Names of the options that are set, except `format` and `eth_stride`."""
-        names = {field.name for field in dataclasses.fields(self)} - {"format", "eth_stride"}
+        """Names of the options that are set and that some formats do not use."""
+        names = {"columns", "keep", "unit", "time_unit", "fps", "stride"}
         return sorted(name for name in names if getattr(self, name) != getattr(AS_IT_SAYS, name))
 
     def stride_of(self, path: Path, period: float) -> float | None:
@@ -64,9 +69,17 @@ class ReadOptions:
         Raises:
             InputError: for an unknown unit.
         """
-        if self.unit not in METRES:
-            raise InputError(f"{path}: the unit is one of {', '.join(METRES)}, not {self.unit!r}")
-        return METRES[self.unit]
+        unit = self.unit or "m"
+        try:
+            found = METRES.get(unit) or float(unit)
+        except ValueError:
+            found = 0.0
+        if not 1e-6 <= found <= 1e4:
+            raise InputError(
+                f"{path}: the unit is one of {', '.join(METRES)}, or metres as a number, not "
+                f"{unit!r} (pixels of 3.2 cm: --unit 0.032)"
+            )
+        return found
 
 
 AS_IT_SAYS = ReadOptions()
@@ -74,7 +87,7 @@ AS_IT_SAYS = ReadOptions()
 
 
 @dataclasses.dataclass(frozen=True)
-class Format(abc.ABC):
+class Format:
     """A format of files. A subclass with these attributes and methods is registered by name; its
     fields, if any, are options that only this format has."""
 
@@ -84,6 +97,8 @@ class Format(abc.ABC):
     """The fields of `ReadOptions` that it uses."""
     general: ClassVar[bool] = False
     """Whether it is asked only if no other format knows the file."""
+    reader: ClassVar[str] = ""
+    """`module:function` that reads a file, imported when it does."""
 
     def knows(self, head: "Head") -> bool:
         """Whether a file that begins so is of this format."""
@@ -97,13 +112,15 @@ class Format(abc.ABC):
         """Whether a file of this format holds something else, so that folders are read without."""
         return False
 
-    @abc.abstractmethod
     def read(self, path: Path, options: ReadOptions, period: float) -> "list[Tracks]":
         """The recordings in a file; where frames are numbered, one step is `period` seconds.
 
         Raises:
             InputError: naming file, row and reason.
         """
+        module, _, function = self.reader.partition(":")
+        found = getattr(importlib.import_module(module), function)(path, options, period)
+        return found if isinstance(found, list) else [found]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,6 +138,8 @@ class Reading:
     """Rows that are no observation of a person."""
     frame_step: float | None = None
     """Frame numbers that were assumed to be one step, where the user did not give the rate."""
+    filled: int = 0
+    """Points that were interpolated in gaps of single people's tracks."""
     runs: int = 1
     """Parts between gaps in time, once windows are cut; windows do not cross gaps."""
     gaps: int = 0
@@ -131,3 +150,15 @@ class Reading:
     def to_json(self) -> dict[str, Any]:
         """The fields by name."""
         return {**dataclasses.asdict(self), "warnings": list(self.warnings)}
+
+
+def describe_readings(readings: Iterable[Reading]) -> str:
+    """A line for each recording read from a file: format, rows, gaps and what was filled."""
+    lines = []
+    for how in {(how.file, how.recording): how for how in readings if how.file}.values():
+        parts = [f"{how.format}, {how.rows} rows"]
+        parts += [f"{how.skipped} left out"] * (how.skipped > 0)
+        parts += [f"{how.filled} points filled in gaps"] * (how.filled > 0)
+        parts += [f"{how.gaps} gaps in time between {how.runs} runs"] * (how.gaps > 0)
+        lines.append(f"read {printable(how.recording)}: {', '.join(parts)}")
+    return "\n".join(lines)

@@ -19,6 +19,9 @@ from neurosym_jax.errors import InputError, printable
 
 __all__ = ["assemble", "consecutive", "frame_step", "refuse_rows"]
 
+STEPS = (1, 6, 10, 12)
+"""Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second."""
+
 
 def refuse_rows(
     path: Path, wrong: ArrayLike, reason: Callable[[int], str], row: np.ndarray | None = None
@@ -40,19 +43,21 @@ def refuse_rows(
 
 
 def frame_step(path: Path, frame: np.ndarray, stride: float | None) -> float:
-    """How many frame numbers make one period: `stride`, or the most common step between frames.
-
-    Args:
-        path: for messages.
-        frame: [R] whole numbers.
-        stride: frame numbers; None for their most common step.
+    """How many of the whole numbers `frame [R]` make one period: `stride`, or their common step.
 
     Raises:
-        InputError: for a stride that is not a usable number.
+        InputError: for a stride that is not a usable number, and where none is given and the most
+            common step is none of `STEPS`.
     """
     if stride is None:
         steps = np.diff(np.unique(frame))
-        return common(steps) if len(steps) else 1.0
+        step = common(steps) if len(steps) else 1.0
+        if step not in STEPS:
+            raise InputError(
+                f"{path}: its frames are {step:g} apart, at 25 a second {step / 25:.2f} s: say how "
+                f"many make a second (--fps 25), or --stride {step:g} if they are 0.4 s apart"
+            )
+        return step
     if not 1e-3 <= stride <= 1e9:
         raise InputError(f"{path}: the stride must be 0.001 to 1e9 frames, not {stride}")
     return stride
@@ -74,6 +79,7 @@ def assemble(
     *,
     recording: str | None = None,
     row: np.ndarray | None = None,
+    warnings: tuple[str, ...] = (),
     **reading: Any,
 ) -> Tracks:
     """Tracks of the rows of a file, in any order.
@@ -86,6 +92,7 @@ def assemble(
         extras: name: [R] further numbers.
         recording: name; default: the file's without its ending.
         row: [R] numbers of the rows in messages; default: 1, 2, ...
+        warnings: what looks wrong, a line each.
         **reading: further fields of `Reading`.
 
     Raises:
@@ -96,32 +103,27 @@ def assemble(
     points = np.asarray(position, np.float64).reshape(-1, 2)
     if len(times) == 0:
         raise InputError(f"{path}: the file has no rows")
-    refuse_rows(
-        path,
-        ~(np.abs(times) <= LATE),
-        lambda at: f"time {times[at]:g} is not a usable number",
-        row,
-    )
-    refuse_rows(
-        path,
-        ~(np.abs(points) <= MAX_METRES).all(axis=1),
-        lambda at: f"position {points[at, 0]:g}, {points[at, 1]:g} is not a usable number",
-        row,
-    )
     before, after = consecutive(times, ids)
     again = np.zeros(len(times), bool)
     again[np.maximum(before, after)[times[before] == times[after]]] = True
-    refuse_rows(path, again, lambda at: f"repeats (time {times[at]:.12g}, id {ids[at]})", row)
-    name = recording or recording_name(path)
-    how = Reading(name, printable(str(path)), rows=len(times), **reading)
+    for wrong, reason in (
+        (~(np.abs(times) <= LATE), lambda at: f"time {times[at]:g} is not a usable number"),
+        (
+            ~(np.abs(points) <= MAX_METRES).all(axis=1),
+            lambda at: f"position {points[at, 0]:g}, {points[at, 1]:g} is not a usable number",
+        ),
+        (again, lambda at: f"repeats (time {times[at]:.12g}, id {ids[at]})"),
+    ):
+        refuse_rows(path, wrong, reason, row)
     order = np.argsort(ids, kind="stable")
     back = np.flatnonzero((np.diff(times[order]) < 0) & (np.diff(ids[order]) == 0))
     if len(back):
         first = order[back[0] + 1]
-        line = (
+        warnings += (
             f"row {first + 1 if row is None else row[first]}: time runs backward for agent "
-            f"{ids[first]} ({len(back)} times in all); the rows are sorted"
+            f"{ids[first]} ({len(back)} times in all); the rows are sorted",
         )
-        how = dataclasses.replace(how, warnings=(line,))
+    name = recording or recording_name(path)
     tracks = make_tracks(name, times, ids, points, extras)
+    how = Reading(name, printable(str(path)), rows=len(times), warnings=warnings, **reading)
     return dataclasses.replace(tracks, reading=how)

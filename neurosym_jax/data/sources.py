@@ -8,7 +8,7 @@ import dataclasses
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, ClassVar, Literal, cast
 
 from neurosym_jax.data import formats
 from neurosym_jax.data.published import COLLECTIONS, data_folder, find
@@ -27,7 +27,6 @@ __all__ = [
     "Split",
     "Synthetic",
     "open_source",
-    "recordings_in",
     "windows_from",
 ]
 
@@ -50,9 +49,9 @@ class Source(abc.ABC):
     """How files are read."""
     period: float = PERIOD
     """Seconds between steps; recordings are resampled to it."""
-    name: str = ""
+    name: ClassVar[str] = ""
     """Name of all data sets together, where one model may be tested on every one of them."""
-    about: str = ""
+    about: ClassVar[str] = ""
     """What it contains, for people who did not ask for it by name."""
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
@@ -78,7 +77,7 @@ class Source(abc.ABC):
             if path is None:
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        return self._on_grid([tracks for path in paths if path for tracks in self._read_file(path)])
+        return self._on_grid(self._read_files(path for path in paths if path))
 
     @abc.abstractmethod
     def _read(self, scene: str, split: Split) -> list[Tracks]: ...
@@ -86,11 +85,11 @@ class Source(abc.ABC):
     def _paths(self) -> Iterable[Path]:
         return ()
 
-    def _read_file(self, path: Path) -> list[Tracks]:
-        return formats.read_any(path, self.read)
+    def _read_files(self, paths: Iterable[Path]) -> list[Tracks]:
+        return [tracks for path in paths for tracks in formats.read_any(path, self.read)]
 
     def _on_grid(self, recordings: Sequence[Tracks]) -> list[Tracks]:
-        return [on_grid(tracks, self.period) for tracks in recordings]
+        return [on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,8 +97,8 @@ class Synthetic(Source):
     """Simulations of the robot paper's two scenarios; each split has its own seeds."""
 
     scenes: tuple[str, ...] = ("all-forward", "cross-path")
-    name: str = "simulations"
-    about: str = "Simulated people who walk together (all-forward) and cross (cross-path)."
+    name = "simulations"
+    about = "Simulated people who walk together (all-forward) and cross (cross-path)."
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         if scene == GENERAL:
@@ -118,11 +117,8 @@ class EthUcy(Source):
     scenes: tuple[str, ...] = tuple(eth_ucy.SCENES)
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
-        if scene == GENERAL:
-            paths = eth_ucy.text_files(self.folder / split)
-        else:
-            paths = eth_ucy.split_files(self.folder, scene, split)
-        return [tracks for path in paths for tracks in self._read_file(path)]
+        own = None if scene == GENERAL else scene
+        return self._read_files(eth_ucy.split_files(self.folder, own, split))
 
     def _paths(self) -> Iterable[Path]:
         return sorted(self.folder.glob("*/*.txt"))
@@ -141,24 +137,20 @@ class Files(Source):
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         own = [path for path in self.paths if recording_name(path) == scene]
         if split == "test":
-            return self._read_file(own[0])
+            return self._read_files(own[:1])
         others = [path for path in self.paths if path not in own]
         if not others:
             raise InputError(f"{scene}: the only recording, so nothing is left to train on")
-        recordings = [tracks for path in others for tracks in self._read_file(path)]
-        parts = [_part(tracks, split) for tracks in recordings]
+        parts = []
+        for tracks in self._read_files(others):
+            # Cut before it is resampled, so that no point depends on both parts.
+            first, last = tracks.stamp.min(), tracks.stamp.max()
+            early = tracks.stamp < first + TRAIN_SHARE * (last - first)
+            parts.append(tracks.take(early if split == "train" else ~early))
         return [part for part in parts if len(part.id)]
 
     def _paths(self) -> Iterable[Path]:
         return self.paths
-
-
-def _part(tracks: Tracks, split: Split) -> Tracks:
-    """The part of a recording for training or validation, cut before it is resampled."""
-    first, last = tracks.stamp.min(), tracks.stamp.max()
-    early = tracks.stamp < first + TRAIN_SHARE * (last - first)
-    kept = early if split == "train" else ~early
-    return tracks.take(kept)
 
 
 def open_source(
@@ -198,7 +190,7 @@ def open_source(
         folder = formats.is_folder(data) or not data.exists()
     except OSError as error:
         raise InputError(f"{data}: cannot be read ({error.strerror})") from None
-    if folder and eth_ucy.is_eth_ucy(data):
+    if folder and (data / "all").is_dir():
         return EthUcy(folder=data, **how)
     paths = tuple(formats.data_files(data, read)) if folder else (data,)
     names = [recording_name(path) for path in paths]
@@ -214,16 +206,6 @@ def _downloaded(scene: str | None) -> Path | None:
     folder = data_folder() / ("eth-ucy" if scene in eth_ucy.SCENES else "thor")
     known = scene in eth_ucy.SCENES or scene in {path.stem for path in folder.glob("*")}
     return folder if known and folder.is_dir() else None
-
-
-def recordings_in(place: Path, read: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
-    """The recordings in a file of any known format or in a folder, on their own clocks.
-
-    Raises:
-        InputError: for files that cannot be read.
-    """
-    paths = formats.data_files(place, read) if formats.is_folder(place) else [place]
-    return [tracks for path in paths for tracks in formats.read_any(path, read)]
 
 
 def windows_from(
@@ -256,6 +238,6 @@ def windows_from(
     """
     recordings: list[Tracks] = []
     for one in [data] if isinstance(data, Path | str | Tracks) else data:
-        recordings += [one] if isinstance(one, Tracks) else recordings_in(Path(one), read)
-    grid = [on_grid(tracks, period) for tracks in recordings]
+        recordings += [one] if isinstance(one, Tracks) else formats.recordings_in(Path(one), read)
+    grid = [on_grid(tracks, period, read.max_gap) for tracks in recordings]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

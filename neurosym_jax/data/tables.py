@@ -8,6 +8,7 @@ import csv
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import polars as pl
@@ -38,6 +39,11 @@ class Table:
     """[R] lists of C texts, None where a field is null."""
     row: np.ndarray | None = None
     """[R] numbers of the rows in messages; None for 1, 2, ..."""
+
+    def take(self, rows: np.ndarray) -> Self:
+        """Select rows by a mask [R]; messages go on to name them by their numbers in the file."""
+        row = np.arange(1, len(self.fields) + 1) if self.row is None else self.row
+        return dataclasses.replace(self, fields=self.fields.filter(rows), row=row[rows])
 
     def refuse(self, wrong: ArrayLike, reason: Callable[[int], str]) -> None:
         """Raise an InputError for the first row of the mask `wrong` [R]; see `refuse_rows`."""

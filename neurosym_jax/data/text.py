@@ -30,7 +30,6 @@ __all__ = [
     "recording_name",
     "refuse_irregular",
     "separator_of",
-    "split_row",
 ]
 
 LINE = 1 << 24
@@ -135,12 +134,12 @@ class Head:
     @functools.cached_property
     def lines(self) -> list[str]:
         """The first lines that are neither empty nor comments."""
-        return [line.strip() for line in self.text.split("\n") if _said(line)]
+        return [line.strip() for line in self.text.split("\n") if line.split("#", 1)[0].strip()]
 
-    @functools.cached_property
+    @property
     def first(self) -> str:
-        """The first line that is neither empty nor a comment."""
-        return next((line.strip() for line in self.text.split("\n") if _said(line)), "")
+        """The first of `lines`; empty if there is none."""
+        return next(iter(self.lines), "")
 
     @property
     def named(self) -> bool:
@@ -182,27 +181,16 @@ def read_head(path: Path) -> Head:
     return Head(text, magic)
 
 
-def _said(line: str) -> str:
-    return line.split("#", 1)[0].strip()
-
-
 def separator_of(line: str) -> str | None:
     """What separates the numbers of a row: a semicolon, else a comma, else blanks (None)."""
     return next((mark for mark in ";," if mark in line), None)
 
 
-def split_row(line: str) -> list[str]:
-    """The fields of a row of numbers; a final separator adds none, `#` begins a comment."""
-    line = _said(line)
-    mark = separator_of(line)
-    if mark is None:
-        return line.split()
-    return [field.strip() for field in line.removesuffix(mark).split(mark)]
-
-
 def numbers_in(line: str) -> list[float]:
-    """The numbers of a row; none if any field is something else."""
+    """The numbers of a row, where a final separator adds none; none if any field is another."""
+    line = line.split("#", 1)[0].strip()
+    mark = separator_of(line)
     try:
-        return [] if "_" in line else [float(field) for field in split_row(line)]
+        return [] if "_" in line else [float(f) for f in line.removesuffix(mark or "#").split(mark)]
     except ValueError:
         return []

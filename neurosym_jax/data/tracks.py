@@ -40,6 +40,9 @@ SNAP = 1e-6
 """Seconds within which a stamp counts as a grid point, so that clocks written in decimals,
 accumulated, or counted from 1970 meet the grid in spite of rounding."""
 
+GAP = 1.5
+"""A step of a person longer than this many usual ones is a gap."""
+
 DENSE = 100
 """Largest ratio of grid points to source points; a larger one is taken for a mistyped period."""
 
@@ -111,32 +114,36 @@ def make_tracks(
         extras: name: [R, ...] numbers.
 
     Raises:
-        InputError: naming the recording, the first wrong row (counted from 0, in the caller's
-            order) and the reason: no rows, unequal shapes, a number that is not finite, an id
-            that is not whole, or an agent seen twice at one stamp.
+        InputError: naming the recording, the first wrong row (from 0, in the caller's order) and
+            the reason.
     """
     times = np.asarray(stamp, np.float64)
     points = np.asarray(position, np.float64)
     ids = np.asarray(id)
     others = {name: np.asarray(values) for name, values in extras.items()}
     rows = times.shape[0] if times.ndim == 1 else -1
-    for name, array, shape in (
-        ("stamp", times, (rows,)),
-        ("id", ids, (rows,)),
-        ("position", points, (rows, 2)),
-        *((name, values, (rows, *values.shape[1:])) for name, values in others.items()),
-    ):
+    shapes = {name: (rows, *values.shape[1:]) for name, values in others.items()}
+    shapes |= {"stamp": (rows,), "id": (rows,), "position": (rows, 2)}
+    for name, array in (("stamp", times), ("id", ids), ("position", points), *others.items()):
+        shape = shapes[name]
         if array.shape != shape:
             wanted = "[rows]" if rows < 0 else list(shape)
             raise InputError(f"{recording}: {name} must be {wanted}, not {list(array.shape)}")
     if rows == 0:
         raise InputError(f"{recording}: no rows")
-    for name, values in others.items():
-        if values.dtype.kind not in "biuf":
+    for name, values in {"id": ids, **others}.items():
+        if values.dtype.kind not in ("iuf" if name == "id" else "biuf"):
             raise InputError(f"{recording}: {name} must be numbers, not {values.dtype}")
-    _refuse(recording, ~np.isfinite(times), "the stamp is not finite")
-    _refuse(recording, (~np.isfinite(points)).any(axis=1), "the position is not finite")
-    ids = _whole(recording, ids)
+    # Above 2**53 neighbouring ids share one float.
+    whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
+    for right, reason in (
+        (np.isfinite(times), "the stamp is not finite"),
+        (np.isfinite(points).all(axis=1), "the position is not finite"),
+        (whole, "the id is not a whole number"),
+    ):
+        if not np.all(right):
+            raise InputError(f"{recording}: row {np.argmin(right)}: {reason}")
+    ids = ids.astype(np.int64)
     return Tracks(recording, times, ids, points, others).take(_order(recording, times, ids))
 
 
@@ -159,10 +166,9 @@ def resample(
 ) -> Tracks:
     """Interpolate every track linearly onto the grid `start + n * period`, n = 0, 1, ...
 
-    A grid point within `SNAP` of a source point takes its position bit for bit. Any other grid
-    point lies between two source points of the agent at most `max_gap` apart: nothing is
-    extrapolated, and a longer gap splits a track in two under the same id. Extras are those of the
-    last source point.
+    A grid point within `SNAP` of a source point takes its position bit for bit. Any other lies
+    between two source points of the agent at most `max_gap` apart: nothing is extrapolated, and a
+    longer gap splits a track in two under the same id. Extras are those of the last source point.
 
     An interpolated point depends on the later source point (its stamp is `known`), which is not
     observed yet at the grid point's own time. `foreseen` is the position extrapolated from the
@@ -177,17 +183,15 @@ def resample(
             points are dropped.
 
     Raises:
-        InputError: for a period, gap or start that is not a usable number, a recording without a
-            point on the grid, or a grid of more than `DENSE` points for each source point.
+        InputError: for a period, gap or start that is not a usable number, or does not suit the
+            recording.
     """
     name = tracks.recording
-    if not (np.isfinite(period) and period > 2 * SNAP):
-        raise InputError(f"{name}: the period must be more than {2 * SNAP} s, not {period}")
-    if not max_gap >= 0:
-        raise InputError(f"{name}: max_gap must not be negative, not {max_gap}")
     start = float(tracks.stamp.min()) if start is None else float(start)
-    if not np.isfinite(start):
-        raise InputError(f"{name}: the start of the grid must be finite, not {start}")
+    if not (np.isfinite([period, start]).all() and period > 2 * SNAP and max_gap >= 0):
+        raise InputError(
+            f"{name}: no usable grid: period {period}, start {start}, longest gap {max_gap} s"
+        )
 
     stamp, position = tracks.stamp, tracks.position
     joined = (np.diff(tracks.id) == 0) & (np.diff(stamp) <= max_gap + 2 * SNAP)
@@ -200,8 +204,15 @@ def resample(
     # In this form a standing person stays exactly still, which QTC's zero symbols need.
     between = position[row] + weight * (position[after] - position[row])
     ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
+    reading = tracks.reading
+    if reading is not None:
+        steps = np.diff(stamp)[np.diff(tracks.id) == 0]
+        usual = max(float(np.median(steps)), period) if len(steps) else period
+        filled = int(np.sum(stamp[after] - stamp[row] > GAP * usual))
+        reading = dataclasses.replace(reading, filled=filled)
     return dataclasses.replace(
         tracks.take(row),
+        reading=reading,
         stamp=grid_stamp,
         position=np.where(exact[:, None], position[row], between),
         known=np.where(exact, grid_stamp, stamp[after]),
@@ -240,11 +251,14 @@ def _grid_points(
     return row, grid, grid == place[row]
 
 
-def on_grid(tracks: Tracks, period: float = PERIOD) -> Tracks:
-    """`tracks` unchanged if their stamps lie on one grid of `period` seconds, else resampled.
+def on_grid(tracks: Tracks, period: float = PERIOD, max_gap: float = 1.0) -> Tracks:
+    """`tracks` unchanged if they lie on one grid of `period` seconds without a gap, else resampled.
+
+    A gap is a longer step of a person than the usual; those of at most `max_gap` seconds are
+    filled, and counted in `reading`.
 
     Raises:
-        InputError: for a period that is not a usable number, see `resample`.
+        InputError: for a period or gap that is not a usable number, see `resample`.
     """
     if not 0 < period < np.inf:
         raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
@@ -253,11 +267,13 @@ def on_grid(tracks: Tracks, period: float = PERIOD) -> Tracks:
     tolerance = SNAP / period + 4 * np.finfo(float).eps * np.abs(tracks.stamp).max() / period
     nearest = np.rint(place)
     steps = np.diff(np.unique(nearest))
+    counts = np.diff(nearest)[np.diff(tracks.id) == 0]
     usual = len(steps) == 0 or common(steps) == 1.0
-    alone = np.all((np.diff(tracks.id) != 0) | (np.diff(nearest) > 0))
-    if usual and alone and np.all(np.abs(place - nearest) <= tolerance):
+    gaps = (counts > 1) & (counts * period <= max_gap + 2 * SNAP)
+    on = usual and np.all(counts > 0) and np.all(np.abs(place - nearest) <= tolerance)
+    if on and not np.any(gaps):
         return dataclasses.replace(tracks, period=period)
-    return resample(tracks, period)
+    return resample(tracks, period, max_gap)
 
 
 def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
@@ -280,21 +296,3 @@ def common(values: np.ndarray) -> float:
     """The most common of [R] numbers, R > 0; the smallest of several."""
     kinds, counts = np.unique(values, return_counts=True)
     return float(kinds[np.argmax(counts)])
-
-
-def _refuse(recording: str, wrong: ArrayLike, reason: str) -> None:
-    rows = np.flatnonzero(wrong)
-    if len(rows):
-        raise InputError(f"{recording}: row {rows[0]}: {reason}")
-
-
-def _whole(recording: str, ids: np.ndarray) -> np.ndarray:
-    """`ids` as int64; floats are accepted where they are whole numbers."""
-    if ids.dtype.kind in "iu":
-        return ids.astype(np.int64)
-    if ids.dtype.kind != "f":
-        raise InputError(f"{recording}: id must be whole numbers, not {ids.dtype}")
-    # Above 2**53 neighbouring ids share one float.
-    whole = np.isfinite(ids) & (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
-    _refuse(recording, ~whole, "the id is not a whole number")
-    return ids.astype(np.int64)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_jax.commands.inspect import describe
 from neurosym_jax.data.formats import FORMATS, data_files, read_any, sniff
-from neurosym_jax.data.inspection import summarise
 from neurosym_jax.data.readers.columns import read_columns
 from neurosym_jax.data.readers.eth_ucy import read_obsmat, read_text
 from neurosym_jax.data.readers.qtm import read_qtm
@@ -79,7 +79,9 @@ def test_units(tmp_path, kind):
     else:
         with pytest.raises(InputError, match=r"--unit is of no use for .*, which fixes it"):
             read_any(path, options)
-    with pytest.raises(InputError, match="the unit is one of m, cm, mm, not 'ft'"):
+    with pytest.raises(
+        InputError, match="the unit is one of m, cm, mm, or metres as a number, not 'ft'"
+    ):
         read_any(path, ReadOptions(unit="ft"))  # pyright: ignore
 
 
@@ -173,7 +175,7 @@ def survive(path):
         warnings.simplefilter("ignore")
         try:
             for tracks in read_any(path):
-                summarise(tracks)
+                describe(tracks)
                 cut_windows([on_grid(tracks)], 1, 1, min_agents=1)
         except InputError:
             pass

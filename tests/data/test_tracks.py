@@ -66,7 +66,7 @@ def test_rows_are_sorted_by_agent_then_time_and_owned():
         ([3, 0, 3], [1, 1, 1], np.zeros((3, 2)), "hall: row 2: agent 1 is seen at 3.0 s in row 0"),
         ([0, 1], [1, 1.5], np.zeros((2, 2)), "hall: row 1: the id is not a whole number"),
         ([0, 1], [1, np.nan], np.zeros((2, 2)), "hall: row 1: the id is not a whole number"),
-        ([0, 1], ["a", "b"], np.zeros((2, 2)), "hall: id must be whole numbers"),
+        ([0, 1], ["a", "b"], np.zeros((2, 2)), "hall: id must be numbers, not <U1"),
         ([0, 1], [1], np.zeros((2, 2)), r"hall: id must be \[2\], not \[1\]"),
         ([0, 1], [1, 1], np.zeros((2, 3)), r"hall: position must be \[2, 2\], not \[2, 3\]"),
         ([[0, 1]], [1, 1], np.zeros((2, 2)), r"hall: stamp must be \[rows\], not \[1, 2\]"),

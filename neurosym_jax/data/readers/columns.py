@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from neurosym_jax.data.readers.meanings import keep_people, recordings_of
 from neurosym_jax.data.reading import AS_IT_SAYS, METRES, ReadOptions
 from neurosym_jax.data.rows import assemble, frame_step
 from neurosym_jax.data.tables import Table, read_table
@@ -42,6 +43,9 @@ _SECONDS = {
 _SUFFIX = re.compile(rf"(?:^|[ _.\[(-]+)({'|'.join([*_SECONDS, *METRES])})[\])]?$")
 _ISO = r"^\d{4}-?\d\d"
 
+COUNTED = 10
+"""So many moments that are whole numbers without a unit are taken for frame numbers."""
+
 
 def parse_columns(pairs: Sequence[str]) -> dict[str, str]:
     """Name or number (from 1) of the column of time (or frame), id, x, y and extras.
@@ -59,12 +63,17 @@ def parse_columns(pairs: Sequence[str]) -> dict[str, str]:
     return columns
 
 
-def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
+def read_columns(
+    path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD
+) -> list[Tracks]:
     """Read one table: delimited text, JSON, Parquet or Arrow.
+
+    A column of scenes, runs or cameras splits it into recordings, and one of kinds (label, class,
+    type) says which rows are people. Where there are frames beside times, the two must agree.
 
     Args:
         path: of the file.
-        options: names of the columns, units, and frames per second.
+        options: names of the columns, units, kinds to keep, and frames per second.
         period: seconds of the most common step between frames, where these are numbered and
             `options` do not give their rate.
 
@@ -79,6 +88,8 @@ def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = 
     who, x, y, clock = (_find(table, key, columns.get(key, "")) for key in keys)
     if len({clock, who, x, y}) < 4:
         raise InputError(f"{path}: {', '.join(keys)} are four columns")
+    used = {name for key, name in columns.items() if key not in _USUAL}
+    table, skipped, said = keep_people(table, options.keep, used)
     extras = {
         name: table.extra(_find(table, name, given))
         for name, given in columns.items()
@@ -86,6 +97,7 @@ def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = 
     }
     stride = options.stride_of(path, period)
     metres = _metres(path, [table.names[x], table.names[y]], options)
+    names, recording = recordings_of(table, used)
     guessed = None
     if numbered:
         if options.time_unit:
@@ -96,8 +108,49 @@ def read_columns(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = 
         time, guessed = frame / step * period, step if stride is None else None
     else:
         time = _seconds(table, clock, options, stride)
+        frames = [at for at, name in enumerate(table.names) if _is_usual("frame", name)]
+        if len(frames) == 1 and "time" not in columns:
+            _refuse_disagreeing(table, frames[0], clock, time, recording)
     position = table.numbers(x, y) * metres
-    return assemble(path, time, table.ids(who), position, extras, frame_step=guessed)
+    ids, row = table.ids(who), np.arange(1, len(time) + 1) if table.row is None else table.row
+    return [
+        assemble(
+            path,
+            time[at],
+            ids[at],
+            position[at],
+            {key: values[at] for key, values in extras.items()},
+            recording=name,
+            row=row[at],
+            frame_step=guessed,
+            skipped=skipped,
+            warnings=said,
+        )
+        for number, name in enumerate(names)
+        for at in [recording == number]
+    ]
+
+
+def _refuse_disagreeing(
+    table: Table, frames: int, clock: int, time: np.ndarray, recording: np.ndarray
+) -> None:
+    """Refuse frame numbers that are not the times, up to a constant rate, in any recording."""
+    frame = table.numbers(frames, missing=True)[:, 0]
+    for number in range(int(recording.max()) + 1):
+        at = np.flatnonzero((recording == number) & np.isfinite(frame))
+        first, index = np.unique(frame[at], return_index=True)
+        if len(first) < 3:
+            continue
+        rate, start = np.polyfit(first - first[0], time[at][index], 1)
+        off = np.abs(time[at] - start - rate * (frame[at] - first[0]))
+        if rate <= 0 or off.max() > 0.1 + 2 * rate + 1e-3 * np.ptp(time[at]):
+            row = at[int(np.argmax(off))]
+            names = table.names[frames], table.names[clock]
+            raise InputError(
+                f"{table.path}: row {row + 1 if table.row is None else table.row[row]}: "
+                f"{names[0]!r} and {names[1]!r} disagree by {off.max():.2f} s: say which is right, "
+                f"--columns frame={names[0]} or time={names[1]}"
+            )
 
 
 def names_tracks(names: Sequence[str]) -> bool:
@@ -144,11 +197,11 @@ def _find(table: Table, key: str, given: str) -> int:
 def _metres(path: Path, names: Sequence[str], options: ReadOptions) -> float:
     """Metres in the unit of x and y, as their names or the options say."""
     units = {_unit(name)[1] for name in names} & METRES.keys()
-    if options.unit != AS_IT_SAYS.unit:
+    if options.unit is not None:
         units.add(options.unit)
     if len(units) > 1:
         raise InputError(f"{path}: {names[0]!r}, {names[1]!r} and --unit {options.unit} differ")
-    return METRES[units.pop()] if units else options.metres(path)
+    return METRES[units.pop()] if units & METRES.keys() else options.metres(path)
 
 
 def _seconds(table: Table, place: int, options: ReadOptions, stride: float | None) -> np.ndarray:
@@ -172,6 +225,12 @@ def _seconds(table: Table, place: int, options: ReadOptions, stride: float | Non
             f"time {time[at]:g} is not a usable number of seconds: say --time-unit ms, us or ns"
         ),
     )
+    moments = np.unique(time)
+    if asked is None and len(moments) > COUNTED and (moments == np.rint(moments)).all():
+        raise InputError(
+            f"{path}: all of {name!r} are whole numbers: do they count frames (--columns "
+            f"frame={name} --fps 25), or is that their unit (--time-unit s or ms)?"
+        )
     return time
 
 

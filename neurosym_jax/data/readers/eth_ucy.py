@@ -8,21 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.rows import assemble, consecutive, frame_step
 from neurosym_jax.data.tables import Table, read_table
 from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = [
-    "SCENES",
-    "is_eth_ucy",
-    "read_obsmat",
-    "read_split",
-    "read_text",
-    "refuse_swapped",
-    "split_files",
-    "text_files",
-]
+__all__ = ["SCENES", "read_obsmat", "read_split", "read_text", "split_files"]
 
 SCENES = {
     "eth": ("biwi_eth",),
@@ -39,30 +31,25 @@ DECIMALS = 4
 _PAIRS = 20  # steps that are enough to tell the order of two columns
 
 
-def read_text(
-    path: Path, period: float = PERIOD, stride: float | None = None, metres: float = 1.0
-) -> Tracks:
+def read_text(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
     """Read rows `frame ped x y` (separated by commas, semicolons, or tabs and blanks).
 
     As in SGAN, the most common step between consecutive frame numbers is taken for `period`
-    seconds, whatever the numbers count. For the eth recording this is wrong: its frames are 10
-    apart in a video of 15 frames per second, which is 0.67 s. With `stride=6`, 6 frame numbers are
-    one period, and the steps of that file are 10/6 periods long.
-
-    Args:
-        path: of the file.
-        period: seconds.
-        stride: frame numbers per period; default: their most common step.
-        metres: in a unit of the coordinates.
+    seconds, if it is a usual one. For the eth recording this is wrong: its frames are 10 apart in a
+    video of 15 frames per second, which is 0.67 s. With `stride=6`, 6 frame numbers are one period,
+    and the steps of that file are 10/6 periods long.
 
     Raises:
         InputError: naming file, row and reason.
     """
     table = read_table(path, ("frame", "ped", "x", "y"))
-    return _numbered(table, table.numbers(2, 3) * metres, period, stride)
+    tracks = _numbered(table, table.numbers(2, 3) * options.metres(path), options, period)
+    if options.format is None:
+        _refuse_swapped(path, tracks)
+    return tracks
 
 
-def read_obsmat(path: Path, period: float = PERIOD, stride: float | None = None) -> Tracks:
+def read_obsmat(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
     """Read an `obsmat.txt` of ETH, rows `frame id x z y vx vz vy`, otherwise as `read_text`.
 
     There the frames of both recordings are 0.4 s apart: 6 numbers at 15 frames per second in eth,
@@ -72,12 +59,13 @@ def read_obsmat(path: Path, period: float = PERIOD, stride: float | None = None)
         InputError: naming file, row and reason.
     """
     table = read_table(path, ("frame", "id", "x", "z", "y", "vx", "vz", "vy"))
-    return _numbered(table, table.numbers(*range(2, 8))[:, [0, 2]], period, stride)
+    return _numbered(table, table.numbers(*range(2, 8))[:, [0, 2]], options, period)
 
 
-def _numbered(table: Table, metres: np.ndarray, period: float, stride: float | None) -> Tracks:
+def _numbered(table: Table, metres: np.ndarray, options: ReadOptions, period: float) -> Tracks:
     frame = table.whole_numbers(0)
     table.whole_numbers(1)
+    stride = options.stride_of(table.path, period)
     step = frame_step(table.path, frame, stride)
     return assemble(
         table.path,
@@ -88,12 +76,8 @@ def _numbered(table: Table, metres: np.ndarray, period: float, stride: float | N
     )
 
 
-def refuse_swapped(path: Path, tracks: Tracks) -> None:
-    """Refuse tracks whose ids would make far smoother times than their stamps, and vice versa.
-
-    Raises:
-        InputError: with the options that settle the order of the columns.
-    """
+def _refuse_swapped(path: Path, tracks: Tracks) -> None:
+    """Refuse tracks whose ids would make far smoother times than their stamps, and vice versa."""
     paces = []
     for times, ids in ((tracks.stamp, tracks.id), (tracks.id, tracks.stamp)):
         before, after = consecutive(times, ids)
@@ -106,32 +90,31 @@ def refuse_swapped(path: Path, tracks: Tracks) -> None:
         )
 
 
-def is_eth_ucy(folder: Path) -> bool:
-    """Whether `folder` is arranged as SGAN's ETH/UCY: whole recordings in `all/`."""
-    return (folder / "all").is_dir()
-
-
-def split_files(folder: Path, scene: str, split: str) -> list[Path]:
+def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
     """Files of one leave-one-out split.
 
     Args:
         folder: holds `all/`, `train/` and `val/`.
-        scene: the data set left out of training, a key of `SCENES`.
+        scene: the data set left out of training, a key of `SCENES`; None leaves out none.
         split: `test` (its whole recordings), `train` or `val` (parts of all others).
 
     Raises:
         InputError: for an unknown data set or missing files.
     """
-    if scene not in SCENES:
+    if scene is not None and scene not in SCENES:
         raise InputError(f"unknown scene {scene!r}: ETH/UCY has {', '.join(SCENES)}")
+    own = SCENES[scene] if scene else ()
     if split == "test":
-        paths = [folder / "all" / f"{name}.txt" for name in SCENES[scene]]
+        paths = [folder / "all" / f"{name}.txt" for name in own]
         missing = [path for path in paths if not path.is_file()]
         if missing:
             raise InputError(f"{missing[0]}: missing, and scene {scene} needs it")
         return paths
-    held_out = {f"{name}_{split}.txt" for name in SCENES[scene]}
-    return [path for path in text_files(folder / split) if path.name not in held_out]
+    held_out = {f"{name}_{split}" for name in own}
+    paths = sorted((folder / split).glob("*.txt")) + sorted((folder / split).glob("*.csv"))
+    if not paths:
+        raise InputError(f"{folder / split}: no .txt or .csv file in it")
+    return [path for path in paths if path.stem not in held_out]
 
 
 def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
@@ -141,17 +124,3 @@ def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
         InputError: for files that are missing or cannot be read.
     """
     return [read_text(path) for path in split_files(folder, scene, split)]
-
-
-def text_files(folder: Path) -> list[Path]:
-    """Every `.txt` and `.csv` file of a folder, in order of name; at least one.
-
-    Raises:
-        InputError: if there is none.
-    """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such file or folder")
-    paths = sorted(path for path in folder.iterdir() if path.suffix in {".txt", ".csv"})
-    if not paths:
-        raise InputError(f"{folder}: no .txt or .csv file in it")
-    return paths

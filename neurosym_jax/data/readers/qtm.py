@@ -34,7 +34,7 @@ _RATE = 100.0  # frames a second, where the file does not say
 _COLUMN = re.compile(r"(\S+?)(?:\s*-\s*(\w+))?\s+(Centroid_)?([XYZ])")
 
 
-def read_qtm(path: Path, bodies: str = HELMETS) -> Tracks:
+def read_qtm(path: Path, *_: object, bodies: str = HELMETS) -> Tracks:
     """People of a QTM export (`Exp_1_run_1.tsv`, `..._6D.tsv`, or a THÖR-MAGNI CSV).
 
     A body is not visible in a frame where its coordinates are all zero, or any is empty.

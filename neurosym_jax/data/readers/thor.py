@@ -23,7 +23,7 @@ __all__ = ["TRACKLET_COLUMNS", "read_cliff", "read_tracklets"]
 TRACKLET_COLUMNS = ("Time", "x", "y", "tracklet_id", "ag_id")
 
 
-def read_tracklets(path: Path) -> list[Tracks]:
+def read_tracklets(path: Path, *_: object) -> list[Tracks]:
     """The runs in a file of THÖR-MAGNI tracklets.
 
     A tracklet is a part of the way of one helmet in one run. Tracklets are numbered run by run;
@@ -81,7 +81,7 @@ def _runs(tracklet: np.ndarray, ids: np.ndarray, time: np.ndarray) -> np.ndarray
     return runs
 
 
-def read_cliff(path: Path) -> Tracks:
+def read_cliff(path: Path, *_: object) -> Tracks:
     """Tracks of CLiFF-LHMP: rows `time,id,x,y,speed,heading`, metres.
 
     Raises:

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.json_rows import decode_json, json_text
-from neurosym_jax.data.rows import assemble, frame_step
+from neurosym_jax.data.json_rows import json_lines, json_text
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.rows import assemble
 from neurosym_jax.data.tables import TEXTS, Table
-from neurosym_jax.data.text import read_lines
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.tracks import PERIOD, Tracks, common
 from neurosym_jax.errors import InputError
 
 __all__ = ["read_trajnet"]
@@ -27,10 +27,10 @@ FPS = 2.5
 _KEYS = ("f", "p", "x", "y")
 
 
-def read_trajnet(path: Path, stride: float | None = None) -> Tracks:
+def read_trajnet(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
     """Read one ndjson file.
 
-    A period is 1/fps seconds and `stride` frame numbers; default: their most common step.
+    A step is 1/fps seconds and `stride` frame numbers; default: their most common step.
 
     Raises:
         InputError: naming file, row and reason.
@@ -38,10 +38,8 @@ def read_trajnet(path: Path, stride: float | None = None) -> Tracks:
     texts: list[list[str | None]] = []
     row: list[int] = []
     fps, skipped = None, 0
-    for at, line in enumerate(read_lines(path), 1):
-        if not line.strip():
-            continue
-        kind, fields = _row(path, at, line)
+    for at, content in json_lines(path):
+        kind, fields = _row(path, at, content)
         if kind == "scene":
             rate = _rate(path, at, fields.get("fps", str(FPS)))
             if fps not in (None, rate):
@@ -57,22 +55,25 @@ def read_trajnet(path: Path, stride: float | None = None) -> Tracks:
     table = Table(path, _KEYS, pl.Series(texts, dtype=TEXTS), np.array(row))
     frame = table.whole_numbers(0)
     table.whole_numbers(1)
-    stamp = frame / frame_step(path, frame, stride) * (1 / (fps or FPS))
-    return assemble(path, stamp, table.ids(1), table.numbers(2, 3), row=table.row, skipped=skipped)
+    steps = np.diff(np.unique(frame))
+    step = options.stride_of(path, period) or (common(steps) if len(steps) else 1.0)
+    return assemble(
+        path,
+        frame / step / (fps or FPS),
+        table.ids(1),
+        table.numbers(2, 3),
+        row=table.row,
+        skipped=skipped,
+    )
 
 
-def _row(path: Path, at: int, line: str) -> tuple[str, dict[str, Any]]:
+def _row(path: Path, at: int, row: Any) -> tuple[str, dict[str, Any]]:
     """Kind and content of one line."""
-    try:
-        row = decode_json(line)
-    except ValueError as error:
-        raise InputError(f"{path}: row {at}: not JSON ({str(error)[:60]})") from None
     if isinstance(row, dict) and len(row) == 1:
         ((kind, content),) = row.items()
         if kind in ("track", "scene") and isinstance(content, dict):
             return kind, content
-    shown = line.strip()[:60]
-    raise InputError(f"{path}: row {at}: neither a track nor a scene: {shown!r}")
+    raise InputError(f"{path}: row {at}: neither a track nor a scene: {str(row)[:60]!r}")
 
 
 def _rate(path: Path, at: int, value: Any) -> float:

@@ -18,7 +18,7 @@ NAMED = ReadOptions(columns=("time=t0", "id=who", "x=px", "y=py"))
 def test_named_columns(tmp_path):
     path = tmp_path / "mine.csv"
     path.write_text("who;px;note;py;t0\nAnn;1000;a;2000;0.5\nBob;-3;b;4;0.5\nAnn;1500;c;2000;1\n")
-    tracks = read_columns(path, NAMED)
+    (tracks,) = read_columns(path, NAMED)
     assert_array_equal(tracks.id, [0, 0, 1])
     assert_array_equal(tracks.stamp, [0.5, 1, 0.5])
     assert_array_equal(tracks.position, [[1000, 2000], [1500, 2000], [-3, 4]])
@@ -28,10 +28,10 @@ def test_named_columns(tmp_path):
 def test_usual_names_and_frames(tmp_path, separator):
     rows = [["Frame", "ped_id", "X", "y"], ["10", "4", "1", "2"], ["20", "4", "1.5", "2"]]
     (tmp_path / "a.csv").write_text("\n".join(separator.join(row) for row in rows))
-    tracks = read_columns(tmp_path / "a.csv")
+    (tracks,) = read_columns(tmp_path / "a.csv")
     assert_allclose(tracks.stamp, [0.4, 0.8])
     assert_array_equal(tracks.id, [4, 4])
-    assert_allclose(read_columns(tmp_path / "a.csv", ReadOptions(stride=5)).stamp, [0.8, 1.6])
+    assert_allclose(read_columns(tmp_path / "a.csv", ReadOptions(stride=5))[0].stamp, [0.8, 1.6])
 
 
 finite = st.floats(-1e8, 1e8)
@@ -51,7 +51,7 @@ def test_round_trip(table, form, tmp_path_factory):
     }[form]
     path = tmp_path_factory.mktemp("c") / "a"
     path.write_text(text)
-    tracks = read_columns(path, NAMED)
+    (tracks,) = read_columns(path, NAMED)
     found = zip(tracks.stamp.tolist(), tracks.id.tolist(), tracks.position.tolist())
     assert {(time, id): tuple(xy) for time, id, xy in found} == table
 

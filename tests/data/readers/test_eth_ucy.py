@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.readers.eth_ucy import SCENES, is_eth_ucy, read_split, read_text, text_files
+from neurosym_jax.data.readers.eth_ucy import SCENES, read_split, read_text, split_files
 from neurosym_jax.errors import InputError
 
 # (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
@@ -75,7 +75,6 @@ def benchmark(tmp_path):
 
 
 def test_splits_leave_one_out(benchmark):
-    assert is_eth_ucy(benchmark)
     for scene, own in SCENES.items():
         tests = [tracks.recording for tracks in read_split(benchmark, scene, "test")]
         assert tests == list(own)
@@ -91,16 +90,8 @@ def test_unknown_scene_and_missing_recording(benchmark):
     (benchmark / "all/biwi_eth.txt").unlink()
     with pytest.raises(InputError, match=r"biwi_eth\.txt: missing, and scene eth needs it"):
         read_split(benchmark, "eth", "test")
-
-
-def test_folders(tmp_path):
-    with pytest.raises(InputError, match=r"no \.txt or \.csv"):
-        text_files(tmp_path)
-    with pytest.raises(InputError, match="no such file or folder"):
-        text_files(tmp_path / "absent")
-    for name in ("b.txt", "a.csv", "c.json"):
-        (tmp_path / name).write_text("")
-    assert [path.name for path in text_files(tmp_path)] == ["a.csv", "b.txt"]
+    with pytest.raises(InputError, match=r"absent/val: no \.txt or \.csv file in it"):
+        split_files(benchmark / "absent", None, "val")
 
 
 def test_frame_numbers_may_begin_anywhere(tmp_path):

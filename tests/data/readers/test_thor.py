@@ -40,7 +40,7 @@ def test_6d(tmp_path):
     assert_array_equal(tracks.id, [2, 2, 10, 10])
     assert_array_equal(tracks.stamp, [0, 0.04, 0, 0.02])
     assert_array_equal(tracks.position, [[1, 2], [1.2, 0], [4, -0.5], [4.1, -0.5]])
-    robot = read_qtm(path, ROBOTS)
+    robot = read_qtm(path, bodies=ROBOTS)
     assert_array_equal(robot.id, [1, 1, 1])
     assert_allclose(robot.position[:, 0], [0.005, 0.006, 0.007])
 
@@ -65,7 +65,7 @@ def test_magni_centroids_before_markers(tmp_path):
     tracks = read_qtm(path)
     assert_array_equal(tracks.id, [7])
     assert_array_equal(tracks.position, [[0.1, 0.2]])
-    assert_array_equal(read_qtm(path, ROBOTS).id, [0, 0])
+    assert_array_equal(read_qtm(path, bodies=ROBOTS).id, [0, 0])
 
 
 @pytest.mark.slow

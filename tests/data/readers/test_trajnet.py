@@ -2,6 +2,7 @@ import json
 
 from numpy.testing import assert_allclose
 
+from neurosym_jax.data import ReadOptions
 from neurosym_jax.data.readers.trajnet import read_trajnet
 
 
@@ -11,4 +12,4 @@ def test_frames_that_step_by_ten(tmp_path):
     path = tmp_path / "a.ndjson"
     path.write_text("\n".join(map(json.dumps, [scene, *points])))
     assert_allclose(read_trajnet(path).stamp, [0, 0.4, 0.8])
-    assert_allclose(read_trajnet(path, stride=5).stamp, [0, 0.8, 1.6])
+    assert_allclose(read_trajnet(path, ReadOptions(stride=5)).stamp, [0, 0.8, 1.6])

@@ -188,7 +188,7 @@ def test_the_verb(tmp_path, capsys):
         verb([str(source), "--out", str(out), "--report", "--ids", str(ids)])
     assert done.value.code == 0
     assert "7 goes on as 3 after 1.0 s" in capsys.readouterr().out
-    tracks = read_text(out, 0.1)
+    tracks = read_text(out, period=0.1)
     assert_allclose(tracks.stamp, stitch(broken()).tracks.stamp, atol=1e-9)
     ids.write_text("[1]")
     other = str(tmp_path / "other.txt")

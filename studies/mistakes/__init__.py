@@ -1,0 +1,1 @@
+"""Mistakes that are made with files of tracks, and what must happen to each: none in silence."""

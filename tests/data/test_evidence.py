@@ -1,0 +1,153 @@
+"""What a recording's people say of its clock and unit; the corpus is `studies.mistakes`."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from neurosym_jax.__main__ import main
+from neurosym_jax.commands import inspect
+from neurosym_jax.data import ReadOptions, make_tracks, on_grid, read_any, windows_from
+from neurosym_jax.data.evidence import BANDS, ENOUGH, judge, measure
+from neurosym_jax.data.reading import AS_IT_SAYS, describe_readings
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.plotting.tracks import plot_tracks
+
+
+def walk(pace=1.3, people=4, steps=40, period=0.4, turn=0.0):
+    """People side by side, 0.7 m apart; at every step they turn by plus and minus `turn`."""
+    frame, person = np.divmod(np.arange(steps * people), people)
+    place = np.stack([frame * np.cos(turn), frame % 2 * np.sin(turn)], axis=1) * period * pace
+    return make_tracks(
+        "walk", frame * period, person, place + np.stack([0 * person, 0.7 * person], 1)
+    )
+
+
+def test_numbers():
+    assert measure(walk()) == pytest.approx(
+        {"steps": 156, "pace": 1.3, "turning": 0, "frozen": 0, "distance": 0.7}
+    )
+    assert measure(walk(turn=0.2))["turning"] == pytest.approx(0.4, abs=0.01)
+    fast = make_tracks("a", walk(steps=320, period=0.05).stamp, *[0] * 0, walk(steps=320).id,
+                       walk(steps=320, period=0.05).position
+                       + np.random.default_rng(0).normal(0, 0.02, (1280, 2)))  # fmt: skip
+    assert measure(fast)["pace"] == pytest.approx(1.4, abs=0.1), "noise is not walking"
+    assert measure(make_tracks("a", [0], [1], [[0.5, 1]])) == {"steps": 0}
+
+
+@pytest.mark.parametrize("name", BANDS)
+@pytest.mark.parametrize("place", range(4))
+def test_each_bound_holds(name, place, monkeypatch):
+    """Just inside of a bound, and just outside."""
+    band = BANDS[name]
+    value = (*band.refused, *band.doubted)[place]
+    if value in (0, np.inf):
+        return
+    for sign, told in ((-1, place in (0, 2)), (1, place in (1, 3))):
+        found = {"steps": ENOUGH, name: value * (1 + sign * 1e-6)}
+        monkeypatch.setattr("neurosym_jax.data.evidence.measure", lambda _, found=found: found)
+        refused, doubted = judge(walk(), AS_IT_SAYS)
+        assert (bool(refused), bool(doubted)) == ((told, not told) if place < 2 else (False, told))
+
+
+def test_few_steps_are_no_reason_to_refuse():
+    refused, doubted = judge(walk(9, steps=26), AS_IT_SAYS)
+    assert (len(refused), len(doubted)) == (1, 0)
+    refused, doubted = judge(walk(9, steps=25), AS_IT_SAYS)
+    assert (len(refused), len(doubted)) == (0, 1)
+
+
+def test_yes_really(tmp_path):
+    path = tmp_path / "a.csv"
+    rows = zip(walk(0.3).stamp, walk().id, *walk(0.3).position.T)
+    path.write_text("t,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    with pytest.raises(InputError, match=r"faster than 0\.30 m/s.* --yes-really accepts it"):
+        read_any(path)
+    with pytest.warns(InputWarning, match=r"faster than 0\.30 m/s"):
+        (tracks,) = read_any(path, ReadOptions(yes_really=True))
+    assert tracks.reading is not None
+    (line,) = tracks.reading.to_json()["warnings"]
+    assert line.startswith("one step in twenty is faster than 0.30 m/s")
+
+
+def test_known_recordings_are_accepted(shared, capsys):
+    """All of them, of which only eth's clock is doubted."""
+    for place in ("eth_ucy", "thor"):
+        assert inspect.run(inspect.Options(shared / "data" / place)) == 0
+    out = capsys.readouterr().out
+    assert "altogether 24 recordings of 24 files" in out
+    assert "altogether 6 recordings of 4 files" in out
+    lines = out.split("\n")
+    doubted = [lines[:at][-5].strip() for at, line in enumerate(lines) if "warning" in line]
+    assert doubted == ["biwi_eth", "biwi_eth_train", "biwi_eth_val"]
+    assert "needs --eth-stride 6" in out
+    path = shared / "data/eth_ucy/all/biwi_eth.txt"
+    assert inspect.run(inspect.Options(path, read=ReadOptions(eth_stride=6))) == 0
+    assert "warning" not in capsys.readouterr().out
+
+
+def test_gaps_are_filled_alike_on_the_grid_and_off_it(tmp_path):
+    whole = walk(people=3, steps=60)
+    lost = np.random.default_rng(0).random(180) < 0.1
+    path = tmp_path / "a.csv"
+    found = []
+    for moved in (0.0, 0.001):
+        stamp = whole.stamp + moved * (np.arange(180) == 90)
+        rows = zip(stamp[~lost], whole.id[~lost], *whole.position[~lost].T)
+        path.write_text("t,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
+        windows = windows_from(path, 8, 8)
+        found.append((windows.scenes, windows.agents))
+        (reading,) = windows.reading
+        assert 5 < reading.filled <= lost.sum() + 1
+        assert f"{reading.filled} points filled in gaps" in describe_readings(windows.reading)
+    assert found[0] == found[1]
+    unfilled = windows_from(path, 8, 8, min_agents=1, read=ReadOptions(max_gap=0.5))
+    assert unfilled.agents < found[0][1] / 2
+    assert unfilled.reading[0].filled == 0
+    on = on_grid(whole)
+    assert on.position is whole.position
+    part = whole.take(whole.stamp.round(3) != 4.0)
+    assert len(on_grid(part).id) == 180
+    assert len(on_grid(part, max_gap=0.7).id) == 177
+
+
+def test_command(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
+    (tmp_path / "walk.csv").write_text("when,x,y,id\n1,1000,0,1\n0,0,0,1\n2,2000,0,1\n")
+    arguments = ["--columns", "time=when", "--unit", "mm", "--figure", tmp_path / "f/all.png"]
+    with pytest.raises(SystemExit) as caught:
+        main(["inspect", *map(str, [tmp_path / "walk.csv", *arguments])])
+    assert caught.value.code == 0
+    out = capsys.readouterr().out
+    assert "walk.csv: table with named columns" in out
+    assert "people 1, points 3, duration 2.0 s, 1 points a second, 0 gaps" in out
+    assert "warning: row 2: time runs backward for agent 1" in out
+    assert (tmp_path / "f/all.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_folder_with_a_file_that_is_none(tmp_path, capsys):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub/bad.txt").write_text("0 1 2\n")
+    with pytest.raises(InputError, match="row 1: 3 columns"):
+        inspect.run(inspect.Options(tmp_path / "sub/bad.txt"))
+    assert inspect.run(inspect.Options(tmp_path)) == 2
+    (tmp_path / "good.txt").write_text("0 1 2 3\n1 1 2 3\n")
+    assert inspect.run(inspect.Options(tmp_path)) == 0
+    assert "bad.txt: row 1: 3 columns" in capsys.readouterr().out
+    with pytest.raises(InputError, match="absent: cannot be read"):
+        inspect.run(inspect.Options(tmp_path / "absent"))
+
+
+def test_a_description_counts_windows_and_gaps():
+    whole = walk(1, people=2, steps=30)
+    keep = ~((whole.id == 1) & (whole.stamp > 3.9) & (whole.stamp < 5.5))
+    tracks = dataclasses.replace(whole).take(keep)
+    said = inspect.describe(tracks)
+    assert "people 2, points 56, duration 11.6 s, 2.5 points a second, 1 gaps" in said
+    assert "the longest 2.00 s" in said
+    assert "speeds median 1.00, fastest 1.00 m/s" in said
+    assert "scenes 8+8: 1 (2 people in them), 8+12: 0" in said
+
+
+def test_figure_of_many_recordings():
+    assert len(plot_tracks([walk()] * 30).axes) == 24
