@@ -23,6 +23,7 @@ from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.symbolic import Learned, alpha_table
 from neurosym_jax.symbolic.description import state_texts
 from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.training.dead_pooling import warn_if_no_gradient
 from neurosym_jax.training.gradients import generator_gradient
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.rollout import draw_group_noise
@@ -51,7 +52,7 @@ def main(path: Path = MODEL, steps: int = 100, learning_rate: float = 0.003) -> 
         params = {**network, "weighting": weights}
         gradient, metrics = generator_gradient(config, recipe, params, (), groups, noise, label=1.0)
         update, state = optimizer.update(gradient["weighting"], state)
-        return optax.apply_updates(weights, update), state, metrics["g_variety"]
+        return optax.apply_updates(weights, update), state, metrics["g_variety"], gradient
 
     def report(when: str) -> None:
         params = {**network, "weighting": weights}
@@ -70,9 +71,12 @@ def main(path: Path = MODEL, steps: int = 100, learning_rate: float = 0.003) -> 
     state, key = optimizer.init(weights), jax.random.key(0)
     for number in range(steps):
         groups = jax.tree.map(lambda leaf: leaf[0], stream.steps(number, 1))
-        weights, state, loss = step(weights, state, groups, jax.random.fold_in(key, number))
+        weights, state, loss, gradient = step(
+            weights, state, groups, jax.random.fold_in(key, number)
+        )
         if number % 25 == 0:
             print(f"  step {number}: loss {float(loss):.3f}")
+            warn_if_no_gradient(gradient["weighting"], "the weights")
     report("with learned weights")
 
     table = np.asarray(weights["table"])

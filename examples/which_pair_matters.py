@@ -16,6 +16,7 @@ import numpy as np
 
 from neurosym_jax import forecast, load_model
 from neurosym_jax.symbolic import make_weighting
+from neurosym_jax.training.dead_pooling import warn_if_no_gradient
 
 MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_zara1_8_8"
 SAMPLES = 20
@@ -35,6 +36,7 @@ def main(path: Path = MODEL) -> np.ndarray:
 
     alpha = make_weighting(config.weighting)(jnp.asarray(observed, jnp.float32))
     value, gradient = jax.jit(jax.value_and_grad(error))(alpha)
+    warn_if_no_gradient(gradient, "alpha")
     pairs = [(i, j) for i in range(4) for j in range(4) if i != j]
     foretold = np.array([0.01 * (gradient[pair] * alpha[pair]).sum() for pair in pairs])
     raised = np.stack([np.asarray(alpha).copy() for _ in pairs])

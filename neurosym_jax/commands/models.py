@@ -13,16 +13,19 @@ __all__ = ["Options", "run"]
 class Options:
     """List the models that --checkpoint and --model take by name.
 
-    `sgan-20v` and `sgan-20vp` name all of SGAN's models without and with pooling.
+    `sgan-20v` and `sgan-20vp` name all of SGAN's models without and with pooling. The column
+    neighbours has the share of people with somebody within 2 m whose forecast they change.
     """
 
 
 def run(_: Options) -> None:
     """Print a line for each model."""
-    table = [("name", "forecaster", "steps", "period", "test on", "where")]
+    table = [("name", "forecaster", "steps", "period", "neighbours", "test on", "where")]
     for name, path in models_at_hand():
         model = load_model(path)
         config = model.config
         steps, period = f"{config.obs_len}+{config.pred_len}", f"{config.period:g} s"
-        table.append((name, model.name, steps, period, model.dataset or "-", str(path.parent)))
+        share = "-" if model.neighbours is None else f"{100 * model.neighbours:.0f} %"
+        about = name, model.name, steps, period, share
+        table.append((*about, model.dataset or "-", str(path.parent)))
     print(aligned_table(table))

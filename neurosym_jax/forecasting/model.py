@@ -33,6 +33,9 @@ class Model:
     """The forecaster's name, see `register_forecaster`."""
     plugins: tuple[str, ...] = ()
     """Plugins it was trained with, for messages: none is imported because of them."""
+    neighbours: float | None = None
+    """Share of people with somebody within 2 m whose forecast their neighbours change, on the
+    validation windows; None where nobody measured it."""
 
     @property
     def name(self) -> str:

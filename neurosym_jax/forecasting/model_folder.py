@@ -1,9 +1,10 @@
 """Models on disk: folders of three files and, read through `interop`, torch's checkpoints.
 
 A model's folder holds `config.json` (the forecaster's name and configuration, the dataset to test
-on, the names of plugins it was trained with, which are never imported from here),
-`params.safetensors` (arrays by path, see `parameters`) and `README.md`, the card for people. The
-second line of `config.json` is the digest of everything else in the three files:
+on, the names of plugins it was trained with, which are never imported from here, and where measured
+the neighbour effect), `params.safetensors` (arrays by path, see `parameters`) and `README.md`, the
+card for people. The second line of `config.json` is the digest of everything else in the three
+files:
 
     (tail -n +3 config.json; cat README.md params.safetensors) | sha256sum
 
@@ -66,6 +67,8 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         "dataset": model.dataset,
         "plugins": list(model.plugins),
     }
+    if model.neighbours is not None:
+        fields["neighbours"] = model.neighbours
     try:
         text = json.dumps(fields, indent=2, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -159,6 +162,7 @@ def _read(folder: Path) -> Model:
         raise InputError(
             f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
         )
+    neighbours = fields.pop("neighbours", None)
     if fields.keys() != FIELDS:
         raise InputError(
             f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))} and no others"
@@ -171,13 +175,17 @@ def _read(folder: Path) -> Model:
         raise InputError(f"{CONFIG}: dataset = {dataset!r} is not a name")
     if not isinstance(plugins, list) or not all(isinstance(name, str) for name in plugins):
         raise InputError(f"{CONFIG}: plugins = {plugins!r} are not names")
+    if neighbours is not None and not isinstance(neighbours, int | float):
+        raise InputError(f"{CONFIG}: neighbours = {neighbours!r} is not a number")
     try:
         of_kind = _config(kind, values)
     except InputError as error:
         absent = [f" --plugin {name}" for name in plugins if name not in names(loaded())]
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
         raise InputError(f"{error}{hint}") from None
-    model = Model(of_kind, nested_parameters(_arrays(params)), dataset, kind, tuple(plugins))
+    model = Model(
+        of_kind, nested_parameters(_arrays(params)), dataset, kind, tuple(plugins), neighbours
+    )
     _refuse_misfit(model)
     return model
 

@@ -1,3 +1,4 @@
+from .dead_pooling import warn_if_no_gradient as warn_if_no_gradient
 from .gradients import discriminator_gradient as discriminator_gradient
 from .gradients import generator_gradient as generator_gradient
 from .loop import train as train

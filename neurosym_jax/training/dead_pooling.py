@@ -15,7 +15,13 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import Scene
 
-__all__ = ["EFFECT", "neighbour_effect", "silent_units", "warn_if_dead"]
+__all__ = [
+    "EFFECT",
+    "neighbour_effect",
+    "silent_units",
+    "warn_if_dead",
+    "warn_if_no_gradient",
+]
 
 EFFECT = ("neighbour_share", "neighbour_near", "neighbour_move")
 """The metrics of a validation by which a pooling is judged."""
@@ -66,3 +72,13 @@ def warn_if_dead(row: Mapping[str, Any]) -> None:
         silent, units = row["val_silent_units"], row["val_units"]
         text += f": {silent} of {units} bottleneck units are never above 0"
     print(f"warning: dead pooling at step {row['step']}: {text}", file=sys.stderr)
+
+
+def warn_if_no_gradient(gradient: Any, by: str) -> None:
+    """Print a warning if a gradient by weights, called `by`, is 0 in every entry."""
+    if not any(np.any(leaf) for leaf in jax.tree.leaves(gradient)):
+        print(
+            f"warning: the gradient by {by} is 0 in every entry: the network is dead to its "
+            "neighbours",
+            file=sys.stderr,
+        )

@@ -156,8 +156,10 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
             done += count
             bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)
-    model = Model(run.network, best, run.dataset, run.kind, plugins=names(loaded()))
-    warn_if_dead(best_of(validations))
+    kept = best_of(validations)
+    warn_if_dead(kept)
+    about = {"plugins": names(loaded()), "neighbours": kept.get("val_neighbour_near")}
+    model = Model(run.network, best, run.dataset, run.kind, **about)
     write_curves(folder, log.rows())
     write_model(folder, model, {**record, **run.data_facts()}, validations)
     return model

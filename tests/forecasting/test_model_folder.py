@@ -120,6 +120,7 @@ def test_config_that_is_none(copy, text):
         (lambda all: all.update(format=True), "format True is not the format 3"),
         (lambda all: all.update(format=2), "format 2 is not the format 3"),
         (lambda all: all.update(dataset=5), "dataset = 5 is not a name"),
+        (lambda all: all.update(neighbours="all"), "neighbours = 'all' is not a number"),
         (lambda all: all.update(forecaster="nobody"), "unknown forecaster 'nobody'"),
         (lambda all: all.update(forecaster=None), "forecaster must be a name"),
         (lambda all: all.update(colour=1), "must have the fields"),

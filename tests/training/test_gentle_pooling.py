@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from neurosym_jax.training.dead_pooling import warn_if_no_gradient
 from neurosym_jax.training.gentle_pooling import slowed, started, with_leak
 
 
@@ -47,3 +48,10 @@ def test_poolings_with_a_bottleneck_start_small_and_learn_slowly():
     assert (slow["decoder"]["mlp"]["kernel"] == 1).all()
     social = generator(layers=1)
     jax.tree.map(np.testing.assert_array_equal, started(slowed(social)), social)
+
+
+def test_a_gradient_that_is_zero_everywhere_is_said(capsys):
+    warn_if_no_gradient({"table": np.zeros(3), "scale": np.ones(1)}, "the weights")
+    assert capsys.readouterr().err == ""
+    warn_if_no_gradient({"table": np.zeros(3)}, "the weights")
+    assert "the gradient by the weights is 0 in every entry" in capsys.readouterr().err

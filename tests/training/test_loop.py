@@ -97,7 +97,7 @@ def test_a_dead_pooling_is_warned_of(with_recipe, tmp_path, monkeypatch, capsys)
         layer["bias"] = layer["bias"] - 100
         return state
 
-    monkeypatch.setattr(loop, "initial_state", dead)
+    monkeypatch.setattr(generator_objective, "initial_state", dead)
     train_run(with_recipe(steps=25, ema=0.0), tmp_path)
     row = json.loads((tmp_path / "run.json").read_text())["validation"]
     assert row["val_neighbour_share"] == row["val_neighbour_move"] == 0
@@ -128,6 +128,7 @@ def test_what_a_run_leaves(run, done):
     assert facts["counts"]["training"] == {"scenes": 13, "agents": run.training.agents}
     model = load_model(done / "model")
     assert (model.config, model.dataset) == (run.network, "zara1")
+    assert model.neighbours == best["val_neighbour_near"]
     assert facts["parameters"] == sum(leaf.size for leaf in jax.tree.leaves(model.params))
 
 
