@@ -17,6 +17,7 @@ from .forecasting.batched import predict_scenes as predict_scenes
 from .forecasting.forecasters import register_forecaster as register_forecaster
 from .forecasting.model import Model as Model
 from .forecasting.model import predict as predict
+from .forecasting.model import predict_distribution as predict_distribution
 from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
 from .forecasting.networks import forecast as forecast

@@ -1,12 +1,14 @@
-"""Scores of a forecast as a probability distribution, of which the k samples are all that is known.
+"""Scores of a forecast as a probability distribution, of which k samples are known.
 
 The energy score and the CRPS are proper: in expectation nothing scores better than the distribution
 that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the k samples as they are:
 the estimator with 1 / k^2, which also holds for samples that depend on each other, and which for a
 single forecast is its error. The one with 1 / (k (k - 1)) is unbiased, but for independent samples
-only. The price is that scores of different k are not comparable.
+only. The price is that scores of different k are not comparable. Samples that
+have probabilities are weighted by them in place of 1 / k.
 """
 
+import functools
 import math
 
 import jax
@@ -23,17 +25,23 @@ LEAST_LOG_DENSITY = -20.0
 
 
 @jax.jit  # So that several metrics trace it once.
-def apart(forecast: Array) -> Array:
-    """[k, N, T] metres: for each sample `[k, N, T, 2]` the sum of distances to the others."""
+def apart(forecast: Array, number: Array | None = None) -> Array:
+    """[k, N, T] metres: for each sample `[k, N, T, 2]` the sum of distances to the others.
 
-    def add(total: Array, one: Array) -> tuple[Array, None]:
-        offset = jnp.square(forecast - one)
-        return total + jnp.sqrt(offset[..., 0] + offset[..., 1]), None
+    Sample i counts `number[i]` times, `number [k, 1, 1]`; None is once.
+    """
 
-    return jax.lax.scan(add, jnp.zeros(forecast.shape[:-1], forecast.dtype), forecast)[0]
+    def add(total: Array, one: tuple[Array, Array | None]) -> tuple[Array, None]:
+        sample, times = one
+        offset = jnp.square(forecast - sample)
+        distance = jnp.sqrt(offset[..., 0] + offset[..., 1])
+        return total + (distance if times is None else times * distance), None
+
+    start = jnp.zeros(forecast.shape[:-1], forecast.dtype)
+    return jax.lax.scan(add, start, (forecast, number))[0]
 
 
-def energy_score(forecast: Array, scene: Scene) -> Array:
+def energy_score(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
     """[] score of the whole scene's joint forecast, one vector of all agents, steps, coordinates.
 
     Divided by the root of agents times steps, so that a single forecast has its root mean square
@@ -48,11 +56,23 @@ def energy_score(forecast: Array, scene: Scene) -> Array:
     square = jnp.diag(product)
     spread = jnp.maximum(square[:, None] + square - 2 * product, 0)
     scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * future.shape[1])
-    return (jnp.sqrt(error).mean() - jnp.sqrt(spread).mean() / 2) / scale
+    error, spread = jnp.sqrt(error), jnp.sqrt(spread)
+    if probability is None:
+        return (error.mean() - spread.mean() / 2) / scale
+    return (probability @ error - probability @ spread @ probability / 2) / scale
 
 
-def crps(forecast: Array, scene: Scene) -> Array:
+def crps(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
     """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
+    if probability is not None:
+
+        def weigh(total: Array, one: tuple[Array, Array]) -> tuple[Array, None]:
+            sample, likely = one
+            return total + likely * mean(jnp.abs(forecast - sample)), None
+
+        mean = functools.partial(jnp.tensordot, probability, axes=1)
+        pairs = jax.lax.scan(weigh, jnp.zeros_like(forecast[0]), (forecast, probability))[0]
+        return (mean(jnp.abs(forecast - scene.known_future)) - pairs / 2).mean(axis=(1, 2))
 
     def add(total: Array, one: Array) -> tuple[Array, None]:
         return total + jnp.abs(forecast - one).sum(axis=0), None
@@ -93,17 +113,23 @@ def kde_nll(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     return -density.mean(axis=-1), jnp.asarray(scene.valid)
 
 
-def coverage_50(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+def coverage_50(
+    forecast: Array, scene: Scene, probability: Array | None = None
+) -> tuple[Array, Array]:
     """[N] see `_coverage`."""
-    return _coverage(0.5, forecast, scene)
+    return _coverage(0.5, forecast, scene, probability)
 
 
-def coverage_90(forecast: Array, scene: Scene) -> tuple[Array, Array]:
+def coverage_90(
+    forecast: Array, scene: Scene, probability: Array | None = None
+) -> tuple[Array, Array]:
     """[N] see `_coverage`."""
-    return _coverage(0.9, forecast, scene)
+    return _coverage(0.9, forecast, scene, probability)
 
 
-def _coverage(level: float, forecast: Array, scene: Scene) -> tuple[Array, Array]:
+def _coverage(
+    level: float, forecast: Array, scene: Scene, probability: Array | None
+) -> tuple[Array, Array]:
     """[N] share of steps at which the truth lies in the region that holds `level` of a forecast.
 
     The region of k samples contains the positions whose mean distance to the samples is least.
@@ -111,31 +137,40 @@ def _coverage(level: float, forecast: Array, scene: Scene) -> tuple[Array, Array
     equally often; the truth is covered where its rank is among the first `level`, in part at the
     boundary and among equals. So a forecast that is right covers exactly `level`, whatever k is.
     The rank is that of a multivariate rank histogram (Gneiting et al., TEST 2008). One sample has
-    no region.
+    no region. A sample of probability p counts as k p samples, in mean distances and in ranks.
     """
     k = len(forecast)
     if k == 1:
         return _no_value(forecast)
     offset = jnp.square(forecast - scene.known_future)
     to_truth = jnp.sqrt(offset[..., 0] + offset[..., 1])
-    samples, truth = apart(forecast) + to_truth, to_truth.sum(axis=0)
-    nearer, equal = (samples < truth).sum(axis=0), 1 + (samples == truth).sum(axis=0)
+    if probability is None:
+        samples, truth = apart(forecast) + to_truth, to_truth.sum(axis=0)
+        nearer, equal = (samples < truth).sum(axis=0), 1 + (samples == truth).sum(axis=0)
+    else:
+        number = (k * probability)[:, None, None]
+        samples, truth = apart(forecast, number) + to_truth, (number * to_truth).sum(axis=0)
+        nearer = (number * (samples < truth)).sum(axis=0)
+        equal = 1 + (number * (samples == truth)).sum(axis=0)
     covered = jnp.clip((level * (k + 1) - nearer) / equal, 0, 1)
     return covered.mean(axis=-1), jnp.asarray(scene.valid)
 
 
-def central_ade(forecast: Array, scene: Scene) -> Array:
+def central_ade(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
     """[N] mean errors over steps of the most central sample."""
-    return _central(forecast, scene).mean(axis=-1)
+    return _central(forecast, scene, probability).mean(axis=-1)
 
 
-def central_fde(forecast: Array, scene: Scene) -> Array:
+def central_fde(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
     """[N] errors at the last step of the most central sample."""
-    return _central(forecast, scene)[:, -1]
+    return _central(forecast, scene, probability)[:, -1]
 
 
-def _central(forecast: Array, scene: Scene) -> Array:
-    """[N, T] errors of the sample of the scene with the least mean distance to the others."""
+def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
+    """[N, T] errors of the most probable sample of the scene, of equally probable ones that with
+    the least mean distance to the others."""
+    if probability is not None:
+        return distances(forecast, scene)[probability.argmax()]
     spread = jnp.where(scene.valid[:, None], apart(forecast), 0).sum(axis=(1, 2))
     return distances(forecast, scene)[spread.argmin()]
 

@@ -50,6 +50,9 @@ class Metric:
     given: Given = "samples"
     """What `forecast` is: the k samples; "noise_free", [1, N, T, 2] for a noise of zero; "moves",
     how far each sample moves when an agent's neighbours are there instead of absent."""
+    weighted: bool = False
+    """Whether `compute` takes a third argument, the probabilities [k] of the samples; None where
+    all are the same. Other metrics take the samples for equally probable."""
     on_host: bool = False
     """Whether `compute` gets numpy arrays of a batch, [k, B, N, T, 2] and a scene with a leading
     axis B, and returns [B, N] or [B]: for work that depends on the numbers."""
@@ -75,7 +78,7 @@ def _further(title: str, compute: Compute, unit: str = "m", about: str = "", **m
 _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
 _MISS = "missed: even the best of k samples of an agent ends more than 2 m from the truth"
-_CENTRAL = "central: the one sample of the scene that is nearest to the others"
+_CENTRAL = "central: the most probable sample of the scene, or else the one nearest to the others"
 _NOISE_FREE = "noise-free: the forecast for a noise of zero"
 _PROPER = "energy score, CRPS: proper scores of the k samples as a distribution; less is better"
 _COVERED = "covered: true positions in the region that should hold this share of them"
@@ -102,13 +105,23 @@ METRICS: Registry[Metric] = Registry(
             "collisions beyond truth's", collision.excess, "share", on_host=True
         ),
         "miss_rate": _further("missed by 2 m", best_of_k.missed, "share", _MISS),
-        "energy_score": _further("energy score", distribution.energy_score, "m", _PROPER),
-        "crps": _further("CRPS", distribution.crps, "m", _PROPER),
+        "energy_score": _further(
+            "energy score", distribution.energy_score, "m", _PROPER, weighted=True
+        ),
+        "crps": _further("CRPS", distribution.crps, "m", _PROPER, weighted=True),
         "kde_nll": _further("KDE NLL", distribution.kde_nll, "nats"),
-        "coverage_50": _further("covered at 50 %", distribution.coverage_50, "share", _COVERED),
-        "coverage_90": _further("covered at 90 %", distribution.coverage_90, "share", _COVERED),
-        "central_ade": _further("central ADE", distribution.central_ade, "m", _CENTRAL),
-        "central_fde": _further("central FDE", distribution.central_fde, "m", _CENTRAL),
+        "coverage_50": _further(
+            "covered at 50 %", distribution.coverage_50, "share", _COVERED, weighted=True
+        ),
+        "coverage_90": _further(
+            "covered at 90 %", distribution.coverage_90, "share", _COVERED, weighted=True
+        ),
+        "central_ade": _further(
+            "central ADE", distribution.central_ade, "m", _CENTRAL, weighted=True
+        ),
+        "central_fde": _further(
+            "central FDE", distribution.central_fde, "m", _CENTRAL, weighted=True
+        ),
         # Of a single forecast the central one is that forecast.
         "noise_free_ade": _further(
             "noise-free ADE", best_of_k.joint_ade, "m", _NOISE_FREE, given="noise_free"

@@ -14,7 +14,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.test_sets import Test
-from neurosym_jax.forecasting.batched import forecast_windows
+from neurosym_jax.forecasting.batched import forecast_distribution
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
@@ -46,6 +46,8 @@ class Forecasts(NamedTuple):
     """[A] index of the first observed step in the recording."""
     period: float
     """Seconds between steps."""
+    probability: np.ndarray | None
+    """[k, A] of each sample, the same for all of a scene; None where all samples have the same."""
 
 
 def check_forecasts_file(path: Path) -> None:
@@ -97,18 +99,19 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts
     numbers = 2.0 * samples * windows.agents * forecaster.pred_len
     refuse_beyond_memory("saving forecasts", 24 * numbers, "ask for fewer samples")
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        found = forecast_windows(model, windows, test.batches, samples, seed, pool.map)
+        found, likely = forecast_distribution(model, windows, test.batches, samples, seed, pool.map)
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     names = {int(scene_identity(how.recording, 0)[0]): how.recording for how in windows.reading}
     recording = np.array([names[int(digest)] for digest in windows.identity[:, 0]])
     truth, observed = windows.position[:, obs_len:], windows.position[:, :obs_len]
     start = windows.identity[scene, 1].astype(np.int64)
     who = (scene, windows.agent, recording[scene], start)
-    return Forecasts(found, truth, observed, *who, windows.period)
+    likely = None if likely is None else likely[:, scene]
+    return Forecasts(found, truth, observed, *who, windows.period, likely)
 
 
 def _write_npz(path: Path, forecasts: Forecasts) -> None:
-    arrays = forecasts._asdict()
+    arrays = {name: value for name, value in forecasts._asdict().items() if value is not None}
     for name in ("forecast", "truth", "observed"):
         arrays[name] = np.round(arrays[name], DECIMALS)
     np.savez_compressed(path, **arrays)
@@ -151,7 +154,10 @@ def _trajnet_rows(forecasts: Forecasts) -> Iterator[tuple[str, dict[str, object]
                 yield "track", track
     for agent in range(len(people)):
         of = {"scene_id": int(forecasts.scene[agent])}
-        for sample, path in enumerate(forecasts.forecast[:, agent]):
+        paths = forecasts.forecast[:, agent]
+        if forecasts.probability is not None:  # The evaluator takes number 0 for the best guess.
+            paths = paths[np.argsort(-forecasts.probability[:, agent], kind="stable")]
+        for sample, path in enumerate(paths):
             for track in tracks(agent, path, int(first[agent]) + obs_len):
                 yield "track", {**track, "prediction_number": sample, **of}
 

@@ -1,4 +1,4 @@
-"""Scores of forecasts by any metrics: of a scene, of a batch, of a forecaster on a test set."""
+"""Scores of forecasts by any metrics: of a batch, of a forecaster on a test set."""
 
 import functools
 import time
@@ -9,17 +9,22 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 
-from neurosym_jax.data.batching import Batch, bucket_of
+from neurosym_jax.data.batching import Batch
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Given, Metric, metric_names
 from neurosym_jax.evaluation.neighbours import without_neighbours
-from neurosym_jax.forecasting.batched import Map, draw_noises, forecast_batches, unpacked
+from neurosym_jax.forecasting.batched import (
+    Map,
+    distribution_batches,
+    draw_noises,
+    forecast_batches,
+    unpacked,
+)
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.scene import Scene, model_dtype
+from neurosym_jax.scene import Scene
 
 __all__ = [
     "Evaluation",
@@ -27,7 +32,6 @@ __all__ = [
     "Score",
     "Scores",
     "chosen",
-    "score",
     "score_forecaster",
     "score_futures",
     "score_group",
@@ -85,55 +89,15 @@ def chosen(names: Sequence[str] | None) -> Metrics:
     return tuple((name, METRICS[name]) for name in (metric_names() if names is None else names))
 
 
-def score(
-    forecast: ArrayLike,
-    future: ArrayLike,
-    valid: ArrayLike | None = None,
-    *,
-    observed: ArrayLike | None = None,
-    extras: Mapping[str, ArrayLike] | None = None,
-    metrics: Sequence[str] | None = None,
+def score_scenes(
+    metrics: Metrics,
+    forecasts: Mapping[Given, np.ndarray],
+    scene: Scene,
+    probability: np.ndarray | None = None,
 ) -> Scores:
-    """Scores of one scene, S = 1.
-
-    Args:
-        forecast: [k, N, T, 2] metres in any frame.
-        future: [N, T, 2] metres in the same frame, the truth.
-        valid: [N] bool, agents that count; positions of the others are ignored.
-        observed: [N, obs_len, 2] metres in the same frame, for metrics of symbols.
-        extras: [N, ...] of each agent by name, for metrics that ask for them.
-        metrics: names; by default those that are computed without being named.
-    """
-    forecast, future = np.asarray(forecast, np.float64), np.asarray(future, np.float64)
-    present = np.ones(len(future), bool) if valid is None else np.asarray(valid)
-    # A program for each bucket, not for each number of people; and no loss far from the origin.
-    slots = int(bucket_of(len(present)))
-    origin = future[present].mean(axis=(0, 1)) if present.any() else np.zeros(2)
-    seen = np.zeros((len(future), 1, 2)) if observed is None else np.asarray(observed, np.float64)
-
-    def padded(values: ArrayLike, dtype: Any = None) -> np.ndarray:
-        """[1, slots, ...] of `values [N, ...]`, zero where no agent counts."""
-        values = np.asarray(values)
-        array = np.zeros((1, slots, *values.shape[1:]), dtype or values.dtype)
-        array[0, : len(present)][present] = values[present]
-        return array
-
-    dtype = model_dtype()
-    scene = Scene(
-        observed=padded(seen - origin, dtype),
-        displacement=padded(np.diff(seen, axis=1, prepend=seen[:, :1]), dtype),
-        valid=padded(present),
-        identity=np.zeros((1, 2), np.uint32),
-        origin=None,
-        future=padded(future - origin, dtype),
-        extras={name: padded(values) for name, values in (extras or {}).items()},
-    )
-    samples = np.stack([padded(sample - origin, dtype) for sample in forecast])
-    return score_scenes(chosen(metrics), {"samples": samples}, scene)
-
-
-def score_scenes(metrics: Metrics, forecasts: Mapping[Given, np.ndarray], scene: Scene) -> Scores:
     """Scores of a batch of B padded scenes by forecasts [k, B, N, T, 2] metres, see `Metric.given`.
+
+    `probability` [k, B] is that of the samples, None where all have the same.
 
     Raises:
         InputError: for a metric that fails, gives something else, or lacks its forecast.
@@ -144,38 +108,41 @@ def score_scenes(metrics: Metrics, forecasts: Mapping[Given, np.ndarray], scene:
         alike = [(name, metric) for name, metric in metrics if metric.given == kind]
         if kind not in forecasts:
             raise InputError(f"metric {alike[0][0]}: samples alone have no {kind} forecast")
-        given = forecasts[kind]
+        given, likely = forecasts[kind], probability if kind == "samples" else None
         traced = tuple(each for each in alike if not each[1].on_host)
-        parts: Any = _traced(traced, given, scene) if traced else ()
+        parts: Any = _traced(traced, given, scene, likely) if traced else ()
         found |= {name: of for (name, _), of in zip(traced, parts)}
         for name, metric in alike:
             if metric.on_host:
-                values, weights = map(np.asarray, _computed(name, metric, given, scene))
+                values, weights = map(np.asarray, _computed(name, metric, given, scene, likely))
                 found[name] = _summed(name, values, weights, scene, np)
     return {name: Score(*(np.asarray(of, np.float64) for of in found[name])) for name, _ in metrics}
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _traced(metrics: Metrics, forecast: Any, scene: Scene) -> Any:
+def _traced(metrics: Metrics, forecast: Any, scene: Scene, probability: Any) -> Any:
     """(total [B] or [B, T], count [B]) for each of `metrics`, see `score_scenes`."""
 
-    def of_scene(forecast: Any, scene: Scene) -> list[Any]:
+    def of_scene(forecast: Any, scene: Scene, probability: Any) -> list[Any]:
         return [
-            tuple(map(jnp.asarray, _computed(name, metric, forecast, scene)))
+            tuple(map(jnp.asarray, _computed(name, metric, forecast, scene, probability)))
             for name, metric in metrics
         ]
 
-    parts = jax.vmap(of_scene, in_axes=(1, 0))(forecast, scene)
+    parts = jax.vmap(of_scene, in_axes=(1, 0, 1))(forecast, scene, probability)
     return [
         _summed(name, values, weights, scene, jnp)
         for (name, _), (values, weights) in zip(metrics, parts)
     ]
 
 
-def _computed(name: str, metric: Metric, forecast: Any, scene: Scene) -> tuple[Any, Any]:
+def _computed(
+    name: str, metric: Metric, forecast: Any, scene: Scene, probability: Any
+) -> tuple[Any, Any]:
     """The metric's values and weights; without weights, those of `Metric.compute`."""
     try:
-        values = metric.compute(forecast, scene)
+        more = (probability,) if metric.weighted else ()
+        values = metric.compute(forecast, scene, *more)
         if isinstance(values, tuple):
             values, weights = values
             return values, weights
@@ -272,13 +239,17 @@ def score_group(
     if "noise_free" in kinds and forecaster.noise.dim:
         # A sample more, which the other metrics do not see.
         noises = [np.concatenate([noise, np.zeros_like(noise[:1])]) for noise in noises]
-    futures = forecast_batches(forecaster, params, scenes, noises, run)
+    futures, probability = distribution_batches(forecaster, params, scenes, noises, run)
     forecasts: dict[Given, np.ndarray] = {"samples": futures[:samples], "noise_free": futures[-1:]}
+    if probability is not None:
+        sizes = np.concatenate([scene.valid.sum(axis=1) for scene in scenes])
+        likely = np.repeat(probability.argmax(axis=0), sizes)
+        forecasts["noise_free"] = futures[likely, np.arange(len(likely))][None]
     if "moves" in kinds:
         alone = [without_neighbours(*each) for each in zip(scenes, noises)]
         singles = forecast_batches(forecaster, params, *zip(*alone), run)
         forecasts["moves"] = (futures - singles)[:samples]
-    return score_futures(metrics, forecasts, scenes, run)
+    return score_futures(metrics, forecasts, scenes, run, probability)
 
 
 def score_futures(
@@ -286,15 +257,22 @@ def score_futures(
     forecasts: Mapping[Given, np.ndarray],
     scenes: Sequence[Scene],
     run: Map = map,
+    probability: np.ndarray | None = None,
 ) -> list[Scores]:
-    """Scores of each of some batches by forecasts [k, A, T, 2] of their agents."""
+    """Scores of each of some batches by forecasts [k, A, T, 2] of their agents.
+
+    `probability` [k, S] is that of the samples in all scenes, None where all have the same.
+    """
     ends = np.cumsum([scene.valid.sum() for scene in scenes])
     starts = ends - [scene.valid.sum() for scene in scenes]
     kinds = {metric.given for _, metric in metrics} & forecasts.keys()
+    likely: Sequence[np.ndarray | None] = [None] * len(scenes)
+    if probability is not None:
+        likely = np.split(probability, np.cumsum([len(each.valid) for each in scenes])[:-1], axis=1)
 
-    def of_batch(scene: Scene, start: int, end: int) -> Scores:
+    def of_batch(scene: Scene, start: int, end: int, likely: np.ndarray | None) -> Scores:
         valid = np.asarray(scene.valid)
         pieces = {kind: unpacked(forecasts[kind][:, start:end], valid) for kind in kinds}
-        return score_scenes(metrics, pieces, scene)
+        return score_scenes(metrics, pieces, scene, likely)
 
-    return list(run(of_batch, scenes, starts, ends))
+    return list(run(of_batch, scenes, starts, ends, likely))

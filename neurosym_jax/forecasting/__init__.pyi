@@ -7,6 +7,7 @@ from .forecaster import TwoStageForecaster as TwoStageForecaster
 from .forecasters import register_forecaster as register_forecaster
 from .model import Model as Model
 from .model import predict as predict
+from .model import predict_distribution as predict_distribution
 from .model_folder import load_model as load_model
 from .model_folder import save_model as save_model
 from .model_places import shipped_models as shipped_models

@@ -26,9 +26,11 @@ from neurosym_jax.scene import Scene, checked_positions, scene_identity
 __all__ = [
     "Map",
     "decode_agents",
+    "distribution_batches",
     "draw_noises",
     "encode_batch",
     "forecast_batches",
+    "forecast_distribution",
     "forecast_windows",
     "pack_agents",
     "predict_scenes",
@@ -107,17 +109,33 @@ def forecast_windows(
 
     `batches` are made of the windows; a deterministic model makes one sample.
     """
+    return forecast_distribution(model, windows, batches, samples, seed, run)[0]
+
+
+def forecast_distribution(
+    model: Model,
+    windows: Windows,
+    batches: Sequence[Batch],
+    samples: int,
+    seed: int,
+    run: Map = map,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """`forecast_windows`, and probabilities [k, S] of the scenes; None where all are the same."""
     forecaster, params = model.forecaster, jax.device_put(model.params)
+    likely: np.ndarray | None = None
     samples = forecaster.count(samples)
     found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
     for batch in batches:
         noises = draw_noises(forecaster.noise, [batch.scene], samples, seed)
-        futures = forecast_batches(forecaster, params, [batch.scene], noises, run)
+        futures, some = distribution_batches(forecaster, params, [batch.scene], noises, run)
         there = batch.index >= 0
         scenes = batch.index[there]
+        if some is not None:
+            likely = np.empty((samples, windows.scenes)) if likely is None else likely
+            likely[:, scenes] = some[:, there]
         origin = np.repeat(np.asarray(batch.scene.origin)[there], windows.sizes[scenes], axis=0)
         found[:, windows.rows(scenes)] = futures + origin[:, None]
-    return found
+    return found, likely
 
 
 def forecast_batches(
@@ -139,17 +157,38 @@ def forecast_batches(
     Returns:
         [k, A, pred_len, 2] metres relative to each scene's origin.
     """
+    return distribution_batches(forecaster, params, scenes, noises, run)[0]
+
+
+def distribution_batches(
+    forecaster: Forecaster,
+    params: Any,
+    scenes: Sequence[Scene],
+    noises: Sequence[np.ndarray],
+    run: Map = map,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """`forecast_batches`, and probabilities [k, S] of all scenes, those without an agent included.
+
+    Args:
+        forecaster: see `forecast_batches`, as the other arguments.
+        params: of the model.
+        scenes: batches.
+        noises: [k, B, dim] or [k, B, N, dim] of each.
+        run: applies a function to independent pieces of work.
+    """
     if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:
         contexts = list(run(lambda batch: encode_batch(forecaster, params, batch), scenes))
         context = jax.tree.map(lambda *parts: np.concatenate(parts), *contexts)
         agents, noise = pack_agents(scenes, noises)
-        return decode_agents(forecaster, params, context, agents, noise, run)
+        return decode_agents(forecaster, params, context, agents, noise, run), None
 
-    def of_batch(batch: Scene, noise: np.ndarray) -> np.ndarray:
-        futures = _forecast(forecaster, params, batch.bare(), noise)
-        return np.asarray(futures)[:, np.asarray(batch.valid)]
+    def of_batch(batch: Scene, noise: np.ndarray) -> tuple[np.ndarray, Any]:
+        futures, likely = _forecast(forecaster, params, batch.bare(), noise)
+        return np.asarray(futures)[:, np.asarray(batch.valid)], likely
 
-    return np.concatenate(list(run(of_batch, scenes, noises)), axis=1)
+    parts, likely = zip(*run(of_batch, scenes, noises))
+    joined = None if likely[0] is None else np.concatenate(likely, axis=1)
+    return np.concatenate(parts, axis=1), joined
 
 
 def draw_noises(
@@ -227,7 +266,9 @@ def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 @functools.partial(jax.jit, static_argnums=0)
 def _forecast(forecaster, params, scenes, noise):
-    return jax.vmap(forecaster.forecast, in_axes=(None, 0, 1), out_axes=1)(params, scenes, noise)
+    return jax.vmap(forecaster.distribution, in_axes=(None, 0, 1), out_axes=1)(
+        params, scenes, noise
+    )
 
 
 @functools.partial(jax.jit, static_argnums=0)

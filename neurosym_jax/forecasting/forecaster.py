@@ -14,7 +14,12 @@ from neurosym_jax.configuration import Checked, Count, Positive
 from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.scene import Scene
 
-__all__ = ["Forecaster", "Lengths", "TwoStageForecaster"]
+__all__ = ["Distribution", "Forecaster", "Lengths", "TwoStageForecaster"]
+
+
+Distribution = tuple[Array, Array | None]
+"""Samples [k, N, pred_len, 2] of a scene and their probabilities [k]; None where all have the
+same."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +81,7 @@ class Forecaster(abc.ABC):
             [k, N, pred_len, 2] metres relative to the scene's origin.
         """
 
-    def distribution(self, params: Any, scene: Scene, noise: Array) -> tuple[Array, Array | None]:
+    def distribution(self, params: Any, scene: Scene, noise: Array) -> Distribution:
         """`forecast`, and the probabilities [k] of its samples; None where all have the same."""
         return self.forecast(params, scene, noise), None
 

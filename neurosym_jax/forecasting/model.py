@@ -15,7 +15,7 @@ from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import AnyArray, make_scene
 from neurosym_jax.symbolic.weighting import Weighting
 
-__all__ = ["Model", "predict", "refuse_other_length"]
+__all__ = ["Model", "predict", "predict_distribution", "refuse_other_length"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,10 +91,41 @@ def predict(
     Raises:
         InputError: for a wrong shape, an unusable coordinate, or a number out of range.
     """
+    how: Any = {"samples": samples, "seed": seed, "recording": recording, "frame": frame}
+    return predict_distribution(model, observed, **how)[0]
+
+
+def predict_distribution(
+    model: Model,
+    observed: ArrayLike,
+    *,
+    samples: int = 20,
+    seed: int = 0,
+    recording: str = "",
+    frame: int = 0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The futures that `predict` returns, and their probabilities [k].
+
+    `anchors` learns the probabilities; the samples of other models have 1 / k each. Asked for fewer
+    samples than it has, `anchors` gives the most probable one and those that with it represent all
+    of them best, and the probabilities given that the future is one of these.
+
+    Args:
+        model: see `predict`, as the other arguments.
+        observed: [N, obs_len, 2] metres.
+        samples: k.
+        seed: of the noise.
+        recording: name of the recording.
+        frame: index of the first observed step in the recording.
+
+    Raises:
+        InputError: as `predict`, and for more samples than the model has.
+    """
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
-    forecast = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
-    return forecast(scene)
+    forecaster = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
+    futures, probability = forecaster.finish(forecaster.start(scene), scene)
+    return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:

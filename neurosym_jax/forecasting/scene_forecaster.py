@@ -8,11 +8,10 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax import Array
 
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.batching import bucket_of
-from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.forecaster import Distribution, Forecaster
 from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
@@ -46,9 +45,9 @@ class SceneForecaster:
 
     def __call__(self, scene: Scene) -> np.ndarray:
         """Futures [k, N, pred_len, 2], float64 metres in the world's frame."""
-        return self.finish(self.start(scene), scene)
+        return self.finish(self.start(scene), scene)[0]
 
-    def start(self, scene: Scene) -> Array:
+    def start(self, scene: Scene) -> Distribution:
         """Begin the forecast of `scene`, of N slots, without waiting for it.
 
         Raises:
@@ -80,15 +79,22 @@ class SceneForecaster:
         return slots
 
     @staticmethod
-    def finish(started: Array, scene: Scene) -> np.ndarray:
-        """Futures [k, N, pred_len, 2] that `start(scene)` began, float64 metres in the world."""
-        return to_world(np.asarray(started)[:, : len(scene.valid)], scene)
+    def finish(started: Distribution, scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:
+        """Wait for the forecast that `start(scene)` began.
+
+        Returns:
+            Futures [k, N, pred_len, 2], float64 metres in the world's frame, and their
+            probabilities [k]; None where all have the same.
+        """
+        futures, probability = started
+        world = to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
+        return world, None if probability is None else np.asarray(probability, np.float64)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Array:
-    """`forecaster.forecast`, compiled; equal forecasters share the program."""
-    return forecaster.forecast(params, scene, noise)
+def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Distribution:
+    """`forecaster.distribution`, compiled; equal forecasters share the program."""
+    return forecaster.distribution(params, scene, noise)
 
 
 # Apart from the forecast, because threefry is slow to compile and this serves every bucket.

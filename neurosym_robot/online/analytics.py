@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.scoring import Scores, score
+from neurosym_jax.evaluation.scene_score import score
+from neurosym_jax.evaluation.scoring import Scores
 from neurosym_robot.online.predictor import Forecast, Predictor
 
 __all__ = ["STRAIGHT", "Analytics", "RunningScore", "straight"]

@@ -33,7 +33,10 @@ class ModelForecast:
     mean: np.ndarray
     """[N, pred_len, 2]: mean over the samples."""
     central: int
-    """The medoid sample: its squared distances to all others have the least sum."""
+    """The most probable sample; where all have the same probability the medoid, whose squared
+    distances to all others have the least sum."""
+    probability: np.ndarray | None = None
+    """[k] of the samples; None where all have the same."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -183,12 +186,14 @@ class Predictor:
         # All are begun before the first is waited for.
         started = {name: each.start(padded) for name, each in self._forecasters.items()}
         return {
-            name: _summary(SceneForecaster.finish(futures, scene))
-            for name, futures in started.items()
+            name: _summary(*SceneForecaster.finish(each, scene)) for name, each in started.items()
         }
 
 
-def _summary(samples: np.ndarray) -> ModelForecast:
+def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForecast:
+    if probability is not None:
+        mean = np.tensordot(probability, samples, axes=1)
+        return ModelForecast(samples, mean, int(probability.argmax()), probability)
     mean = samples.mean(axis=0)
     # The sum of squared distances to all others is least for the sample nearest to the mean.
     central = int(((samples - mean) ** 2).sum(axis=(1, 2, 3)).argmin())

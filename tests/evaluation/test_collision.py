@@ -3,7 +3,7 @@ import pytest
 
 from neurosym_jax.evaluation import collision
 from neurosym_jax.evaluation.collision import COLLISION_DISTANCE, collisions
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scene_score import score
 
 
 def straight(start, end, steps=2):

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import gaussian_kde
 
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scene_score import score
 
 
 def scene(k=20, agents=4, steps=6, seed=0):

@@ -6,7 +6,8 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
-from neurosym_jax.evaluation.scoring import score, score_forecaster
+from neurosym_jax.evaluation.scene_score import score
+from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.simulation.scenarios import synthetic_tracks
