@@ -1,10 +1,9 @@
 """Train and test many models."""
 
 import dataclasses
+import shlex
 from pathlib import Path
-from typing import Annotated, Literal
-
-import tyro
+from typing import Literal
 
 from neurosym_jax.training.sweep import run_sweep
 from neurosym_jax.training.sweep_plan import plan_runs
@@ -43,10 +42,8 @@ class Options:
     """Folder of the runs, of sweep.json and of sweep.md."""
     jobs: int | None = None
     """Trainings at once; default: one for each core."""
-    cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Dask scheduler whose workers train and see this folder, see docs/scaling.md."""
     dry_run: bool = False
-    """List the runs and which of them are finished; train nothing."""
+    """List the runs and which of them are finished, each with its command; train nothing."""
 
 
 def run(options: Options) -> int:
@@ -71,7 +68,7 @@ def run(options: Options) -> int:
     )
     if options.dry_run:
         for one in runs:
-            print(f"{'finished' if one.finished() else 'left    '}  {one.folder}")
+            state = "finished" if one.finished() else "left    "
+            print(f"{state}  {shlex.join(['neurosym', 'train', *one.arguments])}")
         return 0
-    where = {"jobs": options.jobs, "cluster": options.cluster}
-    return run_sweep(runs, options.out, data=options.data, **where)
+    return run_sweep(runs, options.out, data=options.data, jobs=options.jobs)

@@ -1,6 +1,7 @@
 """The runs of a sweep: every model on every data set with every seed, each a `neurosym train`."""
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -116,22 +117,17 @@ def plan_runs(
     common += ["--network", *network] if network else []
     common += [part for plugin in loaded() for part in ("--plugin", plugin)]
     runs: dict[Path, SweepRun] = {}
-    # Seed by seed: an interrupted sweep has trained all models as often, and a process that trains
-    # the next seed finds its programs compiled.
-    for seed in seeds:
-        for named in _networks(models, weightings):
-            how = recipe or usual_recipe(named["model"])
-            config = make_recipe(how, seed=seed, steps=steps, changes=changes)
-            for dataset in datasets or source.scenes:
-                for pred_len in pred_lens:
-                    made = named_network(
-                        **named, obs_len=obs_len, pred_len=pred_len, changes=network
-                    )
-                    name = f"{model_name(made)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
-                    own = {"dataset": dataset, "pred-len": pred_len, "seed": seed}
-                    arguments = (*_options(own | named | {"out": out / name}), *common)
-                    of = (dataset, out / name, arguments)
-                    runs[out / name] = SweepRun(made, config, *of)
+    # Seed by seed: an interrupted sweep has trained all models as often.
+    every = itertools.product(
+        seeds, list(_networks(models, weightings)), datasets or source.scenes, pred_lens
+    )
+    for seed, named, dataset, pred_len in every:
+        made = named_network(**named, obs_len=obs_len, pred_len=pred_len, changes=network)
+        how = recipe or usual_recipe(named["model"])
+        config = make_recipe(how, seed=seed, steps=steps, changes=changes)
+        folder = out / f"{model_name(made)}_{dataset}_{obs_len}_{pred_len}_seed{seed}"
+        own = {"dataset": dataset, "pred-len": pred_len, "seed": seed, **named, "out": folder}
+        runs[folder] = SweepRun(made, config, dataset, folder, (*_options(own), *common))
     return list(runs.values())
 
 
@@ -141,7 +137,7 @@ def _options(values: Mapping[str, Any]) -> list[str]:
     return [str(part) for name, value in given.items() for part in (f"--{name}", value)]
 
 
-def _networks(models: Sequence[str], weightings: Sequence[str]) -> Iterator[dict[str, str]]:
+def _networks(models: Sequence[str], weightings: Sequence[str]) -> Iterator[dict[str, Any]]:
     """The arguments of `named_network` that make `models`."""
     for model in models:
         if model in ANCHORS:
