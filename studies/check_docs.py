@@ -25,7 +25,7 @@ INLINE = re.compile(
 )
 LACK = re.compile(
     r"\b[A-Z]{2,}[A-Z_0-9]*\b|\.\.\.|eth-ucy|\bdownload\b|sgan-|my_checkpoint\.pt|recording\.bag"
-    r"|runs/|\bM\.pt|\bros[12]\b|\bgolden\b|\bcases\b|\bconvert\b|\breport\b|parity$|--dashboard"
+    r"|runs/|\bM\.pt|\bros[12]\b|\bcases\b|\bconvert\b|\breport\b|--torch-module|parity$|--dashboard"
 )
 """What stands for something that is not in a clone."""
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.interop.parity_networks import alpha_rows_used
 from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.cnd import Rule, adjacency, alpha_table
 from neurosym_jax.symbolic.states import encode_state
@@ -121,7 +120,8 @@ def rows_served(sizes: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
     numbers = np.arange(len(scene))[:, None]
     own_scene = own_pair = 0
     first = np.cumsum(sizes**2) - sizes**2
-    for s, rows in enumerate(alpha_rows_used(numbers, bounds)):
+    # The release has a row for each pair, and slices the rows by the bounds of the agents.
+    for s, rows in enumerate(numbers[a:b] for a, b in bounds):
         own_scene += int((scene[rows[:, 0]] == s).sum() * sizes[s])
         wanted = first[s] + np.arange(sizes[s] ** 2).reshape(sizes[s], sizes[s])
         own_pair += int((wanted == rows[:, 0]).sum())

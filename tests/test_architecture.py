@@ -16,10 +16,10 @@ LIBRARIES = {
     "rclpy": (),
     "rosbags": (),
     "rospy": (),
-    "torch": (),
+    "torch": ("interop/",),
     "tyro": ("commands/",),
 }
-ON_DEMAND = {"distributed", "matplotlib", "orbax", "safetensors"}
+ON_DEMAND = {"distributed", "matplotlib", "orbax", "safetensors", "torch"}
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
 ROOMS = (
     *("data", "simulation", "symbolic", "models", "forecasting", "evaluation", "training"),

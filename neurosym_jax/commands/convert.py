@@ -1,4 +1,4 @@
-"""Convert a torch checkpoint of SGAN or NeuroSyM to a model's folder."""
+"""Convert a torch checkpoint of SGAN or NeuroSyM to a model's folder, or back."""
 
 import dataclasses
 from pathlib import Path
@@ -6,27 +6,43 @@ from typing import Annotated
 
 import tyro
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.interop.checkpoint import export_torch_checkpoint, load_torch_checkpoint
+from neurosym_jax.models.config import GeneratorConfig
 
 __all__ = ["Options", "run"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Write a model as a folder of config.json, params.safetensors and README.md."""
+    """Write a torch checkpoint as a model's folder, or a model as a torch checkpoint."""
 
     model: Annotated[Path, tyro.conf.Positional]
-    """A .pt file of SGAN or NeuroSyM."""
+    """A .pt file of SGAN or NeuroSyM; or a model's folder or name."""
     to: Annotated[Path, tyro.conf.Positional]
-    """The new folder."""
+    """The new folder; or a new .pt file, which torch writes."""
+    ignore_arg: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
+    """Unknown arguments of the checkpoint that do not change its network."""
 
 
 def run(options: Options) -> None:
     """Convert.
 
     Raises:
-        InputError: for a file that is no such checkpoint, or a folder that is there already.
+        InputError: for a model that cannot be read or that torch does not have, and a path that is
+            there already.
     """
-    model = load_model(options.model)
-    save_model(options.to, model)
+    if options.ignore_arg:
+        model = load_torch_checkpoint(options.model, options.ignore_arg).model()
+    else:
+        model = load_model(options.model)
+    if options.to.suffix == ".pt":
+        if not isinstance(model.config, GeneratorConfig):
+            raise InputError(f"{model.name} has no counterpart in torch")
+        export_torch_checkpoint(
+            options.to, model.config, model.params["params"], scene=model.dataset
+        )
+    else:
+        save_model(options.to, model)
     print(f"{options.to}: {model.name}")

@@ -148,7 +148,7 @@ def run(options: Options) -> list[Row]:
             facts={"protocol": options.protocol, "provenance": _provenance(tests)},
             show=show if options.table == "text" else None,
         )
-    said = _print_rest(options, tests, rows, means=chosen)
+    said = [*_print_rest(options, tests, rows, means=chosen), *_assumed(models)]
     if not any(row["checkpoint"] for row in rows):
         said += ["No model was given, or none matches: these are the baselines."]
     elif not chosen:
@@ -250,6 +250,19 @@ def _write_files(
         for path in save_forecasts(options.save_forecasts, tests, options.samples, options.seed):
             said += [f"forecasts: {path}"]
     return said
+
+
+def _assumed(models: list[tuple[str, Model]]) -> list[str]:
+    """What the torch checkpoints among the models do not say, a line for those that agree."""
+    said: dict[tuple[str, ...], list[str]] = {}
+    for path, model in models:
+        if model.assumed:
+            said.setdefault(model.assumed, []).append(path)
+    return [
+        f"assumed of {paths[0] if len(paths) == 1 else f'{len(paths)} torch checkpoints'}: "
+        + "; ".join(words)
+        for words, paths in said.items()
+    ]
 
 
 def _next(source: Source) -> str:

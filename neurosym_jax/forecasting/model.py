@@ -36,6 +36,8 @@ class Model:
     neighbours: float | None = None
     """Share of people with somebody within 2 m whose forecast their neighbours change, on the
     validation windows; None where nobody measured it."""
+    assumed: tuple[str, ...] = ()
+    """What its torch checkpoint does not say and was taken to be so, in words."""
 
     @property
     def name(self) -> str:

@@ -106,10 +106,9 @@ def load_model(path: Path | str) -> Model:
     """
     path = find_model(path)
     if os.path.isfile(path):
-        from neurosym_jax.interop.torch import load_torch_checkpoint
+        from neurosym_jax.interop.checkpoint import load_torch_checkpoint
 
-        checkpoint = load_torch_checkpoint(path)
-        return Model(checkpoint.config, {"params": checkpoint.params}, checkpoint.scene)
+        return load_torch_checkpoint(path).model()
     if not os.path.exists(path):
         raise InputError(f"{path}: no such checkpoint (`neurosym models` lists the models here)")
     try:
@@ -224,8 +223,9 @@ def _refuse_misfit(model: Model) -> None:
 def _card(model: Model) -> str:
     config = model.config
     tested = "" if model.dataset is None else f", to be tested on {model.dataset}"
+    assumed = f"\nAssumed of its torch checkpoint: {'; '.join(model.assumed)}.\n"
     return (
         f"# {model.name}{tested}\n\n"
         f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "
-        "ones. `neurosym_jax.load_model` reads this folder.\n"
+        "ones. `neurosym_jax.load_model` reads this folder.\n" + (assumed if model.assumed else "")
     )

@@ -1,4 +1,6 @@
+from .checkpoint import TorchCheckpoint as TorchCheckpoint
+from .checkpoint import export_torch_checkpoint as export_torch_checkpoint
+from .checkpoint import load_torch_checkpoint as load_torch_checkpoint
+from .parity import compare as compare
 from .parity import run_parity as run_parity
-from .torch import TorchCheckpoint as TorchCheckpoint
-from .torch import export_torch_checkpoint as export_torch_checkpoint
-from .torch import load_torch_checkpoint as load_torch_checkpoint
+from .parity_rows import Parity as Parity

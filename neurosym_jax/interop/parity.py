@@ -1,145 +1,182 @@
-"""Parity: how far our outputs are from those of a stored torch run. Needs no torch.
+"""Parity: how far our outputs are from torch's, of stored cases or of a module that runs now.
 
 A golden directory holds `manifest.json` with a row for each case, and an `.npz` for each case with
 torch's weights, inputs and outputs (`docs/parity.md` says which, and how to make them).
 """
 
-import dataclasses
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+import subprocess
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.markdown import aligned_table
-from neurosym_jax.interop.parity_case import Arrays, Compared
-from neurosym_jax.interop.parity_networks import neurosym, sgan
-from neurosym_jax.interop.parity_symbols import qtc
-from neurosym_jax.interop.parity_training import train_step
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.interop import torch_side
+from neurosym_jax.interop.arguments import refuse_unknown
+from neurosym_jax.interop.case import GeneratorCase
+from neurosym_jax.interop.cases import CASES, compared_forecasts
+from neurosym_jax.interop.parity_rows import TOLERANCE, Parity, ParityRow, rows_of
+from neurosym_jax.interop.train_step import RECIPE
 
-__all__ = ["CASES", "TOLERANCE", "ParityRow", "format_parity", "parity_json", "run_parity"]
+__all__ = ["compare", "run_parity", "run_torch"]
 
-TOLERANCE = 1e-5
-"""Largest absolute difference that passes, in the output's own unit."""
-
-CASES: dict[str, Callable[[Mapping[str, Any], Arrays], Compared]] = {
-    "sgan": sgan,
-    "neurosym_ros": neurosym,
-    "neurosym_ijcnn": neurosym,
-    "qtc": qtc,
-    "train_step": train_step,
-}
-"""By kind of case the function that compares it: (manifest row, arrays) to {output: (ours,
-theirs)}."""
+FIELDS = {"file", "model", "variant", "alpha", "layers", *RECIPE.values()}
+"""Of a manifest row, besides the arguments of the networks."""
+SCRIPT = Path(torch_side.__file__)
 
 
-@dataclasses.dataclass(frozen=True)
-class ParityRow:
-    """One output of one case; of a case that was skipped, only `case` and `skipped` are known."""
+def run_parity(
+    directory: Path,
+    tolerance: float = TOLERANCE,
+    *,
+    ignore: Collection[str] = (),
+    assumed: tuple[str, ...] = (),
+) -> Parity:
+    """Each output of each case of `directory`, in the manifest's order.
 
-    case: str
-    tolerance: float
-    """Largest absolute difference that is ok."""
-    output: str | None = None
-    shape: tuple[int, ...] | None = None
-    max_abs: float | None = None
-    """Largest absolute difference, in the output's own unit; NaN where ours is not finite."""
-    max_rel: float | None = None
-    """`max_abs` over torch's largest magnitude; single elements may be next to nothing."""
-    ok: bool | None = None
-    skipped: str | None = None
-    """Why nothing was compared."""
-
-
-def run_parity(directory: Path, tolerance: float = TOLERANCE) -> list[ParityRow]:
-    """One row for each output of each case of `directory`, in the manifest's order.
+    Args:
+        directory: of the cases.
+        tolerance: largest absolute difference that passes.
+        ignore: fields of rows that nobody knows and that change no network.
+        assumed: for the verdict.
 
     Raises:
         InputError: naming the file, and the field or the array that is missing or wrong.
     """
-    if not (math.isfinite(tolerance) and tolerance >= 0):
-        raise InputError(f"tolerance must be a number of at least 0, not {tolerance}")
+    _check(tolerance)
     rows = []
     manifest = _read_manifest(directory)
     for row in manifest:
         if not (directory / row["file"]).is_file():
             raise InputError(f"{directory / row['file']}: is in the manifest and does not exist")
     for row in manifest:
-        path, kind = directory / row["file"], _kind(row)
+        path = directory / row["file"]
+        # The name of a row's kind of case: its model's, else its file's.
+        kind = str(row.get("variant", row.get("model", path.stem)))
         if kind not in CASES:
             reason = f"this version compares no {kind!r} cases"
-            rows.append(ParityRow(row["file"], tolerance, skipped=reason))
+            rows.append(ParityRow(row["file"], skipped=reason))
             continue
         try:
-            compared = CASES[kind](row, _read_arrays(path))
+            refuse_unknown(row, set(ignore) & row.keys(), FIELDS)
+            arrays = _read_arrays(path)
+            compared = CASES[kind](row, arrays)
+            case = GeneratorCase(row, arrays) if "layers" in row else None
+            rows += rows_of(row["file"], tolerance, compared, case)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        for output, (ours, theirs) in compared.items():
-            rows.append(_row(row["file"], tolerance, output, ours, theirs))
-    return rows
+    return Parity(tuple(rows), tolerance, assumed)
 
 
-def format_parity(rows: Sequence[ParityRow]) -> str:
-    """An aligned table, and one line that sums it up."""
-    head = ("case", "output", "shape", "max abs", "max rel", "")
-    table: list[tuple[str, ...]] = [head]
-    for row in rows:
-        if row.skipped is not None:
-            table.append((row.case, "-", "-", "-", "-", f"skipped: {row.skipped}"))
-            continue
-        shape = "x".join(map(str, row.shape or ())) or "scalar"
-        verdict = "ok" if row.ok else "MISS"
-        numbers = (f"{row.max_abs:.1e}", f"{row.max_rel:.1e}")
-        table.append((row.case, row.output or "-", shape, *numbers, verdict))
-    compared = [row for row in rows if row.skipped is None]
-    misses = sum(not row.ok for row in compared)
-    skipped = len(rows) - len(compared)
-    if not compared:
-        summary = "nothing was compared"
-    else:
-        within = len(compared) - misses
-        summary = f"{within} of {len(compared)} outputs within {compared[0].tolerance:g}"
-    return f"{aligned_table(table)}\n\n{summary}; {skipped} cases skipped"
+def compare(
+    torch_module: Any,
+    model: Model,
+    scenes: Sequence[ArrayLike] | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    seed: int = 0,
+) -> Parity:
+    """Compare a torch generator with SGAN's interface and `model`, layer by layer.
+
+    Args:
+        torch_module: of SGAN's code or a change of it, with its weights. It is copied, and runs on
+            the CPU after `eval()`; the noise is given to it as `user_noise`.
+        model: one of a torch checkpoint.
+        scenes: [N, obs_len, 2] metres each, N may differ; default: people who walk at random.
+        tolerance: largest absolute difference that passes.
+        seed: of the noise and the default scenes.
+
+    Raises:
+        InputError: for another model, scenes of other lengths, or a module that fails.
+    """
+    import torch
+
+    _check(tolerance)
+    config = model.config
+    if model.kind != "generator" or config.symbolic or "alpha_rows" in config.pooling.inputs:
+        raise InputError(f"{model.name}: only SGAN's networks run in torch from here")
+    row = {name: getattr(config, name) for name in ("obs_len", "pred_len", "noise_mix_type")}
+    row["noise_dim"] = config.noise_dim
+    given = torch_side.random_scenes(row, np.random.RandomState(seed))
+    if scenes is not None:
+        given = _given_scenes([np.asarray(scene, np.float64) for scene in scenes], row, seed)
+    try:
+        arrays, layers = torch_side.forecast(torch, torch_module, given)
+    except Exception as error:
+        raise InputError(f"the torch module fails: {type(error).__name__}: {error}") from None
+    case = GeneratorCase({"layers": layers}, arrays, of=(config, model.params["params"]))
+    name = type(torch_module).__name__
+    rows = rows_of(name, tolerance, compared_forecasts(case), case)
+    return Parity(tuple(rows), tolerance, model.assumed)
 
 
-def parity_json(rows: Sequence[ParityRow]) -> dict[str, Any]:
-    """Format, tolerance and rows as JSON takes them; a difference that is not finite is null."""
-    plain = []
-    for row in rows:
-        fields = dataclasses.asdict(row)
-        del fields["tolerance"]
-        for name in ("max_abs", "max_rel"):
-            if fields[name] is not None and not math.isfinite(fields[name]):
-                fields[name] = None
-        plain.append(fields)
-    return {"format": 1, "tolerance": rows[0].tolerance if rows else None, "rows": plain}
+def run_torch(
+    module: str, checkpoints: Sequence[Path], out: Path, *, python: str, seed: int
+) -> None:
+    """Let the module `FILE.py:CLASS` forecast with each checkpoint, and store cases in `out`.
+
+    Raises:
+        InputError: for a file that is not there, and whatever the module says when it fails.
+    """
+    file, colon, name = module.rpartition(":")
+    if not colon or not name.isidentifier() or not Path(file).is_file():
+        raise InputError(f"--torch-module {module}: must be FILE.py:CLASS")
+    given = {
+        "module": f"{Path(file).resolve()}:{name}",
+        "checkpoints": [str(path.resolve()) for path in checkpoints],
+        "out": str(out.resolve()),
+        "seed": seed,
+    }
+    try:
+        # As text: the folder of a file that is run comes first where Python looks for modules.
+        done = subprocess.run(
+            [python, "-c", SCRIPT.read_text(encoding="utf-8"), json.dumps(given)],
+            cwd=Path(file).resolve().parent,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            check=False,
+        )
+    except OSError as error:
+        raise InputError(f"--python {python}: {error.strerror}") from None
+    if done.returncode:
+        # A traceback is indented; an error's own words may take several lines after it.
+        said = done.stderr.rpartition("\n  ")[2].splitlines()[1:] or [done.stderr]
+        said = " ".join(" ".join(said).split())[:400] or "no reason given"
+        raise InputError(f"--python {python}: {module} failed: {said}")
 
 
-def _row(
-    case: str, tolerance: float, output: str, ours: np.ndarray, theirs: np.ndarray
-) -> ParityRow:
-    ours, theirs = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
-    max_abs = float(np.abs(ours - theirs).max())
-    scale = float(np.abs(theirs).max())
-    # Against an output that is all zeros, any difference is infinitely large, and none is none.
-    relative = max_abs / scale if scale else (math.inf if max_abs else 0.0)
-    return ParityRow(
-        case=case,
-        tolerance=tolerance,
-        output=output,
-        shape=theirs.shape,
-        max_abs=max_abs,
-        max_rel=relative,
-        ok=max_abs <= tolerance,
-    )
+def _check(tolerance: float) -> None:
+    if not (math.isfinite(tolerance) and tolerance >= 0):
+        raise InputError(f"tolerance must be a number of at least 0, not {tolerance}")
 
 
-def _kind(row: Mapping[str, Any]) -> str:
-    """The name of a row's kind of case: its model's, else its file's."""
-    return str(row.get("variant", row.get("model", Path(row["file"]).stem)))
+def _given_scenes(
+    scenes: Sequence[np.ndarray], row: Mapping[str, Any], seed: int
+) -> dict[str, np.ndarray]:
+    """The arrays of `torch_side.random_scenes`, of these scenes."""
+    steps = row["obs_len"]
+    for number, scene in enumerate(scenes):
+        if scene.ndim != 3 or scene.shape[1:] != (steps, 2) or not len(scene):
+            raise InputError(f"scene {number} is {list(scene.shape)}, not [agents, {steps}, 2]")
+    if not scenes:
+        raise InputError("scenes must be at least one")
+    # The future is not looked at.
+    traj = np.pad(np.concatenate(scenes), [(0, 0), (0, row["pred_len"]), (0, 0)], "edge")
+    ends = np.cumsum([len(scene) for scene in scenes])
+    rows = len(scenes) if row["noise_mix_type"] == "global" else len(traj)
+    noise = np.random.default_rng(seed).normal(size=(rows, row["noise_dim"])).astype(np.float32)
+    return {
+        "traj": traj,
+        "traj_rel": np.diff(traj, axis=1, prepend=traj[:, :1]),
+        "scene_start_end": np.stack([np.append(0, ends[:-1]), ends], axis=1),
+        "noise": noise,
+    }
 
 
 def _read_manifest(directory: Path) -> list[dict[str, Any]]:

@@ -7,8 +7,7 @@ other by name: a file can fail to load, but it can run no code. Nor can it ask f
 than its own size: no opcode or name copies what is there already, programs are short, and storages
 are read once it is known that the file has them.
 
-It is not a loader of models (what the tensors mean is `interop.torch`'s) and writes nothing (see
-`interop.pickle_writer`).
+It is not a loader of models: what the tensors mean is for `interop.checkpoint` to say.
 """
 
 import io

@@ -1,11 +1,12 @@
-"""What `neurosym golden` runs in an interpreter that has torch: SGAN's own code forecasts.
+"""The user's torch module runs here: its inputs, the outputs of all submodules, its forecast.
 
-It is a script of its own, for any Python from 3.7 on: nothing of the package imports it, and it
-imports nothing of the package, so that what it saves is torch's alone. Its argument is JSON:
-`checkout` (the folder that has SGAN's `sgan` package), `checkpoints`, `out` (a folder that is
-there) and `seed`.
+`neurosym parity --torch-module` runs this file as a script in an interpreter that has torch, any
+Python from 3.7 on, and `interop.compare` imports it. It imports nothing of the package, so that
+what it saves is torch's alone. A script's argument is JSON: `module` (FILE.py:CLASS),
+`checkpoints`, `out` (a folder that is there) and `seed`.
 """
 
+import copy
 import importlib
 import inspect
 import json
@@ -14,121 +15,51 @@ import sys
 
 import numpy as np
 
-__all__ = ["main"]
+__all__ = ["forecast", "main", "random_scenes"]
 
 SIZES = (3, 2, 1, 5)
 """People in each scene: of a scene of more than two the first one stands still."""
-
-SMALL = {
-    "embedding_dim": 4,
-    "encoder_h_dim": 8,
-    "decoder_h_dim": 8,
-    "mlp_dim": 16,
-    "bottleneck_dim": 8,
-    "num_layers": 1,
-    "noise_dim": (2,),
-    "noise_type": "gaussian",
-    "dropout": 0.0,
-    "neighborhood_size": 2.0,
-    "grid_size": 4,
-    "batch_norm": False,
-    "obs_len": 8,
-}
-FRESH = {
-    "fresh_none": (None, False, 8, "local"),
-    "fresh_pool_net": ("pool_net", True, 12, "global"),
-    "fresh_spool": ("spool", True, 8, "local"),
-}
-"""Networks with weights as torch draws them: pooling, whether at every step that is forecast, how
-many those are, and the discriminator's kind."""
+MOST_ROWS = 4096
+"""Of a layer's inputs and outputs that are kept."""
 
 
 def main(given):
-    """Write `manifest.json` and a case for each checkpoint, else for each of `FRESH`."""
-    sys.path.insert(0, given["checkout"])
+    """Write `manifest.json` and a case for each checkpoint."""
     torch = importlib.import_module("torch")
-    models = importlib.import_module("sgan.models")
-    _stay_on_the_cpu(torch)
+    path, name = given["module"].rsplit(":", 1)
+    module = _import_file(path)
     rows = []
-    cases = given["checkpoints"] or FRESH
-    for number, case in enumerate(cases):
-        torch.manual_seed(given["seed"] + number)
-        rng = np.random.RandomState(given["seed"] + number)
-        make = _of_checkpoint if given["checkpoints"] else _fresh
-        name, arguments, generator, discriminator, more = make(torch, models, case)
-        arrays = _forecast(torch, generator, discriminator, arguments, rng)
-        if any(row["file"] == name + ".npz" for row in rows):
-            name = f"{name}_{number}"
-        np.savez_compressed(os.path.join(given["out"], name + ".npz"), **arrays)
-        row = {"file": name + ".npz", "model": "sgan"}
-        row.update(arguments)
-        row.update(more)
-        rows.append(row)
+    for number, checkpoint in enumerate(given["checkpoints"]):
+        # Where this torch can, it reads no more than weights.
+        safely = "weights_only" in inspect.signature(torch.load).parameters
+        options = {"weights_only": True} if safely else {}
+        contents = torch.load(checkpoint, map_location="cpu", **options)
+        arguments = contents["args"]
+        arguments = dict(arguments if isinstance(arguments, dict) else vars(arguments))
+        network, row = _build(getattr(module, name), arguments, "_g")
+        network.load_state_dict(contents["g_state"])
+        judge = None
+        if contents.get("d_state") is not None and hasattr(module, "TrajectoryDiscriminator"):
+            judge, more = _build(module.TrajectoryDiscriminator, arguments, "_d")
+            judge.load_state_dict(contents["d_state"])
+            row = dict(more, **row)
+            row["encoder_h_dim_d"] = row.pop("h_dim")
+        scenes = random_scenes(arguments, np.random.RandomState(given["seed"] + number))
+        arrays, layers = forecast(torch, network, scenes, judge)
+        folder, file = os.path.split(os.path.abspath(checkpoint))
+        case = f"{os.path.basename(folder)}_{os.path.splitext(file)[0]}.npz"
+        if any(other["file"] == case for other in rows):
+            case = f"{number}_{case}"
+        np.savez_compressed(os.path.join(given["out"], case), **arrays)
+        rows.append(dict({"file": case, "model": "sgan"}, **dict(row, layers=layers)))
     with open(os.path.join(given["out"], "manifest.json"), "w") as file:
         json.dump(rows, file, indent=1)
         file.write("\n")
 
 
-def _stay_on_the_cpu(torch):
-    """The released code moves its states to a CUDA device."""
-
-    def stay(self, *_, **__):
-        return self
-
-    torch.Tensor.cuda = torch.nn.Module.cuda = stay
-
-
-def _of_checkpoint(torch, models, path):
-    """Name, arguments, networks and manifest fields of what SGAN's training wrote."""
-    # Where this torch can, it reads no more than weights.
-    safely = "weights_only" in inspect.signature(torch.load).parameters
-    options = {"weights_only": True} if safely else {}
-    contents = torch.load(path, map_location="cpu", **options)
-    given = contents["args"]
-    arguments = {name: given[name] for name in (*SMALL, "pred_len") if name in given}
-    for name in ("encoder_h_dim", "decoder_h_dim"):
-        arguments[name] = given[name + "_g"]
-    for name in ("noise_mix_type", "pooling_type", "pool_every_timestep"):
-        arguments[name] = given[name]
-    generator = models.TrajectoryGenerator(**arguments)
-    generator.load_state_dict(contents["g_state"])
-    discriminator, more = None, {}
-    if contents.get("d_state") is not None:
-        more = {"d_type": given["d_type"], "encoder_h_dim_d": given["encoder_h_dim_d"]}
-        discriminator = _discriminator(models, arguments, more)
-        discriminator.load_state_dict(contents["d_state"])
-    folder, file = os.path.split(os.path.abspath(path))
-    name = f"{os.path.basename(folder)}_{os.path.splitext(file)[0]}"
-    return name, arguments, generator, discriminator, more
-
-
-def _fresh(torch, models, name):
-    """As `_of_checkpoint`, with weights that were just drawn."""
-    pooling, always, pred_len, d_type = FRESH[name]
-    arguments = dict(SMALL, pooling_type=pooling, pool_every_timestep=always, pred_len=pred_len)
-    arguments["noise_mix_type"] = "ped" if d_type == "global" else "global"
-    more = {"d_type": d_type, "encoder_h_dim_d": 8}
-    generator = models.TrajectoryGenerator(**arguments)
-    discriminator = _discriminator(models, arguments, more)
-    with torch.no_grad():
-        # Its last layer ends in a ReLU: scores of zero would agree with anything of zero.
-        discriminator.real_classifier[-2].bias += 0.5
-    return name, arguments, generator, discriminator, more
-
-
-def _discriminator(models, arguments, more):
-    names = ("obs_len", "pred_len", "embedding_dim", "mlp_dim")
-    names += ("num_layers", "dropout", "batch_norm")
-    return models.TrajectoryDiscriminator(
-        h_dim=more["encoder_h_dim_d"],
-        d_type=more["d_type"],
-        **{name: arguments[name] for name in names if name in arguments},
-    )
-
-
-def _forecast(torch, generator, discriminator, arguments, rng):
-    """The arrays of a case: weights, scenes of people who walk at random, what comes of them."""
-    observed, steps = arguments["obs_len"], arguments["obs_len"] + arguments["pred_len"]
+def random_scenes(arguments, rng):
+    """Arrays of a case's scenes, of people who walk at random, and noise for them."""
+    steps = arguments["obs_len"] + arguments["pred_len"]
     ends = np.cumsum(SIZES)
     bounds = np.stack([ends - SIZES, ends], 1)
     walks = rng.normal(0, 4, (ends[-1], 1, 2))
@@ -137,35 +68,117 @@ def _forecast(torch, generator, discriminator, arguments, rng):
         if end - start > 2:
             walks[start] = walks[start, :1]
     walks = walks.round(4)
-    moves = np.diff(walks, axis=1, prepend=walks[:, :1])
-    dim = tuple(arguments["noise_dim"])
     rows = len(bounds) if arguments["noise_mix_type"] == "global" else len(walks)
-    noise = rng.normal(size=(rows, *dim)).astype(np.float32)
-
-    def time_first(array):
-        return torch.tensor(array, dtype=torch.float32).transpose(0, 1).contiguous()
-
-    seen, seen_moves = time_first(walks[:, :observed]), time_first(moves[:, :observed])
-    scenes = torch.tensor(bounds)
-    arrays = {
-        "traj": walks.astype(np.float32),
-        "traj_rel": moves.astype(np.float32),
+    dim = arguments.get("noise_dim") or 0
+    noise = rng.normal(size=(rows, int(np.sum(dim)))).astype(np.float32)
+    return {
+        "traj": walks,
+        "traj_rel": np.diff(walks, axis=1, prepend=walks[:, :1]),
         "scene_start_end": bounds,
         "noise": noise,
     }
-    with torch.no_grad():
-        generator.eval()
-        forecast = generator(seen, seen_moves, scenes, user_noise=torch.tensor(noise))
-        positions = seen[-1] + forecast.cumsum(dim=0)
-        arrays["pred_rel"] = forecast.transpose(0, 1).numpy()
-        arrays["pred_abs"] = positions.transpose(0, 1).numpy()
-        arrays.update(_weights("g_state/", generator))
-        if discriminator is not None:
-            discriminator.eval()
-            whole = torch.cat([seen, positions]), torch.cat([seen_moves, forecast])
-            arrays["d_scores_fake"] = discriminator(*whole, scenes).flatten().numpy()
-            arrays.update(_weights("d_state/", discriminator))
-    return arrays
+
+
+def forecast(torch, network, scenes, judge=None):
+    """The arrays of a case, and by its name the class of each submodule, in the order of calls.
+
+    `scenes` are arrays as `random_scenes` makes them, of which the network sees as many steps as
+    its `obs_len`; `judge` is a discriminator. Both are copied, and run on the CPU after `eval()`.
+    """
+    network = copy.deepcopy(network).cpu().eval()
+    dtype = next(network.parameters()).dtype
+    seen, steps = network.obs_len, network.obs_len + network.pred_len
+    arrays = dict(scenes, traj=scenes["traj"][:, :steps].astype(np.float32))
+    arrays["traj_rel"] = scenes["traj_rel"][:, :steps].astype(np.float32)
+
+    def time_first(array):
+        return torch.tensor(array[:, :seen], dtype=dtype).transpose(0, 1).contiguous()
+
+    positions, moves = (time_first(scenes[name]) for name in ("traj", "traj_rel"))
+    bounds = torch.tensor(scenes["scene_start_end"])
+    noise = torch.tensor(scenes["noise"], dtype=dtype)
+    parameters = inspect.signature(network.forward).parameters
+    required = [name for name, p in parameters.items() if p.default is p.empty][3:]
+    if set(required) - {"user_noise"}:
+        raise ValueError(f"forward needs {', '.join(required)}, which SGAN's has not")
+    if "user_noise" not in parameters and noise.shape[1]:
+        raise ValueError("forward takes no user_noise, so its noise cannot be given")
+    options = {"user_noise": noise} if "user_noise" in parameters else {}
+    calls = {}
+    cuda = torch.Tensor.cuda
+
+    def keep(name):
+        def hook(module, given, result):
+            calls.setdefault(name, []).append((module, given, result))
+
+        return hook
+
+    for name, module in network.named_modules():
+        if name:
+            module.register_forward_hook(keep(name))
+    # The released code moves its states to a CUDA device.
+    torch.Tensor.cuda = lambda self, *_, **__: self
+    try:
+        with torch.no_grad():
+            moved = network(positions, moves, bounds, **options)
+            after = positions[-1] + moved.cumsum(dim=0)
+            arrays["pred_rel"] = moved.transpose(0, 1).numpy()
+            arrays["pred_abs"] = after.transpose(0, 1).numpy()
+            if judge is not None:
+                judge = copy.deepcopy(judge).cpu().eval()
+                whole = torch.cat([positions, after]), torch.cat([moves, moved])
+                arrays["d_scores_fake"] = judge(*whole, bounds).flatten().numpy()
+                arrays.update(_weights("d_state/", judge))
+    finally:
+        torch.Tensor.cuda = cuda
+    arrays.update(_weights("g_state/", network))
+    for name, made in calls.items():
+        for part, array in _kept(torch, made).items():
+            arrays[f"{part}/{name}"] = array.numpy()
+    return arrays, {name: type(made[0][0]).__name__ for name, made in calls.items()}
+
+
+def _kept(torch, made):
+    """Inputs and outputs of a submodule: all calls as rows, of one with submodules the first."""
+    module, given, result = made[0]
+    first = result[0] if isinstance(result, tuple) else result
+    if not isinstance(module, torch.nn.Sequential) and list(module.children()):
+        return {"out": first.reshape(-1, first.shape[-1])}
+    if isinstance(result, tuple):  # An LSTM: [T, A, E], and its states.
+        same = [call for call in made if call[1][0].shape[0] == given[0].shape[0]]
+        parts = {"in": [call[1][0] for call in same], "out": [call[2][0] for call in same]}
+        if len(given) > 1:
+            parts["h0"] = [call[1][1][0] for call in same]
+            parts["c0"] = [call[1][1][1] for call in same]
+        return {name: torch.cat(tensors, 1)[:, :MOST_ROWS] for name, tensors in parts.items()}
+    parts = {"in": [call[1][0] for call in made], "out": [call[2] for call in made]}
+    return {
+        name: torch.cat([t.reshape(-1, t.shape[-1]) for t in tensors])[:MOST_ROWS]
+        for name, tensors in parts.items()
+    }
+
+
+def _build(network, arguments, suffix):
+    """The network of these arguments of a training, and the manifest's fields of them."""
+    parameters = inspect.signature(network.__init__).parameters
+    given = {}
+    for name in list(parameters)[1:]:
+        for known in (name, name + suffix, "encoder_" + name + suffix):
+            if known in arguments:
+                given[name] = arguments[known]
+                break
+    return network(**given), given
+
+
+def _import_file(path):
+    """The module of a file, which may import its neighbours."""
+    folder, file = os.path.split(os.path.abspath(path))
+    name = os.path.splitext(file)[0]
+    while os.path.isfile(os.path.join(folder, "__init__.py")):
+        folder, package = os.path.split(folder)
+        name = package + "." + name
+    sys.path.insert(0, folder)
+    return importlib.import_module(name)
 
 
 def _weights(prefix, network):

@@ -1,6 +1,7 @@
 import hashlib
 import json
 import warnings
+from pathlib import Path
 from unittest import mock
 
 import jax
@@ -19,7 +20,6 @@ from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
-from neurosym_jax.interop.torch import export_torch_checkpoint
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import load_plugin
@@ -138,20 +138,17 @@ def test_default_run(options, tmp_path, capsys):
     assert "3 of them replaced" in out
 
 
-def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path):
-    config = GeneratorConfig(pred_len=4)
-    params = random_params(config)
-    export_torch_checkpoint(tmp_path / "ours.pt", config, params["params"])
-    save_model(tmp_path / "folder", Model(config, params))
-    loaded = load_model(tmp_path / "ours.pt")
-    assert loaded.config == config
-    given = (str(tmp_path / "ours.pt"), f"{tmp_path}/./folder/")
+def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys):
+    small = str(Path(__file__).parents[1] / "golden" / "small.pt")
+    save_model(tmp_path / "folder", load_model(small))
+    given = (small, f"{tmp_path}/./folder/")
     rows = run(options(checkpoint=given, samples=2, dataset="cross-path", collisions=False, seed=5))
     assert [row["checkpoint"] for row in rows] == [None, None, *given]
     for row in rows:
         assert_fits(row)
         assert "collision_rate" not in row
-        assert (row["pred_len"], row["seed"]) == (4, 5)
+        assert (row["pred_len"], row["seed"]) == (8, 5)
+    assert f"assumed of {small}: forward as in the released code" in capsys.readouterr().out
     for metric in NUMBERS:
         assert rows[2][metric] == rows[3][metric]
 

@@ -1,4 +1,4 @@
-"""Parity of one training step with a stored torch run: a case of `interop.parity`.
+"""Parity of one training step with a stored torch run: a case of `interop.cases`.
 
 One discriminator step, then one generator step that the new discriminator scores, on one batch,
 with given noises and no augmentation. The parameters before, the noises and the batch are torch's;
@@ -17,16 +17,8 @@ from jax.flatten_util import ravel_pytree
 from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.arguments import discriminator_config
+from neurosym_jax.interop.case import Arrays, Compared, GeneratorCase, checked
 from neurosym_jax.interop.names import params_from_torch
-from neurosym_jax.interop.parity_case import (
-    Arrays,
-    Compared,
-    case_scenes,
-    floats,
-    generator_of,
-    manifest_field,
-    state_dict,
-)
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.groups import Groups
@@ -39,7 +31,7 @@ from neurosym_jax.training.step import (
     update_generator,
 )
 
-__all__ = ["train_step"]
+__all__ = ["RECIPE", "train_step"]
 
 RECIPE = {
     "label_real": "label_real",
@@ -64,23 +56,31 @@ LOSSES = {
 def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     """(ours, theirs) of the losses, the gradients and the parameters after the two steps.
 
+    Training is in float32, under x64 too.
+
     Raises:
         InputError: for a case that has not one noise a scene.
     """
-    generator, config = generator_of(row), _recipe(row)
+    with jax.enable_x64(False):
+        return _compared(row, arrays)
+
+
+def _compared(row: Mapping[str, Any], arrays: Arrays) -> Compared:
+    case = GeneratorCase(row, arrays, "g0/")
+    generator, config = case.config, _recipe(case)
     if generator.noise_mix_type != "global":
         raise InputError("manifest: a train_step case has one noise a scene, noise_mix_type global")
     # As one group, `[scenes, slots, ...]`.
-    groups = (case_scenes(generator, arrays)[1].replace(origin=None),)
+    groups = (case.scenes.replace(origin=None),)
     shape = (groups[0].valid.shape[0], generator.noise_dim)
     noises = [
-        [floats(arrays, "noise_d", *shape)[None]],
-        [floats(arrays, "noise_g", config.best_k, *shape)],
+        [checked(arrays, "noise_d", *shape)[None]],
+        [checked(arrays, "noise_g", config.best_k, *shape)],
     ]
 
     def stored(prefix: str) -> dict[str, Any]:
         network = generator if prefix.startswith("g") else config.discriminator
-        return {"params": params_from_torch(state_dict(arrays, prefix), network)}
+        return {"params": params_from_torch(case.state(prefix), network)}
 
     example = jax.tree.map(lambda leaf: leaf[0], groups[0])
     fresh = jax.eval_shape(lambda: initial_state(generator, config, example, jax.random.key(0)))
@@ -90,7 +90,7 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     )
     ours, metrics = _two_steps(generator, config, state, groups, noises)
     scalars = {
-        name: (np.asarray(metrics[field]), floats(arrays, name)) for name, field in LOSSES.items()
+        name: (np.asarray(metrics[field]), checked(arrays, name)) for name, field in LOSSES.items()
     }
 
     def vector(params: Any) -> np.ndarray:
@@ -138,12 +138,16 @@ def _two_steps(
     return ours, d_metrics | g_metrics
 
 
-def _recipe(row: Mapping[str, Any]) -> TrainConfig:
+def _recipe(case: GeneratorCase) -> TrainConfig:
     """The manifest's recipe; labels are numbers there and ranges with us."""
-    fields = {ours: manifest_field(row, theirs) for ours, theirs in RECIPE.items()}
+    if missing := [name for name in RECIPE.values() if name not in case.row]:
+        raise InputError(f"manifest: {missing[0]} is missing")
+    fields = {ours: case.row[theirs] for ours, theirs in RECIPE.items()}
     for name in ("label_real", "label_fake"):
         fields[name] = (fields[name], fields[name])
     fields |= {"adversarial_weight": 1.0, "criterion": "squared_displacement", "ema": 0.0}
     fields |= {"schedule": "constant", "weigh_scenes": "equally"}
-    fields["discriminator"] = dataclasses.asdict(discriminator_config(row, "manifest"))
+    fields["discriminator"] = dataclasses.asdict(
+        discriminator_config(case.row, case.state("d0/"), "manifest")
+    )
     return from_json(TrainConfig, fields, "manifest")

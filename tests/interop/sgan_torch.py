@@ -1,0 +1,170 @@
+"""SGAN in torch, as its paper describes it, with the released code's names and arguments.
+
+Tests change a line of it, as users change the original, and see what loading and parity say.
+"""
+
+from itertools import pairwise
+
+import torch
+from torch import nn
+
+
+def make_mlp(sizes, activation="relu", batch_norm=True, dropout=0.0):
+    layers = []
+    for inputs, outputs in pairwise(sizes):
+        layers.append(nn.Linear(inputs, outputs))
+        if batch_norm:
+            layers.append(nn.BatchNorm1d(outputs))
+        layers.append({"relu": nn.ReLU, "leakyrelu": nn.LeakyReLU}[activation]())
+        if dropout > 0:
+            layers.append(nn.Dropout(dropout))
+    return nn.Sequential(*layers)
+
+
+class Encoder(nn.Module):
+    def __init__(self, embedding_dim, h_dim, num_layers, dropout):
+        super().__init__()
+        self.encoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)
+        self.spatial_embedding = nn.Linear(2, embedding_dim)
+
+    def forward(self, moves):
+        _, (hidden, _) = self.encoder(self.spatial_embedding(moves))
+        return hidden
+
+
+class PoolHiddenNet(nn.Module):
+    def __init__(self, embedding_dim, h_dim, bottleneck_dim, **options):
+        super().__init__()
+        self.spatial_embedding = nn.Linear(2, embedding_dim)
+        self.mlp_pre_pool = make_mlp([embedding_dim + h_dim, 512, bottleneck_dim], **options)
+
+    def forward(self, hidden, bounds, position):
+        hidden, pooled = hidden.reshape(-1, hidden.shape[-1]), []
+        for start, end in bounds.tolist():
+            h, p = hidden[start:end], position[start:end]
+            apart = self.spatial_embedding((p[None] - p[:, None]).reshape(-1, 2))
+            pairs = torch.cat([apart, h.repeat(len(h), 1)], dim=1)
+            pooled.append(self.mlp_pre_pool(pairs).reshape(len(h), len(h), -1).max(1)[0])
+        return torch.cat(pooled)
+
+
+class SocialPooling(nn.Module):
+    def __init__(self, h_dim, neighborhood_size, grid_size, **options):
+        super().__init__()
+        self.side, self.cells = neighborhood_size, grid_size
+        self.mlp_pool = make_mlp([grid_size**2 * h_dim, h_dim], **options)
+
+    def forward(self, hidden, bounds, position):
+        hidden, grids = hidden.reshape(-1, hidden.shape[-1]), []
+        for start, end in bounds.tolist():
+            h, p = hidden[start:end], position[start:end]
+            apart = p[None] - p[:, None]
+            inside = (apart.abs() < self.side / 2).all(-1) & ~torch.eye(len(p), dtype=torch.bool)
+            scaled = (
+                torch.stack([apart[..., 0], -apart[..., 1]], -1) / self.side + 0.5
+            ) * self.cells
+            cell = (scaled.floor() * torch.tensor([1, self.cells])).sum(-1).long()
+            one = nn.functional.one_hot(torch.where(inside, cell, 0), self.cells**2)
+            one = (one * inside[..., None]).to(h)
+            grids.append(torch.einsum("ijc,jh->ich", one, h).reshape(len(p), -1))
+        return self.mlp_pool(torch.cat(grids))
+
+
+class Decoder(nn.Module):
+    def __init__(self, pred_len, embedding_dim, h_dim, num_layers, dropout, pool_net, mlp):
+        super().__init__()
+        self.pred_len = pred_len
+        self.decoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)
+        if pool_net is not None:
+            self.pool_net, self.mlp = pool_net, mlp
+        self.pools = pool_net is not None
+        self.spatial_embedding = nn.Linear(2, embedding_dim)
+        self.hidden2pos = nn.Linear(h_dim, 2)
+
+    def forward(self, position, move, state, bounds):
+        moves = []
+        for _ in range(self.pred_len):
+            _, state = self.decoder(self.spatial_embedding(move)[None], state)
+            move = self.hidden2pos(state[0][0])
+            position = position + move
+            if self.pools:
+                pooled = self.pool_net(state[0], bounds, position)
+                state = (self.mlp(torch.cat([state[0][0], pooled], dim=1))[None], state[1])
+            moves.append(move)
+        return torch.stack(moves)
+
+
+class TrajectoryGenerator(nn.Module):
+    def __init__(
+        self, obs_len, pred_len, embedding_dim=64, encoder_h_dim=64,
+        decoder_h_dim=128, mlp_dim=1024, num_layers=1, noise_dim=(0,),
+        noise_type="gaussian", noise_mix_type="ped", pooling_type=None,
+        pool_every_timestep=True, dropout=0.0, bottleneck_dim=1024,
+        activation="relu", batch_norm=True, neighborhood_size=2.0, grid_size=8,
+    ):  # fmt: skip
+        super().__init__()
+        self.obs_len, self.pred_len = obs_len, pred_len
+        self.noise_mix_type, self.noise_dim = noise_mix_type, noise_dim[0]
+        pooling_type = None if pooling_type == "none" else pooling_type
+        options = {"activation": activation, "batch_norm": batch_norm}
+        self.encoder = Encoder(embedding_dim, encoder_h_dim, num_layers, dropout)
+
+        def pooling(h_dim, **more):
+            if pooling_type == "pool_net":
+                return PoolHiddenNet(embedding_dim, h_dim, bottleneck_dim, **options, **more)
+            more = {"dropout": dropout}
+            return SocialPooling(h_dim, neighborhood_size, grid_size, **options, **more)
+
+        always = pooling_type is not None and pool_every_timestep
+        widths = [decoder_h_dim + bottleneck_dim, mlp_dim, decoder_h_dim]
+        self.decoder = Decoder(
+            pred_len, embedding_dim, decoder_h_dim, num_layers, dropout,
+            pooling(decoder_h_dim, dropout=dropout) if always else None,
+            make_mlp(widths, dropout=dropout, **options) if always else None,
+        )  # fmt: skip
+        self.pool_net = pooling(encoder_h_dim) if pooling_type else None
+        pooled = bottleneck_dim if pooling_type else 0
+        self.needs_mlp = bool(self.noise_dim or pooled or encoder_h_dim != decoder_h_dim)
+        if self.needs_mlp:
+            widths = [encoder_h_dim + pooled, mlp_dim, decoder_h_dim - self.noise_dim]
+            self.mlp_decoder_context = make_mlp(widths, dropout=dropout, **options)
+
+    def add_noise(self, context, bounds, noise):
+        if not self.noise_dim:
+            return context
+        if self.noise_mix_type == "global":
+            noise = torch.repeat_interleave(noise, bounds[:, 1] - bounds[:, 0], dim=0)
+        return torch.cat([context, noise], dim=1)
+
+    def forward(self, obs_traj, obs_traj_rel, seq_start_end, user_noise=None):
+        hidden = self.encoder(obs_traj_rel)
+        context = hidden[-1]
+        if self.pool_net is not None:
+            pooled = self.pool_net(hidden, seq_start_end, obs_traj[-1])
+            context = torch.cat([context, pooled], dim=1)
+        if self.needs_mlp:
+            context = self.mlp_decoder_context(context)
+        start = self.add_noise(context, seq_start_end, user_noise)[None]
+        layers = self.decoder.decoder.num_layers
+        state = (start.repeat(layers, 1, 1), torch.zeros_like(start).repeat(layers, 1, 1))
+        return self.decoder(obs_traj[-1], obs_traj_rel[-1], state, seq_start_end)
+
+
+class TrajectoryDiscriminator(nn.Module):
+    def __init__(
+        self, obs_len, pred_len, embedding_dim=64, h_dim=64, mlp_dim=1024, num_layers=1,
+        activation="relu", batch_norm=True, dropout=0.0, d_type="local",
+    ):  # fmt: skip
+        super().__init__()
+        options = {"activation": activation, "batch_norm": batch_norm}
+        self.encoder = Encoder(embedding_dim, h_dim, num_layers, dropout)
+        self.real_classifier = make_mlp([h_dim, mlp_dim, 1], dropout=dropout, **options)
+        self.pool_net = (
+            PoolHiddenNet(embedding_dim, h_dim, h_dim, **options) if d_type == "global" else None
+        )
+
+    def forward(self, traj, traj_rel, seq_start_end=None):
+        hidden = self.encoder(traj_rel)[-1]
+        if self.pool_net is not None:
+            hidden = self.pool_net(hidden, seq_start_end, traj[0])
+        return self.real_classifier(hidden)
