@@ -99,6 +99,9 @@ def run(options: Options) -> None:
 
     print(f"{title}: {len(pairs.people)} people, weighting {weighting.name}\n")
     print(format_pairs(pairs))
+    hint = " is constant here; try --weighting quantised" if pairs.constant else ""
+    if hint:
+        print(f"\n{weighting.name}{hint}")
     print(f"\n{counts.sum()} observed pair-steps of {windows.scenes} windows:")
     print(format_shares(counts))
 
@@ -109,7 +112,7 @@ def run(options: Options) -> None:
     written = [
         save_figure(figure, options.out / f"{kind}.{options.image}")
         for kind, figure in {
-            "pairs": plot_pairs(pairs, title),
+            "pairs": plot_pairs(pairs, f"{title}, {weighting.name}{hint}"),
             "states": plot_states(counts, table, learned, f"{name}, {weighting.name}"),
         }.items()
     ]

@@ -40,7 +40,7 @@ def plot_overview(glances: Sequence[Glance], period: float, metric: str = "horiz
         colours, styles = model_colours(glance.samples), line_styles(glance.samples)
         for name, samples in glance.samples.items():
             look = {"color": colours[name], "zorder": 4, "linewidth": 1.5 * weight}
-            label = name if len(samples) == 1 else f"{name}, best of {len(samples)}"
+            label = f"{name}, {'one guess' if len(samples) == 1 else f'best of {len(samples)}'}"
             best = best_sample(samples, glance.truth)
             draw_paths(above, best, glance.observed, linestyle=styles[name], label=label, **look)
         name, samples = list(glance.samples.items())[-1]

@@ -47,8 +47,8 @@ def plot_symbol_forecast(
         for both in zip(probability, medians)
     ]
     draw_matrix(what, probability, cells, SMALL - 2.5)
-    names = [event.replace("_", "\n") for event in found.events]
-    what.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor")
+    names = [event.replace("_", " ") for event in found.events]
+    what.set_xticks(range(len(names)), names, rotation=90)
     what.set_yticks([])
     dress(what, "", "", "events, median time")
     return figure

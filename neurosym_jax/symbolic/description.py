@@ -29,6 +29,12 @@ class ScenePairs:
     period: float
     """Seconds between steps."""
 
+    @property
+    def constant(self) -> bool:
+        """Whether alpha is the same for all pairs at all steps but the first."""
+        others = self.alpha[~np.eye(len(self.alpha), dtype=bool)][:, 1:]
+        return others.size > 0 and np.ptp(others) == 0
+
 
 def describe_pairs(
     weighting: Weighting,

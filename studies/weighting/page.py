@@ -24,6 +24,8 @@ Runs = Mapping[str, Mapping[str, Mapping[int, ErrorsByScene]]]
 """By set, arm and seed."""
 
 PRIMARY = ("interacting joint_ade", "interacting energy_score")
+WITHDRAWN = ("SGAN", "NeuroSyM ones", "NeuroSyM 1/15", "NeuroSyM quantised")
+"""Arms whose networks ignored their neighbours."""
 CONTROL = (("right", "ones"), ("right", "wrong"), ("wrong", "ones"))
 REAL = (("quantised", "ones"), ("quantised", "shuffled"))
 
@@ -34,7 +36,7 @@ def write(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]], out: Path)
         name: [
             compare(arm, "ones", arms, PRIMARY[0])
             for arm in ARMS
-            if arm != "ones" and _seeds(arms, arm) > 1
+            if arm != "ones" and arm not in WITHDRAWN and _seeds(arms, arm) > 1
         ]
         for name, arms in runs.items()
     }

@@ -37,8 +37,8 @@ By the rules written before the first run: {verdicts}.
 ![Difference of each arm from the same network without weights](weighting.png)
 
 Joint ADE (best of 20) of people who interact, difference from `ones` in per cent, with 95 %
-intervals over seeds. In brackets the number of seeds; the band is ±{margin:g} %. The arms SGAN
-and NeuroSyM are the withdrawn ones. All runs are in `weighting.csv`.
+intervals over seeds. In brackets the number of seeds; the band is ±{margin:g} %.
+All runs, the withdrawn ones too, are in `weighting.csv`.
 
 ## The comparisons
 

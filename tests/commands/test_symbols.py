@@ -29,6 +29,7 @@ def test_states_over_time_as_text(recording, tmp_path, capsys):
     (line,) = (line for line in text.splitlines() if line.startswith("(1, 2)"))
     # Towards the other for three steps, then away, always to the right of the line; 2 stands.
     assert line.split()[2:] == ["-0+0", ".", ".", "+0+0", *["."] * 11]
+    assert "cnd is constant here; try --weighting quantised" in text  # Always two zeros.
     # Of the five windows four have three people, whose 1 and 3 keep their distance.
     assert "pair-steps of 5 windows" in text
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"pairs.png", "states.png"}
@@ -36,7 +37,9 @@ def test_states_over_time_as_text(recording, tmp_path, capsys):
 
 def test_weights_of_a_model(recording, tmp_path, capsys):
     run(Options(recording, model=MODEL, out=tmp_path / "out"))
-    assert "window 4: 3 people, weighting cnd" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "window 4: 3 people, weighting cnd" in out
+    assert "constant" not in out
     with pytest.raises(InputError, match="SGAN weighs no pairs"):
         run(Options(recording, model=MODEL.with_name("sgan_simulations_8_8")))
 
