@@ -7,6 +7,8 @@ object stands on one page, that of its subpackage; the page of the whole package
 import ast
 import csv
 import html
+import importlib
+import inspect
 import re
 from pathlib import Path
 
@@ -59,8 +61,17 @@ def _table(name: str) -> str:
 
 
 def _commands() -> str:
+    from neurosym_jax.__main__ import commands
+    from neurosym_jax.commands._help import every_option
+
     parts = []
-    for path in sorted(ROOT.glob("neurosym_*/commands/[a-z]*.py"), key=lambda path: path.stem):
-        text = (ast.get_docstring(ast.parse(path.read_text())) or "").strip()
-        parts.append(f"## neurosym {path.stem}\n\n{text}\n")
+    for name, module in commands().items():
+        command = importlib.import_module(module)
+        text = inspect.cleandoc(command.__doc__ or "")
+        rows = [
+            f"| `{flag.replace('|', '&#124;')}` | {html.escape(meaning).replace('|', '&#124;')} |"
+            for _, flag, meaning in every_option(command.Options)
+        ]
+        table = "\n".join(["| option | |", "|---|---|", *rows]) if rows else ""
+        parts.append(f"## neurosym {name}\n\n{text}\n\n{table}\n")
     return "\n".join(parts)

@@ -10,6 +10,7 @@ from typing import Annotated, TypeVar
 
 import tyro
 
+from neurosym_jax.commands._help import short_help
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
@@ -40,9 +41,10 @@ def run_command(
 ) -> None:
     """Parse `options` from the command line, call `action`, exit.
 
-    Every command has `--plugin FILE.py|MODULE`, imported before the other options are parsed.
-    `prepare` removes arguments that other programs add. The exit status is the integer that
-    `action` returns, else 0; 2 for bad input or a full or read-only disk, 130 after Ctrl-C.
+    `--help` is short, `--help-all` explains every option. `--plugin FILE.py|MODULE` of every
+    command is imported before the other options are parsed. `prepare` removes arguments that other
+    programs add. The exit status is the integer that `action` returns, else 0; 2 for bad input or a
+    full or read-only disk, 130 after Ctrl-C.
     """
     tune()
     enable_compilation_cache()
@@ -52,7 +54,16 @@ def run_command(
             arguments = prepare(sys.argv[1:] if arguments is None else arguments)
             _refuse_empty(arguments)
             _load_plugins(arguments)
-            found = tyro.cli(with_plugins(options), args=arguments, prog=prog)
+            if {"-h", "--help"} & set(arguments):
+                print(short_help(options, prog or "neurosym"))
+                sys.exit(0)
+            arguments = ["--help" if each == "--help-all" else each for each in arguments]
+            found = tyro.cli(
+                with_plugins(options),
+                args=arguments,
+                prog=prog,
+                config=(tyro.conf.DisallowNone,),
+            )
             names = [field.name for field in dataclasses.fields(options)]  # pyright: ignore
             status = action(options(**{name: getattr(found, name) for name in names}))
     except KeyboardInterrupt:

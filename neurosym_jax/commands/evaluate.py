@@ -9,7 +9,7 @@ import textwrap
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
@@ -55,6 +55,16 @@ class Options:
     Without arguments: one SGAN and one NeuroSyM that ship, on the embedded simulations.
     """
 
+    SHOWN: ClassVar = (
+        "checkpoint",
+        "data",
+        "dataset",
+        "metrics",
+        "table",
+        "plots",
+        "save_forecasts",
+    )
+
     checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
     """Models to evaluate, by folder, .pt file or name (see `neurosym models`); of a folder of
     models, those that match the data set and horizon. Default: one shipped SGAN and NeuroSyM."""
@@ -92,7 +102,7 @@ class Options:
     """Forecasters without parameters to evaluate beside the models; default: constant velocity and,
     with --checkpoint or --all, sampled constant velocity."""
     metrics: Annotated[tuple[str, ...], _named("NAME ...")] = ()
-    """Further metrics by name, see docs/evaluate.md, or `all` but those of --symbols."""
+    """Further metrics by name, see docs/metrics.md, or `all` but those of --symbols."""
     symbols: bool = False
     """Add the scores of forecast symbols and events."""
     collisions: bool = True

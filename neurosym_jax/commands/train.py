@@ -4,7 +4,7 @@ import dataclasses
 import itertools
 import shlex
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import tyro
@@ -28,6 +28,16 @@ __all__ = ["Options", "make_run", "run"]
 @dataclasses.dataclass(frozen=True)
 class Options:
     """Train a model: `python train.py` alone does so on the embedded simulations."""
+
+    SHOWN: ClassVar = (
+        "model",
+        "data",
+        "dataset",
+        "pred_len",
+        "weighting",
+        "steps",
+        "out",
+    )
 
     model: Literal["sgan", "neurosym", "anchors", "anchor_table"] = "sgan"
     """SGAN; NeuroSyM, which weights pairs of people by symbols; anchors, a small network of learned
