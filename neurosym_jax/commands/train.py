@@ -40,8 +40,8 @@ class Options:
     )
 
     model: Literal["sgan", "neurosym", "anchors", "anchor_table"] = "sgan"
-    """SGAN; NeuroSyM, which weights pairs of people by symbols; anchors, a small network of learned
-    residuals with probabilities; or its baseline, a table of fixed offsets."""
+    """Network to train: SGAN, NeuroSyM (weights pairs of people by symbols), anchors (learned
+    residuals with probabilities), or its baseline, a table of fixed offsets."""
     pooling: str | None = None
     """Of SGAN pool_net (default), none or social; of NeuroSyM as_described (default), neurosym_ros
     or encounter; or one that a plugin registers."""
