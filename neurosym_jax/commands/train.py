@@ -1,19 +1,19 @@
 """Train a model."""
 
+import contextlib
 import dataclasses
-import itertools
 import shlex
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-import numpy as np
 import tyro
 
 from neurosym_jax.data.formats import recordings_in
+from neurosym_jax.data.leakage import shared_shapes
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, describe_readings
 from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic, open_source
 from neurosym_jax.data.tracks import Tracks, on_grid
-from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.finish import outcome
@@ -135,11 +135,16 @@ def make_run(options: Options) -> Run:
     )
     source = open_source(options.data, options.dataset, read=options.read, period=options.period)
     learned, validated = _recordings(options, source)
-    learned += _besides(options, source, validated)
+    learned += [
+        on_grid(tracks, options.period, options.read.max_gap)
+        for place in options.train_also
+        for tracks in recordings_in(place, options.read)
+    ]
     training, validation = (
         cut_windows(tracks, options.obs_len, options.pred_len, min_agents=least)
         for tracks, least in ((learned, recipe.min_agents), (validated, 2))
     )
+    _refuse_seen(options, source, training, validation)
     return Run(
         network=dataclasses.replace(network, period=training.period),
         recipe=recipe,
@@ -170,29 +175,22 @@ def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
     ]
 
 
-def _besides(options: Options, source: Source, validated: list[Tracks]) -> list[Tracks]:
-    """Those of `--train-also`.
-
-    Raises:
-        InputError: for one that the model is to be validated or tested on, by what is in it.
-    """
-    found = [
-        on_grid(tracks, options.period, options.read.max_gap)
-        for place in options.train_also
-        for tracks in recordings_in(place, options.read)
-    ]
-    real = options.dataset in source.scenes and not isinstance(source, Synthetic)
-    tested = source.recordings(str(options.dataset)) if found and real else []
-    for use, recordings in (("tested", tested), ("validated", validated)):
-        for ours, theirs in itertools.product(found, recordings):
-            # By exactly the same places: a part of a recording is found, whatever its name.
-            here, there = (tracks.position @ (1, 1j) for tracks in (ours, theirs))
-            if max(np.isin(here, there).mean(), np.isin(there, here).mean()) > 0.5:
-                raise InputError(
-                    f"--train-also has {ours.recording}, which is (of) {theirs.recording}, and "
-                    f"that is what the model is {use} on"
-                )
-    return found
+def _refuse_seen(options: Options, source: Source, training: Windows, validation: Windows) -> None:
+    """Refuse to train on what the model is to be validated or tested on, by what is in it."""
+    parts = {"validated": validation}
+    if options.dataset in source.scenes and not isinstance(source, Synthetic):
+        with contextlib.suppress(InputError):  # It may be too short for a window.
+            parts["tested"] = cut_windows(
+                source.recordings(str(options.dataset)), options.obs_len, options.pred_len
+            )
+    for use, windows in parts.items():
+        found, all_ = shared_shapes(windows, training)
+        if found > 0.01 * all_:
+            names = ", ".join(dict.fromkeys(how.recording for how in windows.reading))
+            raise InputError(
+                f"the training data has {found} of the {all_} shapes of windows in {names}, and "
+                f"that is what the model is {use} on"
+            )
 
 
 def _data_name(options: Options, source: Source) -> str:

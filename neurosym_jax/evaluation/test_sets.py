@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 
 from neurosym_jax.data.batching import Batch, make_batches
+from neurosym_jax.data.leakage import seen_before
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, InputWarning
@@ -70,6 +71,16 @@ def make_test(
     start = time.perf_counter() if start is None else start
     windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
     for path, model in entries:
+        found, looked = seen_before(model.seen, windows)
+        if found:
+            line = (
+                f"{path}: was trained on these people: {found} of {looked} windows that were "
+                "looked for are among its training windows, so its errors are too small"
+            )
+            warnings.warn(line, InputWarning, stacklevel=2)
+            first = windows.reading[0]
+            first = dataclasses.replace(first, warnings=(*first.warnings, line))
+            windows = dataclasses.replace(windows, reading=(first, *windows.reading[1:]))
         trained = model.config.period
         if path is not None and abs(trained - windows.period) > 0.01 * trained:
             warnings.warn(

@@ -38,6 +38,8 @@ class Model:
     validation windows; None where nobody measured it."""
     assumed: tuple[str, ...] = ()
     """What its torch checkpoint does not say and was taken to be so, in words."""
+    seen: str = ""
+    """Fingerprint of its training windows, see `data.leakage`; empty where it is not known."""
 
     @property
     def name(self) -> str:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.configuration import from_json, parse_json, to_json
+from neurosym_jax.data.leakage import is_fingerprint
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
@@ -35,7 +36,7 @@ from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 
-__all__ = ["load_model", "replace_card", "save_model"]
+__all__ = ["load_model", "mark_seen", "replace_card", "save_model"]
 
 CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
@@ -66,6 +67,7 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         "config": to_json(model.config),
         "dataset": model.dataset,
         "plugins": list(model.plugins),
+        **({"seen": model.seen} if model.seen else {}),
     }
     if model.neighbours is not None:
         fields["neighbours"] = model.neighbours
@@ -92,6 +94,17 @@ def replace_card(folder: Path, card: str) -> None:
         beside.write_text(card, encoding="utf-8")
     with new_file(folder / CONFIG) as beside:
         _write_config(beside, folder, rest)
+
+
+def mark_seen(folder: Path, seen: str) -> None:
+    """Write the fingerprint of its training windows into the model in `folder`.
+
+    Raises:
+        InputError: for a folder that is not a model's, or cannot be written.
+    """
+    fields = {**parse_json(b"{" + _read_config(folder)[1], CONFIG), "seen": seen}
+    with new_file(folder / CONFIG) as beside:
+        _write_config(beside, folder, f"{json.dumps(fields, indent=2)[2:]}\n".encode())
 
 
 def load_model(path: Path | str) -> Model:
@@ -161,7 +174,7 @@ def _read(folder: Path) -> Model:
         raise InputError(
             f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
         )
-    neighbours = fields.pop("neighbours", None)
+    neighbours, seen = fields.pop("neighbours", None), fields.pop("seen", "")
     if fields.keys() != FIELDS:
         raise InputError(
             f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))} and no others"
@@ -176,6 +189,8 @@ def _read(folder: Path) -> Model:
         raise InputError(f"{CONFIG}: plugins = {plugins!r} are not names")
     if neighbours is not None and not isinstance(neighbours, int | float):
         raise InputError(f"{CONFIG}: neighbours = {neighbours!r} is not a number")
+    if not is_fingerprint(seen):
+        raise InputError(f"{CONFIG}: seen is not a fingerprint of windows")
     try:
         of_kind = _config(kind, values)
     except InputError as error:
@@ -183,7 +198,13 @@ def _read(folder: Path) -> Model:
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
         raise InputError(f"{error}{hint}") from None
     model = Model(
-        of_kind, nested_parameters(_arrays(params)), dataset, kind, tuple(plugins), neighbours
+        of_kind,
+        nested_parameters(_arrays(params)),
+        dataset,
+        kind,
+        tuple(plugins),
+        neighbours,
+        seen=seen,
     )
     _refuse_misfit(model)
     return model

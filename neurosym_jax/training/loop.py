@@ -15,6 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 from neurosym_jax.data.batching import Batch, make_batches
+from neurosym_jax.data.leakage import fingerprint
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, TrainingError
@@ -159,7 +160,8 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
     kept = best_of(validations)
     warn_if_dead(kept)
     about = {"plugins": names(loaded()), "neighbours": kept.get("val_neighbour_near")}
-    model = Model(run.network, best, run.dataset, run.kind, **about)
+    seen = fingerprint(run.training)
+    model = Model(run.network, best, run.dataset, run.kind, **about, seen=seen)
     write_curves(folder, log.rows())
     write_model(folder, model, {**record, **run.data_facts()}, validations)
     return model

@@ -12,7 +12,7 @@ from neurosym_jax.commands.convert import Options, run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.forecasting.model_folder import load_model, mark_seen, save_model
 from neurosym_jax.forecasting.parameters import flat_parameters, nested_parameters
 from neurosym_jax.models.config import GeneratorConfig
 
@@ -59,6 +59,14 @@ def test_round_trip(saved):
     }
     assert (saved / "README.md").read_text().startswith("# SGAN, to be tested on zara1\n")
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
+
+
+def test_a_model_keeps_a_fingerprint(copy):
+    mark_seen(copy, "A" * 16)
+    assert load_model(copy).seen == "A" * 16
+    assert load_model(copy).config == MODEL.config
+    mark_seen(copy, "A" * 15)
+    assert "seen is not a fingerprint" in refusal(copy)
 
 
 def test_anybody_can_check_the_digest(saved):

@@ -1,0 +1,73 @@
+"""Whether windows were among those that a model was trained on, by their shapes.
+
+A model keeps hashes of the shapes of some of its training windows: the rounded moves of eight
+steps, of windows that go more than a metre and are not straight. So a copy is found whatever its
+name, its ids, its frame numbers or its origin are, and other recordings give no match.
+"""
+
+import base64
+import re
+
+import numpy as np
+
+from neurosym_jax.data.windows import Windows
+
+__all__ = ["fingerprint", "is_fingerprint", "seen_before", "shared_shapes"]
+
+STEPS = 8
+"""Observed and predicted steps that a shape has; models of all horizons share it."""
+
+CELL = 0.01
+"""Metres to which moves are rounded."""
+
+OFFSET = 0.337
+"""Of the cells' bounds, so that no position in whole tenths of millimetres lies on one."""
+
+KEPT = 512
+"""Hashes that a model keeps: the smallest. A test looks for its own that are as small."""
+
+BYTES = 6
+
+
+def fingerprint(windows: Windows) -> str:
+    """The smallest `KEPT` hashes of the shapes in `windows`, in base64; at most 4 kB."""
+    kept = _hashes(windows)[:KEPT].astype(">u8")
+    return base64.b64encode(kept.view(np.uint8).reshape(-1, 8)[:, 8 - BYTES :].tobytes()).decode()
+
+
+def seen_before(found: str, windows: Windows) -> tuple[int, int]:
+    """How many shapes in `windows` are in a fingerprint, and how many were looked for there."""
+    data = np.frombuffer(base64.b64decode(found), np.uint8)
+    weight = np.uint64(256) ** np.arange(BYTES - 1, -1, -1, dtype=np.uint64)
+    kept = (data.reshape(-1, BYTES) * weight).sum(axis=1, dtype=np.uint64)
+    ours = _hashes(windows)
+    if len(kept) == KEPT:
+        ours = ours[ours <= kept.max()]
+    return int(np.isin(ours, kept).sum()), len(ours)
+
+
+def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
+    """How many shapes in `windows` are in `others`, and how many there are."""
+    ours = _hashes(windows)
+    return int(np.isin(ours, _hashes(others)).sum()), len(ours)
+
+
+def is_fingerprint(value: object) -> bool:
+    """Whether a value read from a file is what `fingerprint` returns."""
+    whole = isinstance(value, str) and re.fullmatch(r"[A-Za-z0-9+/]*", value) is not None
+    return whole and len(value) % 8 == 0 and len(value) <= 8 * KEPT
+
+
+def _hashes(windows: Windows) -> np.ndarray:
+    """[H] uint64 below 2^48, ascending: one for each shape that tells something."""
+    moves = np.diff(windows.position[:, :STEPS], axis=1)
+    cells = np.floor(moves / CELL + OFFSET).astype(np.int64)
+    far = np.linalg.norm(moves, axis=-1).sum(axis=1) > 1.0
+    # Straight ways at one pace, as annotators draw them, are alike in many recordings.
+    turns = np.sum(np.any(np.diff(cells, axis=1) != 0, axis=-1), axis=1)
+    chosen = cells[far & (turns >= STEPS - 3)].reshape(-1, cells.shape[1] * 2).astype(np.uint64)
+    factors = np.random.default_rng(0).integers(1, 2**63, chosen.shape[1], np.uint64) * 2 + 1
+    mixed = (chosen * factors).sum(axis=1, dtype=np.uint64)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):  # splitmix64
+        mixed = (mixed ^ (mixed >> np.uint64(shift))) * np.uint64(factor)
+    return np.unique(mixed >> np.uint64(16))

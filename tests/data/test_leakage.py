@@ -1,0 +1,71 @@
+"""Whatever a copy is called and wherever its origin is, it is found; other people are not."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from neurosym_jax.data import cut_windows, open_source
+from neurosym_jax.data.leakage import fingerprint, is_fingerprint, seen_before, shared_shapes
+from neurosym_jax.errors import InputWarning
+from neurosym_jax.evaluation import test_sets
+
+
+@pytest.fixture(scope="module")
+def benchmark(shared):
+    return open_source(shared / "data/eth_ucy")
+
+
+@pytest.fixture(scope="module")
+def learned(benchmark):
+    return cut_windows(benchmark.recordings("zara1", "train"), 8, 8)
+
+
+def test_no_test_set_is_in_its_training(benchmark, learned):
+    """Of 19 that are looked for in zara1; of the others, the parts for training are found."""
+    seen = fingerprint(learned)
+    assert is_fingerprint(seen)
+    assert len(seen) <= 4096
+    for scene in benchmark.scenes:
+        found, looked = seen_before(seen, cut_windows(benchmark.recordings(scene), 8, 12))
+        assert looked > 10
+        assert found == 0 if scene == "zara1" else found > 0.4 * looked
+    validation = cut_windows(benchmark.recordings("zara1", "val"), 8, 8)
+    assert shared_shapes(validation, learned)[0] == 0
+
+
+@pytest.mark.parametrize("change", ["copy", "shifted", "other ids", "rounded", "a half"])
+def test_a_copy_is_found(benchmark, learned, change):
+    (tracks,) = benchmark.recordings("zara2")
+    if change == "shifted":
+        tracks = dataclasses.replace(tracks, position=tracks.position + np.array([431234.5, -5e6]))
+    elif change == "rounded":
+        tracks = dataclasses.replace(tracks, position=tracks.position.round(3))
+    elif change == "other ids":
+        tracks = tracks.with_ids(1000 - tracks.id)
+    elif change == "a half":
+        tracks = tracks.take(tracks.stamp < np.median(tracks.stamp))
+    windows = cut_windows([dataclasses.replace(tracks, recording="mine")], 8, 12)
+    found, looked = seen_before(fingerprint(learned), windows)
+    assert found > (0.2 if change == "rounded" else 0.6) * looked
+
+
+def test_an_evaluation_says_so(benchmark, learned):
+    model = dataclasses.replace(
+        test_sets.baseline("constant_velocity", 8, 8), seen=fingerprint(learned)
+    )
+    recordings = {scene: benchmark.recordings(scene) for scene in ("zara1", "zara2")}
+    with pytest.warns(InputWarning, match="mine: was trained on these people: 62 of 71 windows"):
+        test = test_sets.make_test(
+            test_sets.TestSet("zara2", 8, 8), [("mine", model)], recordings["zara2"]
+        )
+    assert "trained on these people" in test.windows.reading[0].warnings[0]
+    test = test_sets.make_test(
+        test_sets.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"]
+    )
+    assert test.windows.reading[0].warnings == ()
+
+
+@pytest.mark.parametrize("value", [None, 3, "a", "a" * 4104, "====", "aaaa\naaa"])
+def test_what_is_no_fingerprint(value):
+    assert not is_fingerprint(value)
