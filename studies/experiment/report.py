@@ -34,7 +34,7 @@ messages go into bags and come back frame by frame through stitching, prediction
 
 NOTE = """Metres. ADE / FDE: the published forecast, which is the central sample. Best of k: the
 best sample for both people together. Summed: over people and steps, as in the paper's tables.
-Consecutive sequences overlap.
+Consecutive forecasts overlap.
 
 The paper printed, with real people and 3 to 7 sequences a cell, as “Avg. ADE” / FDE: A, SGAN 12.4 /
 2.28 and 16.32 / 3.24, NeuroSyM 7.06 / 1.31 and 2.52 / 0.68; B, SGAN 10.88 / 2.67 and 24.27 / 5.0,
@@ -100,7 +100,6 @@ def _errors(recordings: Sequence[Recording]) -> str:
         [
             f"{NAMES[recording.scenario][0]} {recording.number}",
             name,
-            str(score.sequences),
             f"{score.ade:.2f} / {score.fde:.2f}",
             f"{score.best_ade:.2f} / {score.best_fde:.2f}" if name != STRAIGHT else "–",
             f"{score.sum_ade:.1f} / {score.sum_fde:.1f}",
@@ -108,8 +107,8 @@ def _errors(recordings: Sequence[Recording]) -> str:
         for recording in recordings
         for name, score in recording.scores.items()
     ]
-    head = ["recording", "model", "sequences", "ADE / FDE", "best of k", "summed"]
-    return markdown_table(head, rows, right=4)
+    head = ["recording", "model", "ADE / FDE", "best of k", "summed"]
+    return markdown_table(head, rows, right=3)
 
 
 def _chain(recordings: Sequence[Recording]) -> str:

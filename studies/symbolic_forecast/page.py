@@ -70,8 +70,7 @@ underestimates likely events; on THÖR everyone is overconfident about symbols.
   that is best on validation scenes. A single forecast is thus judged by the best probabilities
   that can be made of it.
 - The Markov chain is learned from training states and smoothed by the neighbourhood diagram
-  (Hanheide, Peters, Bellotto 2012; Dondrup, Bellotto, Hanheide 2014). Persistence: the state
-  stays, and events repeat.
+  (Hanheide, Peters, Bellotto 2012; Dondrup, Bellotto, Hanheide 2014).
 
 </details>
 """
@@ -148,7 +147,7 @@ def _states(groups: dict[str, Any]) -> str:
         for column in columns
     }
     rows = []
-    for forecaster in (*DRAWN, "persistence"):
+    for forecaster in DRAWN:
         cells = []
         for name, step in columns:
             text = f"{groups[name]['means'][forecaster][f'log state {step}']:.2f}"
