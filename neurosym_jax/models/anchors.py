@@ -105,7 +105,7 @@ class AnchorNetwork(nn.Module):
         heading = heading_of(velocity, slow)
         walking = jnp.square(heading).sum(-1)
         past = turned(steps, heading[:, None], -1)
-        own = [hertz * past.reshape(len(past), -1), hertz * length(steps)]
+        own = [hertz * past.reshape(past.shape[0], -1), hertz * length(steps)]
         own += [jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1), roughness]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
         seen = [state]
@@ -165,7 +165,7 @@ class AnchorNetwork(nn.Module):
         features = numbers if config.geometry else []
         if config.symbols:
             features = [*features, *_symbols(observed, SLOW * config.period)]
-        others = valid & valid[:, None] & ~jnp.eye(len(valid), dtype=bool)
+        others = valid & valid[:, None] & ~jnp.eye(valid.shape[0], dtype=bool)
         stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
         gate = jnp.where(others, _within(distance, config.radius), 0)
         return stacked, gate, jnp.where(others, _within(distance, WIDE), 0).sum(1)
@@ -187,7 +187,7 @@ def attend(score: Array, value: Array, gate: Array) -> Array:
     weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
     share = weight / (1 + weight.sum(1, keepdims=True))
     value = value.reshape(*share.shape, -1)
-    return (share[..., None] * value).sum(1).reshape(len(gate), -1)
+    return (share[..., None] * value).sum(1).reshape(gate.shape[0], -1)
 
 
 def _geometry(

@@ -83,7 +83,7 @@ class _EncounterNetwork(nn.Module):
         distance = _length(there)
         said = nn.relu(self.pair(_features(there, motion, distance, speed[:, None])))
 
-        others = valid & ~jnp.eye(len(valid), dtype=bool)
+        others = valid & ~jnp.eye(valid.shape[0], dtype=bool)
         weight = jnp.where(others, jnp.maximum(alpha[..., -1], 0), 0)[..., None]
         score = self.score(said) - distance[..., None]
         # No more than 0, so that nothing overflows; a ratio does not change.
@@ -94,9 +94,9 @@ class _EncounterNetwork(nn.Module):
         share = share / jnp.where(whole > 0, whole, 1)
 
         message = self.message(said).reshape(*share.shape, -1)
-        pooled = (share[..., None] * message).sum(axis=1).reshape(len(valid), -1)
+        pooled = (share[..., None] * message).sum(axis=1).reshape(valid.shape[0], -1)
         pushes, numbers = jnp.split(pooled, 2, axis=-1)
-        pushes = _turned(pushes.reshape(len(valid), -1, 2), heading[:, None], 1)
+        pushes = _turned(pushes.reshape(valid.shape[0], -1, 2), heading[:, None], 1)
         return jnp.concatenate([pushes.reshape(numbers.shape), numbers], axis=-1)
 
 

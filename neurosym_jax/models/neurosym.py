@@ -93,7 +93,7 @@ class _RosNetwork(_HistoryNetwork):
     def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`; arguments as in `_DescribedNetwork`."""
         first, second = self.mlp.layers
-        agents = len(track)
+        agents = track.shape[0]
         of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
         own = track.reshape(agents, -1) @ self.spatial_embedding.kernel
         shifted = own + self.spatial_embedding.bias
@@ -128,7 +128,7 @@ class _IjcnnNetwork(_HistoryNetwork):
         if np.shape(alpha_rows) != (len(hidden), self.obs_len):
             raise InputError(f"neurosym_ijcnn {NO_FORECAST}")
         embedded = alpha_rows[..., None] * self.spatial_embedding.bias
-        each = self.mlp(jnp.concatenate([embedded.reshape(len(hidden), -1), hidden], axis=-1))
+        each = self.mlp(jnp.concatenate([embedded.reshape(hidden.shape[0], -1), hidden], axis=-1))
         highest = jnp.where(valid[:, None], each, 0).max(axis=0)
         return jnp.broadcast_to(highest, each.shape)
 

@@ -67,13 +67,13 @@ def _candidates(layer, shared, neighbours, kernel, bias, valid, own, of_pairs) -
 
 
 def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
-    slots = jnp.arange(len(valid))[:, None]
+    slots = jnp.arange(valid.shape[0])[:, None]
 
     def of_agent(agent):
         values = _candidates(layer, shared, neighbours, kernel, bias, valid, *agent)
         highest = values.max(axis=0)
         # `argmax` is several times slower on a CPU than these two reductions.
-        return highest, jnp.where(values == highest, slots, len(valid) - 1).min(axis=0)
+        return highest, jnp.where(values == highest, slots, valid.shape[0] - 1).min(axis=0)
 
     highest, winner = jax.lax.map(of_agent, (agents, pairs))
     return highest, (shared, agents, neighbours, pairs, kernel, winner)

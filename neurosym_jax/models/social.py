@@ -51,7 +51,7 @@ class _GridNetwork(nn.Module):
 
     def __call__(self, hidden: Array, position: Array, valid: Array) -> Array:
         """`hidden [N, H]`, `position [N, 2]`, `valid [N]` to `[N, H]`."""
-        agents = len(position)
+        agents = position.shape[0]
         half = self.neighborhood_size / 2
         offset = position[None] - position[:, None]
         inside = (

@@ -37,7 +37,7 @@ def to_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -> Arr
     Each agent keeps its weights in another order, which follows from the scene alone: neither
     rotation nor padding nor the order of the agents changes it.
     """
-    others = other_pairs(valid, len(last))
+    others = other_pairs(valid, last.shape[0])
     apart = jnp.square(last[:, None] - last[None]).sum(axis=-1)
     by_distance = jnp.argsort(jnp.where(others, apart, jnp.inf), axis=1)
     rank = jnp.argsort(by_distance, axis=1)

@@ -74,7 +74,7 @@ def _count(
     @jax.jit
     @jax.vmap
     def observe(positions: ArrayLike, valid: Array) -> tuple[Array, Array]:
-        return weighting.codes(parameters, positions), other_pairs(valid, len(valid))
+        return weighting.codes(parameters, positions), other_pairs(valid, valid.shape[0])
 
     total = np.zeros(size, np.int64)
     for positions, valid in scenes:

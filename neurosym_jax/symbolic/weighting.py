@@ -84,9 +84,9 @@ class Weighting(Checked, abc.ABC):
             i.
         """
         positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
-        present = jnp.ones(len(positions), bool) if valid is None else jnp.asarray(valid)
+        present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
         alpha = self.weigh(parameters, positions, valid).astype(positions.dtype)
-        alpha = jnp.where(jnp.eye(len(positions), dtype=bool)[..., None], 1, alpha)
+        alpha = jnp.where(jnp.eye(positions.shape[0], dtype=bool)[..., None], 1, alpha)
         pairs = present[:, None] & present[None]
         return jnp.where((pairs & (present.sum() != 1))[..., None], alpha, 0)
 

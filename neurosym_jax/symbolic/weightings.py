@@ -27,7 +27,7 @@ class Ones(Weighting):
 
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """See `Weighting.weigh`."""
-        return jnp.ones((len(positions), *positions.shape[:2]), positions.dtype)
+        return jnp.ones((positions.shape[0], *positions.shape[:2]), positions.dtype)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Zeros(Weighting):
 
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """See `Weighting.weigh`."""
-        return jnp.zeros((len(positions), *positions.shape[:2]), positions.dtype)
+        return jnp.zeros((positions.shape[0], *positions.shape[:2]), positions.dtype)
 
 
 BUILT_IN = (Cnd, CndShipped, Quantised, Soft, Learned, Transition, Ones, Zeros, Shuffled)
@@ -64,7 +64,7 @@ class FunctionWeighting(Weighting):
 
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """See `Weighting.weigh`."""
-        present = jnp.ones(len(positions), bool) if valid is None else jnp.asarray(valid)
+        present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
         return type(self).function(positions, present, **parameters)
 
     def __reduce__(self):

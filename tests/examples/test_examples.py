@@ -17,6 +17,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "examples"
 TESTED = {
     *("which_pair_matters", "learn_weights", "own_weighting", "closest"),
     *("costmap", "evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
+    "run_exported",  # by tests/interop/test_export.py
 }
 
 
