@@ -12,13 +12,14 @@ LIBRARIES = {
     "distributed": ("runtime/",),
     "flax": ("models/", "scene.py"),
     "matplotlib": ("plotting/",),
+    "orbax": ("training/",),
     "rclpy": (),
     "rosbags": (),
     "rospy": (),
     "torch": ("interop/",),
     "tyro": ("commands/",),
 }
-ON_DEMAND = {"distributed", "matplotlib", "safetensors", "torch"}
+ON_DEMAND = {"distributed", "matplotlib", "orbax", "safetensors", "torch"}
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
 ROOMS = (
     *("data", "simulation", "symbolic", "models", "forecasting", "evaluation", "training"),

@@ -11,7 +11,7 @@ import jax
 
 __all__ = ["code_version", "cpu_cores", "cpu_threads", "run_environment"]
 
-_PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy")
+_PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
 
 
 def run_environment() -> dict[str, Any]:

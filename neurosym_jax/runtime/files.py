@@ -5,6 +5,7 @@ If the process is killed or the disk is full, the old file is still there.
 
 import contextlib
 import errno
+import hashlib
 import json
 import os
 import secrets
@@ -18,6 +19,7 @@ from neurosym_jax.errors import InputError
 
 __all__ = [
     "append_text",
+    "folder_digest",
     "new_file",
     "new_folder",
     "refuse_unwritable",
@@ -104,6 +106,17 @@ def write_json(path: Path | str, data: Any) -> None:
         ValueError: for a NaN or an infinity in `data`.
     """
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
+
+
+def folder_digest(folder: Path, without: str = "") -> str:
+    """SHA-256 of the names and bytes of all files below `folder` but the one named `without`."""
+    sha = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        name = path.relative_to(folder).as_posix()
+        if name != without:
+            sha.update(f"{name}\0{path.stat().st_size}\0".encode())
+            sha.update(path.read_bytes())
+    return sha.hexdigest()
 
 
 def refuse_unwritable(path: Path | str) -> None:

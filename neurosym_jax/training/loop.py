@@ -26,7 +26,7 @@ from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.training.anchor_objective import AnchorObjective
-from neurosym_jax.training.checkpoints import restore_state, save_state
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.dead_pooling import EFFECT, neighbour_effect, warn_if_dead
 from neurosym_jax.training.finish import best_of, write_curves, write_model
 from neurosym_jax.training.generator_objective import GeneratorObjective
@@ -120,8 +120,8 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
     validations: list[Row] = []
     record = {**run.describe(), "environment": run_environment()}
 
-    states = folder / "checkpoints"
-    if (found := restore_state(states, (state, best))) is not None:
+    checkpoints = TrainingCheckpoints(folder / "checkpoints")
+    if (found := checkpoints.restore((state, best))) is not None:
         step, (state, best), before = found
         if not resume:
             raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
@@ -153,7 +153,7 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
             on_row(row)
             if validated:
                 saved = {**record, "history": validations}
-                save_state(states, row["step"], (state, best), saved)
+                checkpoints.save(row["step"], (state, best), saved, row["val_score"])
             done += count
             bar.set_postfix(_progress(row, validations), refresh=False)
             bar.update(count)

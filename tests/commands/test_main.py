@@ -11,7 +11,7 @@ import pytest
 
 from neurosym_jax.__main__ import commands, main
 
-HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "rosbags", "scipy", "tyro"}
+HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "orbax", "rosbags", "scipy", "tyro"}
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = [

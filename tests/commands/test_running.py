@@ -179,7 +179,7 @@ import os, sys, jax
 before = dict(jax.config.values), dict(os.environ)
 import neurosym_jax
 assert (dict(jax.config.values), dict(os.environ)) == before, "settings changed"
-heavy = {"matplotlib", "polars", "tyro", "torch", "tqdm", "optax"} & set(sys.modules)
+heavy = {"matplotlib", "orbax", "polars", "tyro", "torch", "tqdm", "optax"} & set(sys.modules)
 assert not heavy, heavy
 assert jax.config.jax_compilation_cache_dir is None
 assert set(neurosym_jax.__all__) <= set(dir(neurosym_jax))

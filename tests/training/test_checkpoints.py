@@ -2,6 +2,7 @@
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,14 +15,27 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from flax import struct
+from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.errors import InputError, TrainingError
-from neurosym_jax.training.checkpoints import restore_state, save_state, saved_steps
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 
 RECORD = {"config": {"lr": 1e-3, "name": "sgan é"}, "history": [{"step": 1, "ade": 0.1 + 0.2}]}
 
 
-class State(NamedTuple):
+class Odd(NamedTuple):
+    half: Any
+    brain: Any
+    flags: Any
+    bits: Any
+    empty: Any
+    fortran: Any
+    strided: Any
+
+
+@struct.dataclass
+class State:
     params: Any
     optimiser: Any
     step: Any
@@ -36,13 +50,15 @@ def make_state(seed: int = 0) -> State:
     optimiser = optax.chain(
         optax.clip_by_global_norm(2.0), optax.adam(optax.constant_schedule(1.0))
     )
-    odd = {
-        "flags": np.array([True, False]),
-        "bits": rng.integers(0, 2**63, 3),
-        "empty": np.zeros((0, 3), np.float32),
-        "fortran": np.asfortranarray(rng.normal(size=(2, 3))),
-        "strided": np.arange(6.0)[::2],
-    }
+    odd = Odd(
+        half=np.float16([1.5, -0.0]),
+        brain=jnp.asarray(rng.normal(size=3), jnp.bfloat16),
+        flags=np.array([True, False]),
+        bits=rng.integers(0, 2**63, 3),
+        empty=np.zeros((0, 3), np.float32),
+        fortran=np.asfortranarray(rng.normal(size=(2, 3))),
+        strided=np.arange(6.0)[::2],
+    )
     key = jax.random.key_data(jax.random.key(seed))
     return State(params, optimiser.init(params), np.int32(seed), key, odd)
 
@@ -55,52 +71,78 @@ def assert_same(one: Any, two: Any) -> None:
 
 
 def restored(folder: Path, template: Any) -> tuple[int, Any, dict[str, Any]]:
-    found = restore_state(folder, template)
+    found = TrainingCheckpoints(folder).restore(template)
     assert found is not None
     return found
 
 
-@pytest.fixture
-def two_steps(tmp_path) -> Path:
-    for step in (1, 2):
-        save_state(tmp_path / "run", step, make_state(step), {"at": step})
-    return tmp_path / "run"
+def steps(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture(scope="module")
+def two_steps(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    checkpoints = TrainingCheckpoints(folder)
+    checkpoints.save(1, make_state(1), {"at": 1}, 0.5)
+    checkpoints.save(2, make_state(2), {"at": 2}, 0.4)
+    return folder
 
 
 def test_round_trip_is_bit_identical(tmp_path):
-    state, folder = make_state(3), tmp_path / "new" / "run"
-    assert restore_state(folder, state) is None
-    save_state(folder, 7, state, RECORD)
-    step, again, record = restored(folder, make_state(0))
+    state = make_state(3)
+    checkpoints = TrainingCheckpoints(tmp_path / "new" / "run")
+    assert checkpoints.restore(state) is None
+    checkpoints.save(7, state, RECORD, 0.25)
+    step, again, record = restored(tmp_path / "new" / "run", make_state(0))
     assert (step, record) == (7, RECORD)
     assert_same(again, state)
+    assert again.step.shape == ()
     shapes = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), state.params)
-    assert_same(restored(folder, state._replace(params=shapes))[1], state)
+    again = restored(tmp_path / "new" / "run", state.replace(params=shapes))[1]
+    assert_same(again, state)
 
 
-def test_the_two_newest_are_kept(two_steps):
-    save_state(two_steps, 30, make_state(3), {})
-    assert saved_steps(two_steps) == [2, 30]
-    assert restored(two_steps, make_state(0))[0] == 30
+def test_numbers_as_keys_of_the_record_become_text(tmp_path):
+    checkpoints = TrainingCheckpoints(tmp_path)
+    checkpoints.save(1, {"a": np.ones(2)}, {10: "ten", 9: (1, 2)}, 0.0)
+    assert checkpoints.restore({"a": np.ones(2)})[2] == {"10": "ten", "9": [1, 2]}
+
+
+def test_the_two_newest_and_the_best_are_kept(tmp_path):
+    metrics = [0.5, 0.2, 0.4, 0.3, 0.2, 0.9, 0.8, 0.7]
+    kept = [[1], [1, 2], [2, 3], [2, 3, 4], [4, 5], [5, 6], [5, 6, 7], [5, 7, 8]]
+    checkpoints = TrainingCheckpoints(tmp_path)
+    for step, (metric, names) in enumerate(zip(metrics, kept), start=1):
+        checkpoints.save(step, {"a": np.full(3, step)}, {}, metric)
+        assert steps(tmp_path) == [f"step_{name:08d}" for name in names]
+    assert restored(tmp_path, {"a": np.zeros(3, int)})[0] == 8
+
+
+WEIGHTS = {name: {"w": np.array([1.0, np.nan], name)} for name in ("bfloat16", "float16")}
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"params": {"w": np.array([1.0, np.nan])}}, r"\['w'\] is not finite: .* step 2 is kept"),
+        ({"metric": float("nan")}, "metric is nan: step 3 .* step 2 is kept"),
+        ({"metric": np.float32("inf")}, "metric is inf: step 3 .* step 2 is kept"),
+        ({"params": WEIGHTS["bfloat16"]}, r"params\['w'\] is not finite: .* step 2 is kept"),
+        ({"params": WEIGHTS["float16"]}, r"params\['w'\] is not finite: .* step 2 is kept"),
         ({"record": {"ade": float("nan")}}, "record is not JSON .* step 2 is kept"),
         ({"record": {"array": np.zeros(2)}}, "record is not JSON"),
         ({"step": 2}, "step 2 is not after step 2, which is already there: resume"),
         ({"step": 1}, "step 1 is not after step 2"),
     ],
 )
-def test_what_cannot_be_saved_is_refused(two_steps, changes, message):
-    given = {"step": 3, "params": {}, "record": {}} | changes
-    state = make_state(3)._replace(params=given["params"])
+def test_what_cannot_be_saved_is_refused(tmp_path, two_steps, changes, message):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    given = {"step": 3, "params": {}, "record": {}, "metric": 0.1} | changes
+    state = make_state(3).replace(params=given.pop("params"))
     with pytest.raises(TrainingError, match=message):
-        save_state(two_steps, given["step"], state, given["record"])
-    assert saved_steps(two_steps) == [1, 2]
-    assert_same(restored(two_steps, make_state(0))[1], make_state(2))
+        TrainingCheckpoints(folder).save(given.pop("step"), state, **given)
+    assert steps(folder) == steps(two_steps)
+    assert_same(restored(folder, make_state(0))[1], make_state(2))
 
 
 @pytest.mark.parametrize(
@@ -114,27 +156,87 @@ def test_what_cannot_be_saved_is_refused(two_steps, changes, message):
 )
 def test_another_template_is_refused(two_steps, change, words):
     with pytest.raises(InputError, match=words):
-        restore_state(two_steps, make_state(0)._replace(**change))
-    assert saved_steps(two_steps) == [1, 2]
+        TrainingCheckpoints(two_steps).restore(make_state(0).replace(**change))
+    assert steps(two_steps) == ["step_00000001", "step_00000002"]
 
 
-def test_a_damaged_step_is_passed_over(two_steps, capsys):
-    path = two_steps / "step_00000002.state"
-    whole, rng = path.read_bytes(), random.Random(0)
-    flipped = []
-    for _ in range(100):
-        content = bytearray(whole)
+def files(folder: Path) -> list[Path]:
+    """The files of the newest step that have any bytes."""
+    paths = sorted((folder / "step_00000002").rglob("*"))
+    return [path for path in paths if path.is_file() and path.stat().st_size]
+
+
+def assert_falls_back(folder: Path, capsys: Any) -> None:
+    capsys.readouterr()
+    step, state, record = restored(folder, make_state(0))
+    assert record == {"at": step}
+    assert_same(state, make_state(step))
+    if step == 1:
+        assert "step 2 is damaged and passed over: " in capsys.readouterr().err
+        assert steps(folder) == ["damaged_step_00000002", "step_00000001"]
+
+
+@pytest.mark.slow
+def test_a_flipped_byte_never_restores_other_leaves(tmp_path, two_steps, capsys):
+    rng = random.Random(0)
+    for trial in range(100):
+        folder = shutil.copytree(two_steps, tmp_path / str(trial))
+        path = rng.choice(files(folder))
+        content = bytearray(path.read_bytes())
         content[rng.randrange(len(content))] ^= rng.randrange(1, 256)
-        flipped.append(bytes(content))
-    for content in (*flipped, b"", whole[:40], whole[:-1], whole + b"?"):
         path.write_bytes(content)
-        step, state, record = restored(two_steps, make_state(0))
-        assert (step, record) == (1, {"at": 1})
-        assert_same(state, make_state(1))
-        assert "step_00000002.state: damaged, and passed over" in capsys.readouterr().err
-        assert (two_steps / "damaged_step_00000002.state").exists()
-    save_state(two_steps, 2, make_state(2), {"at": 2})
-    assert_same(restored(two_steps, make_state(0))[1], make_state(2))
+        assert_falls_back(folder, capsys)
+        shutil.rmtree(folder)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cut", ["empty", "half", "last byte", "missing"])
+def test_a_truncated_file_falls_back(tmp_path, two_steps, capsys, cut):
+    for path in files(two_steps):
+        folder = shutil.copytree(two_steps, tmp_path / path.name)
+        broken = folder / path.relative_to(two_steps)
+        size = path.stat().st_size
+        if cut == "missing":
+            broken.unlink()
+        else:
+            os.truncate(broken, {"empty": 0, "half": size // 2, "last byte": size - 1}[cut])
+        assert_falls_back(folder, capsys)
+        shutil.rmtree(folder)
+
+
+def test_orbax_never_reads_an_altered_file(tmp_path, two_steps, capsys, monkeypatch):
+    load = ocp.load
+
+    def load_first(path):
+        return load(path) if "_00000001/" in path else pytest.fail(f"{path} was read")
+
+    monkeypatch.setattr(ocp, "load", load_first)
+    for path in files(two_steps):
+        folder = shutil.copytree(two_steps, tmp_path / "run")
+        with open(folder / path.relative_to(two_steps), "ab") as file:
+            file.write(b"?")
+        assert_falls_back(folder, capsys)
+        shutil.rmtree(folder)
+
+
+def test_nothing_whole_is_none_and_training_goes_on_after_a_fallback(tmp_path, two_steps, capsys):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    (folder / "step_00000002" / "step.json").write_text("{}")
+    assert restored(folder, make_state(0))[0] == 1
+    TrainingCheckpoints(folder).save(2, make_state(2), {"at": 2}, 0.4)
+    assert_same(restored(folder, make_state(0))[1], make_state(2))
+    for name in ("step_00000001", "step_00000002"):
+        (folder / name / "step.json").unlink()
+    assert TrainingCheckpoints(folder).restore(make_state(0)) is None
+    assert capsys.readouterr().err.count("warning: ") == 3
+
+
+def test_a_damaged_step_is_not_pruned_unseen(tmp_path, two_steps):
+    folder = shutil.copytree(two_steps, tmp_path / "run")
+    (folder / "step_00000001" / "step.json").write_text("{")  # Its metric cannot be read.
+    for step in (3, 4):
+        TrainingCheckpoints(folder).save(step, make_state(step), {}, 0.6)
+    assert steps(folder) == [f"step_{step:08d}" for step in (1, 2, 3, 4)]
 
 
 # One process imports everything, and forks those that are killed: importing takes seconds.
@@ -143,7 +245,7 @@ import os, sys
 from pathlib import Path
 import numpy as np
 from orbax.checkpoint import v1
-from neurosym_jax.training.checkpoints import restore_state, save_state, saved_steps
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 
 folder = Path(sys.argv[1])
 for line in sys.stdin:
@@ -153,11 +255,12 @@ for line in sys.stdin:
         os.waitpid(pid, 0)
         print("dead", flush=True)
         continue
+    checkpoints = TrainingCheckpoints(folder)
     step = int(line)
     while True:
         step += 1
         state = {"w": np.full((64, 8), step, np.float32), "step": np.int32(step)}
-        save_state(folder, step, state, {"at": step})
+        checkpoints.save(step, state, {"at": step}, 1.0 / step)
         (folder.parent / "saved").write_text(str(step))
 """
 
@@ -184,7 +287,7 @@ def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
             time.sleep(rng.uniform(0.0, longest))
             os.kill(pid, signal.SIGKILL)
             assert process.stdout.readline() == "dead\n"
-            found = restore_state(folder, template)
+            found = TrainingCheckpoints(folder).restore(template)
             if found is None:
                 assert step == 0
                 longest *= 2  # A busy machine saves nothing for long.
@@ -199,4 +302,4 @@ def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
         process.stdin.close()
     assert step > 0
     assert "damaged" not in capsys.readouterr().err
-    assert len(saved_steps(folder)) <= 3
+    assert len([name for name in steps(folder) if name.startswith("step_")]) <= 3

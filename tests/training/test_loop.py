@@ -5,6 +5,7 @@ import shutil
 import jax
 import numpy as np
 import pytest
+from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.errors import InputError, TrainingError
@@ -13,7 +14,7 @@ from neurosym_jax.symbolic.transition import Transition
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training import generator_objective, loop
 from neurosym_jax.training.card import write_card
-from neurosym_jax.training.checkpoints import saved_steps
+from neurosym_jax.training.checkpoints import TrainingCheckpoints
 from neurosym_jax.training.finish import outcome
 from neurosym_jax.training.lock import sole_writer
 from neurosym_jax.training.loop import train_run
@@ -55,7 +56,8 @@ def poison_after(monkeypatch, step):
 def leaves(folder):
     """Every leaf of the final state and of the model."""
     final = max((folder / "checkpoints").glob("step_*"))
-    return final.read_bytes(), [
+    arrays = ocp.load(str(final / "state"))
+    return {name: array.tobytes() for name, array in arrays.items()}, [
         np.asarray(leaf) for leaf in jax.tree.leaves(load_model(folder / "model").params)
     ]
 
@@ -226,7 +228,7 @@ def test_a_loss_that_is_not_finite_stops_the_run(run, tmp_path, monkeypatch):
     assert "between step 25 and step 50" in message
     assert "g_loss nan" in message
     assert "step 25 is kept" in message
-    assert saved_steps(tmp_path / "checkpoints") == [25]
+    assert [path.name for path in (tmp_path / "checkpoints").glob("step_*")] == ["step_00000025"]
     monkeypatch.setattr(SceneStream, "steps", steps)
     train_run(run, tmp_path, resume=True)
 
@@ -269,7 +271,7 @@ def test_the_best_state_is_kept_not_the_last(with_recipe, tmp_path, monkeypatch)
     model = train_run(with_recipe(), tmp_path)
     jax.tree.map(np.testing.assert_array_equal, model.params, kept[1])
     assert json.loads((tmp_path / "run.json").read_text())["validation"]["step"] == 50
-    assert saved_steps(tmp_path / "checkpoints") == [50, 75]
+    assert sorted(TrainingCheckpoints(tmp_path / "checkpoints")._steps()) == [50, 75]
 
 
 @pytest.mark.slow

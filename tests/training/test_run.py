@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.commands.train import Options, _test_of, make_run
 from neurosym_jax.errors import InputError, InputWarning
@@ -57,7 +58,8 @@ ENVIRONMENT = {**os.environ, "NPROC": "1"}
 
 def final(folder):
     """All leaves of the last state, the digest of the model, and the metrics."""
-    state = (folder / "checkpoints" / f"step_{STEPS:08d}.state").read_bytes()
+    arrays = ocp.load(str(folder / "checkpoints" / f"step_{STEPS:08d}" / "state"))
+    state = {name: array.tobytes() for name, array in arrays.items()}
     model = json.loads((folder / "model" / "config.json").read_text())
     return state, model["sha256"], (folder / "metrics.jsonl").read_bytes()
 
