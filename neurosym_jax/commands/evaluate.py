@@ -22,6 +22,7 @@ from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names
 from neurosym_jax.evaluation.plan import (
     PROTOCOLS,
     ProtocolName,
+    load_models,
     load_tests,
     make_plan,
     one_of_each,
@@ -29,12 +30,11 @@ from neurosym_jax.evaluation.plan import (
 from neurosym_jax.evaluation.report import check_report, evaluate_into
 from neurosym_jax.evaluation.results import Result, Row, Settings, rows_frame
 from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
-from neurosym_jax.evaluation.summary import conclusion, lines_of, means_of
+from neurosym_jax.evaluation.summary import assumptions, conclusion, lines_of, means_of
 from neurosym_jax.evaluation.tables import Style, format_table, notes, text_tables
 from neurosym_jax.evaluation.test_sets import BASELINES, Test
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
+from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.runtime.executor import executor
 from neurosym_jax.runtime.progress import without_bars
 from neurosym_jax.runtime.provenance import provenance
@@ -66,8 +66,8 @@ class Options:
     )
 
     checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
-    """Models to evaluate, by folder, .pt file or name (see `neurosym models`); of a folder of
-    models, those that match the data set and horizon. Default: one shipped SGAN and NeuroSyM."""
+    """Models to evaluate: folder, .pt file or name (see `neurosym models`), or `recommended`; of a
+    folder, those that match. Default: one shipped model without symbols and one with."""
     all: bool = False
     """Evaluate every shipped model that matches the data set and horizon."""
     data: Annotated[Path | None, _named("PATH")] = None
@@ -99,8 +99,8 @@ class Options:
     min_agents: Annotated[int | None, _named("INT")] = None
     """Minimum number of people in a scene; default: the protocol's."""
     baselines: Annotated[tuple[str, ...] | None, _named("NAME ...")] = None
-    """Forecasters without parameters to evaluate beside the models; default: constant velocity and,
-    with --checkpoint or --all, sampled constant velocity."""
+    """Forecasters to evaluate beside the models; default: constant velocity and, with --checkpoint
+    or --all, its sampled form and the anchor table of the test set."""
     metrics: Annotated[tuple[str, ...], _named("NAME ...")] = ()
     """Further metrics by name, see docs/metrics.md, or `all` but those of --symbols."""
     symbols: bool = False
@@ -158,7 +158,7 @@ def run(options: Options) -> list[Row]:
             facts={"protocol": options.protocol, "provenance": _provenance(tests)},
             show=show if options.table == "text" else None,
         )
-    said = [*_print_rest(options, tests, rows, means=chosen), *_assumed(models)]
+    said = [*_print_rest(options, tests, rows, means=chosen), *assumptions(models)]
     if not any(row["checkpoint"] for row in rows):
         said += ["No model was given, or none matches: these are the baselines."]
     elif not chosen:
@@ -178,10 +178,13 @@ def run(options: Options) -> list[Row]:
 
 def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
     """The source of recordings, and the models: as given, all that ship, or one of each kind."""
-    paths = find_checkpoints(options.checkpoint) or list(map(str, shipped_models()))
-    models = [(path, load_model(path)) for path in paths]
-    own = models[0][1].dataset if options.checkpoint else None
-    source = open_source(options.data, options.dataset, own, options.read, options.period)
+
+    def source_of(own: str | None) -> Source:
+        return open_source(options.data, options.dataset, own, options.read, options.period)
+
+    asked = _lengths(options)["pred_len"]
+    models = load_models(options.checkpoint, source_of, options.dataset, asked)
+    source = source_of(models[0][1].dataset if options.checkpoint else None)
     if options.checkpoint or options.all:
         return source, models
     return source, one_of_each(source, models, dataset=options.dataset, **_lengths(options))
@@ -198,8 +201,8 @@ def _tests(
 ) -> list[Test]:
     """The test sets, read; the first one's seconds count from `start`."""
     baselines, least = options.baselines, options.min_agents
-    if baselines is None:
-        baselines = BASELINES if options.checkpoint or options.all else BASELINES[:1]
+    if baselines is None and not (options.checkpoint or options.all):
+        baselines = BASELINES[:1]
     plan = make_plan(
         source,
         models,
@@ -207,6 +210,7 @@ def _tests(
         test_on=options.test_on,
         **_lengths(options),
         baselines=baselines,
+        samples=options.samples,
         # A folder of models, or what ships, is not named model by model.
         only_matching=len(models) != len(options.checkpoint),
     )
@@ -260,19 +264,6 @@ def _write_files(
         for path in save_forecasts(options.save_forecasts, tests, options.samples, options.seed):
             said += [f"forecasts: {path}"]
     return said
-
-
-def _assumed(models: list[tuple[str, Model]]) -> list[str]:
-    """What the torch checkpoints among the models do not say, a line for those that agree."""
-    said: dict[tuple[str, ...], list[str]] = {}
-    for path, model in models:
-        if model.assumed:
-            said.setdefault(model.assumed, []).append(path)
-    return [
-        f"assumed of {paths[0] if len(paths) == 1 else f'{len(paths)} torch checkpoints'}: "
-        + "; ".join(words)
-        for words, paths in said.items()
-    ]
 
 
 def _next(source: Source) -> str:

@@ -15,17 +15,21 @@ class Options:
 
     `sgan-20v` and `sgan-20vp` name all of SGAN's models without and with pooling. The column
     neighbours has the share of people with somebody within 2 m whose forecast they change.
+    `recommended` is the anchors model for the data set and horizon that are asked for.
     """
 
 
 def run(_: Options) -> None:
     """Print a line for each model."""
-    table = [("name", "forecaster", "steps", "period", "neighbours", "test on", "where")]
+    table = [
+        ("name", "forecaster", "steps", "period", "neighbours", "test on", "learned from", "where")
+    ]
     for name, path in models_at_hand():
         model = load_model(path)
         config = model.config
         steps, period = f"{config.obs_len}+{config.pred_len}", f"{config.period:g} s"
         share = "-" if model.neighbours is None else f"{100 * model.neighbours:.0f} %"
         about = name, model.name, steps, period, share
-        table.append((*about, model.dataset or "-", str(path.parent)))
+        data = ", ".join(f"{name} ({licence})" for name, licence in model.data.items()) or "-"
+        table.append((*about, model.dataset or "-", data, str(path.parent)))
     print(aligned_table(table))

@@ -82,7 +82,11 @@ def run(options: Options) -> None:
     refuse(Count, {"obs-len": options.obs_len, "pred-len": options.pred_len})
     refuse(Count, {"samples": options.samples})
     refuse(Seed, {"--seed": options.seed})
-    model = None if options.model is None else load_model(options.model)
+    model = (
+        None
+        if options.model is None
+        else load_model(options.model, dataset=options.dataset, pred_len=options.pred_len)
+    )
     if options.forecast:
         if model is None:
             raise InputError("--forecast needs a --model that forecasts")

@@ -152,6 +152,7 @@ def make_run(options: Options) -> Run:
         validation=validation,
         dataset=None if options.train_on else options.dataset or source.name or None,
         data_name=_data_name(options, source),
+        data=_data_sets(options, source),
     )
 
 
@@ -191,6 +192,15 @@ def _refuse_seen(options: Options, source: Source, training: Windows, validation
                 f"the training data has {found} of the {all_} shapes of windows in {names}, and "
                 f"that is what the model is {use} on"
             )
+
+
+def _data_sets(options: Options, source: Source) -> tuple[str, ...]:
+    """Names of the data sets to learn from, for their licences."""
+    if isinstance(source, EthUcy):
+        first = "ETH/UCY"
+    else:
+        first = source.name or (options.data.stem if options.data else "recordings")
+    return (first, *(place.stem for place in options.train_also))
 
 
 def _data_name(options: Options, source: Source) -> str:

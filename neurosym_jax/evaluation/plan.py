@@ -2,22 +2,39 @@
 
 import dataclasses
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Literal
 
 from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.test_sets import BASELINES, Entries, Test, TestSet, baseline, make_test
+from neurosym_jax.evaluation.test_sets import (
+    BASELINES,
+    Entries,
+    Test,
+    TestSet,
+    baselines_of,
+    make_test,
+)
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import RECOMMENDED, find_checkpoints, shipped_models
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.neurosym import AsDescribed
 from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
 
-__all__ = ["PROTOCOLS", "Protocol", "ProtocolName", "load_tests", "make_plan", "one_of_each"]
+__all__ = [
+    "PROTOCOLS",
+    "Protocol",
+    "ProtocolName",
+    "load_models",
+    "load_tests",
+    "make_plan",
+    "one_of_each",
+]
 
 ProtocolName = Literal["sgan", "joint-metrics"]
 
@@ -63,7 +80,8 @@ def make_plan(
     test_on: Sequence[str] = (),
     obs_len: int | None = None,
     pred_len: int | None = None,
-    baselines: Sequence[str] = BASELINES,
+    baselines: Sequence[str] | None = None,
+    samples: int = 20,
     only_matching: bool = False,
 ) -> dict[TestSet, Entries]:
     """Plan the entries of each test set, by the source's order of datasets, then by horizon.
@@ -77,7 +95,8 @@ def make_plan(
         test_on: names of recordings to test on, as one test set.
         obs_len: refuse models that observe another number of steps.
         pred_len: refuse models that forecast another number of steps.
-        baselines: forecasters without parameters, by name.
+        baselines: forecasters by name, see `baselines_of`.
+        samples: k that is asked for.
         only_matching: leave out models that would be refused.
 
     Raises:
@@ -102,16 +121,46 @@ def make_plan(
         default = GeneratorConfig()
         lengths = (obs_len or default.obs_len, pred_len or default.pred_len)
         tested = {TestSet(name, *lengths): [] for name in everywhere}
+    if baselines is None and test_on and isinstance(source, EthUcy):
+        baselines = BASELINES[:2]  # The anchor table for other recordings learned from these.
     order = [*everywhere, *source.scenes]
     return {
         test_set: [
-            *((None, baseline(name, test_set.obs_len, test_set.pred_len)) for name in baselines),
+            *baselines_of(
+                baselines, test_set.obs_len, test_set.pred_len, test_set.dataset, samples
+            ),
             *tested[test_set],
         ]
         for test_set in sorted(
             tested, key=lambda test: (order.index(test.dataset), test.obs_len, test.pred_len)
         )
     }
+
+
+def load_models(
+    names: Sequence[str],
+    source_of: Callable[[str | None], Source],
+    dataset: str | None,
+    pred_len: int | None,
+) -> list[tuple[str, Model]]:
+    """(path, model) of the checkpoints of these names, or of all models that ship.
+
+    Of what ships the baselines are left out: they are tested beside every model.
+
+    Args:
+        names: see `find_checkpoints`; `recommended` without a `dataset` is the model of each data
+            set of ETH/UCY where the recordings are these.
+        source_of: the source of the recordings; None where no model says which.
+        dataset: to test on, where given.
+        pred_len: steps to forecast, where given.
+    """
+    datasets: Sequence[str | None] = (dataset,)
+    if RECOMMENDED in names and dataset is None:
+        source = source_of(None)
+        datasets = source.scenes if isinstance(source, EthUcy) else datasets
+    shipped = [str(path) for path in shipped_models() if not path.name.startswith(BASELINES)]
+    paths = find_checkpoints(names, datasets, pred_len) or shipped
+    return [(path, load_model(path)) for path in paths]
 
 
 def one_of_each(
@@ -135,7 +184,7 @@ def one_of_each(
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
     # General models first; then the papers' networks before their variants.
-    fitting.sort(key=lambda each: (each[1].dataset != GENERAL, _departures(each[1])))
+    fitting.sort(key=lambda each: (each[1].dataset != GENERAL, *_departures(each[1])))
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
@@ -146,10 +195,12 @@ def one_of_each(
     return sorted(chosen.values(), key=lambda each: each[1].weighting is not None)
 
 
-def _departures(model: Model) -> tuple[bool, bool]:
-    """How a model departs from the papers: in its pooling, in its forecast."""
+def _departures(model: Model) -> tuple[bool, bool, bool]:
+    """Whether a model is not what is recommended, and how it departs from the papers: in its
+    pooling, in its forecast."""
     pooling = getattr(model.config, "pooling", None)
-    return type(pooling) is not AsDescribed, getattr(model.config, "residual", False)
+    anchors = model.kind == "anchors"
+    return not anchors, type(pooling) is not AsDescribed, getattr(model.config, "residual", False)
 
 
 def _contradiction(

@@ -18,11 +18,10 @@ from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.compile_ahead import CompileAhead
 from neurosym_jax.evaluation.scoring import Evaluation, Score, Scores, score_forecaster
 from neurosym_jax.evaluation.test_sets import (
-    BASELINES,
     Entries,
     Test,
     TestSet,
-    baseline,
+    baselines_of,
     make_test,
 )
 from neurosym_jax.forecasting.forecaster import Forecaster
@@ -99,7 +98,7 @@ def evaluate(
     seed: int = 0,
     min_agents: int = 2,
     metrics: Sequence[str] | None = None,
-    baselines: Sequence[str] = BASELINES,
+    baselines: Sequence[str] | None = None,
 ) -> pl.DataFrame:
     """Test models on recordings: a row for each model, beside the baselines; see `format_table`.
 
@@ -112,7 +111,7 @@ def evaluate(
         seed: random seed of the noise.
         min_agents: scenes with fewer people are left out.
         metrics: names; default: those of every table, see `metric_names`.
-        baselines: forecasters without parameters, by name.
+        baselines: forecasters by name, see `baselines_of`.
 
     Returns:
         Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its name, and the
@@ -130,7 +129,7 @@ def evaluate(
     tests = [
         make_test(
             TestSet(name, obs_len, pred_len),
-            [*((None, baseline(each, obs_len, pred_len)) for each in baselines), *entries],
+            [*baselines_of(baselines, obs_len, pred_len, entries[0][1].dataset, samples), *entries],
             [on_grid(tracks, period) for tracks in recordings],
             min_agents,
         )

@@ -19,10 +19,12 @@ import numpy as np
 from neurosym_jax.evaluation.bootstrap import Interval, student_half
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.test_sets import TestSet
+from neurosym_jax.forecasting.model import Model
 
 __all__ = [
     "Line",
     "Value",
+    "assumptions",
     "conclusion",
     "family_of",
     "lines_of",
@@ -240,3 +242,16 @@ def _beyond(name: str, value: Value, others: Sequence[Line]) -> bool:
     if known_metric(name).higher_is_better:
         return value.interval.low > max(interval.high for interval in known)
     return value.interval.high < min(interval.low for interval in known)
+
+
+def assumptions(models: Sequence[tuple[str, Model]]) -> list[str]:
+    """What the torch checkpoints among the models do not say, a line for those that agree."""
+    said: dict[tuple[str, ...], list[str]] = {}
+    for path, model in models:
+        if model.assumed:
+            said.setdefault(model.assumed, []).append(path)
+    return [
+        f"assumed of {paths[0] if len(paths) == 1 else f'{len(paths)} torch checkpoints'}: "
+        + "; ".join(words)
+        for words, paths in said.items()
+    ]

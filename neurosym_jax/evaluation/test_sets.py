@@ -12,10 +12,12 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import find_model, shipped_name
 
-__all__ = ["BASELINES", "Entries", "Test", "TestSet", "baseline", "make_test"]
+__all__ = ["BASELINES", "Entries", "Test", "TestSet", "baseline", "baselines_of", "make_test"]
 
-BASELINES = ("constant_velocity", "constant_velocity_sampled")
+BASELINES = ("constant_velocity", "constant_velocity_sampled", "anchor_table")
 """Forecasters that every model is tested beside, by name."""
 
 Entries = list[tuple[str | None, Model]]
@@ -56,8 +58,56 @@ def baseline(name: str, obs_len: int, pred_len: int) -> Model:
     except TypeError as error:
         raise InputError(f"forecaster {name}: cannot be a baseline ({error})") from None
     if forecaster(config).shapes():
-        raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
+        raise InputError(
+            f"forecaster {name}: cannot be a baseline, it has parameters to learn, and none ships "
+            "for this test set"
+        )
     return Model(config, {}, kind=name)
+
+
+def baselines_of(
+    names: Sequence[str] | None,
+    obs_len: int,
+    pred_len: int,
+    dataset: str | None = None,
+    samples: int = 20,
+) -> list[tuple[None, Model]]:
+    """The baselines of a test set.
+
+    One with parameters is the shipped model `NAME_DATASET_STEPS` that did not learn from the test
+    set, such as `anchor_table_zara1_12`.
+
+    Args:
+        names: of forecasters; None for `BASELINES`, without those that do not ship for this test
+            set or have fewer samples.
+        obs_len: observed steps.
+        pred_len: steps to forecast.
+        dataset: of ETH/UCY, or general for recordings of other people.
+        samples: k that is asked for.
+
+    Raises:
+        InputError: as `baseline`, and for one of `names` with parameters that does not ship.
+    """
+    found: list[tuple[None, Model]] = []
+    for name in BASELINES if names is None else names:
+        place = find_model(shipped_name(name, dataset, pred_len))
+        if not place.is_dir():
+            if names is not None or not _learned(name, obs_len, pred_len):
+                found.append((None, baseline(name, obs_len, pred_len)))
+            continue
+        model = load_model(place)
+        fits = (
+            model.config.obs_len == obs_len and getattr(model.config, "samples", samples) >= samples
+        )
+        if names is not None or fits:
+            found.append((None, model))
+    return found
+
+
+def _learned(name: str, obs_len: int, pred_len: int) -> bool:
+    """Whether a forecaster has parameters."""
+    forecaster = FORECASTERS[name]
+    return bool(forecaster(forecaster.Config(obs_len=obs_len, pred_len=pred_len)).shapes())
 
 
 def make_test(

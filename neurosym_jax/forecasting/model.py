@@ -1,6 +1,7 @@
 """A trained model, and the forecast of one scene with it."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -40,6 +41,8 @@ class Model:
     """What its torch checkpoint does not say and was taken to be so, in words."""
     seen: str = ""
     """Fingerprint of its training windows, see `data.leakage`; empty where it is not known."""
+    data: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """Licence of each data set that it learned from, by name; empty where not known."""
 
     @property
     def name(self) -> str:

@@ -71,6 +71,8 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
     }
     if model.neighbours is not None:
         fields["neighbours"] = model.neighbours
+    if model.data:
+        fields["data"] = dict(model.data)
     try:
         text = json.dumps(fields, indent=2, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -107,17 +109,22 @@ def mark_seen(folder: Path, seen: str) -> None:
         _write_config(beside, folder, f"{json.dumps(fields, indent=2)[2:]}\n".encode())
 
 
-def load_model(path: Path | str) -> Model:
+def load_model(
+    path: Path | str, *, dataset: str | None = None, pred_len: int | None = None
+) -> Model:
     """Read a model's folder or a torch checkpoint of SGAN or NeuroSyM.
 
     Args:
-        path: of the folder or file, the name of a shipped model (`neurosym_zara1_8_8`), or a path
-            among the downloads (`sgan-p-models/zara1_8_model.pt`): `neurosym models` lists them.
+        path: of the folder or file, the name of a shipped model (`neurosym_zara1_8_8`), a path
+            among the downloads (`sgan-p-models/zara1_8_model.pt`), or `recommended`:
+            `neurosym models` lists them.
+        dataset: what `recommended` is to be tested on; of ETH/UCY, the model was trained without.
+        pred_len: steps that `recommended` is to forecast; default: 8.
 
     Raises:
         InputError: for a path that is no model, is damaged, or has another format.
     """
-    path = find_model(path)
+    path = find_model(path, dataset, pred_len)
     if os.path.isfile(path):
         from neurosym_jax.interop.checkpoint import load_torch_checkpoint
 
@@ -175,6 +182,7 @@ def _read(folder: Path) -> Model:
             f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
         )
     neighbours, seen = fields.pop("neighbours", None), fields.pop("seen", "")
+    data = fields.pop("data", {})
     if fields.keys() != FIELDS:
         raise InputError(
             f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))} and no others"
@@ -191,21 +199,17 @@ def _read(folder: Path) -> Model:
         raise InputError(f"{CONFIG}: neighbours = {neighbours!r} is not a number")
     if not is_fingerprint(seen):
         raise InputError(f"{CONFIG}: seen is not a fingerprint of windows")
+    if not isinstance(data, dict) or not all(isinstance(text, str) for text in data.values()):
+        raise InputError(f"{CONFIG}: data = {data!r} are not names with licences")
     try:
         of_kind = _config(kind, values)
     except InputError as error:
         absent = [f" --plugin {name}" for name in plugins if name not in names(loaded())]
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
         raise InputError(f"{error}{hint}") from None
-    model = Model(
-        of_kind,
-        nested_parameters(_arrays(params)),
-        dataset,
-        kind,
-        tuple(plugins),
-        neighbours,
-        seen=seen,
-    )
+    about: Any = {"neighbours": neighbours, "seen": seen, "data": data}
+    parameters = nested_parameters(_arrays(params))
+    model = Model(of_kind, parameters, dataset, kind, tuple(plugins), **about)
     _refuse_misfit(model)
     return model
 

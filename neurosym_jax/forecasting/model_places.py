@@ -6,9 +6,22 @@ from pathlib import Path
 
 import neurosym_jax
 from neurosym_jax.data.published import data_folder, find
+from neurosym_jax.data.readers.eth_ucy import SCENES
+from neurosym_jax.data.sources import GENERAL
 from neurosym_jax.errors import InputError
 
-__all__ = ["find_checkpoints", "find_model", "models_at_hand", "shipped_models"]
+__all__ = [
+    "RECOMMENDED",
+    "find_checkpoints",
+    "find_model",
+    "held_out",
+    "models_at_hand",
+    "shipped_models",
+    "shipped_name",
+]
+
+RECOMMENDED = "recommended"
+"""Name of the model to use: `anchors`, trained without the data set that is asked for."""
 
 DOWNLOADED = {
     "sgan-20v": Path("sgan-checkpoints/sgan-models"),
@@ -17,12 +30,25 @@ DOWNLOADED = {
 """SGAN's published checkpoints, without pooling and with it: folders in the data folder."""
 
 
-def find_model(path: Path | str) -> Path:
+def held_out(dataset: str | None) -> str:
+    """The data set of ETH/UCY that a model for `dataset` must not have learned from, or general."""
+    return dataset if dataset in SCENES else GENERAL
+
+
+def shipped_name(model: str, dataset: str | None, pred_len: int) -> str:
+    """The name of the shipped model that may be tested on `dataset`: `anchors_zara1_12`."""
+    return f"{model}_{held_out(dataset)}_{pred_len}"
+
+
+def find_model(path: Path | str, dataset: str | None = None, pred_len: int | None = None) -> Path:
     """The place of a model: an existing path, the name of a shipped model, or a downloaded path.
 
-    A path that is found nowhere is returned unchanged.
+    A path that is found nowhere is returned unchanged. `recommended` is the shipped `anchors` for
+    `dataset` and `pred_len` (default: 8).
     """
     path = Path(path)
+    if str(path) == RECOMMENDED and not path.exists():
+        path = Path(shipped_name("anchors", dataset, pred_len or 8))
     shipped = _shipped_folder() / path
     # os.path, unlike Path, takes a name that is too long for one that does not exist.
     if path.name and not os.path.exists(path) and os.path.isdir(shipped):
@@ -30,16 +56,25 @@ def find_model(path: Path | str) -> Path:
     return find(path)
 
 
-def find_checkpoints(names: Sequence[Path | str]) -> list[str]:
+def find_checkpoints(
+    names: Sequence[Path | str],
+    datasets: Sequence[str | None] = (None,),
+    pred_len: int | None = None,
+) -> list[str]:
     """`names` for `load_model`; a folder of checkpoints is replaced by all of them.
 
-    `sgan-20v` and `sgan-20vp` are the downloaded checkpoints of SGAN.
+    `sgan-20v` and `sgan-20vp` are the downloaded checkpoints of SGAN; `recommended` stands for the
+    model of each of `datasets` and `pred_len`, see `find_model`.
 
     Raises:
         InputError: for checkpoints that are not downloaded yet.
     """
     found: list[str] = []
     for name in map(str, names):
+        if name == RECOMMENDED and not os.path.exists(name):
+            known = [find_model(name, dataset, pred_len).name for dataset in datasets]
+            found += dict.fromkeys(known)
+            continue
         folder = find_model(name)
         if name in DOWNLOADED and not os.path.exists(folder):
             folder = data_folder() / DOWNLOADED[name]

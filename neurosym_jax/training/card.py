@@ -83,6 +83,8 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
         for name, count in facts["counts"].items()
     }
     settings |= {"parameters": facts["parameters"], "code": facts["code"] or "no checkout"}
+    if licences := facts.get("licences"):
+        settings["learned from"] = ", ".join(f"{name} ({of})" for name, of in licences.items())
     if plugins := facts.get("plugins"):
         settings["plugins"] = ", ".join(plugins)
     sections = {"training": "", "network": "network: ", "environment": "environment: "}

@@ -7,7 +7,7 @@ import jax
 
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.evaluation.test_sets import BASELINES, baseline
+from neurosym_jax.evaluation.test_sets import baselines_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.runtime.environment import code_version
@@ -78,7 +78,8 @@ def outcome(run: Run, model: Model) -> str:
     """
     config, samples = run.network, run.samples
     batches = make_batches(run.validation)
-    models = [model, *(baseline(name, config.obs_len, config.pred_len) for name in BASELINES)]
+    of = baselines_of(None, config.obs_len, config.pred_len, run.dataset, samples)
+    models = [model, *(each for _, each in of)]
     lines = [f"on the {run.validation.scenes} validation scenes, joint best of {samples}, metres:"]
     width = max(len(each.name) for each in models)
     for each in models:

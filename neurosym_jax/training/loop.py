@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.leakage import fingerprint
+from neurosym_jax.data.licences import licences_of
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, TrainingError
@@ -57,6 +58,7 @@ def train(
     recipe: Recipe | None = None,
     dataset: str | None = None,
     data_name: str = "data not named",
+    data: Sequence[str] = (),
     resume: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
@@ -71,6 +73,7 @@ def train(
         recipe: how the network is trained; default: `ours`, or `anchors` for one.
         dataset: the data set that was left out, to be tested on; recorded with the model.
         data_name: of the training data, for people.
+        data: names of the data sets learned from, for their licences.
         resume: continue the run in `folder`.
         on_row: called with each row of `metrics.jsonl`, for a dashboard of one's own.
 
@@ -90,7 +93,7 @@ def train(
         for part, least in ((training, recipe.min_agents), (validation, 2))
     )
     network = dataclasses.replace(network, period=learned.period)
-    run = Run(network, recipe, learned, validated, dataset, data_name)
+    run = Run(network, recipe, learned, validated, dataset, data_name, tuple(data))
     return train_run(run, Path(folder), resume=resume, on_row=on_row)
 
 
@@ -159,9 +162,12 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
             bar.update(count)
     kept = best_of(validations)
     warn_if_dead(kept)
-    about = {"plugins": names(loaded()), "neighbours": kept.get("val_neighbour_near")}
-    seen = fingerprint(run.training)
-    model = Model(run.network, best, run.dataset, run.kind, **about, seen=seen)
+    about: dict[str, Any] = {
+        "plugins": names(loaded()),
+        "neighbours": kept.get("val_neighbour_near"),
+    }
+    about |= {"seen": fingerprint(run.training), "data": licences_of(run.data)}
+    model = Model(run.network, best, run.dataset, run.kind, **about)
     write_curves(folder, log.rows())
     write_model(folder, model, {**record, **run.data_facts()}, validations)
     return model

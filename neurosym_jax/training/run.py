@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.configuration import to_json
+from neurosym_jax.data.licences import licences_of
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
@@ -35,6 +36,8 @@ class Run:
     """The data set that was left out, to be tested on; recorded with the model."""
     data_name: str = "data not named"
     """Name of the training data, for people."""
+    data: tuple[str, ...] = ()
+    """Names of the data sets learned from, for their licences."""
 
     def __post_init__(self):
         """Refuse a recipe of another kind of network."""
@@ -67,6 +70,7 @@ class Run:
         parts = self._windows().items()
         return {
             "data_name": self.data_name,
+            "licences": licences_of(self.data),
             "samples": self.samples,
             "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts},
             "recordings": {name: [how.to_json() for how in w.reading] for name, w in parts},

@@ -232,7 +232,7 @@ def update_generator(config: TrainConfig, state: TrainState, gradient: Any) -> T
 
 
 def averaged(ema: float, step: Array, average: Any, params: Any) -> Any:
-    """The moving average after `step` steps; an early one is over the last tenth of the steps."""
+    """The moving average after `step` [] steps; early, it is over the last tenth of the steps."""
     decay = jnp.minimum(ema, (1.0 + step) / (10.0 + step))
     return jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, average, params)
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from neurosym_jax import evaluation
-from neurosym_jax.commands import evaluate
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.evaluation import plan
 from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.results import rows_frame
 from neurosym_jax.forecasting.forecasters import FORECASTERS
@@ -67,7 +67,7 @@ def random_params(config):
 @pytest.fixture
 def options(tmp_path, monkeypatch):
     """Options that write below `tmp_path`; no model ships."""
-    monkeypatch.setattr(evaluate, "shipped_models", list)
+    monkeypatch.setattr(plan, "shipped_models", list)
 
     def make(**fields):
         written = {"json": tmp_path / "rows.json", "plots": tmp_path / "figures"}

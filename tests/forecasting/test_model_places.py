@@ -1,12 +1,20 @@
 import shutil
 from pathlib import Path
 
+import jax
 import pytest
 
 from neurosym_jax import load_model
 from neurosym_jax.commands.models import Options, run
+from neurosym_jax.data.licences import licences_of
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.test_sets import baselines_of
+from neurosym_jax.forecasting import model_places
+from neurosym_jax.forecasting.anchors import initial_anchors
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
+from neurosym_jax.models.anchor_table import AnchorTableConfig
 
 NAME = "neurosym_zara1_8_8"
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
@@ -64,9 +72,60 @@ def test_what_is_at_hand_is_listed(downloads, shared, capsys):
     shutil.copytree(shared / "checkpoints" / "sgan-p-models", downloads / "sgan-p-models")
     run(Options())
     head, *lines = capsys.readouterr().out.splitlines()
-    assert head.split() == ["name", "forecaster", "steps", "period", "test", "on", "where"]
+    titles = "name forecaster steps period neighbours test on learned from where"
+    assert head.split() == titles.split()
     assert len(lines) == len(shipped_models()) + 10
     line = next(line for line in lines if line.startswith(f"{NAME} "))
-    assert line.split() == [NAME, "NeuroSyM,", "cnd", "8+8", "0.4", "s", "zara1", str(SHIPPED)]
+    about = [NAME, "NeuroSyM,", "cnd", "8+8", "0.4", "s", "zara1", "-", str(SHIPPED)]
+    assert [word for at, word in enumerate(line.split()) if at != 6] == about
     for line in lines[-10:]:
         load_model(line.split()[0])
+
+
+@pytest.fixture
+def shipped(tmp_path, monkeypatch):
+    """Three anchor tables as the only models that ship, two of them by the name of anchors."""
+    monkeypatch.setattr(model_places, "_shipped_folder", lambda: tmp_path)
+    monkeypatch.chdir(tmp_path / "..")
+    for name in ("anchors_zara1_12", "anchors_general_8", "anchor_table_zara1_12"):
+        config = AnchorTableConfig(pred_len=int(name.rsplit("_", 1)[1]))
+        params = jax.jit(initial_anchors, static_argnums=0)(config, jax.random.key(0))
+        data = {"ETH/UCY": "unstated"}
+        model = Model(config, params, name.split("_")[-2], "anchor_table", data=data)
+        save_model(tmp_path / name, model)
+    return tmp_path
+
+
+def test_what_is_recommended_did_not_learn_from_the_data_set(shipped):
+    assert find_model("recommended", "zara1", 12) == shipped / "anchors_zara1_12"
+    assert find_model("recommended", "my_lobby") == shipped / "anchors_general_8"
+    loaded = load_model("recommended", dataset="zara1", pred_len=12)
+    assert (loaded.dataset, loaded.config.pred_len) == ("zara1", 12)
+    assert loaded.data == {"ETH/UCY": "unstated"}
+    assert load_model("recommended").dataset == "general"
+    assert find_checkpoints(["recommended", "x"], ["zara1", "eth"], 12) == [
+        *("anchors_zara1_12", "anchors_eth_12", "x")
+    ]
+    with pytest.raises(InputError, match="anchors_eth_12: no such checkpoint"):
+        load_model("recommended", dataset="eth", pred_len=12)
+
+
+def test_the_anchor_table_is_a_baseline_where_it_ships(shipped):
+    def names(asked, pred_len, dataset, samples=20):
+        return [model.kind for _, model in baselines_of(asked, 8, pred_len, dataset, samples)]
+
+    plain = ["constant_velocity", "constant_velocity_sampled"]
+    assert names(None, 12, "zara1") == [*plain, "anchor_table"]
+    assert names(None, 12, "zara1", samples=21) == plain
+    assert names(None, 12, "eth") == names(None, 8, "zara1") == plain
+    assert names(["anchor_table"], 12, "zara1") == ["anchor_table"]
+    with pytest.raises(InputError, match="it has parameters to learn, and none ships"):
+        names(["anchor_table"], 12, "eth")
+
+
+def test_licences():
+    assert licences_of(["ETH/UCY", "sdd", "mine"]) == {
+        "ETH/UCY": "unstated",
+        "SDD": "CC BY-NC-SA 3.0",
+        "mine": "unstated",
+    }
