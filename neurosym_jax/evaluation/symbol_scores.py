@@ -15,7 +15,7 @@ from jax import Array
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of
+from neurosym_jax.symbolic.futures import SymbolSettings, event_steps, state_steps
 from neurosym_jax.symbolic.qtc import other_pairs
 
 __all__ = ["NEAR", "SETTINGS", "event_brier", "event_log", "state_brier", "state_log"]
@@ -70,8 +70,7 @@ def _states(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[N, N, T] samples in the true state, and sum over states of squared counts of samples."""
 
     def of_sample(future: Array) -> Array:
-        found = pair_states_of(SETTINGS, Futures(future[None], jnp.asarray(scene.observed)[:, -1]))
-        return found[0].astype(jnp.int16)
+        return state_steps(SETTINGS, *_ends(scene, future)).astype(jnp.int16)
 
     true = of_sample(jnp.asarray(scene.known_future))
     # One sample after the other, for [k, N, N, T, 2] numbers of a crowd are many.
@@ -84,9 +83,14 @@ def _events(forecast: Array, scene: Scene) -> Array:
     """[N, N, E] number of samples in which an event happens or not, as in the truth."""
 
     def happens(future: Array) -> Array:
-        futures = Futures(future[None], jnp.asarray(scene.observed)[:, -1])
-        first = event_steps(SETTINGS, tuple(EVENTS), futures)[:, 0]
+        first = event_steps(SETTINGS, tuple(EVENTS), *_ends(scene, future))
         return jnp.moveaxis(first < future.shape[1], 0, -1)
 
     true = happens(jnp.asarray(scene.known_future))
     return jax.lax.map(lambda future: happens(future) == true, forecast).sum(axis=0)
+
+
+def _ends(scene: Scene, future: Array) -> tuple[Array, Array]:
+    """Paths of k and of l of all pairs, which broadcast, from the last observed position on."""
+    path = jnp.concatenate([jnp.asarray(scene.observed)[:, -1:], future], axis=1)
+    return path[:, None], path

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from neurosym_jax.plotting.matrix import draw_matrix
 from neurosym_jax.plotting.palette import PALETTE
 from neurosym_jax.plotting.style import LABEL, SMALL, WIDTH, dress, new_figure
-from neurosym_jax.symbolic.description import state_texts
+from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast_text import PairForecasts
 
 __all__ = ["plot_symbol_forecast"]
@@ -27,27 +27,26 @@ def plot_symbol_forecast(
         found: states and events of these samples.
         title: of the figure.
     """
-    people, texts = found.people, state_texts(found.settings.calculus)
-    chosen = found.pairs[:PAIRS]
+    people, chosen = found.people, found.pairs[:PAIRS]
     height = max(2.4, 1.0 + 0.2 * len(chosen))
     figure, ((where, when, what),) = new_figure(WIDTH, height, 1, 3, width_ratios=(1.1, 1.9, 1.5))
     _draw_samples(where, observed, samples, people)
     dress(where, "x [m]", "y [m]", title)
-    best = np.array([found.states[pair].argmax(axis=1) for pair in chosen])
-    share = np.array([found.states[pair].max(axis=1) for pair in chosen])
-    draw_matrix(when, share, [[texts[row] for row in rows] for rows in best], SMALL - 1.5)
+    rows = [found.likely_states(*pair) for pair in chosen]
+    share = np.array([[share for _, share in row] for row in rows])
+    draw_matrix(when, share, [[text for text, _ in row] for row in rows], SMALL - 1.5)
     seconds = [f"{found.settings.period * (step + 1):.1f}" for step in range(share.shape[1])]
     when.set_xticks(range(len(seconds)), seconds)
     when.set_yticks(range(len(chosen)), [f"{people[i]} → {people[j]}" for i, j in chosen])
     dress(when, "seconds ahead", "", "most probable state")
-    probability = np.array([found.probability[:, i, j] for i, j in chosen])
-    medians = np.array([found.seconds[:, i, j, 1] for i, j in chosen])
+    k, l = np.array(chosen).T  # noqa: E741
+    probability, medians = found.events.probability[:, k, l].T, found.events.seconds[:, k, l, 1].T
     cells = [
         [f"{100 * p:.0f}%\n{t:.1f} s" if p >= 0.2 and np.isfinite(t) else "" for p, t in zip(*both)]
         for both in zip(probability, medians)
     ]
     draw_matrix(what, probability, cells, SMALL - 2.5)
-    names = [event.replace("_", " ") for event in found.events]
+    names = [event.replace("_", " ") for event in EVENTS]
     what.set_xticks(range(len(names)), names, rotation=90)
     what.set_yticks([])
     dress(what, "", "", "events, median time")

@@ -4,7 +4,6 @@ from . import soft as soft
 from . import states as states
 from .calculi import Calculus as Calculus
 from .calculi import observe as observe
-from .calculi import register_calculus as register_calculus
 from .cnd import adjacency as adjacency
 from .cnd import alpha_table as alpha_table
 from .events import Encounter as Encounter

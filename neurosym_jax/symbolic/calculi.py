@@ -4,7 +4,6 @@
 |---|---|---|
 | `b1` | q1 q2 | QTC_B1: towards, away |
 | `b2` | q1 q2 q5 | QTC_B2: and relative speed |
-| `b12_1d` | q1 q2 q5 | the same of points on one line |
 | `c1` | q1 q2 q3 q4 | QTC_C1: and sides |
 | `c2` | q1 q2 q3 q4 q5 | QTC_C2 without angles |
 | `c2_angle` | q1 q2 q3 q4 q5 q6 | QTC_C2: and relative angle |
@@ -19,7 +18,6 @@ calculus (`cnd`) follows from its states.
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -39,9 +37,7 @@ from neurosym_jax.symbolic.qtc import (
 )
 from neurosym_jax.symbolic.states import ABSENT
 
-__all__ = ["CALCULI", "Calculus", "observe", "register_calculus", "state_index"]
-
-Observe = Callable[[ArrayLike, ArrayLike, Convention, Thresholds], Array]
+__all__ = ["CALCULI", "Calculus", "observe", "state_index"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,31 +46,48 @@ class Calculus:
 
     symbols: tuple[str, ...]
     """Names of its m symbols."""
-    observe: Observe
-    """`(k [..., T, 2], l [..., T, 2], convention, thresholds) -> [..., T-1, m]` int8 states."""
-    possible: Callable[[np.ndarray], np.ndarray] = lambda every: np.ones(len(every), bool)
-    """[S] bool: which of the states [S, m] of symbols in {-1, 0, 1} moving points can be in."""
-    optional: tuple[int, ...] = ()
-    """Places of the symbols that are all `ABSENT` when a pair is apart."""
+    near_only: bool = False
+    """Whether pairs that are apart have no q3 and q4."""
 
     @functools.cached_property
     def states(self) -> np.ndarray:
-        """[S, m] int8, read-only: all states, those of pairs apart first, in order.
+        """[S, m] int8, read-only: all states that moving points can be in, pairs apart first.
 
-        There are 9 of `b1`, 27 of `b2` (17 on a line, `b12_1d`), 81 of `c1`, 209 of `c2` (305 with
-        angles, `c2_angle`), 90 of `bc1` and 236 of `bc2`. For `b1`, `b2` and `c1` the row of a
-        state is its code (`states.encode_state`).
+        There are 9 of `b1`, 27 of `b2`, 81 of `c1`, 209 of `c2` (305 with angles, `c2_angle`), 90
+        of `bc1` and 236 of `bc2`. For `b1`, `b2` and `c1` the row of a state is its code
+        (`states.encode_state`).
         """
-        symbols = len(self.symbols)
-        every = np.array(list(itertools.product((-1, 0, 1), repeat=symbols)), np.int8)
-        found = every[self.possible(every)]
-        if self.optional:
-            apart = np.unique(np.delete(every, self.optional, axis=1), axis=0)
-            for place in self.optional:
-                apart = np.insert(apart, place, ABSENT, axis=1)
-            found = np.concatenate([apart, found])
+        every = np.array(list(itertools.product((-1, 0, 1), repeat=len(self.symbols))), np.int8)
+        found = every[_as_implied(every)]
+        if self.near_only:
+            apart = np.unique(np.delete(every, (2, 3), axis=1), axis=0)
+            found = np.concatenate([np.insert(apart, (2, 2), ABSENT, axis=1), found])
         found.flags.writeable = False
         return found
+
+
+def _as_implied(every: np.ndarray) -> np.ndarray:
+    """[S] whether q5 and q6 are what q1 to q4 imply, where states [S, m] have all of these."""
+    fits = np.ones(len(every), bool)
+    for place, implied in ((4, implied_speed), (5, implied_angle)):
+        if every.shape[1] > place:
+            decided, value = implied(*every.T[:4])
+            fits &= ~decided | (every[:, place] == value)
+    return fits
+
+
+CALCULI: Registry[Calculus] = Registry(
+    "calculus",
+    {
+        "b1": Calculus(("q1", "q2")),
+        "b2": Calculus(("q1", "q2", "q5")),
+        "c1": Calculus(("q1", "q2", "q3", "q4")),
+        "c2": Calculus(("q1", "q2", "q3", "q4", "q5")),
+        "c2_angle": Calculus(("q1", "q2", "q3", "q4", "q5", "q6")),
+        "bc1": Calculus(("q1", "q2", "q3", "q4"), near_only=True),
+        "bc2": Calculus(("q1", "q2", "q3", "q4", "q5"), near_only=True),
+    },
+)
 
 
 def observe(
@@ -106,8 +119,9 @@ def observe(
     if unknown := thresholds.keys() - set(Thresholds._fields):
         known = ", ".join(Thresholds._fields)
         raise InputError(f"unknown threshold {min(unknown)!r}: there are {known}")
-    given: Any = thresholds
-    return CALCULI[calculus].observe(k, l, convention, Thresholds(**given))
+    chosen, values = CALCULI[calculus], Thresholds(**thresholds)  # pyright: ignore[reportArgumentType]
+    states = observe_symbols(chosen.symbols, k, l, convention, values)
+    return absent_when_apart(states, k, l, values) if chosen.near_only else states
 
 
 def state_index(calculus: str, observed: ArrayLike) -> Array:
@@ -130,59 +144,3 @@ def _code(observed: Any) -> Any:
     for symbol in range(observed.shape[-1]):
         code = 4 * code + observed[..., symbol].astype(np.int32) + 1
     return code
-
-
-def _qtc(
-    symbols: str, possible: Callable[..., Any] | None = None, *, near_only: bool = False
-) -> Calculus:
-    """The calculus of some of q1 to q6; `near_only`: pairs that are apart have no q3 and q4."""
-    names = tuple(symbols.split())
-
-    def observe(k: ArrayLike, l: ArrayLike, convention: Convention, given: Thresholds) -> Array:
-        found = observe_symbols(names, k, l, convention, given)
-        return absent_when_apart(found, k, l, given) if near_only else found
-
-    return Calculus(names, observe, possible or _as_implied, (2, 3) if near_only else ())
-
-
-def _as_implied(every: np.ndarray) -> np.ndarray:
-    """[S] whether q5 and q6 are what q1 to q4 imply, where states [S, m] have all of these."""
-    fits = np.ones(len(every), bool)
-    for place, implied in ((4, implied_speed), (5, implied_angle)):
-        if every.shape[1] > place:
-            fits &= _agrees(every[:, place], *implied(*every.T[:4]))
-    return fits
-
-
-def _on_a_line(every: np.ndarray) -> np.ndarray:
-    """[S] whether q5 is what q1 and q2 imply of points that move on one line."""
-    q1, q2, q5 = every.T
-    return _agrees(q5, *implied_speed(q1, q2, 0, 0))
-
-
-def _agrees(symbol: np.ndarray, decided: np.ndarray, value: np.ndarray) -> np.ndarray:
-    return ~decided | (symbol == value)
-
-
-CALCULI: Registry[Calculus] = Registry(
-    "calculus",
-    {
-        "b1": _qtc("q1 q2"),
-        "b2": _qtc("q1 q2 q5"),
-        "b12_1d": _qtc("q1 q2 q5", _on_a_line),
-        "c1": _qtc("q1 q2 q3 q4"),
-        "c2": _qtc("q1 q2 q3 q4 q5"),
-        "c2_angle": _qtc("q1 q2 q3 q4 q5 q6"),
-        "bc1": _qtc("q1 q2 q3 q4", near_only=True),
-        "bc2": _qtc("q1 q2 q3 q4 q5", near_only=True),
-    },
-)
-
-
-def register_calculus(name: str, calculus: Calculus, *, replace: bool = False) -> None:
-    """Add a calculus; its states, diagram and chains follow.
-
-    Raises:
-        InputError: for a name that is taken or cannot be one.
-    """
-    CALCULI.register(name, calculus, replace=replace)

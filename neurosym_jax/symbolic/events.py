@@ -203,11 +203,4 @@ EVENTS: Registry[Event] = Registry(
     },
 )
 
-
-def register_event(name: str, event: Event, *, replace: bool = False) -> None:
-    """Add an event, which is then forecast, scored and shown like the others.
-
-    Raises:
-        InputError: for a name that is taken or cannot be one.
-    """
-    EVENTS.register(name, event, replace=replace)
+register_event = EVENTS.register

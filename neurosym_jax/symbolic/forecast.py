@@ -22,10 +22,11 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import from_json
+from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.events import events_named
-from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of
+from neurosym_jax.symbolic.futures import SymbolSettings, event_steps, state_steps
 from neurosym_jax.symbolic.states import ABSENT
 
 __all__ = [
@@ -57,12 +58,7 @@ class EventForecast(NamedTuple):
 
 
 def symbolic_forecast(
-    samples: ArrayLike,
-    observed: ArrayLike,
-    *,
-    pairs: ArrayLike | None = None,
-    valid: ArrayLike | None = None,
-    **settings: Any,
+    samples: ArrayLike, observed: ArrayLike, *, pairs: ArrayLike | None = None, **settings: Any
 ) -> SymbolicForecast:
     """Probabilities of the states and symbols of pairs at every future step.
 
@@ -71,25 +67,19 @@ def symbolic_forecast(
         observed: [N, obs_len, 2] metres in the same frame; only the last positions are used.
         pairs: [P, 2] ordered pairs; None for all N^2, which takes 4 N^2 T (2 S + 5 k) bytes: with
             20 samples of 8 steps in QTC_C1 21 MB for 50 people and 2.1 GB for 500.
-        valid: [N] bool, False for padding; pairs with padding, or of an agent with itself, get 0.
         **settings: see `SymbolSettings`.
 
     Returns:
-        Arrays of [N, N, T, ...], or of [P, T, ...] for `pairs`.
+        Arrays of [N, N, T, ...], or of [P, T, ...] for `pairs`; 0 for an agent with itself.
 
     Raises:
         InputError: for shapes that do not fit, an unknown calculus or setting, or more pairs than
             fit into memory.
     """
-    how, futures = _settings(settings), Futures.of(samples, observed, pairs)
-    others = futures.others(valid)
-    size = len(CALCULI[how.calculus].states)
-    refuse_beyond_memory(
-        f"symbols of {others.size} pairs",
-        4.0 * others.size * futures.samples.shape[2] * (2 * size + 5 * len(futures.samples)),
-        "name fewer pairs",
-    )
-    return _forecast(how, futures, others)
+    how, paths, which = _checked(samples, observed, pairs, settings)
+    count, _, steps, _ = np.shape(samples)
+    _refuse(paths, which, "symbols", steps * (2 * len(CALCULI[how.calculus].states) + 5 * count))
+    return _forecast(how, paths, which)
 
 
 def symbolic_events(
@@ -98,7 +88,6 @@ def symbolic_events(
     *,
     events: tuple[str, ...] | None = None,
     pairs: ArrayLike | None = None,
-    valid: ArrayLike | None = None,
     **settings: Any,
 ) -> EventForecast:
     """Probabilities and times of the events of pairs.
@@ -108,41 +97,73 @@ def symbolic_events(
         observed: see `symbolic_forecast`.
         events: E names, see `events`; None for all, in their order.
         pairs: see `symbolic_forecast`.
-        valid: see `symbolic_forecast`.
         **settings: see `SymbolSettings`.
 
     Returns:
-        Arrays of [E, N, N], or of [E, P] for `pairs`.
+        Arrays of [E, N, N], or of [E, P] for `pairs`; an agent has no events with itself.
 
     Raises:
         InputError: as `symbolic_forecast`, and for an unknown event.
     """
-    how, futures = _settings(settings), Futures.of(samples, observed, pairs)
-    others = futures.others(valid)
+    how, paths, which = _checked(samples, observed, pairs, settings)
     names = tuple(events_named(events))
-    refuse_beyond_memory(
-        f"events of {others.size} pairs",
-        4.0 * others.size * len(futures.samples) * (8 * futures.samples.shape[2] + 4 * len(names)),
-        "name fewer pairs",
-    )
-    return _events(how, names, futures, others)
+    count, _, steps, _ = np.shape(samples)
+    _refuse(paths, which, "events", count * (8 * steps + 4 * len(names)))
+    return _events(how, names, paths, which)
 
 
 @functools.cache
 def symbol_table(calculus: str) -> np.ndarray:
     """[S, m, V] float32: 1 where a state has the symbol -, 0, + or, with V = 4, its absence."""
     value = CALCULI[calculus]
-    values = np.array([-1, 0, 1, *([ABSENT] if value.optional else [])])
+    values = np.array([-1, 0, 1, *([ABSENT] if value.near_only else [])])
     return (value.states[..., None] == values).astype(np.float32)
 
 
-def _settings(given: dict[str, Any]) -> SymbolSettings:
-    return from_json(SymbolSettings, given, "symbols")
+def _checked(
+    samples: Any, observed: Any, pairs: Any, settings: dict[str, Any]
+) -> tuple[SymbolSettings, Array, np.ndarray | None]:
+    """Settings; centred paths [k, N, T + 1, 2] from the last positions observed on; pairs."""
+    shape, seen = np.shape(samples), np.shape(observed)
+    if len(shape) != 4 or len(seen) != 3 or shape[3] != 2 or not all((*shape, *seen)):
+        raise InputError(
+            "samples must be [k, N, T, 2] and observed [N, obs_len, 2], not "
+            f"{list(shape)} and {list(seen)}"
+        )
+    if shape[1] != seen[0] or seen[2] != 2:
+        raise InputError(f"samples are of {shape[1]} people, observed of {seen[0]}")
+    last = (observed if isinstance(observed, jax.Array) else np.asarray(observed))[:, -1]
+    if isinstance(last, np.ndarray):
+        # Far from the origin float32 would lose the differences.
+        origin = last.astype(np.float64).mean(axis=0)
+        samples, last = samples - origin, last - origin
+    start = jnp.broadcast_to(jnp.asarray(last, float)[:, None], (*shape[:2], 1, 2))
+    if pairs is not None:
+        pairs = np.asarray(pairs, int).reshape(-1, 2)
+        if not np.isin(pairs, range(seen[0])).all():
+            raise InputError(f"pairs must name people by 0 to {seen[0] - 1}")
+    paths = jnp.concatenate([start, jnp.asarray(samples, float)], axis=2)
+    return from_json(SymbolSettings, settings, "symbols"), paths, pairs
+
+
+def _refuse(paths: Array, pairs: np.ndarray | None, what: str, numbers: int) -> None:
+    """Refuse so many numbers a pair where they do not fit into memory."""
+    count = paths.shape[1] ** 2 if pairs is None else len(pairs)
+    refuse_beyond_memory(f"{what} of {count} pairs", 4.0 * count * numbers, "name fewer pairs")
+
+
+def _ends(paths: Array, pairs: Array | None) -> tuple[Array, Array, Array]:
+    """Paths of k and of l, which broadcast, and [P] or [N, N] whether they are two agents."""
+    if pairs is None:
+        return paths[:, :, None], paths[:, None], ~jnp.eye(paths.shape[1], dtype=bool)
+    k, l = pairs.T
+    return paths[:, k], paths[:, l], k != l
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _forecast(how: SymbolSettings, futures: Futures, others: Array) -> SymbolicForecast:
-    rows, table = pair_states_of(how, futures), symbol_table(how.calculus)
+def _forecast(how: SymbolSettings, paths: Array, pairs: Array | None) -> SymbolicForecast:
+    k, l, others = _ends(paths, pairs)
+    rows, table = state_steps(how, k, l), symbol_table(how.calculus)
     count, size = rows[0].size, len(table)
     first = size * jnp.arange(count).reshape(1, *rows.shape[1:])
     # A state that its calculus does not list falls beyond the end, and is not counted.
@@ -156,17 +177,17 @@ def _forecast(how: SymbolSettings, futures: Futures, others: Array) -> SymbolicF
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _events(
-    how: SymbolSettings, names: tuple[str, ...], futures: Futures, others: Array
+    how: SymbolSettings, names: tuple[str, ...], paths: Array, pairs: Array | None
 ) -> EventForecast:
-    samples, _, steps, _ = futures.samples.shape
-    first = jnp.sort(event_steps(how, names, futures), axis=1)
-    count = (first < steps).sum(axis=1)
-    share = (count + how.smoothing / 2) / (samples + how.smoothing)
+    k, l, others = _ends(paths, pairs)
+    first = jnp.sort(event_steps(how, names, k, l), axis=1)
+    count = (first < paths.shape[2] - 1).sum(axis=1)
+    share = (count + how.smoothing / 2) / (len(paths) + how.smoothing)
     # Of n sorted times the one of rank ceil(q n): an observed time, not one between two.
     ranks = [jnp.maximum(-(-quarter * count // 4) - 1, 0) for quarter in (1, 2, 3)]
     times = [jnp.take_along_axis(first, rank[:, None], axis=1)[:, 0] for rank in ranks]
     seconds = how.period * (jnp.stack(times, axis=-1) + 1.0)
-    seconds = jnp.where((count > 0)[..., None], seconds, jnp.inf)
+    happens = others[None] & (count > 0)
     return EventForecast(
-        jnp.where(others[None], share, 0), jnp.where(others[None, ..., None], seconds, jnp.inf)
+        jnp.where(others[None], share, 0), jnp.where(happens[..., None], seconds, jnp.inf)
     )

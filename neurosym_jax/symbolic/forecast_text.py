@@ -3,13 +3,13 @@
 import dataclasses
 from typing import Any
 
+import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.description import state_texts
 from neurosym_jax.symbolic.events import EVENTS, in_short
-from neurosym_jax.symbolic.forecast import symbolic_events, symbolic_forecast
+from neurosym_jax.symbolic.forecast import EventForecast, symbolic_events, symbolic_forecast
 from neurosym_jax.symbolic.futures import SymbolSettings
 
 __all__ = ["PairForecasts", "forecast_pairs", "forecast_rows", "format_forecast"]
@@ -24,22 +24,20 @@ class PairForecasts:
     """[N] ids."""
     states: np.ndarray
     """[N, N, T, S] probabilities in the order of the calculus's `states`."""
-    symbols: np.ndarray
-    """[N, N, T, m, V] see `forecast.SymbolicForecast`."""
-    events: tuple[str, ...]
-    """Names of E events."""
-    probability: np.ndarray
-    """[E, N, N] of the events."""
-    seconds: np.ndarray
-    """[E, N, N, 3] quartiles of their times, infinite where they never happen."""
+    events: EventForecast
+    """Arrays [E, N, N, ...] of all `EVENTS`."""
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
         """Ordered pairs, those with the most probable event first."""
-        surest = self.probability.max(axis=0)
-        np.fill_diagonal(surest, -1)
-        order = np.argsort(-surest, axis=None, kind="stable")[: len(surest) * (len(surest) - 1)]
-        return [(int(place) // len(surest), int(place) % len(surest)) for place in order]
+        surest = np.max(self.events.probability, axis=0)
+        pairs = np.argwhere(~np.eye(len(surest), dtype=bool)).tolist()
+        return sorted(((i, j) for i, j in pairs), key=lambda pair: -surest[pair])
+
+    def likely_states(self, i: int, j: int) -> list[tuple[str, float]]:
+        """The most probable state of each step, as text, and its probability."""
+        texts, states = state_texts(self.settings.calculus), self.states[i, j]
+        return [(texts[row], float(share[row])) for row, share in zip(states.argmax(1), states)]
 
 
 def forecast_pairs(
@@ -53,41 +51,32 @@ def forecast_pairs(
         people: [N] ids.
         settings: thresholds and smoothing.
     """
-    names, how = tuple(EVENTS), dataclasses.asdict(settings)
-    states = symbolic_forecast(samples, observed, **how)
-    events = symbolic_events(samples, observed, events=names, **how)
-    states, symbols, probability, seconds = (
-        np.asarray(each, np.float64) for each in (*states, *events)
-    )
-    return PairForecasts(settings, people, states, symbols, names, probability, seconds)
+    how = dataclasses.asdict(settings)
+    states = symbolic_forecast(samples, observed, **how).states
+    events = jax.tree.map(np.asarray, symbolic_events(samples, observed, **how))
+    return PairForecasts(settings, people, np.asarray(states), events)
 
 
 def forecast_rows(found: PairForecasts) -> list[dict[str, Any]]:
-    """A row for every ordered pair; states less probable than 1 % are left out."""
-    texts = state_texts(found.settings.calculus)
-    symbols = CALCULI[found.settings.calculus].symbols
+    """A row for every ordered pair: its events, and the most probable state of each step."""
     rows = []
     for i, j in found.pairs:
-        steps = []
-        for step, shares in enumerate(found.states[i, j]):
-            order = [int(row) for row in np.argsort(-shares) if shares[row] >= 0.01]
-            each = zip(symbols, found.symbols[i, j, step])
-            steps.append(
-                {
-                    "seconds": round(found.settings.period * (step + 1), 3),
-                    "states": {texts[row]: round(float(shares[row]), 4) for row in order},
-                    "symbols": {name: np.round(share, 4).tolist() for name, share in each},
-                }
-            )
         events = {}
-        for number, name in enumerate(found.events):
-            times = found.seconds[number, i, j]
+        for name, share, times in zip(
+            EVENTS, found.events.probability[:, i, j], found.events.seconds[:, i, j]
+        ):
+            quartiles = [round(float(time), 3) for time in times]
+            known = bool(np.isfinite(times).all())
             events[name] = {
-                "probability": round(float(found.probability[number, i, j]), 4),
-                "seconds": np.round(times, 3).tolist() if np.isfinite(times).all() else None,
+                "probability": round(float(share), 4),
+                "seconds": quartiles if known else None,
             }
+        states = [
+            {"state": text, "probability": round(share, 4)}
+            for text, share in found.likely_states(i, j)
+        ]
         pair = {"k": found.people[i].item(), "l": found.people[j].item()}
-        rows.append({**pair, "events": events, "steps": steps})
+        rows.append({**pair, "period": found.settings.period, "events": events, "states": states})
     return rows
 
 
@@ -98,24 +87,22 @@ def format_forecast(found: PairForecasts, at_least: float = 0.3) -> str:
     quartiles.
     """
     lines = ["event                                    probability  in s (quartiles)"]
-    likely = np.argwhere(found.probability >= at_least)
-    surest = sorted(likely.tolist(), key=lambda at: -found.probability[tuple(at)])
+    probability, names = np.asarray(found.events.probability), tuple(EVENTS)
+    likely = np.argwhere(probability >= at_least).tolist()
+    surest = sorted(likely, key=lambda at: -probability[tuple(at)])
     for number, i, j in surest:
-        words = in_short(found.events[number]).format(k=found.people[i], l=found.people[j])
-        low, median, high = found.seconds[number, i, j]
-        share = found.probability[number, i, j]
+        words = in_short(names[number]).format(k=found.people[i], l=found.people[j])
+        low, median, high = found.events.seconds[number, i, j]
         times = f"{median:.1f} ({low:.1f} to {high:.1f})" if np.isfinite(median) else "-"
-        lines.append(f"{words:40} {share:11.2f}  {times}")
+        lines.append(f"{words:40} {probability[number, i, j]:11.2f}  {times}")
     if not surest:
         lines.append(f"none is as probable as {at_least:g}")
-    texts, steps = state_texts(found.settings.calculus), range(found.states.shape[2])
+    steps = range(found.states.shape[2])
     head = " ".join(f"{found.settings.period * (step + 1):>9.1f}" for step in steps)
     lines += ["", f"pair (k, l)    s {head}"]
     shown = {(i, j) for _, i, j in surest}
     for i, j in (pair for pair in found.pairs if pair in shown):
-        best = found.states[i, j].argmax(axis=1)
-        shares = 100 * found.states[i, j].max(axis=1)
-        cells = (f"{texts[row]} {share:3.0f}%" for row, share in zip(best, shares))
+        cells = (f"{text} {100 * share:3.0f}%" for text, share in found.likely_states(i, j))
         pair = f"({found.people[i]}, {found.people[j]})"
         lines.append(f"{pair:16} " + " ".join(f"{cell:>9}" for cell in cells))
     return "\n".join(lines)

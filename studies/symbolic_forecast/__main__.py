@@ -1,10 +1,10 @@
-"""`docs/symbolic_forecast.md` and its figure, from the models that ship.
+"""`docs/symbolic_forecast.md` and its table, from the models that ship.
 
 python -m studies.symbolic_forecast DATA OUT
 
 DATA holds ETH/UCY in `eth_ucy`, THÖR's tracks in `thor`, see docs/data.md, and HERMES's runs in
-`hermes`, see studies/weighting/data.py. OUT gets `scores.json` and `symbolic_forecast.md`,
-`.csv` and `.png`; with `scores.json` in place of DATA the last three are made of it.
+`hermes`, see studies/weighting/data.py. OUT gets `scores.json`, `symbolic_forecast.md` and `.csv`;
+with `scores.json` in place of DATA the last two are made of it.
 """
 
 import json
@@ -18,16 +18,20 @@ import numpy as np
 
 from neurosym_jax.data.sources import Split
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.evaluation.bootstrap import Difference, mean_difference, paired_difference
+from neurosym_jax.evaluation.bootstrap import (
+    Difference,
+    ErrorsByScene,
+    mean_difference,
+    paired_difference,
+)
 from neurosym_jax.evaluation.test_sets import baseline
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.plotting.style import save_figure
 from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.futures import SymbolSettings
 from studies.symbolic_forecast.cases import make_cases
-from studies.symbolic_forecast.page import document, figure, table
-from studies.symbolic_forecast.scores import SymbolScores, evaluate_symbols
+from studies.symbolic_forecast.page import document, table
+from studies.symbolic_forecast.scores import evaluate_symbols
 from studies.symbolic_forecast.sets import TestSet, sets_of
 
 LENGTH, SAMPLES, SEED = 8, 20, 0
@@ -48,7 +52,6 @@ def main(data: Path, out: Path) -> None:
         write_json(out / "scores.json", found)
     write_text(out / "symbolic_forecast.md", document(found))
     write_text(out / "symbolic_forecast.csv", table(found))
-    print(save_figure(figure(found), out / "symbolic_forecast.png"))
 
 
 def _group(members: list[TestSet]) -> dict[str, Any]:
@@ -58,32 +61,23 @@ def _group(members: list[TestSet]) -> dict[str, Any]:
         found, sizes[each.scene] = _of_set(each)
         scores.append(found)
         print(each.scene, *sizes[each.scene].values(), flush=True)
-    metrics = scores[0]["NeuroSyM"].errors.metrics
+    metrics = scores[0]["NeuroSyM"].metrics
     return {
         "sets": sizes,
         "means": {name: _means(scores, name) for name in scores[0]},
         "differences": {
             other: _intervals(
-                mean_difference(
-                    [paired_difference([s["NeuroSyM"].errors], [s[other].errors]) for s in scores]
-                ),
+                mean_difference([paired_difference([s["NeuroSyM"]], [s[other]]) for s in scores]),
                 metrics,
             )
             for other in AGAINST
         },
-        "reliability": {
-            name: {
-                target: np.sum([s[name].reliability[target] for s in scores], axis=0).tolist()
-                for target in scores[0][name].reliability
-            }
-            for name in scores[0]
-        },
     }
 
 
-def _means(scores: list[dict[str, SymbolScores]], name: str) -> dict[str, float]:
-    metrics = scores[0][name].errors.metrics
-    values = np.mean([found[name].errors.mean for found in scores], axis=0)
+def _means(scores: list[dict[str, ErrorsByScene]], name: str) -> dict[str, float]:
+    metrics = scores[0][name].metrics
+    values = np.mean([found[name].mean for found in scores], axis=0)
     return dict(zip(metrics, values.round(5).tolist()))
 
 
@@ -97,7 +91,7 @@ def _intervals(difference: Difference, metrics: tuple[str, ...]) -> dict[str, li
     return found
 
 
-def _of_set(which: TestSet) -> tuple[dict[str, SymbolScores], dict[str, Any]]:
+def _of_set(which: TestSet) -> tuple[dict[str, ErrorsByScene], dict[str, Any]]:
     settings, events = SymbolSettings(), tuple(EVENTS)
     train, tune, test = (
         make_cases(

@@ -19,7 +19,7 @@ from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.cnd import adjacency
-from neurosym_jax.symbolic.futures import Futures, SymbolSettings, event_steps, pair_states_of
+from neurosym_jax.symbolic.futures import SymbolSettings, event_steps, state_steps
 
 __all__ = ["Answer", "Cases", "counted", "make_cases", "markov_chain", "model_answer"]
 
@@ -60,8 +60,8 @@ class Answer(NamedTuple):
     count: int
     states: np.ndarray
     """[T, P, S]."""
-    events: np.ndarray | None
-    """[E, P] counts of presence; None where no events are forecast."""
+    events: np.ndarray
+    """[E, P] counts of presence."""
 
 
 def make_cases(
@@ -109,7 +109,7 @@ def model_answer(cases: Cases, model: Model, *, samples: int, seed: int) -> Answ
     return counted(cases, *_observed(cases.settings, cases.events, whole, cases.rows))
 
 
-def markov_chain(cases: Cases, *, within: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
+def markov_chain(cases: Cases) -> tuple[np.ndarray, np.ndarray]:
     """Probabilities [T, S, S] of states, and [E, S] of events, after each state observed last.
 
     After Hanheide, Peters and Bellotto, "Analysis of human-robot spatial behaviour applying a
@@ -117,19 +117,15 @@ def markov_chain(cases: Cases, *, within: bool = False) -> tuple[np.ndarray, np.
     transition of the diagram, staying among them, is possible before anything is seen: they share a
     weight of 1, and all transitions whatever one of 0.01. An event is as frequent as it was seen
     after the state observed last, smoothed in the same way by how frequent it is altogether.
-    `within`: count no transition that is not of the diagram, which sampled states often skip.
     """
     size, steps = cases.size, cases.states.shape[1]
     chain = np.concatenate([cases.start[:, None], cases.states], axis=1)
     keys = chain[:, :-1] * size + chain[:, 1:]
     counts = np.bincount(keys.ravel(), minlength=size * size).reshape(size, size).astype(float)
     allowed = adjacency(cases.settings.calculus) | np.eye(size, dtype=bool)
-    counts *= allowed if within else 1
     counts += allowed / allowed.sum(axis=1, keepdims=True) + 0.01 / size
     once = counts / counts.sum(axis=1, keepdims=True)
     table = np.stack([np.linalg.matrix_power(once, step + 1) for step in range(steps)])
-    if within:
-        return table, None
     seen = np.bincount(cases.start, minlength=size)
     happened = np.stack([np.bincount(cases.start, one, size) for one in cases.after])
     return table, (happened + cases.after.mean(axis=1, keepdims=True)) / (seen + 1)
@@ -168,7 +164,6 @@ def _observed(
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _look(settings: SymbolSettings, events: tuple[str, ...], both: jax.Array):
-    pairs = jax.numpy.arange(PART)
-    futures = Futures(both[:, :, 1:], both[0, :, 0], jax.numpy.stack([pairs, pairs + PART], axis=1))
-    first = event_steps(settings, events, futures)
-    return pair_states_of(settings, futures), first < both.shape[2] - 1
+    k, l = both[:, :PART], both[:, PART:]  # noqa: E741
+    first = event_steps(settings, events, k, l)
+    return state_steps(settings, k, l), first < both.shape[2] - 1

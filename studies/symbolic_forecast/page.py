@@ -1,19 +1,12 @@
-"""The page and the figure of what `__main__` scored."""
+"""The page of what `__main__` scored."""
 
 from typing import Any
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.plotting.palette import GREEN, model_colours
-from neurosym_jax.plotting.style import WIDTH, add_legend, dress, new_figure
 from neurosym_jax.symbolic.events import EVENTS
-from studies.symbolic_forecast.scores import BINS
 
 PERIOD, STEPS = 0.4, (1, 4, 8)
-DRAWN = ("NeuroSyM", "constant velocity", "constant velocity, sampled", "Markov chain")
+FORECASTERS = ("NeuroSyM", "constant velocity", "constant velocity, sampled", "Markov chain")
 
 HEAD = """# How good are forecast symbols?
 
@@ -49,12 +42,6 @@ Log score of the QTC_C1 state of a pair, in nats, by horizon; lower is better.
 
 {states}
 
-![Scores by horizon, and reliability of events](figures/symbolic_forecast.png)
-
-The figure also has SGAN (red), which is not to be compared. Left: log score of states by
-horizon. Middle: forecast probability of an event against its frequency; a calibrated forecaster
-lies on the diagonal. Right: the same for single symbols. Sampled constant velocity
-underestimates likely events; on THÖR everyone is overconfident about symbols.
 `symbolic_forecast.csv` beside this page has all scores, Brier's too.
 
 <details markdown="1">
@@ -104,42 +91,6 @@ def table(found: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def figure(found: dict[str, Any]) -> Figure:
-    """Log score by horizon, and reliability of events and symbols, a row for each group."""
-    groups = {name: group for name, group in found.items() if name != "seconds"}
-    colours = {**model_colours(DRAWN), "Markov chain": GREEN}
-    drawn, panels = new_figure(WIDTH, 2.4 * len(groups), len(groups), 3)
-    for row, (name, group) in zip(panels, groups.items()):
-        for forecaster in DRAWN:
-            colour = colours[forecaster]
-            means = group["means"][forecaster]
-            steps = [step for step in range(1, 99) if f"log state {step}" in means]
-            curve = [means[f"log state {step}"] for step in steps]
-            seconds = PERIOD * np.array(steps)
-            row[0].plot(seconds, curve, "-o", color=colour, ms=2.5, lw=1.4, label=forecaster)
-            reliability = group["reliability"][forecaster]
-            _reliability(row[1], [reliability[event] for event in EVENTS], colour)
-            _reliability(row[2], [reliability[f"q{i}"] for i in (1, 2, 3, 4)], colour)
-        dress(row[0], "horizon [s]", "log score [nats]", f"{name}: states")
-        row[0].set(xlim=(0, None), ylim=(0, None))
-        for axes, title in ((row[1], "events"), (row[2], "symbols")):
-            axes.plot([0, 1], [0, 1], color="#555555", lw=0.8, ls=(0, (4, 3)))
-            axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
-            dress(axes, "probability said", "share that happened", title)
-    add_legend(drawn, panels[0][0])
-    return drawn
-
-
-def _reliability(axes: Axes, parts: list[list[list[float]]], colour: str) -> None:
-    said, happened, count = np.sum(parts, axis=0)
-    enough = count >= 50
-    axes.plot(
-        said[enough] / count[enough], happened[enough] / count[enough], "-o", color=colour, ms=2.5,
-        lw=1.2,
-    )  # fmt: skip
-    assert len(count) == BINS
-
-
 def _states(groups: dict[str, Any]) -> str:
     columns = [(name, step) for name in groups for step in STEPS]
     best = {
@@ -147,7 +98,7 @@ def _states(groups: dict[str, Any]) -> str:
         for column in columns
     }
     rows = []
-    for forecaster in DRAWN:
+    for forecaster in FORECASTERS:
         cells = []
         for name, step in columns:
             text = f"{groups[name]['means'][forecaster][f'log state {step}']:.2f}"

@@ -1,4 +1,4 @@
-"""Scores of forecast symbols, states and events beside classical answers: log, Brier, reliability.
+"""Log and Brier scores of forecast states and events beside classical answers.
 
 The scores are those of `evaluation.symbol_scores`, but counts of samples are smoothed, for every
 question, towards how often its answers occurred in training scenes, with the weight (of `WEIGHTS`)
@@ -6,7 +6,6 @@ that scores best on validation scenes. So a single forecast, which alone says 0 
 the best probabilities that can be made of it, as k samples are.
 """
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -14,47 +13,25 @@ import numpy as np
 
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.symbolic.calculi import CALCULI
-from neurosym_jax.symbolic.forecast import symbol_table
 from studies.symbolic_forecast.cases import Answer, Cases, counted, markov_chain, model_answer
 
-__all__ = [
-    "BINS",
-    "Question",
-    "SymbolScores",
-    "evaluate_symbols",
-    "questions",
-    "score_answer",
-    "tuned_weights",
-]
+__all__ = ["Question", "evaluate_symbols", "questions", "score_answer", "tuned_weights"]
 
 WEIGHTS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 """Weights of the prior, in samples."""
-BINS = 10
-"""Equal parts of [0, 1] in a reliability diagram."""
 
 
 class Question(NamedTuple):
     """One thing that is forecast of every pair."""
 
     target: str
-    """`state`, a symbol or an event."""
+    """`state` or an event."""
     step: int
     """From 1; 0 for an event, which may happen at any."""
 
     def metric(self, score: str) -> str:
         """Name of its `score`."""
         return f"{score} {self.target} {self.step}"
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class SymbolScores:
-    """Scores of a forecaster on the pairs of a test set."""
-
-    errors: ErrorsByScene
-    """`log` and `brier` of every question, see `Question.metric`."""
-    reliability: dict[str, np.ndarray]
-    """[3, BINS] by target: sum of the probabilities, number of happenings, number of cases."""
 
 
 Priors = Mapping[Question, np.ndarray]
@@ -65,25 +42,20 @@ Weights = Mapping[Question, float]
 
 def questions(cases: Cases, answer: Answer) -> Iterator[tuple[Question, np.ndarray, np.ndarray]]:
     """Every question that `answer` answers, with counts [P, C] and what came true [P]."""
-    table = symbol_table(cases.settings.calculus)
     for step, counts in enumerate(answer.states):
-        true = cases.states[:, step]
-        yield Question("state", step + 1), counts, true
-        for place, symbol in enumerate(CALCULI[cases.settings.calculus].symbols):
-            of_symbol = table[:, place]
-            yield Question(symbol, step + 1), counts @ of_symbol, of_symbol.argmax(axis=1)[true]
-    for number, happens in enumerate([] if answer.events is None else answer.events):
+        yield Question("state", step + 1), counts, cases.states[:, step]
+    for name, happens, true in zip(cases.events, answer.events, cases.after):
         counts = np.stack([answer.count - happens, happens], axis=1)
-        yield Question(cases.events[number], 0), counts, cases.after[number].astype(int)
+        yield Question(name, 0), counts, true.astype(int)
 
 
 def evaluate_symbols(
     train: Cases, tune: Cases, test: Cases, models: Mapping[str, Model], *, samples: int, seed: int
-) -> dict[str, SymbolScores]:
+) -> dict[str, ErrorsByScene]:
     """Scores on `test` of models and of classical answers, by name.
 
-    The answers are a Markov chain over the states, with and without the transitions that its
-    diagram lacks; persistence of the state and of events; and the frequencies in `train`.
+    The answers are a Markov chain over the states, persistence of the state and of events, and the
+    frequencies in `train`.
 
     Args:
         train: pairs that the chain and the priors are learned from.
@@ -105,10 +77,9 @@ def evaluate_symbols(
         )
         scores[name] = score_answer(test, of_test, priors, tuned_weights(tune, of_tune, priors))
     known = dict.fromkeys(priors, 0.0)
-    for name, within in (("Markov chain", False), ("Markov chain, diagram only", True)):
-        table, events = markov_chain(train, within=within)
-        chain = Answer(1, table[:, test.start], None if events is None else events[:, test.start])
-        scores[name] = score_answer(test, chain, priors, known)
+    table, events = markov_chain(train)
+    chain = Answer(1, table[:, test.start], events[:, test.start])
+    scores["Markov chain"] = score_answer(test, chain, priors, known)
     stay_tune, stay_test = map(_persistence, (tune, test))
     weights = tuned_weights(tune, stay_tune, priors)
     scores["persistence"] = score_answer(test, stay_test, priors, weights)
@@ -136,29 +107,19 @@ def tuned_weights(cases: Cases, answer: Answer, priors: Priors) -> dict[Question
     return chosen
 
 
-def score_answer(cases: Cases, answer: Answer, priors: Priors, weights: Weights) -> SymbolScores:
+def score_answer(cases: Cases, answer: Answer, priors: Priors, weights: Weights) -> ErrorsByScene:
     """Scores of an answer, question by question; with weight 0 counts are probabilities."""
     scenes, totals = cases.windows.scenes, {}
-    reliability: dict[str, np.ndarray] = {}
     for question, counts, true in questions(cases, answer):
         shares = _smoothed(counts, answer.count, priors[question], weights[question])
         hit = np.take_along_axis(shares, true[:, None], axis=1)[:, 0]
         log, brier = -np.log(np.maximum(hit, 1e-9)), np.square(shares).sum(axis=1) - 2 * hit + 1
         totals[question.metric("log")] = np.bincount(cases.scene, log, scenes)
         totals[question.metric("brier")] = np.bincount(cases.scene, brier, scenes)
-        if question.target != "state":
-            # The presence of an event; each of the values of a symbol.
-            sums = reliability.setdefault(question.target, np.zeros((3, BINS)))
-            for each in range(1 if question.step == 0 else 0, shares.shape[1]):
-                said = shares[:, each]
-                place = np.minimum((said * BINS).astype(int), BINS - 1)
-                for row, values in zip(sums, (said, true == each, np.ones(len(said)))):
-                    row += np.bincount(place, values, BINS)
     pairs = np.bincount(cases.scene, minlength=scenes).astype(float)
     counts, steps = np.repeat(pairs[:, None], len(totals), axis=1), cases.windows.position.shape[1]
     stacked = np.stack(list(totals.values()), axis=1)
-    errors = ErrorsByScene(tuple(totals), stacked, counts, cases.windows.identity, steps)
-    return SymbolScores(errors, reliability)
+    return ErrorsByScene(tuple(totals), stacked, counts, cases.windows.identity, steps)
 
 
 def _smoothed(counts: np.ndarray, total: int, prior: np.ndarray, weight: Any) -> np.ndarray:

@@ -9,6 +9,8 @@ import itertools
 import math
 import random
 
+import numpy as np
+
 CONVENTIONS = ("distance", "line", "as_published")
 
 
@@ -96,22 +98,28 @@ def six_symbols(k, l):
     return found
 
 
+def converse(states):
+    """States [..., m] of (l, k) from those of (k, l): symbols change places, comparisons sign."""
+    states = np.asarray(states)
+    order = [1, 0] if states.shape[-1] < 4 else [1, 0, 3, 2]
+    return np.concatenate([states[..., order], -states[..., len(order) :]], axis=-1)
+
+
 def states(calculus):
     """Sorted tuples of symbols: all that two who are 20 m apart can show.
 
     They stand, or walk 5 or 10 m in one of twelve directions that whole numbers have, two of them
-    along the line and two across it; `b12_1d` is of steps along the line.
+    along the line and two across it.
     """
-    along = [(5, 0), (-5, 0)]
     others = [*itertools.product((3, -3), (4, -4)), *itertools.product((4, -4), (3, -3))]
-    ways = along if calculus == "b12_1d" else [*along, (0, 5), (0, -5), *others]
+    ways = [(5, 0), (-5, 0), (0, 5), (0, -5), *others]
     steps = [(0, 0), *((n * x, n * y) for x, y in ways for n in (1, 2))]
     seen = set()
     for v, w in itertools.product(steps, steps):
         q = six_symbols([(0, 0), v], [(20, 0), (20 + w[0], w[1])])[0]
         # Without sides the speeds are compared as they are: who passes at a right angle moves.
-        seen.add((*q[:2], sign(norm(v) - norm(w))) if calculus in ("b2", "b12_1d") else tuple(q))
-    kept = {"b1": 2, "b2": 3, "b12_1d": 3, "c1": 4, "c2": 5, "c2_angle": 6}[calculus]
+        seen.add((*q[:2], sign(norm(v) - norm(w))) if calculus == "b2" else tuple(q))
+    kept = {"b1": 2, "b2": 3, "c1": 4, "c2": 5, "c2_angle": 6}[calculus]
     return sorted({q[:kept] for q in seen})
 
 

@@ -8,7 +8,6 @@ from tests.symbolic import literal
 SIZES = {
     "b1": (9, 16),
     "b2": (27, 98),
-    "b12_1d": (17, 32),
     "c1": (81, 544),
     "c2": (209, 1568),
     "c2_angle": (305, 2400),

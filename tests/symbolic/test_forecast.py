@@ -27,12 +27,12 @@ def crowd():
 @pytest.mark.parametrize("calculus", ["b1", "c1", "c2", "bc1"])
 def test_probabilities_are_smoothed_shares_of_the_samples(crowd, calculus):
     samples, observed = crowd
-    found = symbolic_forecast(samples, observed, calculus=calculus, smoothing=2.0, near=2.0)
+    found = symbolic_forecast(samples, observed, calculus=calculus, smoothing=2.0)
     table = CALCULI[calculus].states
     expected = np.zeros((4, 4, 5, len(table)))
     for sample in samples:
         path = np.concatenate([observed[:, -1:], sample], axis=1)
-        how = {"quantisation_factor": 0.05, "side_quantisation_factor": 0.05, "near": 2.0}
+        how = {"quantisation_factor": 0.05, "side_quantisation_factor": 0.05}
         seen = np.asarray(observe(path[:, None], path, calculus, **how))
         expected += (seen[..., None, :] == table).all(axis=-1)
     expected = (expected + 2 / len(table)) / (len(samples) + 2)
@@ -45,7 +45,7 @@ def test_probabilities_are_smoothed_shares_of_the_samples(crowd, calculus):
     assert found.symbols.shape[-1] == (4 if calculus == "bc1" else 3)
 
 
-def test_pairs_padding_origin_and_compilation_change_nothing(crowd):
+def test_pairs_origin_and_compilation_change_nothing(crowd):
     samples, observed = crowd
     every = symbolic_forecast(samples, observed)
     events = symbolic_events(samples, observed)
@@ -59,10 +59,6 @@ def test_pairs_padding_origin_and_compilation_change_nothing(crowd):
     far = np.array([4.5e6, -3e6])
     moved = symbolic_forecast(samples + far, observed + far)
     np.testing.assert_allclose(moved.states, every.states, atol=1e-6)
-    padded = symbolic_forecast(samples, observed, valid=np.array([True, True, True, False]))
-    np.testing.assert_allclose(padded.states[:3, :3], every.states[:3, :3], atol=1e-6)
-    assert not np.asarray(padded.states[3]).any()
-    assert not np.asarray(padded.states[:, 3]).any()
     inside = jax.jit(lambda s, o: symbolic_forecast(s, o).states)(*map(jnp.asarray, crowd))
     np.testing.assert_allclose(inside, every.states, atol=1e-6)
 
