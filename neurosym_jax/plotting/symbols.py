@@ -57,6 +57,7 @@ def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
     when.grid(which="minor", color="white", linewidth=0.8)
     bar = figure.colorbar(image, ax=when, pad=0.01)
     bar.set_label("alpha", fontsize=LABEL)
+    bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=SMALL)
     return figure
 
@@ -87,16 +88,21 @@ def plot_states(
     for count, colour in enumerate(BY_ZEROS):
         chosen = zeros[order] == count
         if chosen.any():
-            label = "no symbol is 0" if count == 0 else f"{count} of 4 symbols are 0"
+            label = f"{('none', 'one', 'two', 'three', 'all')[count]} of 4 symbols 0"
             panels[0].barh(place[chosen], share[order][chosen], color=colour, label=label)
     panels[0].set_yticks(place, [texts[code] for code in order], fontsize=SMALL, **LETTERS)
     panels[0].set_ylim(len(order) - 0.4, -0.6)
     if table is not None:
         dress(panels[1], "weight alpha", "", "weight of the state")
-        if learned is not None:
-            panels[1].hlines(place, table[order], learned[order], color="#BBBBBB", lw=1.2)
-            panels[1].plot(learned[order], place, "o", color=RED, ms=4, label="learned")
-        panels[1].plot(table[order], place, "|", color=INK, ms=8, mew=2, label="table")
+        colours = np.array(BY_ZEROS)[zeros[order]]
+        if learned is None:
+            panels[1].scatter(table[order], place, c=colours, s=16)
+        else:
+            panels[1].hlines(place, table[order], learned[order], color=colours, lw=1.2)
+            panels[1].plot(
+                table[order], place, "|", color=INK, ms=8, mew=1.5, label="before training"
+            )
+            panels[1].scatter(learned[order], place, c=colours, s=16)
         low, high = panels[1].get_xlim()
         panels[1].set_xlim(min(0.0, low), 1.05 * high)
     for axes in panels:

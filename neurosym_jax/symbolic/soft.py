@@ -16,7 +16,7 @@ its margin lies ten temperatures from the threshold (probability > 0.9999).
 Symbols are taken as independent.
 """
 
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import Convention, side_factor, ways
 
 __all__ = ["soft_alpha", "soft_symbols"]
@@ -72,48 +73,25 @@ def soft_symbols(
     return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
 
 
-def soft_alpha(
-    probabilities: ArrayLike, table: Literal["cnd", "cnd_shipped"] | ArrayLike = "cnd"
-) -> Array:
+def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Array:
     """The expected weight of a QTC_C1 state whose symbols are independent.
-
-    Both named tables depend on the number of zeros alone. `cnd_shipped`, 1 / (2^nonzero 3^zero), is
-    a product over symbols, and so is its expectation: prod (1/2 - p0 / 6). For `cnd` the
-    distribution of the number of zeros is built symbol by symbol.
 
     Args:
         probabilities: [..., 4, 3] of (-, 0, +), see `soft_symbols`.
-        table: a name, or [81] weights by state code.
+        table: [81] weights by state code; None for `cnd.alpha_table()`.
 
     Returns:
         [...] weights.
     """
     probabilities = jnp.asarray(probabilities)
-    if isinstance(table, str):
-        zero = probabilities[..., 1]
-        if table == "cnd_shipped":
-            return jnp.prod(1 / 2 - zero / 6, axis=-1)
-        return _expected_by_zeros(zero)
+    weights = jnp.asarray(alpha_table() if table is None else table, probabilities.dtype)
     q1, q2, q3, q4 = jnp.moveaxis(probabilities, -2, 0)
-    approaches, sides = _both(q1, q2), _both(q3, q4)
-    weights = jnp.asarray(table, probabilities.dtype).reshape(9, 9)
-    return (approaches @ weights * sides).sum(axis=-1)
+    return (_both(q1, q2) @ weights.reshape(9, 9) * _both(q3, q4)).sum(axis=-1)
 
 
 def _both(first: Array, second: Array) -> Array:
     """[..., 9] joint probabilities of two symbols from [..., 3] of each."""
     return (first[..., :, None] * second[..., None, :]).reshape(*first.shape[:-1], 9)
-
-
-def _expected_by_zeros(zero: Array) -> Array:
-    """[...] of `cnd`: 1 / (3^z + 2^(4-z) - 2) for z zeros, from p(0) of each symbol [..., 4]."""
-    # count[z]: the probability of z zeros among the symbols so far.
-    count = [jnp.ones_like(zero[..., 0])]
-    for symbol in range(4):
-        p = zero[..., symbol]
-        stay, more = [of * (1 - p) for of in count], [of * p for of in count]
-        count = [stay[0], *(a + b for a, b in zip(stay[1:], more)), more[-1]]
-    return sum((of / (3**z + 2 ** (4 - z) - 2) for z, of in enumerate(count)), jnp.zeros(()))
 
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:

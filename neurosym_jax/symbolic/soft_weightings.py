@@ -61,7 +61,7 @@ class Quantised(TableWeighting):
             straight_through=straight_through,
             **self.thresholds(parameters),
         )
-        expected = soft_alpha(probabilities, parameters.get("table", self.table))
+        expected = soft_alpha(probabilities, parameters.get("table", self.state_weights()))
         return after_first(expected, parameters)
 
 

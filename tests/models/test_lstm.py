@@ -33,16 +33,6 @@ def random_like(tree, seed=0, scale=0.4):
     return jax.tree.map(lambda leaf: rng.normal(0, scale, leaf.shape).astype(np.float32), tree)
 
 
-def test_one_step():
-    rng = np.random.default_rng(0)
-    gates, cell = rng.normal(size=(5, 12)), rng.normal(size=(5, 3))
-    i, f, g, o = np.split(gates, 4, axis=1)
-    new = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
-    hidden, updated = LSTM().update(gates, (None, cell))
-    assert_allclose(updated, new, atol=1e-6)
-    assert_allclose(hidden, sigmoid(o) * np.tanh(new), atol=1e-6)
-
-
 def test_encoder_against_a_loop():
     steps = np.random.default_rng(1).normal(0, 0.4, (3, 8, 2)).astype(np.float32)
     module = Encoder(LSTM(), embedding_dim=5, h_dim=7)

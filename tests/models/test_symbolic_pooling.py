@@ -120,47 +120,6 @@ def test_ijcnn_refuses_weights_of_pairs():
 
 
 @EACH
-def test_zeros_leave_the_neighbours_hidden_states(module):
-    params = with_random_params(module)
-    pooled = pool(module, params, alpha=np.zeros_like(ALPHA))
-    wanted = literally(params, lambda i, j: np.zeros((T, E)))
-    assert_allclose(pooled, wanted, atol=1e-5)
-    elsewhere = pool(module, params, observed=OBSERVED * 3 + 1, alpha=np.zeros_like(ALPHA))
-    assert_array_equal(elsewhere, pooled)
-
-
-@EACH
-def test_it_is_the_pairs_own_weight(module):
-    """alpha_ij(t) acts on what i gets of j at t: not on j's row, not on another step."""
-    params = with_random_params(module)
-    before = pool(module, params)
-    changed = ALPHA.copy()
-    changed[2, 4] *= -3
-    after = pool(module, params, alpha=changed)
-    others = np.arange(N) != 2
-    assert_array_equal(after[others], before[others])
-    assert np.abs(after[2] - before[2]).max() > 1e-3
-
-
-@EACH
-def test_alpha_can_be_learnt(module):
-    params = with_random_params(module)
-
-    def total(alpha):
-        return module.apply(params, HIDDEN, OBSERVED, ALL, alpha).sum()
-
-    gradient = np.asarray(jax.jit(jax.grad(total))(ALPHA))
-    assert gradient.shape == ALPHA.shape
-    assert np.isfinite(gradient).all()
-    # Every step of somebody counts for somebody.
-    assert np.abs(gradient).max(axis=(0, 1)).min() > 1e-4
-    # In the direction of the gradient the sum grows by its square, as far as no ReLU turns.
-    step = np.float32(1e-3)
-    grown = float(total(ALPHA + step * gradient) - total(ALPHA))
-    assert grown == pytest.approx(float(step * (gradient**2).sum()), rel=0.05)
-
-
-@EACH
 def test_gradients_where_people_coincide(module):
     params = with_random_params(module)
     zeros = np.zeros_like(OBSERVED)

@@ -3,6 +3,7 @@ import pytest
 
 from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.cnd import adjacency, alpha_table
+from neurosym_jax.symbolic.state_weightings import CndShipped
 from tests.symbolic import literal
 
 SIZES = {
@@ -36,10 +37,8 @@ def test_alphas():
     degrees = np.array([sum(row) for row in literal.neighbours(rows)])
     np.testing.assert_array_equal(alpha_table(), 1 / degrees)
     np.testing.assert_array_equal(alpha_table(include_self=True), 1 / (degrees + 1))
-    np.testing.assert_array_equal(
-        alpha_table(rule="continuity", include_self=True),
-        [literal.shipped_alpha(state) for state in rows],
-    )
+    shipped = [literal.shipped_alpha(state) for state in rows]
+    np.testing.assert_array_equal(CndShipped().state_weights(), shipped)
 
 
 def test_tables_are_made_once_and_read_only():

@@ -13,10 +13,6 @@ from tests.symbolic import literal
 pytestmark = pytest.mark.usefixtures("double")
 
 CONVENTIONS = literal.CONVENTIONS
-TABLES = {
-    "cnd": alpha_table("c1", rule="dominance"),
-    "cnd_shipped": alpha_table("c1", rule="continuity", include_self=True),
-}
 
 
 @functools.partial(jax.jit, static_argnames=("convention", "straight_through"))
@@ -84,20 +80,16 @@ def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
     assert ties > 5_000
 
 
-def test_ties_without_quantisation_are_half_and_half():
-    k, l = np.array([[0.0, 0], [0, 1]]), np.array([[4.0, 0], [4, 0]])
-    np.testing.assert_allclose(soft(k, l, 0.01)[0, 3], [0.5, 0, 0.5])
-    stands = soft(l, l, 0.01, 0.05)[0]  # Two who stand on one spot.
-    np.testing.assert_allclose(stands[:, 1], np.tanh(0.05 / 0.01 / 2))
-
-
-def test_probabilities_fade_over_a_temperature():
+def test_probabilities_fade_over_a_temperature_and_ties_are_half_and_half():
     """k steps 6, 5 and 4 cm towards l at a threshold of 5: the half-way points are logistic."""
     l = np.array([[4.0, 0], [4, 0]])
     for step, odds in ((0.06, 1), (0.05, 0), (0.04, -1)):
         towards = soft(np.array([[0.0, 0], [step, 0]]), l, 0.01, 0.05)[0, 0]
         np.testing.assert_allclose(towards[0], 1 / (1 + np.exp(-odds)), rtol=1e-9)
         np.testing.assert_allclose(towards[2], 1 / (1 + np.exp(10 + odds)), rtol=1e-9)
+    np.testing.assert_allclose(soft(np.array([[0.0, 0], [0, 1]]), l, 0.01)[0, 3], [0.5, 0, 0.5])
+    stands = soft(l, l, 0.01, 0.05)[0]  # Two who stand on one spot.
+    np.testing.assert_allclose(stands[:, 1], np.tanh(0.05 / 0.01 / 2))
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
@@ -116,24 +108,17 @@ def test_straight_through_is_hard_with_soft_gradients(convention):
         np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", TABLES)
-def test_expected_weights_are_sums_over_all_states(name):
+def test_expected_weights_are_sums_over_all_states():
     draw = np.random.default_rng(0).dirichlet([0.5] * 3, (50, 4))
     states = np.indices((3,) * 4).reshape(4, 81)
     of_state = np.prod([draw[:, q, states[q]] for q in range(4)], axis=0)
-    wanted = of_state @ TABLES[name]
-    np.testing.assert_allclose(soft_alpha(draw, name), wanted, rtol=1e-12)
-    np.testing.assert_allclose(soft_alpha(draw, TABLES[name]), wanted, rtol=1e-12)
-
-
-def test_certain_symbols_weigh_what_the_table_says():
-    states = np.random.default_rng(0).integers(-1, 2, (40, 4))
+    np.testing.assert_allclose(soft_alpha(draw), of_state @ alpha_table(), rtol=1e-12)
     table = np.random.default_rng(1).normal(size=81)
-    certain = np.eye(3)[states + 1]
-    np.testing.assert_array_equal(soft_alpha(certain, table), alpha_from_states(states, table))
-    for name, weights in TABLES.items():
-        wanted = alpha_from_states(states, weights)
-        np.testing.assert_allclose(soft_alpha(certain, name), wanted, rtol=1e-12)
+    np.testing.assert_allclose(soft_alpha(draw, table), of_state @ table, rtol=1e-12)
+    # Of certain symbols what the table says, exactly.
+    states = np.random.default_rng(0).integers(-1, 2, (40, 4))
+    certain = soft_alpha(np.eye(3)[states + 1], table)
+    np.testing.assert_array_equal(certain, alpha_from_states(states, table))
 
 
 def random_pairs(count, seed=0):
