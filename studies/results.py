@@ -23,7 +23,6 @@ from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.summary import Line, Value, lines_of, means_of
 from neurosym_jax.runtime.files import write_text
 from studies.published import ALL_WINDOWS, NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
-from studies.trainings import of_trainings
 
 __all__ = ["document", "table"]
 
@@ -62,8 +61,8 @@ All numbers with half of their 95 % intervals are in [`results.csv`](results.csv
 <summary>How this was measured</summary>
 
 - Means over {seeds} seeds of the noise. Each row is of one training unless it says how many.
-- Intervals are over test windows, in blocks that do not overlap, and over trainings where there are
-  several (Student's t). A mean over data sets takes them as independent.
+- Intervals are over test windows, in blocks that do not overlap; where there are several trainings,
+  over these (Student's t). A mean over data sets takes them as independent.
 - Scenes / people at 8 + 8: {sizes_8}. At 8 + 12: {sizes_12}.
 - "Windows of one person too" is the protocol of Joint Metrics Matter (Weng et al., ICCV 2023), with
   means over scenes. Numbers of AgentFormer are quoted second hand.
@@ -93,7 +92,7 @@ def document(rows: Sequence[Mapping[str, Any]]) -> str:
     }
     return PAGE.format(
         headline=HEADLINE,
-        means=_means(of_trainings(rows)),
+        means=_means(rows),
         samples=max(row["samples"] for row in rows),
         seeds=max(row["seeds"] for row in rows),
         **sizes,
@@ -140,15 +139,15 @@ def _means(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _lines(rows: Sequence[Mapping[str, Any]], kinds: Sequence[str]) -> Iterator[list[str]]:
-    lines = lines_of(of_trainings(rows))
+    lines = lines_of(rows)
     found: dict[str, dict[str, Line]] = {}
     for line in (*lines, *means_of(lines)):
         mean = line.datasets > 1
         found.setdefault(_name(line), {})["mean" if mean else line.test_set.dataset] = line
     for name, of in found.items():
         any_line = next(iter(of.values()))
-        trainings = max(row.get("trainings", 1) for row in any_line.rows)
-        shown = f"{name}, {trainings} trainings" if trainings > 1 else name
+        count = any_line.trainings
+        shown = f"{name}, {count} trainings" if count > 1 else name
         steps = f"8 + {any_line.test_set.pred_len}"
         for kind in kinds:
             cells = {
