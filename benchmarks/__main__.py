@@ -23,7 +23,7 @@ from neurosym_jax.runtime.files import write_text
 
 FORMAT = 1
 
-Name = Literal["zoo", "training", "symbols", "online", "start", "cold", "reading", "growth"]
+Name = Literal["zoo", "training", "symbols", "online", "age", "start", "cold", "reading", "growth"]
 NAMES: tuple[Name, ...] = get_args(Name)
 
 
@@ -33,7 +33,7 @@ class BenchmarkOptions:
 
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, a training iteration, QTC
-    and alpha of all pairs, online latency, a robot's first forecasts, a cold process, reading and
+    and alpha of all pairs, online latency, the age of a forecast, a robot's first forecasts, a cold process, reading and
     windowing, growth."""
     data: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """ETH/UCY as SGAN arranges it; zoo, training and reading need it."""
@@ -43,6 +43,8 @@ class BenchmarkOptions:
     """A checkout of SGAN (agrimgupta92/sgan), measured too where torch is installed."""
     neurosym_reference: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """A checkout of NeuroSyM (sariahmghames/NeuroSyM-prediction), for symbols, likewise."""
+    age_model: str = "recommended"
+    """Model whose forecasts' age is measured; age needs ROS 1 (roscore)."""
     repeats: int = 5
     """Rounds that count."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None

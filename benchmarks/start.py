@@ -31,7 +31,7 @@ from neurosym_robot.online.pairs import LikelyEvents
 from neurosym_robot.online.predictor import Predictor
 models = load_models([Path(name) for name in sys.argv[2:]])
 predictor = Predictor(models, compile=sys.argv[1])
-analytics, likely = Analytics.of(predictor), LikelyEvents.of(predictor)
+analytics, likely = Analytics(predictor), LikelyEvents.of(predictor)
 ready = time.monotonic()
 rng = np.random.default_rng(0)
 at, velocity = rng.uniform(-8, 8, (40, 2)), rng.normal(0, 1, (40, 2))
@@ -42,8 +42,8 @@ for frame in range(400):
     time.sleep(max(0.0, due - time.monotonic()))
     late = max(late, time.monotonic() - due)
     forecast = predictor.push(frame / 10, np.arange(40), at + frame / 10 * velocity)
+    analytics.add(forecast)
     if forecast is not None:
-        analytics.add(forecast)
         latency.append(forecast.latency)
         first = first or time.monotonic()
         if len(forecast.ids) == 40:

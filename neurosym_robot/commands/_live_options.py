@@ -5,7 +5,7 @@ import functools
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -14,11 +14,11 @@ from neurosym_robot.dashboard.floor_map import read_floor_map
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.compilation import When
 from neurosym_robot.online.models import load_models
-from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
+from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.status import format_summary
+from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
-from neurosym_robot.ros.source import PeopleSource
+from neurosym_robot.ros.source import REACH, PeopleSource
 from neurosym_robot.tracking.linking import LinkOptions
 from neurosym_robot.tracking.live import OnlineStitcher
 from neurosym_robot.tracking.motion import FAR, MAX_SPEED
@@ -48,16 +48,8 @@ class ViewOptions:
         Raises:
             InputError: if the map cannot be read, or for a probability outside (0, 1].
         """
-        LikelyEvents.of(predictor, self.at_least)  # Compiled ahead of use.
-        return Moments(
-            predictor.models,
-            predictor.window.period,
-            title=title,
-            floor_map=None if self.map is None else read_floor_map(self.map),
-            reset_after=predictor.window.reset_after,
-            far=predictor.window.far,
-            at_least=self.at_least,
-        )
+        floor_map = None if self.map is None else read_floor_map(self.map)
+        return Moments(predictor, title=title, floor_map=floor_map, at_least=self.at_least)
 
     def open(self, predictor: Predictor, title: str) -> Dashboard | None:
         """A dashboard that is being served, if the options ask for one.
@@ -84,10 +76,9 @@ class SourceOptions:
     robot_frame: str = ""
     """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
     nearest to it are forecast first."""
-
-    def source(self, report: Callable[[str], None]) -> PeopleSource:
-        """The stream of people; `report` is called about messages that are left out."""
-        return PeopleSource(self.fixed_frame, self.several_publishers, report, self.robot_frame)
+    reach: float = REACH
+    """Metres; people farther from the sensor (the origin of coordinates that --fixed-frame
+    transforms) or from the robot (--robot-frame) are left out."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -139,6 +130,18 @@ class LiveOptions:
             report=functools.partial(print, file=sys.stderr, flush=True),
         )
 
+    def source(self, report: Callable[[str], None]) -> PeopleSource:
+        """The stream of people; `report` is called about messages that are left out."""
+        stream = self.stream
+        return PeopleSource(
+            stream.fixed_frame,
+            stream.several_publishers,
+            report,
+            stream.robot_frame,
+            stream.reach,
+            self.far,
+        )
+
     def stitcher(self) -> OnlineStitcher | None:
         """The stitcher of ids, if the options ask for it."""
         if not self.stitch:
@@ -154,16 +157,27 @@ class NodeOptions(LiveOptions):
     """Name of this node; on ROS 1 in $ROS_NAMESPACE, if that is set."""
     status: float = 10.0
     """Seconds between status lines; 0 for none."""
+    stale_after: float = STALE_AFTER
+    """Age of information in seconds from which on the stream is called stale."""
 
-    def open_page(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
-        """Serve the page of a node, if the options ask for one."""
+    def node_options(self, report: Callable[[str], None]) -> dict[str, Any]:
+        """The options that a `ForecastingNode` takes."""
+        return {
+            "name": self.name,
+            "source": self.source(report),
+            "stitcher": self.stitcher(),
+            "at_least": self.view.at_least,
+            "status": self.status,
+            "stale_after": self.stale_after,
+        }
+
+    def forecast(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
+        """Run a node with its page, if the options ask for one; then print its summary."""
         node.dashboard = self.view.open(node.predictor, self.name)
         if node.dashboard is not None:
             report(f"the page is at {node.dashboard.url}")
-
-    def end(self, node: ForecastingNode) -> None:
-        """Print the summary of a node that has ended."""
+        node.run()
         if node.dashboard is not None:
             node.dashboard.close()
         node.analytics.finish()
-        print(format_summary(node.analytics.summary(), node.predictor.health))
+        print(node.status.table())

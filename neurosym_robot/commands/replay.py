@@ -18,7 +18,7 @@ from neurosym_robot.dashboard.replay_file import ReplayFile
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.forecast_lines import ForecastLines
 from neurosym_robot.online.replay import replay
-from neurosym_robot.online.status import format_summary
+from neurosym_robot.online.status import Status
 from neurosym_robot.plugin import SUFFIXES
 from neurosym_robot.ros.bag_writer import ForecastBag
 from neurosym_robot.ros.bags import read_frames
@@ -35,9 +35,6 @@ class Options(LiveOptions):
     """A bag (ROS 1 `.bag`; folder, `.db3` or `.mcap` of ROS 2), or a file of tracks."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How the recording is read."""
-    hold: float = 0.0
-    """Seconds for which a person out of sight is still forecast, extrapolated at constant velocity;
-    1 in live commands, 0 here, for the same errors as `evaluate`."""
     rate: float | Literal["max"] | None = None
     """Speed: 1 is real time (default with --dashboard), max does not wait (default otherwise)."""
     out: Path | None = None
@@ -56,14 +53,16 @@ def run(options: Options) -> None:
     def warn(text: str) -> None:
         warnings.warn(f"{options.recording}: {text}", InputWarning, stacklevel=2)
 
-    source = options.stream.source(warn)
+    source = options.source(warn)
     frames = read_frames(options.recording, options.read, source)
-    analytics, title = Analytics(), options.recording.stem
+    title = options.recording.stem
     with contextlib.ExitStack() as stack:
         # Files are finished on SIGTERM, too.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         stack.callback(signal.signal, signal.SIGTERM, before)
         predictor = options.predictor("needed")
+        analytics = Analytics(predictor)
+        status = Status(predictor, analytics, warn, counts=lambda: source.refused)
         files = stack.enter_context(contextlib.ExitStack())
         out = page = None
         if options.out is not None:
@@ -87,11 +86,12 @@ def run(options: Options) -> None:
         )
         try:
             for event in events:
+                if event.forecast is not None:
+                    status.published(event.age)
                 if out is not None:
                     out.add(event)
                 for view in views:
-                    robot = source.robot(event.frame.stamp)
-                    view.show(event.frame, event.forecast, analytics.summary(), robot)
+                    view.show(event, status.now(), source.robot(event.frame.stamp))
         except KeyboardInterrupt:
             print("interrupted; until then:")
         for done in analytics.finish():
@@ -99,7 +99,7 @@ def run(options: Options) -> None:
                 out.score(done)
         for view in views:
             view.end(analytics.summary())
-        print(format_summary(analytics.summary(), predictor.health), flush=True)
+        print(status.table(), flush=True)
         files.close()
         for written in (out, page):
             if written is not None:

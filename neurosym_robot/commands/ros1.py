@@ -37,20 +37,14 @@ def run(options: Options) -> None:
     node = ForecastNode(
         options.predictor(),
         topic=options.topic,
-        source=options.stream.source(report),
-        stitcher=options.stitcher(),
         master=options.master,
-        name=options.name,
         remaps=options.remap,
-        status=options.status,
-        at_least=options.view.at_least,
         report=report,
+        **options.node_options(report),
     )
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: node.node.stopped.set())
-        options.open_page(node, report)
-        node.run()
+            signal.signal(number, lambda *_: node.stopped.set())
+        options.forecast(node, report)
     finally:
         node.close()
-    options.end(node)

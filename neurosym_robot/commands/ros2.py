@@ -5,6 +5,7 @@
 
 import dataclasses
 import shlex
+import signal
 
 from neurosym_robot.commands._live_options import NodeOptions
 from neurosym_robot.commands._ros_arguments import ros2_arguments
@@ -32,32 +33,20 @@ class Options(NodeOptions):
 
 def run(options: Options) -> None:
     """Forecast until interrupted; InputError names what cannot be used or is missing."""
-    rclpy = import_rclpy()
-    from rclpy.executors import ExternalShutdownException
-
-    kind = kind_named(options.message)
+    rclpy, kind = import_rclpy(), kind_named(options.message)
     message_type(kind)  # Refused before the models are loaded.
     predictor = options.predictor()
     rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])
     logger = rclpy.logging.get_logger(options.name)
     node = ForecastNode(
-        predictor,
-        topic=options.topic,
-        kind=kind,
-        source=options.stream.source(logger.warning),
-        stitcher=options.stitcher(),
-        name=options.name,
-        status=options.status,
-        at_least=options.view.at_least,
+        predictor, topic=options.topic, kind=kind, **options.node_options(logger.warning)
     )
-    logger = node.node.get_logger()
-    logger.info(f"listening to {node.topic}")
+    report = node.node.get_logger().info
+    report(f"listening to {node.topic}")
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: node.stopped.set())
     try:
-        options.open_page(node, logger.info)
-        rclpy.spin(node.node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+        options.forecast(node, report)
     finally:
         node.node.destroy_node()
         rclpy.try_shutdown()
-    options.end(node)

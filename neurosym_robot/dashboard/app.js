@@ -1,125 +1,126 @@
-// Ties it together: what is chosen, and what is drawn when.
+// Ties it together: where the data comes from, which moment is shown, and what is drawn when.
 
 const KEPT = 64e6; // characters of a live stream that the page keeps
-const STALE = 2000; // milliseconds without data after which what is shown is not live
-const AGES = 5; // choices of when the forecast shown was made
 
 class App {
   constructor(introduction, live) {
     this.recording = new Recording(introduction, live ? KEPT : Infinity);
-    this.style = looks(this.recording.models);
-    this.pair = ["", ""];
-    this.chosen = false; // the pair by hand; otherwise the most interesting
-    this.redraw = this.redraw.bind(this);
-    this.stage = new Stage(find("scene"), this.redraw);
-    this.stage.setMap(this.recording.map);
-    this.player = new Player(this.recording, live, this.redraw);
-    this.panels = new Panels(this.recording, this.style, (pair) => this.choose(pair));
+    Object.assign(this, { live, following: live, playing: !live, index: 0, pair: ["", ""], heard: 0 });
     document.title = this.recording.title || "People and forecasts";
     say(find("title"), document.title);
-    this.layers = new Layers(this.recording, this.style, this.redraw);
-    new ResizeObserver(this.redraw).observe(find("scene"));
+    this.stage = new Stage(find("scene"), this.recording);
+    this.panels = new Panels(this.recording, this.stage.style, (pair) => this.choose(pair));
+    this.offerLayers();
+    this.listen();
+    new ResizeObserver(() => this.redraw()).observe(find("scene"));
     matchMedia("(prefers-color-scheme: dark)").onchange = () => this.recolour();
     this.recolour();
-    this.heard = performance.now();
-    if (live) setInterval(() => this.showStatus(), 500);
+    setInterval(() => this.showStatus(), 250);
+    if (this.playing) this.play();
   }
 
   add(line) {
-    this.heard = performance.now();
     const gone = this.recording.add(line);
-    if (!this.recording.length) return;
-    const { step, at, robot } = this.recording.moments.at(-1);
+    const moment = this.recording.moments.at(-1);
+    if (!moment) return;
+    this.heard = performance.now();
     // The view follows those who are forecast: a tracker's ghosts may be anywhere.
-    const { view } = this.stage;
-    if (step) view.include(this.places(step));
-    else if (!view.bounds) view.include(at.values());
-    if (robot) view.include([robot]);
-    if (step && this.ages === undefined) this.offerAges(step);
-    this.player.grew(gone);
+    const { stage } = this;
+    if (moment.step) stage.include(this.recording.ends(moment.step));
+    else if (!stage.bounds) stage.include(moment.at.values());
+    if (moment.robot) stage.include([moment.robot]);
+    this.index = this.following ? this.recording.length - 1 : Math.max(0, this.index - gone);
     this.redraw();
   }
 
-  offerAges(step) {
-    const { recording } = this;
-    const steps = recording.horizon(step);
-    this.ages = Array.from({ length: AGES }, (_, n) => Math.round((n * steps) / (AGES - 1)) * recording.period);
-    find("age").replaceChildren(...this.ages.map((age) => (
-      make("option", age ? `${age.toFixed(1)} s ago` : "now", { value: age }))));
-  }
-
-  // Where people of a forecast are, and where each model's most central sample ends.
-  places(step) {
-    const last = step.seen.map((flat) => flat.slice(-2));
-    const ends = Object.values(step.models).flatMap(({ samples, central }) => samples.map((each, n) => {
-      const [x, y] = each[central].slice(-2);
-      return [last[n][0] + x / 100, last[n][1] + y / 100];
+  offerLayers() {
+    const names = [...this.recording.models, "observed", "what happened", "ids"];
+    if (this.recording.map) names.push("map");
+    this.shown = new Set(names);
+    find("layers").append(...names.map((name) => {
+      const label = make("label", "", { title: name });
+      const box = make("input", "", { type: "checkbox", checked: true });
+      box.onchange = () => {
+        this.shown[box.checked ? "add" : "delete"](name);
+        this.redraw();
+      };
+      const swatch = make("i");
+      const look = this.stage.style.get(name);
+      if (look !== undefined) swatch.style.background = `var(--model-${look})`;
+      label.append(box, swatch, name);
+      return label;
     }));
-    return [...last, ...ends];
-  }
-
-  fit() {
-    this.stage.view.fit(this.recording.steps.flatMap((step) => this.places(step)));
-    this.redraw();
   }
 
   choose(pair) {
-    this.pair = pair;
-    this.chosen = true;
+    this.pair = pair.map((id) => id ?? "");
     this.redraw();
   }
 
-  // The two who are nearest and nearing, until one of them is gone; or those who were chosen. Whoever
-  // nears at 1 m/s counts as two seconds nearer.
-  updatePair(step) {
-    if (!step || step.ids.length < 2 || this.chosen) return;
-    if (this.pair.every((id) => step.row.has(id))) return;
-    const apart = (i, j, end) => {
-      const [a, b] = [i, j].map((n) => step.seen[n].slice(end - 2, end || undefined));
-      return Math.hypot(a[0] - b[0], a[1] - b[1]);
-    };
-    let least = Infinity;
-    for (let i = 0; i < step.ids.length; i += 1) {
-      for (let j = i + 1; j < step.ids.length; j += 1) {
-        const now = apart(i, j, 0);
-        const nearing = (apart(i, j, -2) - now) / this.recording.period;
-        if (now - 2 * nearing < least) {
-          least = now - 2 * nearing;
-          this.pair = [step.ids[i], step.ids[j]];
-        }
+  fit() {
+    this.stage.fits = true;
+    this.stage.bounds = null;
+    const moment = this.recording.moments[this.index];
+    this.stage.include([...(moment?.at.values() ?? []), ...(moment?.robot ? [moment.robot] : [])]);
+    this.redraw();
+  }
+
+  go(index) {
+    this.following = this.playing = false;
+    this.index = Math.min(Math.max(index, 0), Math.max(0, this.recording.length - 1));
+    this.redraw();
+  }
+
+  // On or back by so many forecasts; where there are none, by moments.
+  skip(count) {
+    const { moments } = this.recording;
+    const direction = Math.sign(count);
+    let index = this.index;
+    for (let left = Math.abs(count); left > 0; left -= 1) {
+      do index += direction; while (moments[index] && !moments[index].step);
+    }
+    this.go(index);
+  }
+
+  follow() {
+    [this.following, this.playing] = [this.live, false];
+    this.index = Math.max(0, this.recording.length - 1);
+    this.redraw();
+  }
+
+  toggle() {
+    if (this.playing || this.following) return this.go(this.index);
+    const atEnd = this.index >= this.recording.length - 1;
+    if (atEnd && this.live) return this.follow();
+    if (atEnd) this.index = 0;
+    this.play();
+  }
+
+  // Moments one after the other at their own pace; a silence is not sat through.
+  play() {
+    this.playing = true;
+    let before = performance.now();
+    let left = 0;
+    const tick = (now) => {
+      if (!this.playing) return;
+      const { moments } = this.recording;
+      left += Math.min(now - before, 250) / 1000;
+      before = now;
+      while (this.index < moments.length - 1) {
+        const gap = Math.min(moments[this.index + 1].t - moments[this.index].t, 1);
+        if (gap > left) break;
+        left -= gap;
+        this.index += 1;
       }
-    }
+      if (moments.length && this.index === moments.length - 1) {
+        this.playing = false;
+        this.following = this.live;
+      }
+      this.redraw();
+      requestAnimationFrame(tick);
+    };
+    requestAnimationFrame(tick);
   }
-
-  // The page chooses the pair again.
-  freePair() {
-    this.chosen = false;
-    this.pair = ["", ""];
-    this.redraw();
-  }
-
-  nextPair() {
-    const { ids } = this.recording.stepAt(this.player.moment, this.age) ?? { ids: [] };
-    const pairs = ids.flatMap((k) => ids.filter((l) => l !== k).map((l) => [k, l]));
-    if (!pairs.length) return;
-    const at = pairs.findIndex(([k, l]) => k === this.pair[0] && l === this.pair[1]);
-    this.choose(pairs[(at + 1) % pairs.length]);
-  }
-
-  click(x, y) {
-    const id = this.stage.personAt(x, y);
-    if (id === null) return;
-    // The first click chooses k, the next one l.
-    if (this.first && this.first !== id) {
-      this.choose([this.first, id]);
-      this.first = null;
-    } else {
-      this.first = id;
-      this.choose([id, this.pair.find((other) => other !== id) ?? id]);
-    }
-  }
-
-  get age() { return Number(find("age").value) || 0; }
 
   redraw() {
     this.waiting ??= requestAnimationFrame(() => {
@@ -129,74 +130,55 @@ class App {
   }
 
   draw() {
-    const { player, recording } = this;
-    const { moment } = player;
-    const latest = moment?.latest ?? null;
-    const step = recording.stepAt(moment, this.age);
-    this.updatePair(step);
-    const places = player.places();
-    this.stage.draw({
-      places, latest, step, robot: moment?.robot, pair: this.pair, shown: this.layers.shown, style: this.style,
-      truth: step ? recording.truth(step) : new Map(), current: step === latest,
-    });
-    this.panels.show({ moment, step, latest, pair: this.pair });
-    this.showTime();
-    find("invitation").hidden = Boolean(moment?.at.size);
-    this.describe(places, step);
-  }
-
-  showTime() {
-    const { player, recording } = this;
+    const { recording, index } = this;
+    const moment = recording.moments[index];
+    this.stage.draw({ moment, shown: this.shown, chosen: this.pair, past: !this.following });
+    this.panels.show(index, this.pair);
     const clock = (t) => `${Math.floor(t / 60)}:${(t % 60).toFixed(1).padStart(4, "0")}`;
     const begin = recording.moments[0]?.t ?? 0;
-    const now = (player.moment?.t ?? 0) - begin;
-    const end = (recording.moments.at(-1)?.t ?? 0) - begin;
+    const [now, end] = [moment, recording.moments.at(-1)].map((each) => clock((each?.t ?? 0) - begin));
     const slider = find("timeline");
     slider.max = Math.max(0, recording.length - 1);
-    slider.value = player.index;
-    slider.setAttribute("aria-valuetext", `${clock(now)} of ${clock(end)}`);
-    say(find("clock"), `${clock(now)} / ${clock(end)}`);
-    const running = player.playing || player.following;
-    find("play").classList.toggle("playing", running);
-    find("play").setAttribute("aria-label", running ? "Pause" : "Play");
-    find("live").hidden = !player.live;
-    find("live").setAttribute("aria-pressed", String(player.following));
+    slider.value = index;
+    slider.setAttribute("aria-valuetext", `${now} of ${end}`);
+    say(find("clock"), `${now} / ${end}`);
     this.showStatus();
+    // For those who do not see the canvas; not while it moves, which nobody could listen to.
+    if (this.playing || (this.following && performance.now() - (this.described ?? -1e9) < 1000)) return;
+    this.described = performance.now();
+    const people = [...(moment?.at ?? [])].slice(0, 8).map(([id, [x, y]]) => `${id} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
+    const counts = `${moment?.at.size ?? 0} people seen, ${moment?.latest?.ids.length ?? 0} forecast`;
+    find("scene").setAttribute("aria-label", `${counts}. ${people.join("; ")}`);
+  }
+
+  // Seconds since the stamp of the newest people, beyond a constant offset of clocks.
+  get age() {
+    const now = this.recording.moments.at(-1)?.now;
+    return now ? Math.max(0, (now.age ?? 0) / 1000 - now.offset) + (performance.now() - this.heard) / 1000 : 0;
   }
 
   showStatus() {
-    const { player } = this;
-    const silence = this.ended ? 0 : performance.now() - this.heard;
-    const state = this.lost ? "lost"
-      : player.following ? (silence > STALE ? "stale" : "live") : player.playing ? "playing" : "paused";
+    const limit = this.recording.moments.at(-1)?.now.stale_after ?? Infinity;
+    const old = this.live && this.following && this.age > limit;
+    const state = this.lost ? "lost" : old ? "stale" : this.following ? "live" : this.playing ? "playing" : "paused";
     find("status").className = state;
-    const words = {
-      lost: "connection lost, trying again",
-      stale: `stale: nothing heard for ${Math.floor(silence / 1000)} s`,
-      live: "live",
-      playing: "playing",
-      paused: "paused",
-    };
-    const behind = player.live && !player.following && !this.lost ? ", live goes on" : "";
-    const alarm = { lost: "Connection lost: this is not now", stale: `No people for ${Math.floor(silence / 1000)} s: this is not now` };
-    find("alarm").hidden = !alarm[state] || !this.recording.length;
-    say(find("alarm"), alarm[state] ?? "");
-    find("auto").setAttribute("aria-pressed", String(!this.chosen));
-    say(find("status"), words[state] + behind + (this.ended && state !== "lost" ? ", recording ended" : ""));
-  }
-
-  // For those who do not see the canvas; not while it moves, which nobody could listen to.
-  describe(places, step) {
-    if (this.player.playing || (this.player.following && performance.now() - (this.described ?? -Infinity) < 1000)) return;
-    this.described = performance.now();
-    const people = [...places].slice(0, 8).map(([id, [x, y]]) => `${id} at ${x.toFixed(1)}, ${y.toFixed(1)}`);
-    const text = `${places.size} people seen, ${step?.ids.length ?? 0} forecast. ${people.join("; ")}`;
-    find("scene").setAttribute("aria-label", text);
+    const seconds = Math.floor(this.age);
+    const words = { lost: "connection lost, trying again", stale: `stale for ${seconds} s` };
+    const behind = this.live && !this.following && !this.lost ? ", live goes on" : "";
+    say(find("status"), (words[state] ?? state) + behind + (this.ended ? ", recording ended" : ""));
+    const alarm = {
+      lost: "Connection lost: this is not now",
+      stale: `The newest people are ${seconds} s old: this is not now`,
+    }[state];
+    find("alarm").hidden = !alarm || !this.recording.length;
+    say(find("alarm"), alarm ?? "");
+    say(find("play"), this.playing || this.following ? "Pause" : "Play");
+    find("live").hidden = !this.live;
+    find("live").setAttribute("aria-pressed", String(this.following));
   }
 
   recolour() {
     this.stage.readColours();
-    this.layers.drawSamples(this.stage.colour);
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const root = document.documentElement.classList;
     say(find("theme"), root.contains("dark") || (dark && !root.contains("light")) ? "Light" : "Dark");
@@ -210,9 +192,89 @@ class App {
     this.recolour();
   }
 
-  cycleAge() {
-    const select = find("age");
-    select.selectedIndex = (select.selectedIndex + 1) % Math.max(1, select.options.length);
-    this.redraw();
+  listen() {
+    const zoom = (...about) => { this.stage.zoom(...about); this.redraw(); };
+    find("play").onclick = () => this.toggle();
+    find("live").onclick = () => this.follow();
+    find("fit").onclick = () => this.fit();
+    find("theme").onclick = () => this.turnTheme();
+    find("timeline").oninput = () => this.go(Number(find("timeline").value));
+    const actions = {
+      " ": () => this.toggle(),
+      ArrowLeft: (event) => this.skip(event.shiftKey ? -10 : -1),
+      ArrowRight: (event) => this.skip(event.shiftKey ? 10 : 1),
+      Home: () => this.go(0),
+      End: () => (this.live ? this.follow() : this.go(Infinity)),
+      Escape: () => this.choose(["", ""]),
+      l: () => this.live && this.follow(),
+      f: () => this.fit(),
+      t: () => this.turnTheme(),
+      "+": () => zoom(1.25),
+      "-": () => zoom(0.8),
+    };
+    window.onkeydown = (event) => {
+      const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+      if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
+      // What a control does with a key of its own is left to it.
+      if (event.target.matches("select") || (event.key === " " && event.target.matches("button, input[type=checkbox], summary"))) return;
+      event.preventDefault();
+      action(event);
+    };
+    const scene = find("scene");
+    let [from, moved] = [null, false];
+    scene.onpointerdown = (event) => {
+      scene.setPointerCapture(event.pointerId);
+      [from, moved] = [[event.offsetX, event.offsetY], false];
+    };
+    scene.onpointermove = (event) => {
+      if (!from) return;
+      const [dx, dy] = [event.offsetX - from[0], event.offsetY - from[1]];
+      if (!moved && Math.hypot(dx, dy) < 4) return;
+      [from, moved] = [[event.offsetX, event.offsetY], true];
+      this.stage.move(dx, dy);
+      this.redraw();
+    };
+    scene.onpointerup = (event) => {
+      const id = from && !moved ? this.stage.personAt(event.offsetX, event.offsetY) : null;
+      if (id !== null && id !== this.pair[0]) this.choose([id, this.pair[0]]);
+      from = null;
+    };
+    scene.onpointercancel = () => { from = null; };
+    scene.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      zoom(1.0015 ** -event.deltaY, event.offsetX, event.offsetY);
+    }, { passive: false });
   }
+}
+
+// Follow the stream; what was missed is sent again, and after a restart everything is new.
+function openStream() {
+  const source = new EventSource("events");
+  let introduction = null;
+  let app = null;
+  source.addEventListener("introduction", (event) => { introduction = JSON.parse(event.data); });
+  source.addEventListener("anew", () => {
+    if (app) return location.reload();
+    app = new App(introduction, true);
+  });
+  source.onmessage = (event) => app.add(event.data);
+  source.addEventListener("end", () => {
+    source.close();
+    app.ended = true;
+    app.live = app.following = false;
+    app.redraw();
+  });
+  source.onopen = () => { if (app) app.lost = false; };
+  source.onerror = () => {
+    if (app) app.lost = true; else say(find("status"), "no connection, trying again");
+  };
+}
+
+const embedded = find("recording").textContent.trim();
+if (embedded) {
+  const [introduction, ...lines] = embedded.split("\n");
+  const app = new App(JSON.parse(introduction), false);
+  lines.forEach((line) => app.add(line));
+} else {
+  openStream();
 }

@@ -2,10 +2,10 @@
 
 A moment names at most `MAX_NAMED` people, whatever a tracker sends.
 
-The introduction has `title`, `period` [s], `models` (names, in order), `weighting` (the model whose
-symbols and weights are shown, and their name; or null), `map` (see `floor_map`), `speed` ([m/s] up
-to which a forecast movement counts as none) and `likely`: the `model` whose events are shown, their
-least probability `at_least`, and `words` by event, with `{k}` and `{l}` in place of the two people.
+The introduction has `title`, `period` [s], `observed` [s] that a window lasts, `models` (names, in
+order), `weighting` (the model whose symbols and weights are shown, and their name; or null), `map`
+(see `floor_map`) and `likely`: the `model` whose events are shown, their least probability
+`at_least`, and `words` by event, with `{k}` and `{l}` in place of the two people.
 
 A moment has
 
@@ -13,13 +13,13 @@ A moment has
 - `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
 - `more`: how many others were seen;
 - `robot`: x, y [m] and heading [rad] of the robot, or null;
-- `step`, if a forecast was made: its own `t`; `ids` [N]; `seen` [N][obs_len * 2] metres, of
-  which the last `extrapolated` [N] steps were not;
-  `models`: by name `central` and `samples` [N][k][pred_len * 2] whole centimetres from the
-  person's last observed position; `dropped` reasons by id; `latency` [ms]; `codes`, the QTC_C1
-  state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; `likely`, up
-  to `MAX_LIKELY` events, the most probable of each kind first, as (name, k, l, probability,
-  seconds) with k and l among the N; and `score`, `Analytics.summary()`.
+- `now`: `Status.now()` without its score; `missing` has reasons by id;
+- `step`, once a period if there is a forecast: its own `t`; `ids` [N]; `seen` [N][obs_len * 2]
+  metres, of which the last `extrapolated` [N] steps were not; `models`: by name `central` and
+  `samples` [N][k][pred_len * 2] whole centimetres from the person's last observed position;
+  `codes`, the QTC_C1 state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or
+  null; `likely`, up to `MAX_LIKELY` events, the most probable of each kind first, as (name, k, l,
+  probability, seconds) with k and l among the N; and `score`, `Analytics.summary()`.
 
 The last line has the final `score` alone.
 """
@@ -34,56 +34,48 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.tracks import LATE
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.symbolic.events import EVENTS, in_short
-from neurosym_jax.symbolic.futures import SymbolSettings
 from neurosym_robot.dashboard.pair_symbols import PairSymbols
-from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
-from neurosym_robot.online.predictor import Forecast
-from neurosym_robot.tracking.motion import FAR
+from neurosym_robot.online.predictor import Forecast, Predictor
+from neurosym_robot.online.replay import ReplayEvent
 
 __all__ = ["MAX_NAMED", "Moments", "View"]
 
-MAX_NAMED = 256  # people named in a moment, and people without a forecast named in a step
+MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
 MAX_LIKELY = 16  # events told of a forecast
 # Seconds on the page between what was before the clock was set back and what comes after.
 BREAK = 60.0
 
 
 class Moments:
-    """Turns frames and forecasts into lines of JSON for the page."""
+    """Turns what follows from frames into lines of JSON for the page."""
 
     def __init__(
         self,
-        models: Mapping[str, Model],
-        period: float = 0.4,
+        predictor: Predictor,
         *,
         title: str = "",
         floor_map: dict[str, Any] | None = None,
-        reset_after: float = 5.0,
-        far: float = FAR,
         at_least: float = AT_LEAST,
     ):
         """Before the first frame.
 
         Args:
-            models: by their names in forecasts.
-            period: seconds between the models' steps.
+            predictor: of the stream.
             title: of the page, such as the recording's name.
             floor_map: see `floor_map.read_floor_map`.
-            reset_after: see `Window`.
-            far: see `Window`.
             at_least: least probability of an event that is shown.
         """
-        self._symbols, self._likely = PairSymbols(models), LikelyEvents(period, at_least)
-        self._reset_after, self._far = reset_after, far
-        self._start = self._stamp = math.nan
+        self._window = window = predictor.window
+        self._symbols = PairSymbols(predictor.models)
+        self._likely = LikelyEvents.of(predictor, at_least)  # Compiled ahead of use.
+        self._start = self._stamp = self._told = math.nan
         weighting = None
         if self._symbols.model is not None:
             weighting = {"model": self._symbols.model, "name": self._symbols.weighting.name}
-        self._of_events = self._symbols.model or next(iter(models))
+        self._of_events = self._symbols.model or next(iter(predictor.models))
         likely = {
             "model": self._of_events,
             "at_least": at_least,
@@ -92,31 +84,33 @@ class Moments:
         self.introduction = _json(
             {
                 "title": title,
-                "period": period,
-                "models": list(models),
+                "period": window.period,
+                "observed": (window.steps - 1) * window.period,
+                "models": list(predictor.models),
                 "weighting": weighting,
                 "map": floor_map,
-                "speed": SymbolSettings.speed,
                 "likely": likely,
             }
         )
 
     def moment(
-        self,
-        frame: Frame,
-        forecast: Forecast | None,
-        summary: Mapping[str, Any],
-        robot: np.ndarray | None = None,
+        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
     ) -> str | None:
         """The line of a frame; None if its stamp is refused, as by the predictor.
 
-        `summary` is `Analytics.summary()` then, `robot` [3] metres, metres, radians.
+        `now` is `Status.now()`, `robot` [3] metres, metres, radians.
         """
+        frame, forecast = event.frame, event.forecast
         if not self._accept(float(frame.stamp)):
             return None
         xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
-        kept = np.flatnonzero((np.abs(xy) < self._far).all(axis=1))
+        kept = np.flatnonzero((np.abs(xy) < self._window.far).all(axis=1))
         near = kept[:MAX_NAMED]
+        told = {key: value for key, value in now.items() if key != "score"}
+        missing = itertools.islice(now["missing"].items(), MAX_NAMED)
+        step = None
+        if forecast is not None and self._is_due(forecast.stamp):
+            step = {**self._step(forecast), "score": now["score"]}
         return _json(
             {
                 "t": round(self._stamp - self._start, 3),
@@ -124,14 +118,15 @@ class Moments:
                 "xy": np.round(xy[near], 3).ravel().tolist(),
                 "more": len(kept) - len(near),
                 "robot": None if robot is None else np.round(robot, 3).tolist(),
-                "step": None if forecast is None else self._step(forecast, summary),
+                "now": {**told, "missing": {str(id): reason for id, reason in missing}},
+                "step": step,
             }
         )
 
     @staticmethod
-    def ending(summary: Mapping[str, Any]) -> str:
+    def ending(score: Mapping[str, Any]) -> str:
         """The last line, with the final score."""
-        return _json({"score": summary})
+        return _json({"score": score})
 
     def _accept(self, stamp: float) -> bool:
         """Whether the stamp is newer; a clock that was set back continues after `BREAK`."""
@@ -140,13 +135,19 @@ class Moments:
         if math.isnan(self._start):
             self._start = stamp
         elif stamp <= self._stamp:
-            if self._stamp - stamp < self._reset_after or stamp == self._stamp:
+            if self._stamp - stamp < self._window.reset_after or stamp == self._stamp:
                 return False
             self._start += stamp - self._stamp - BREAK
         self._stamp = stamp
         return True
 
-    def _step(self, forecast: Forecast, summary: Mapping[str, Any]) -> dict[str, Any]:
+    def _is_due(self, stamp: float) -> bool:
+        """Whether the forecast is a period later than the last one told."""
+        due = not 0 <= stamp - self._told < self._window.period - SNAP
+        self._told = stamp if due else self._told
+        return due
+
+    def _step(self, forecast: Forecast) -> dict[str, Any]:
         codes, alpha = self._symbols(forecast.observed)
         upper = np.triu_indices(len(codes), 1)
         last = forecast.observed[:, -1:]
@@ -165,15 +166,9 @@ class Moments:
                 name: {"central": result.central, "samples": _centimetres(result.samples - last)}
                 for name, result in forecast.models.items()
             },
-            "dropped": {
-                str(id): reason
-                for id, reason in itertools.islice(forecast.dropped.items(), MAX_NAMED)
-            },
-            "latency": round(1e3 * forecast.latency, 3),
             "codes": codes[upper].tolist(),
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
             "likely": [(*each[:3], *np.round(each[3:], 3).tolist()) for each in likely],
-            "score": summary,
         }
 
 
@@ -186,20 +181,16 @@ class View(abc.ABC):
     def _write(self, line: str) -> None: ...
 
     def show(
-        self,
-        frame: Frame,
-        forecast: Forecast | None,
-        summary: Mapping[str, Any],
-        robot: np.ndarray | None = None,
+        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
     ) -> None:
         """Show a frame; the arguments are those of `Moments.moment`."""
-        line = self._moments.moment(frame, forecast, summary, robot)
+        line = self._moments.moment(event, now, robot)
         if line is not None:
             self._write(line)
 
-    def end(self, summary: Mapping[str, Any]) -> None:
+    def end(self, score: Mapping[str, Any]) -> None:
         """Show the final score; nothing more will be shown."""
-        self._write(self._moments.ending(summary))
+        self._write(self._moments.ending(score))
 
 
 def _centimetres(samples: np.ndarray) -> list[list[list[int]]]:

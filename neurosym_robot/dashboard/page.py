@@ -8,10 +8,7 @@ from importlib import resources
 __all__ = ["page_parts"]
 
 # In the order in which they build on each other; together they are one module.
-SCRIPTS = (
-    *("recording.js", "view.js", "stage.js", "charts.js", "panels.js", "layers.js"),
-    *("player.js", "app.js", "controls.js", "main.js"),
-)
+SCRIPTS = ("recording.js", "stage.js", "panels.js", "app.js")
 POLICY = (
     "default-src 'none'; script-src '{script}'; style-src '{style}'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'"

@@ -18,7 +18,8 @@ from neurosym_robot.server import BoundedServer, deadline
 
 __all__ = ["PageServer"]
 
-PATIENCE = 10.0  # seconds that a request may take to arrive, or an event to be taken
+ASKING = 3.0  # seconds that a request may take to arrive
+PATIENCE = 10.0  # seconds that an event may take to be taken
 HEARTBEAT = 5.0  # seconds of silence after which a reader is written to, to see whether it is there
 BUFFER = 2**18  # bytes on the way to a reader; by itself the system would let megabytes pile up
 HEADERS = {
@@ -72,7 +73,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.request.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
         # For the whole request, and not for each of its bytes.
         self._arriving = contextlib.ExitStack()
-        self._arriving.enter_context(deadline(self.request, PATIENCE))
+        self._arriving.enter_context(deadline(self.request, ASKING))
         super().setup()
 
     def finish(self) -> None:
@@ -81,6 +82,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         self._arriving.close()
+        self.server.asked(self.request)
         path = self.path.partition("?")[0]
         if not self.server.knows(self.headers.get("Host", "")):
             self.send_error(HTTPStatus.FORBIDDEN, "Ask for this computer by its own name")

@@ -1,6 +1,6 @@
 // The scene from above on a canvas: the floor, people, where they were, and where they may go.
 
-// Dashes say which model it is, too; the same in our figures. Lengths are in widths of the line.
+// Dashes say which model it is, too. Lengths are in widths of the line.
 const DASHES = [[0.1, 1.9], [5, 2, 0.1, 2], [4, 2], [8, 2, 2, 2]];
 
 // Which colour and dashes a model has: NeuroSyM and SGAN always theirs.
@@ -8,270 +8,226 @@ function looks(models) {
   const taken = new Map();
   for (const name of models) {
     const wanted = /neurosym/i.test(name) ? 0 : /sgan/i.test(name) ? 1 : 2;
-    const free = [wanted, 2, 3, 1, 0].find((n) => ![...taken.values()].includes(n));
-    taken.set(name, free ?? 3);
+    taken.set(name, [wanted, 2, 3, 1, 0].find((n) => ![...taken.values()].includes(n)) ?? 3);
   }
   return taken;
 }
 
 class Stage {
-  constructor(canvas, redraw) {
-    this.canvas = canvas;
-    this.redraw = redraw;
-    this.pen = canvas.getContext("2d");
-    this.view = new View(canvas);
-    this.hits = []; // people on the screen, for the pointer
+  constructor(canvas, recording) {
+    Object.assign(this, { canvas, recording, style: looks(recording.models), hits: [] });
+    this.back = document.createElement("canvas"); // all that changes with a forecast or the view
+    this.fits = true; // to everybody, until it is moved by hand
+    this.bounds = null;
+    [this.x, this.y, this.span] = [0, 0, 10]; // centre and shorter side, metres
+    if (recording.map) {
+      this.floor = new Image();
+      this.floor.onload = () => { this.drawn = null; };
+      this.floor.src = recording.map.image;
+    }
     this.readColours();
   }
 
   readColours() {
-    const probe = document.createElement("i");
-    document.body.append(probe);
+    const probe = document.body.appendChild(document.createElement("i"));
     this.colour = {};
-    for (const name of ["ink", "quiet", "grid", "floor", "wall", "truth", "pair",
+    for (const name of ["ink", "quiet", "grid", "floor", "truth", "chosen",
       "model-0", "model-1", "model-2", "model-3"]) {
       probe.style.color = `var(--${name})`;
       this.colour[name] = getComputedStyle(probe).color;
     }
     probe.remove();
-    this.tinted = null;
+    this.drawn = null;
   }
 
-  // The map underneath: an image that is as opaque as the floor is occupied.
-  setMap(map) {
-    this.map = map;
-    this.tinted = null;
-    if (!map) return;
-    this.image = new Image();
-    this.image.onload = this.redraw;
-    this.image.src = map.image;
-  }
-
-  // Adopt the size of the window, and the view that follows from it.
-  measure() {
-    this.view.measure();
-    const { width, height } = this.view;
-    const density = window.devicePixelRatio || 1;
-    const [w, h] = [Math.round(width * density), Math.round(height * density)];
-    if (this.canvas.width !== w || this.canvas.height !== h) {
-      [this.canvas.width, this.canvas.height] = [w, h];
+  // See to it that these places can be seen while nobody moves the view by hand.
+  include(places) {
+    for (const [x, y] of places) {
+      const b = this.bounds ??= { left: x, right: x, bottom: y, top: y };
+      [b.left, b.right] = [Math.min(b.left, x), Math.max(b.right, x)];
+      [b.bottom, b.top] = [Math.min(b.bottom, y), Math.max(b.top, y)];
     }
-    this.pen.setTransform(density, 0, 0, density, 0, 0);
-    this.pen.clearRect(0, 0, width, height);
-    this.em = this.view.em;
   }
 
-  // what: people [[id, [x, y]]], step, truth, pair [k, l], shown (a set of layers), style, labels
+  measure() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const density = window.devicePixelRatio || 1;
+    Object.assign(this, { width, height, em: parseFloat(getComputedStyle(document.body).fontSize) });
+    const side = Math.min(width, height);
+    if (this.fits && this.bounds) {
+      const { left, right, bottom, top } = this.bounds;
+      [this.x, this.y] = [(left + right) / 2, (bottom + top) / 2];
+      const [wide, high] = [Math.max(right - left, 3) + 2, Math.max(top - bottom, 3) + 2];
+      this.span = side * Math.max(wide / width, high / height);
+    }
+    this.scale = side / this.span;
+    for (const each of [this.canvas, this.back]) {
+      const [w, h] = [Math.round(width * density), Math.round(height * density)];
+      if (each.width !== w || each.height !== h) {
+        [each.width, each.height] = [w, h];
+        this.drawn = null;
+      }
+    }
+    this.density = density;
+  }
+
+  // Closer by a factor, about a point of the screen that stays where it is.
+  zoom(factor, x = this.width / 2, y = this.height / 2) {
+    const [a, b] = this.toWorld(x, y);
+    this.fits = false;
+    this.span = Math.min(Math.max(this.span / factor, 0.5), 1e5);
+    this.measure();
+    const [c, d] = this.toWorld(x, y);
+    [this.x, this.y] = [this.x + a - c, this.y + b - d];
+  }
+
+  move(dx, dy) {
+    this.fits = false;
+    [this.x, this.y] = [this.x - dx / this.scale, this.y + dy / this.scale];
+  }
+
+  toScreen([x, y]) {
+    return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale];
+  }
+
+  toWorld(x, y) {
+    return [this.x + (x - this.width / 2) / this.scale, this.y - (y - this.height / 2) / this.scale];
+  }
+
+  // what: a moment of the recording, `shown` layers (a set), `chosen` ids, whether what happened
+  // later is known
   draw(what) {
     this.measure();
-    this.drawGrid();
-    if (what.shown.has("map")) this.drawMap();
-    const { step } = what;
-    if (step) {
-      const last = step.seen.map((flat) => flat.slice(-2));
-      if (what.shown.has("truth")) this.drawTruth(what.truth);
-      for (const [name, result] of Object.entries(step.models)) {
-        if (what.shown.has(`model ${name}`)) this.drawFan(result, last, what.style.get(name));
-      }
-      if (what.shown.has("observed")) this.drawObserved(step, what);
+    const { moment, shown } = what;
+    const view = [this.x, this.y, this.scale, [...shown], what.past];
+    const key = JSON.stringify([moment?.latest?.t, what.past && this.recording.length, view]);
+    if (key !== this.drawn) {
+      this.drawn = key;
+      this.begin(this.back);
+      this.drawFloor(shown);
+      if (moment?.latest) this.drawForecast(moment.latest, what);
     }
-    if (what.shown.has("pair")) this.drawPair(what);
-    if (what.robot) this.drawRobot(what.robot);
-    this.drawPeople(what);
-    this.drawScale();
+    this.begin(this.canvas);
+    this.pen.drawImage(this.back, 0, 0, this.width, this.height);
+    if (moment?.robot) this.drawRobot(moment.robot);
+    if (moment) this.drawPeople(what);
   }
 
-  line(points, close = false) {
+  begin(canvas) {
+    this.pen = canvas.getContext("2d");
+    this.pen.setTransform(this.density, 0, 0, this.density, 0, 0);
+    this.pen.clearRect(0, 0, this.width, this.height);
+    Object.assign(this.pen, { lineCap: "round", lineJoin: "round" });
+  }
+
+  trace(points) {
+    points.forEach((point, n) => this.pen[n ? "lineTo" : "moveTo"](...this.toScreen(point)));
+  }
+
+  stroke(points) {
     this.pen.beginPath();
-    points.forEach((point, n) => this.pen[n ? "lineTo" : "moveTo"](...this.view.toScreen(point)));
-    if (close) this.pen.closePath();
-  }
-
-  drawMap() {
-    if (!this.map || !this.image.complete || !this.image.naturalWidth) return;
-    if (!this.tinted) {
-      const [w, h] = [this.image.naturalWidth, this.image.naturalHeight];
-      this.tinted = new OffscreenCanvas(w, h);
-      const pen = this.tinted.getContext("2d");
-      pen.drawImage(this.image, 0, 0);
-      pen.globalCompositeOperation = "source-in";
-      pen.fillStyle = this.colour.wall;
-      pen.fillRect(0, 0, w, h);
-    }
-    const { width, height, origin: [x, y, yaw] } = this.map;
-    const { pen } = this;
-    pen.save();
-    pen.translate(...this.view.toScreen([x, y]));
-    pen.rotate(-yaw);
-    pen.imageSmoothingEnabled = (width / this.tinted.width) * this.view.scale < 2;
-    pen.globalAlpha = 0.75;
-    pen.drawImage(this.tinted, 0, -height * this.view.scale, width * this.view.scale, height * this.view.scale);
-    pen.restore();
-  }
-
-  drawGrid() {
-    const { pen, view } = this;
-    const { width, height, gridStep: size } = view;
-    const [left, top] = view.toWorld(0, 0);
-    const [right, bottom] = view.toWorld(width, height);
-    pen.strokeStyle = this.colour.grid;
-    pen.lineWidth = 1;
-    pen.beginPath();
-    for (let x = Math.ceil(left / size) * size; x <= right; x += size) {
-      const at = Math.round(view.toScreen([x, 0])[0]) + 0.5;
-      pen.moveTo(at, 0);
-      pen.lineTo(at, height);
-    }
-    for (let y = Math.ceil(bottom / size) * size; y <= top; y += size) {
-      const at = Math.round(view.toScreen([0, y])[1]) + 0.5;
-      pen.moveTo(0, at);
-      pen.lineTo(width, at);
-    }
-    pen.stroke();
-  }
-
-  drawScale() {
-    const { pen, em, view } = this;
-    const [right, y, length] = [view.width - em, view.height - em, view.gridStep * view.scale];
-    pen.strokeStyle = pen.fillStyle = this.colour.quiet;
-    pen.lineWidth = 1.5;
-    pen.beginPath();
-    pen.moveTo(right - length, y - 0.35 * em);
-    pen.lineTo(right - length, y);
-    pen.lineTo(right, y);
-    pen.lineTo(right, y - 0.35 * em);
-    pen.stroke();
-    Object.assign(pen, { font: this.font(0.85), textAlign: "center", textBaseline: "bottom" });
-    this.write(`${+view.gridStep.toPrecision(1)} m`, right - length / 2, y - 0.15 * em);
-  }
-
-  // Pale and broad, so that a forecast on it can still be seen.
-  drawTruth(paths) {
-    const { pen } = this;
-    Object.assign(pen, { strokeStyle: this.colour.truth, lineCap: "round", lineJoin: "round" });
-    pen.lineWidth = 0.6 * this.em;
-    pen.globalAlpha = 0.4;
-    for (const path of paths.values()) {
-      if (path.length < 2) continue;
-      this.line(path);
-      pen.stroke();
-    }
-    pen.globalAlpha = 1;
-  }
-
-  drawFan({ samples, central }, last, look) {
-    const { pen } = this;
-    const count = samples[0]?.length ?? 0;
-    const path = (n, flat) => {
-      const [x, y] = last[n];
-      const points = [last[n]];
-      for (let at = 0; at < flat.length; at += 2) points.push([x + flat[at] / 100, y + flat[at + 1] / 100]);
-      return points;
-    };
-    Object.assign(pen, { lineCap: "round", lineJoin: "round" });
-    pen.strokeStyle = pen.fillStyle = this.colour[`model-${look}`];
-    pen.lineWidth = 0.075 * this.em;
-    pen.globalAlpha = Math.min(0.9, 5 / count);
-    for (let k = 0; k < count; k += 1) {
-      pen.beginPath();
-      samples.forEach((each, n) => path(n, each[k]).forEach((point, m) => {
-        pen[m ? "lineTo" : "moveTo"](...this.view.toScreen(point));
-      }));
-      pen.stroke();
-    }
-    pen.globalAlpha = 1;
-    pen.lineWidth = 0.2 * this.em;
-    pen.setLineDash(DASHES[look].map((length) => length * pen.lineWidth));
-    samples.forEach((each, n) => {
-      const points = path(n, each[central]);
-      this.line(points);
-      pen.stroke();
-    });
-    pen.setLineDash([]);
-    samples.forEach((each, n) => this.dot(path(n, each[central]).at(-1), 0.24 * this.em));
-  }
-
-  font(size, weight = 400) {
-    return `${weight} ${size * this.em}px system-ui, sans-serif`;
-  }
-
-  // Text with a halo of the floor's colour, which keeps it legible on lines.
-  write(text, x, y) {
-    Object.assign(this.pen, { lineWidth: 0.28 * this.em, lineJoin: "round", strokeStyle: this.colour.floor });
-    this.pen.strokeText(text, x, y);
-    this.pen.fillText(text, x, y);
+    this.trace(points);
+    this.pen.stroke();
   }
 
   dot(place, radius) {
     this.pen.beginPath();
-    this.pen.arc(...this.view.toScreen(place), radius, 0, 7);
+    this.pen.arc(...this.toScreen(place), radius, 0, 7);
     this.pen.fill();
   }
 
-  // What nobody saw but was extrapolated is hollow.
-  drawObserved(step, { places, current }) {
-    const { pen } = this;
-    Object.assign(pen, { strokeStyle: this.colour.ink });
-    Object.assign(pen, { lineWidth: 0.1 * this.em, lineJoin: "round" });
-    step.ids.forEach((id, n) => {
-      const flat = step.seen[n];
+  drawFloor(shown) {
+    const { pen, em } = this;
+    const size = [1, 2, 5, 10, 20, 50, 100, 1e3, 1e4].find((m) => m * this.scale > 3 * em) ?? 1e5;
+    const [left, top] = this.toWorld(0, 0);
+    const [right, bottom] = this.toWorld(this.width, this.height);
+    Object.assign(pen, { strokeStyle: this.colour.grid, lineWidth: 1 });
+    for (let x = Math.ceil(left / size) * size; x <= right; x += size) this.stroke([[x, top], [x, bottom]]);
+    for (let y = Math.ceil(bottom / size) * size; y <= top; y += size) this.stroke([[left, y], [right, y]]);
+    const { map } = this.recording;
+    if (map && shown.has("map") && this.floor.complete) {
+      pen.save();
+      pen.translate(...this.toScreen(map.origin));
+      pen.rotate(-map.origin[2]);
+      if (/rgb\(2/.test(this.colour.ink)) pen.filter = "invert(0.8)"; // light ink: in the dark
+      const [w, h] = [map.width * this.scale, map.height * this.scale];
+      pen.drawImage(this.floor, 0, -h, w, h);
+      pen.restore();
+    }
+    const [x, y] = [this.width - em, this.height - em];
+    Object.assign(pen, { strokeStyle: this.colour.quiet, fillStyle: this.colour.quiet, lineWidth: 1.5 });
+    pen.strokeRect(x - size * this.scale, y, size * this.scale, 0);
+    Object.assign(pen, { font: `${0.85 * em}px system-ui`, textAlign: "right", textBaseline: "bottom" });
+    pen.fillText(`${size} m`, x, y - 3);
+  }
+
+  drawForecast(step, { shown, past }) {
+    const { pen, em } = this;
+    const last = step.seen.map((flat) => flat.slice(-2));
+    if (past && shown.has("what happened")) {
+      Object.assign(pen, { strokeStyle: this.colour.truth, lineWidth: 0.6 * em, globalAlpha: 0.4 });
+      this.recording.truth(step).forEach((path) => this.stroke(path));
+    }
+    for (const [name, { samples, central }] of Object.entries(step.models)) {
+      if (!shown.has(name) || !samples.length) continue;
+      const look = this.style.get(name);
+      const path = (n, flat) => [last[n], ...Array.from({ length: flat.length / 2 }, (_, t) => (
+        [last[n][0] + flat[2 * t] / 100, last[n][1] + flat[2 * t + 1] / 100]))];
+      const colour = this.colour[`model-${look}`];
+      Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 0.075 * em });
+      pen.globalAlpha = Math.min(0.9, 5 / samples[0].length);
+      for (let k = 0; k < samples[0].length; k += 1) {
+        pen.beginPath();
+        samples.forEach((each, n) => this.trace(path(n, each[k])));
+        pen.stroke();
+      }
+      Object.assign(pen, { globalAlpha: 1, lineWidth: 0.2 * em });
+      pen.setLineDash(DASHES[look].map((length) => length * pen.lineWidth));
+      samples.forEach((each, n) => this.stroke(path(n, each[central])));
+      pen.setLineDash([]);
+      samples.forEach((each, n) => this.dot(path(n, each[central]).at(-1), 0.24 * em));
+    }
+    pen.globalAlpha = 1;
+    if (!shown.has("observed")) return;
+    Object.assign(pen, { strokeStyle: this.colour.ink, lineWidth: 0.1 * em });
+    step.seen.forEach((flat, n) => {
       const points = Array.from({ length: flat.length / 2 }, (_, t) => [flat[2 * t], flat[2 * t + 1]]);
-      this.line(current && places.has(id) ? [...points, places.get(id)] : points);
-      pen.stroke();
-      const seen = points.length - step.extrapolated[n];
-      points.forEach((point, t) => {
-        pen.fillStyle = t < seen ? this.colour.ink : this.colour.floor;
-        this.dot(point, 0.14 * this.em);
-        if (t >= seen) pen.stroke();
+      this.stroke(points);
+      points.forEach((point, t) => { // What was extrapolated is hollow.
+        const seen = t < points.length - step.extrapolated[n];
+        pen.fillStyle = seen ? this.colour.ink : this.colour.floor;
+        this.dot(point, 0.14 * em);
+        if (!seen) pen.stroke();
       });
     });
   }
 
-  // A square, whose corner in front says where it looks.
+  // An arrow that says where the robot looks.
   drawRobot([x, y, yaw]) {
     const { pen } = this;
     pen.save();
-    pen.translate(...this.view.toScreen([x, y]));
+    pen.translate(...this.toScreen([x, y]));
     pen.rotate(-yaw);
     pen.scale(this.em, this.em);
     pen.beginPath();
-    for (const [along, across] of [[-0.55, -0.55], [0.35, -0.55], [1, 0], [0.35, 0.55], [-0.55, 0.55]]) {
-      pen.lineTo(along, across);
-    }
+    [[-0.7, -0.7], [0.4, -0.7], [1.2, 0], [0.4, 0.7], [-0.7, 0.7]].forEach((at) => pen.lineTo(...at));
     pen.closePath();
-    Object.assign(pen, { fillStyle: this.colour.floor, strokeStyle: this.colour.ink, lineWidth: 0.16 });
+    Object.assign(pen, { fillStyle: this.colour.chosen, strokeStyle: this.colour.floor, lineWidth: 0.14 });
     pen.fill();
     pen.stroke();
     pen.restore();
-    Object.assign(pen, { font: this.font(0.85), textAlign: "center", textBaseline: "top", fillStyle: this.colour.quiet });
-    const [left, top] = this.view.toScreen([x, y]);
-    this.write("robot", left, top + 0.9 * this.em);
   }
 
-  drawPair({ places, pair: [k, l] }) {
-    const [a, b] = [places.get(k), places.get(l)];
-    if (!a || !b) return;
-    const { pen } = this;
-    Object.assign(pen, { strokeStyle: this.colour.pair, lineWidth: 0.12 * this.em });
-    pen.setLineDash([0.35 * this.em, 0.3 * this.em]);
-    this.line([a, b]);
-    pen.stroke();
-    pen.setLineDash([]);
-    for (const place of [a, b]) {
-      pen.beginPath();
-      pen.arc(...this.view.toScreen(place), 0.8 * this.em, 0, 7);
-      pen.stroke();
-    }
-  }
-
-  drawPeople({ places, latest, pair, shown }) {
+  drawPeople({ moment, shown, chosen }) {
     const { pen, em } = this;
-    this.hits = [];
-    Object.assign(pen, { font: this.font(0.95, 600), textAlign: "left", textBaseline: "middle" });
-    for (const [id, place] of places) {
-      const known = latest?.row.has(id);
-      const [x, y] = this.view.toScreen(place);
-      this.hits.push({ id, x, y });
+    const middle = moment.robot ?? this.toWorld(this.width / 2, this.height / 2);
+    const people = [...moment.at].map(([id, place]) => {
+      const [x, y] = this.toScreen(place);
+      const far = Math.hypot(place[0] - middle[0], place[1] - middle[1]);
+      return { id, x, y, known: moment.latest?.row.has(id), mine: chosen.includes(id), far };
+    });
+    this.hits = people;
+    for (const { x, y, known, mine } of people) {
       pen.beginPath();
       pen.arc(x, y, 0.42 * em, 0, 7);
       pen.lineWidth = 0.14 * em;
@@ -279,22 +235,34 @@ class Stage {
       pen.strokeStyle = known ? this.colour.floor : this.colour.quiet;
       pen.fill();
       pen.stroke();
-      const role = shown.has("pair") && pair[0] !== pair[1] ? ["k", "l"][pair.indexOf(id)] : null;
-      const text = role ? `${shorten(id)} ${role}` : shorten(id);
-      pen.fillStyle = role ? this.colour.pair : known ? this.colour.ink : this.colour.quiet;
-      this.write(text, x + (role ? 1.05 : 0.75) * em, y - 0.75 * em);
+      if (!mine) continue;
+      pen.beginPath();
+      pen.arc(x, y, 0.85 * em, 0, 7);
+      pen.strokeStyle = this.colour.chosen;
+      pen.stroke();
+    }
+    // A label has its place or is left out: first those chosen, then those nearest to the robot.
+    const taken = people.map(({ x, y }) => [x - 0.4 * em, y - 0.4 * em, x + 0.4 * em, y + 0.4 * em]);
+    people.sort((a, b) => b.mine - a.mine || a.far - b.far);
+    pen.font = `600 ${0.9 * em}px system-ui, sans-serif`;
+    Object.assign(pen, { textAlign: "left", textBaseline: "bottom", lineWidth: 0.25 * em });
+    for (const { id, x, y, known, mine } of shown.has("ids") ? people : []) {
+      const text = id.length > 8 ? `…${id.slice(-5)}` : id; // in full beside the map
+      const [left, bottom] = [x + 0.45 * em, y - 0.45 * em];
+      const box = [left, bottom - em, left + pen.measureText(text).width, bottom];
+      if (!mine && taken.some((o) => box[0] < o[2] && box[2] > o[0] && box[1] < o[3] && box[3] > o[1])) continue;
+      taken.push(box);
+      pen.strokeStyle = this.colour.floor;
+      pen.fillStyle = mine ? this.colour.chosen : known ? this.colour.ink : this.colour.quiet;
+      pen.strokeText(text, left, bottom);
+      pen.fillText(text, left, bottom);
     }
   }
 
   // Who is at this place of the screen.
   personAt(x, y) {
-    const near = this.hits.map((hit) => ({ ...hit, far: Math.hypot(hit.x - x, hit.y - y) }));
-    near.sort((a, b) => a.far - b.far);
-    return near[0]?.far < 1.6 * this.em ? near[0].id : null;
+    const far = (hit) => Math.hypot(hit.x - x, hit.y - y);
+    const near = this.hits.toSorted((a, b) => far(a) - far(b))[0];
+    return near && far(near) < 1.6 * this.em ? near.id : null;
   }
-}
-
-// An id short enough to stand beside a person: hashes by their last digits.
-function shorten(id) {
-  return id.length > 6 ? `…${id.slice(-4)}` : id;
 }

@@ -1,8 +1,7 @@
 """When the programs of a stream are compiled, one for each of a few numbers of people.
 
-All at the start; or each when it is needed, for a recording, which waits; or, on a robot, the
-smallest at the start and the others meanwhile in a thread, first the one that the people present
-need. Until it is ready, fewer of them are forecast.
+At the start; or each when it is needed, for a recording, which waits; or, on a robot, meanwhile in
+a thread, first the one that the people present need. Until it is ready, fewer of them are forecast.
 """
 
 import threading
@@ -12,6 +11,7 @@ from typing import Literal
 __all__ = ["Programs", "When"]
 
 When = Literal["start", "needed", "meanwhile"]
+Compile = Callable[[int], object]
 
 
 class Programs:
@@ -22,9 +22,9 @@ class Programs:
         sizes: Sequence[int],
         when: When,
         report: Callable[[str], None],
-        forecast: Callable[[int], object],
+        forecast: Compile,
     ):
-        """Compile what is needed before the first frame.
+        """Compile at the start, or begin to.
 
         Args:
             sizes: numbers of people that have a program each, ascending.
@@ -34,16 +34,13 @@ class Programs:
         """
         self.sizes, self._when, self._report, self._forecast = tuple(sizes), when, report, forecast
         self._ready: set[int] = set()
-        self._waiting: list[tuple[int, Callable[[int], object]]] = []
-        self._wanted = 0
+        self._waiting: list[tuple[int, Compile]] = []
+        self._wanted = self.sizes[0]
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
-        at_once = {"start": self.sizes, "needed": (), "meanwhile": self.sizes[:1]}[when]
-        for size in at_once:
-            self._compile(size)
-        self._later([(size, self._compile) for size in self.sizes[len(at_once) :]])
+        self.add(self._compile)
 
-    def add(self, compile: Callable[[int], object], sizes: Sequence[int] | None = None) -> None:
+    def add(self, compile: Compile, sizes: Sequence[int] | None = None) -> None:
         """Compile what else is computed of a forecast, unless programs are compiled when needed.
 
         Args:
@@ -53,7 +50,12 @@ class Programs:
         todo = [(size, compile) for size in (self.sizes if sizes is None else sizes)]
         for size, each in todo if self._when == "start" else ():
             each(size)
-        self._later(todo)
+        with self._lock:
+            self._waiting += todo if self._when == "meanwhile" else []
+            if self._waiting and self._thread is None:
+                # Not a daemon: a process that ends while XLA compiles would crash.
+                self._thread = threading.Thread(target=self._work)
+                self._thread.start()
 
     @property
     def waiting(self) -> bool:
@@ -61,13 +63,14 @@ class Programs:
         return self._thread is not None
 
     def fit(self, people: int) -> int:
-        """The size to forecast `people` with; a smaller one while none that fits is ready."""
+        """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
         wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
         if self._when == "needed" and wanted not in self._ready:
             self._compile(wanted)
         with self._lock:
             self._wanted = wanted
-            return min((size for size in self._ready if size >= wanted), default=max(self._ready))
+            largest = max(self._ready, default=0)
+            return min((size for size in self._ready if size >= wanted), default=largest)
 
     def _compile(self, size: int) -> None:
         n = self.sizes.index(size) + 1
@@ -76,16 +79,6 @@ class Programs:
         with self._lock:
             self._ready.add(size)
 
-    def _later(self, todo: Sequence[tuple[int, Callable[[int], object]]]) -> None:
-        if self._when != "meanwhile":
-            return
-        with self._lock:
-            self._waiting += todo
-            if self._waiting and self._thread is None:
-                # Not a daemon: a process that ends while XLA compiles would crash.
-                self._thread = threading.Thread(target=self._work)
-                self._thread.start()
-
     def _work(self) -> None:
         while threading.main_thread().is_alive():
             with self._lock:
@@ -93,8 +86,15 @@ class Programs:
                     self._thread = None
                     self._report("everything is compiled")
                     return
-                # The size wanted now, then the smallest, in the order of adding.
-                todo = min(self._waiting, key=lambda each: (each[0] != self._wanted, each[0]))
+                # What forecasts the people present comes first, then what forecasts the fewest.
+                todo = min(
+                    self._waiting,
+                    key=lambda each: (
+                        each != (self._wanted, self._compile),
+                        each[1] != self._compile,
+                        each[0],
+                    ),
+                )
                 self._waiting.remove(todo)
             size, compile = todo
             compile(size)

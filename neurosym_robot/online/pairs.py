@@ -1,27 +1,19 @@
-"""Probable events and states of the pairs of a forecast that come nearest to each other.
+"""Probable events of the pairs of a forecast that come nearest to each other.
 
 They are computed only when asked for: by the page, a topic with subscribers, a file.
 `symbolic.events` defines the events, `symbolic.forecast` turns samples into probabilities.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.events import EVENTS, in_short
-from neurosym_jax.symbolic.forecast import (
-    EventForecast,
-    SymbolicForecast,
-    symbolic_events,
-    symbolic_forecast,
-)
-from neurosym_jax.symbolic.futures import SymbolSettings
+from neurosym_jax.symbolic.forecast import EventForecast, symbolic_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 
-__all__ = ["AT_LEAST", "LikelyEvent", "LikelyEvents", "PairStates"]
+__all__ = ["AT_LEAST", "LikelyEvent", "LikelyEvents"]
 
 AT_LEAST = 0.5  # least probability of an event that is listed
 PAIRS = 16  # pairs that are looked at: those whose mean paths come nearest to each other
@@ -63,7 +55,14 @@ class LikelyEvents:
     def of(cls, predictor: Predictor, at_least: float = AT_LEAST) -> "LikelyEvents":
         """The list for forecasts of `predictor`, compiled with its programs."""
         found = cls(predictor.window.period, at_least)
-        _compile_with(predictor, 4 * PAIRS, found._events)
+
+        def compile(size: int) -> None:
+            for steps in {model.config.pred_len for model in predictor.models.values()}:
+                for count in predictor.samples:
+                    samples = np.zeros((count, 4 * PAIRS, steps, 2))
+                    found._events(samples, samples[0, :, :1])
+
+        predictor.programs.add(compile, predictor.programs.sizes[:1])
         return found
 
     def __call__(self, forecast: Forecast, model: str) -> list[LikelyEvent]:
@@ -88,42 +87,11 @@ class LikelyEvents:
         return sorted(listed, key=lambda each: (-each.probability, each.seconds))
 
     def _events(self, samples: np.ndarray, last: np.ndarray) -> EventForecast:
-        pairs = _halves(samples)
+        # The first half of the paths in `samples [k, 2 P, T, 2]` with the second.
+        pairs = np.arange(samples.shape[1]).reshape(2, -1).T
         return symbolic_events(
             samples, last, events=tuple(EVENTS), pairs=pairs, period=self._period
         )
-
-
-class PairStates:
-    """Probabilities of the states of the nearest pairs, by one program for any number of people."""
-
-    def __init__(self, period: float):
-        """Nothing is compiled yet; `period` is the seconds between the models' steps."""
-        self.settings = SymbolSettings(period=period)
-
-    @classmethod
-    def of(cls, predictor: Predictor) -> "PairStates":
-        """The states in forecasts of `predictor`, compiled with its programs."""
-        found = cls(predictor.window.period)
-        _compile_with(predictor, 2 * PAIRS, found._states)
-        return found
-
-    def __call__(self, forecast: Forecast, model: str) -> tuple[np.ndarray, SymbolicForecast]:
-        """States that `model` expects of the nearest pairs.
-
-        Returns:
-            [P, 2] rows of k and l among the forecast's people, nearest first, at most `PAIRS`; and
-            the probabilities of their states as NumPy arrays.
-        """
-        result = forecast.models[model]
-        near = nearest_pairs(result.mean)
-        # Always as many, so that one program serves all.
-        ends = np.resize(near if len(near) else [[0, 0]], (PAIRS, 2)).T.ravel()
-        found = self._states(result.samples[:, ends], forecast.observed[ends, -1:])
-        return near, jax.tree.map(lambda each: np.asarray(each)[: len(near)], found)
-
-    def _states(self, samples: np.ndarray, last: np.ndarray) -> SymbolicForecast:
-        return symbolic_forecast(samples, last, pairs=_halves(samples), period=self.settings.period)
 
 
 def nearest_pairs(mean: np.ndarray) -> np.ndarray:
@@ -132,22 +100,3 @@ def nearest_pairs(mean: np.ndarray) -> np.ndarray:
     least = np.square(mean[i] - mean[j]).sum(axis=-1).min(axis=-1)
     order = np.argsort(least, kind="stable")[:PAIRS]
     return np.stack([i[order], j[order]], axis=1)
-
-
-def _halves(samples: np.ndarray) -> np.ndarray:
-    """[P, 2] pairs of the first half of the paths in `samples [k, 2 P, T, 2]` with the second."""
-    return np.arange(samples.shape[1]).reshape(2, -1).T
-
-
-def _compile_with(
-    predictor: Predictor, paths: int, run: Callable[[np.ndarray, np.ndarray], object]
-) -> None:
-    """Compile `run` for the shapes of a predictor's forecasts, with its smallest program."""
-
-    def compile(size: int) -> None:
-        for steps in {model.config.pred_len for model in predictor.models.values()}:
-            for count in predictor.samples:
-                samples = np.zeros((count, paths, steps, 2))
-                run(samples, samples[0, :, :1])
-
-    predictor.programs.add(compile, predictor.programs.sizes[:1])

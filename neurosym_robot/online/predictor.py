@@ -1,7 +1,7 @@
 """The predictor of a robot: frames of people in, forecasts out.
 
-A forecast is that of `neurosym_jax.predict` for the same window, recording name and grid index,
-whether frames come live or from a file.
+Every frame has a forecast, that of `neurosym_jax.predict` for the same window, recording name and
+index of its first step, whether frames come live or from a file.
 """
 
 import dataclasses
@@ -21,7 +21,9 @@ from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.compilation import Programs, When
 from neurosym_robot.online.window import Health, Window
 
-__all__ = ["Forecast", "ModelForecast", "Predictor"]
+__all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor"]
+
+GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -44,9 +46,9 @@ class Forecast:
     """One moment's forecast of N people."""
 
     stamp: float
-    """Seconds, the last observed step on the grid; the future's steps follow period by period."""
+    """Seconds, of the newest frame; the future's steps follow period by period."""
     index: int
-    """Grid point of that step."""
+    """Number of that step since time 0, on which the noise depends."""
     ids: np.ndarray
     """[N] int64, ascending."""
     observed: np.ndarray
@@ -54,9 +56,7 @@ class Forecast:
     models: Mapping[str, ModelForecast]
     """By name of the model."""
     dropped: Mapping[int, str]
-    """Why other people who are followed have no forecast: "short" of observations, "unseen" at the
-    last step, "crowded" out by the nearest `max_people`, or "compiling": no program for so many
-    people is ready yet."""
+    """Why other people who are followed have no forecast, as `Predictor.dropped`."""
     latency: float
     """Seconds of this computer's clock, from the frame's arrival to this forecast."""
     extrapolated: np.ndarray
@@ -106,8 +106,18 @@ class Predictor:
         if period is None and len(periods) != 1:
             raise InputError(f"models must have steps of one length, not {sorted(periods)} s")
         refuse(Count, {"max_people": max_people})
-        self.window = Window(lengths.pop(), periods.pop() if period is None else period, **window)
+        period = periods.pop() if period is None else period
+        self.seconds_ahead = period * max(each.config.pred_len for each in self.models.values())
+        """Seconds from the newest frame to the end of the longest forecast."""
+        window = {"memory": self.seconds_ahead + GRACE, **window}
+        self.window = Window(lengths.pop(), period, **window)
         self.max_people, self.recording = max_people, recording
+        self.dropped: dict[int, str] = {}
+        """Why people who are followed have no forecast of the newest frame: "short" of
+        observations, "unseen" in that frame, "crowded" out by the nearest `max_people`, or
+        "compiling": no program for so many people is ready yet."""
+        self.waited = 0.0
+        """Seconds so far that forecasts waited for programs that they needed."""
         self._forecasters = {
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
@@ -134,7 +144,10 @@ class Predictor:
     def push(
         self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
     ) -> Forecast | None:
-        """Take in one frame; return a forecast if it completes a step of anybody's window.
+        """Take in one frame; return its forecast if anybody's window is whole.
+
+        `observe` and `forecast` in one; of several frames that wait, the last alone needs the
+        second.
 
         Args:
             stamp: seconds, of the message's header. A frame is everybody seen at that moment.
@@ -146,41 +159,49 @@ class Predictor:
         Raises:
             InputError: if the shapes differ; whatever else is wrong is counted in `health`.
         """
-        arrived = time.perf_counter()
-        if not self.window.push(stamp, ids, xy, focus):
-            return None
+        return self.forecast(focus) if self.observe(stamp, ids, xy, focus) else None
+
+    def observe(
+        self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
+    ) -> bool:
+        """Take in one frame without a forecast; whether its stamp was accepted."""
+        return self.window.push(stamp, ids, xy, focus)
+
+    def forecast(self, focus: ArrayLike | None = None) -> Forecast | None:
+        """The forecast of the newest frame; None, and everybody is `dropped`, without a window."""
+        began = time.perf_counter()
         people, observed, extrapolated = self.window.complete()
-        if len(people) == 0:
-            return None
-        dropped = self.window.incomplete()
+        self.dropped = self.window.incomplete(people)
         asked = time.perf_counter()
-        slots = self.programs.fit(len(people))
-        arrived += time.perf_counter() - asked  # Compiling does not count.
+        slots = self.programs.fit(len(people)) if len(people) else 0
+        waited = time.perf_counter() - asked
+        self.waited += waited
         most = min(slots, self.max_people)
         if len(people) > most:
             last = observed[:, -1]
             centre = last.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
             order = np.argsort(np.linalg.norm(last - centre, axis=1), kind="stable")
-            dropped |= dict.fromkeys(people[order[most:]].tolist(), "compiling")
-            dropped |= dict.fromkeys(people[order[self.max_people :]].tolist(), "crowded")
+            self.dropped |= dict.fromkeys(people[order[most:]].tolist(), "compiling")
+            self.dropped |= dict.fromkeys(people[order[self.max_people :]].tolist(), "crowded")
             near = np.sort(order[:most])
             people, observed, extrapolated = people[near], observed[near], extrapolated[near]
+        if not len(people):
+            return None
         index = self.window.index
         forecasts = self._forecast(observed, index - self.window.steps + 1, slots)
-        assert self.window.start is not None
         return Forecast(
-            stamp=self.window.start + index * self.window.period,
+            stamp=self.window.stamp,
             index=index,
             ids=people,
             observed=observed,
             models=forecasts,
-            dropped=dropped,
-            latency=time.perf_counter() - arrived,
+            dropped=self.dropped,
+            latency=time.perf_counter() - began - waited,
             extrapolated=extrapolated,
         )
 
     def _forecast(self, observed: np.ndarray, frame: int, slots: int) -> dict[str, ModelForecast]:
-        """Of every model; the window of N people, in `slots`, begins at grid point `frame`."""
+        """Of every model; the window of N people, in `slots`, begins at step `frame`."""
         scene = make_scene(observed, recording=self.recording, frame=frame)
         padded = pad_scene(scene, slots)
         # All are begun before the first is waited for.

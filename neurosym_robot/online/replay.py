@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,22 +22,23 @@ class ReplayEvent(NamedTuple):
     """What follows from a frame."""
 
     frame: Frame  # as the predictor saw it, with mended ids if there is a stitcher
-    forecast: Forecast | None  # if the frame completed a step
-    scored: list[Forecast]  # those whose future is known now
+    forecast: Forecast | None  # if anybody's window is whole
+    scored: Sequence[Forecast] = ()  # those whose future is known now
+    skipped: int = 0  # older frames that were observed, but not forecast
+    age: float = (
+        math.nan
+    )  # seconds from the frame's stamp to its forecast, by the recording's clock
 
 
 def advance(
-    frame: Frame,
-    predictor: Predictor,
-    analytics: Analytics,
-    stitcher: OnlineStitcher | None = None,
-    robot: np.ndarray | None = None,
+    frames: Sequence[Frame], predictor: Predictor, robot: np.ndarray | None = None
 ) -> ReplayEvent:
-    """Push one frame; the people nearest to the `robot` [3] are forecast first."""
-    if stitcher is not None:
-        frame, _ = mend(stitcher, frame)
-    forecast = predictor.push(*frame, focus=None if robot is None else robot[:2])
-    return ReplayEvent(frame, forecast, [] if forecast is None else analytics.add(forecast))
+    """Observe all frames, and forecast the newest; those nearest to the `robot` [3] go first."""
+    focus = None if robot is None else robot[:2]
+    accepted = [frame for frame in frames if predictor.observe(*frame, focus=focus)]
+    forecast = predictor.forecast(focus) if accepted else None
+    newest = accepted[-1] if accepted else frames[-1]
+    return ReplayEvent(newest, forecast, skipped=max(len(accepted) - 1, 0))
 
 
 def replay(
@@ -68,8 +69,15 @@ def replay(
         raise InputError(f"rate must be positive, not {rate}")
     due, last = time.monotonic(), math.inf
     for frame in frames:
-        if math.isfinite(rate) and math.isfinite(frame.stamp):
+        if not math.isfinite(rate):
+            due = time.monotonic()
+        elif math.isfinite(frame.stamp):
             due += min(max(frame.stamp - last, 0.0), LONGEST) / rate
             time.sleep(max(0.0, due - time.monotonic()))
             last = frame.stamp
-        yield advance(frame, predictor, analytics, stitcher, robot(frame.stamp))
+        mended = frame if stitcher is None else mend(stitcher, frame)[0]
+        waited = predictor.waited
+        event = advance([mended], predictor, robot(frame.stamp))
+        due += predictor.waited - waited  # The recording waits for the compiler.
+        age = time.monotonic() - due
+        yield event._replace(age=age, scored=analytics.add(event.forecast))

@@ -1,116 +1,185 @@
-"""Reports on a stream: a table at its end, a line while it is live, an alarm when it is stale."""
+"""How fresh a stream is: age of information, input rate, skipped frames; a line, an alarm, a table.
 
+The age of information is one number: from a frame's header stamp to the moment its forecast is
+published, by ROS's clock.
+"""
+
+import collections
 import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from neurosym_jax.evaluation.metrics import METRICS, metric_names
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.window import Health
 
-__all__ = ["STALE", "Status", "format_summary"]
+__all__ = ["STALE_AFTER", "Status"]
 
-STALE = 2.0  # seconds without people after which forecasts no longer describe the present
-
-
-def format_summary(summary: dict[str, Any], health: Health) -> str:
-    """A table of `Analytics.summary()`, and what was wrong with the stream."""
-    lines = [f"{health.frames} frames, {summary['forecasts']} forecasts; metres"]
-    models = {name: means for name, means in summary["models"].items() if means["people"]}
-    if models:
-        lines += _table(models)
-    elif summary["forecasts"]:
-        lines.append("  nobody whose forecast could be compared with what happened")
-    else:
-        lines.append("  nobody was seen for a whole observation window")
-    if summary["forecasts"]:
-        latency = summary["latency_ms"].items()
-        times = ", ".join(f"{name} {value:.2f} ms" for name, value in latency)
-        lines.append(f"latency from frame to forecast: {times}")
-    for text, reasons in (
-        ("people without a forecast or a score", summary["dropped"]),
-        ("wrong with the stream", _wrong(health)),
-    ):
-        if reasons:
-            shown = [f"{name} {count}" for name, count in reasons.items()]
-            lines.append(f"{text}: {', '.join(shown)}")
-    return "\n".join(lines)
+STALE_AFTER = 2.0  # seconds of age from which on forecasts no longer describe the present
+OFFSET = 0.5  # seconds: a least age beyond it is an offset between two clocks, and reported
+AGES = 4096  # newest ages kept for the percentiles
+ARRIVALS = 30  # newest frames whose rate is told
 
 
 class Status:
-    """Status of a live stream: call `heard` at every frame, and `look` often to report changes."""
+    """Call `heard` at every frame, `published` at every forecast, and `look` often to report."""
 
     def __init__(
         self,
         predictor: Predictor,
         analytics: Analytics,
-        report: Callable[[str], None],
+        report: Callable[[str], None] = print,
         every: float = 10.0,
+        stale_after: float = STALE_AFTER,
         counts: Callable[[], Mapping[str, int]] = dict,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float] = time.time,
     ):
         """Before the first frame.
 
         Args:
             predictor: its health is reported.
-            analytics: its errors and latencies are reported.
+            analytics: its errors are reported.
             report: called with one line at a time.
             every: seconds between status lines; 0 for none.
+            stale_after: seconds of age, beyond a constant offset of clocks.
             counts: returns counts of other problems.
-            clock: returns seconds.
+            clock: returns the time [s] that stamps are compared with.
         """
         self._predictor, self._analytics, self._counts = predictor, analytics, counts
-        self._report, self._every, self._clock = report, every, clock
-        self._heard = self._said = clock()
-        self._first = True
-        self._alarmed = False
+        self._report, self._every, self.stale_after = report, every, stale_after
+        self._clock = clock
+        self._said = time.monotonic()
+        self._newest = math.nan  # stamp of the newest frame
+        self._least = math.inf  # least age of a frame that arrived
+        self._offset_said = self._alarmed = False
+        self._ages: collections.deque[float] = collections.deque(maxlen=AGES)
+        self._arrivals: collections.deque[float] = collections.deque(maxlen=ARRIVALS)
+        self.skipped = 0
+        """Frames that were observed but not forecast, because a newer one waited."""
 
     @property
     def age(self) -> float:
-        """Seconds since the newest frame."""
-        return self._clock() - self._heard
+        """Seconds since the stamp of the newest frame; NaN before the first."""
+        return self._clock() - self._newest
+
+    @property
+    def offset(self) -> float:
+        """Seconds that every frame was older than 0 when it came, if that is no transport."""
+        return self._least if OFFSET < abs(self._least) < math.inf else 0.0
 
     @property
     def stale(self) -> bool:
-        """Whether the newest frame is older than `STALE`, or there was none."""
-        return self._first or self.age > STALE
+        """Whether the newest frame is older than `stale_after`, or there was none."""
+        return not self.age - self.offset <= self.stale_after
 
-    def heard(self) -> None:
-        """Note that a frame came."""
-        if self._alarmed:
-            self._report(f"people again, after {self.age:.0f} s")
-        self._alarmed = self._first = False
-        self._heard = self._clock()
+    def heard(self, stamp: float) -> None:
+        """Note that the frame of this stamp came."""
+        if stamp < self._newest - self._predictor.window.reset_after:  # The clock was set back.
+            self._least, self._newest, self._offset_said = math.inf, math.nan, False
+        self._newest = stamp if math.isnan(self._newest) else max(stamp, self._newest)
+        self._least = min(self._least, self.age)
+        self._arrivals.append(time.monotonic())
+        if self.offset and not self._offset_said and len(self._arrivals) == ARRIVALS:
+            self._offset_said = True
+            way = "behind" if self.offset > 0 else "ahead of"
+            self._report(
+                f"stamps are {abs(self.offset):.1f} s {way} this computer's clock, constantly: "
+                "the clocks of two computers differ, a recording is played, or the tracker is late"
+            )
+
+    def published(self, age: float, skipped: int = 0) -> None:
+        """Note the age of a forecast, and how many older frames it left without one."""
+        self._ages.append(age)
+        self.skipped += skipped
 
     def look(self) -> None:
         """Report what is due."""
-        if self.stale and not self._first and not self._alarmed:
-            self._alarmed = True
-            self._report(f"stale: no people for {self.age:.0f} s, forecasts have ended")
-        if self._every and self._clock() - self._said >= self._every:
-            self._said = self._clock()
+        if self.stale != self._alarmed and math.isfinite(self._newest):
+            self._alarmed = self.stale
+            old = f"{self.age - self.offset:.1f} s old"
+            self._report(f"stale: the newest people are {old}" if self.stale else "people again")
+        if self._every and time.monotonic() - self._said >= self._every:
+            self._said = time.monotonic()
             self._report(self.line())
 
     def wrong(self) -> dict[str, int]:
         """Counts of problems so far, by name in words, without zeros."""
-        return _wrong(self._predictor.health, self._counts())
+        counts = {**dataclasses.asdict(self._predictor.health), **self._counts()}
+        counts = {"skipped": self.skipped, **counts}
+        del counts["frames"]
+        return {name.replace("_", " "): count for name, count in counts.items() if count}
+
+    def now(self) -> dict[str, Any]:
+        """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts, `missing` people
+        with reasons by id, and the `score`."""
+        ages, arrivals = list(self._ages), self._arrivals
+        p50, p99 = np.percentile(ages, (50, 99)).tolist() if ages else (None, None)
+        seconds = arrivals[-1] - arrivals[0] if arrivals else 0.0
+        return {
+            "age": _milliseconds(ages[-1] if ages else None),
+            "p50": _milliseconds(p50),
+            "p99": _milliseconds(p99),
+            "offset": round(self.offset, 2),
+            "stale_after": self.stale_after,
+            "rate": round((len(arrivals) - 1) / seconds, 1) if seconds else None,
+            "skipped": self.skipped,
+            "wrong": self.wrong(),
+            "missing": dict(self._predictor.dropped),
+            "score": self._analytics.summary(),
+        }
 
     def line(self) -> str:
         """The status line."""
         summary = self._analytics.summary()
         parts = [f"{self._predictor.health.frames} frames, {summary['forecasts']} forecasts"]
-        if self.stale:
-            parts.append("no people yet" if self._first else f"stale for {self.age:.0f} s")
-        recent, whole = _scores(summary["recent"]), _scores(summary)
-        if recent:
-            parts.append(f"last minute: {recent}")
-        if whole and summary["forecasts"] > summary["recent"]["forecasts"]:
-            parts.append(f"altogether: {whole}")
+        if math.isnan(self._newest):
+            parts.append("no people yet")
+        elif self.stale:
+            parts.append(f"stale for {self.age - self.offset:.0f} s")
+        parts += self._ages_in_words()
+        parts += [
+            f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
+            for name, means in summary["models"].items()
+            if means["people"] and math.isfinite(means["joint_ade"])
+        ]
         wrong = [f"{name} {count}" for name, count in self.wrong().items()]
         return "; ".join(parts + ([", ".join(wrong)] if wrong else []))
+
+    def table(self) -> str:
+        """The stream and its errors, at the end: several lines."""
+        summary, health = self._analytics.summary(), self._predictor.health
+        lines = [f"{health.frames} frames, {summary['forecasts']} forecasts; metres"]
+        models = {name: means for name, means in summary["models"].items() if means["people"]}
+        if models:
+            lines += _table(models)
+        elif summary["forecasts"]:
+            lines.append("  no person's forecast could be compared with what happened")
+        else:
+            lines.append("  nobody was seen for a whole observation window")
+        lines += self._ages_in_words()
+        for text, reasons in (
+            ("people without a forecast or a score", summary["dropped"]),
+            ("wrong with the stream", self.wrong()),
+        ):
+            if reasons:
+                shown = [f"{name} {count}" for name, count in reasons.items()]
+                lines.append(f"{text}: {', '.join(shown)}")
+        return "\n".join(lines)
+
+    def _ages_in_words(self) -> list[str]:
+        now = self.now()
+        if now["age"] is None:
+            return []
+        offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
+        return [f"age of information p50 {now['p50']} ms, p99 {now['p99']} ms{offset}"]
+
+
+def _milliseconds(seconds: float | None) -> float | None:
+    return None if seconds is None else round(1e3 * seconds, 1)
 
 
 def _table(models: dict[str, dict[str, Any]]) -> list[str]:
@@ -131,23 +200,3 @@ def _table(models: dict[str, dict[str, Any]]) -> list[str]:
         + "  ".join(f"{text:>{width}}" for text, width in zip(row[1:], widths))
         for row in rows
     ]
-
-
-def _wrong(health: Health, more: Mapping[str, int] | None = None) -> dict[str, int]:
-    counts = {**dataclasses.asdict(health), **(more or {})}
-    counts.pop("frames")
-    return {name.replace("_", " "): count for name, count in counts.items() if count}
-
-
-def _scores(summary: Mapping[str, Any]) -> str:
-    """Latency and errors."""
-    if not summary["forecasts"]:
-        return ""
-    latency = summary["latency_ms"]
-    parts = [f"latency p50 {latency['p50']:.1f} ms, p99 {latency['p99']:.1f} ms"]
-    parts += [
-        f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
-        for name, means in summary["models"].items()
-        if means["people"] and math.isfinite(means["joint_ade"])
-    ]
-    return ", ".join(parts)

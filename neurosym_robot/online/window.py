@@ -1,8 +1,8 @@
-"""A sliding window over a live stream of people: irregular frames in, the model's own steps out.
+"""The newest observations of everybody, resampled backwards from the newest frame.
 
-The online counterpart of `data.tracks.resample`, with the same grid and the same numbers: a grid
-point lies linearly between the two neighbouring observations of a person, at most `max_gap` apart.
-A person is known at a grid point once seen at or after it. Time is that of the messages' headers.
+The online counterpart of `data.tracks.resample` with a grid that ends at the newest stamp: a step
+lies linearly between a person's two neighbouring observations, at most `max_gap` apart. Nothing
+later than the newest frame exists here. Time is that of the messages' headers.
 """
 
 import dataclasses
@@ -16,6 +16,9 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.motion import FAR, MAX_SPEED, is_jump
 
 __all__ = ["Health", "Window"]
+
+# Seconds: of observations that come faster, all but the newest are thinned out to this distance.
+THIN = 0.02
 
 
 @dataclasses.dataclass
@@ -37,22 +40,8 @@ class Health:
     forgotten: int = 0  # tracks not seen for `timeout`
 
 
-class _Track:
-    """The last observation of a person, and the grid points that are known."""
-
-    __slots__ = ("first", "last", "place", "run", "stamp", "x", "xy", "y")
-
-    def __init__(self, steps: int):
-        self.stamp = self.place = -math.inf  # of the last observation: seconds, grid points
-        self.x = self.y = 0.0
-        self.xy = [(0.0, 0.0)] * steps  # grid point n is at n % steps
-        self.last = -1  # newest grid point known
-        self.run = 0  # number of grid points known without a break until then
-        self.first = 0  # grid point from which on it may be known
-
-
 class Window:
-    """The last `steps` grid points of everybody; grid point n lies at `start + n * period`."""
+    """Observations by track, each in a row of a table that grows up to `max_tracks` rows."""
 
     def __init__(
         self,
@@ -66,12 +55,13 @@ class Window:
         hold: float = 0.0,
         far: float = FAR,
         max_speed: float = MAX_SPEED,
+        memory: float = 0.0,
     ):
         """An empty window.
 
         Args:
-            steps: grid points kept of each track.
-            period: seconds between grid points.
+            steps: length of the window; its last step is the newest frame.
+            period: seconds between steps.
             max_gap: longest gap in seconds between two observations that is bridged.
             timeout: seconds after which a track not seen is forgotten.
             reset_after: a stamp this many seconds older than the newest means a clock set back.
@@ -79,40 +69,48 @@ class Window:
             hold: seconds for which a person not seen is extrapolated.
             far: metres; people with a coordinate this large are left out.
             max_speed: metres per second; see `tracking.motion.is_jump`.
+            memory: seconds of observations kept at least, beside those of the window.
 
         Raises:
             InputError: for a length or number that is out of range.
         """
         if not (math.isfinite(period) and period > 2 * SNAP):
             raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
-        if not (max_gap >= 0 and timeout > max_gap and reset_after >= 0):
+        if not (0 <= max_gap < timeout and 0 <= hold < timeout and reset_after >= 0):
             raise InputError(
-                "max_gap and reset_after must not be negative, and timeout must exceed max_gap; "
-                f"they are {max_gap}, {reset_after} and {timeout}"
+                "max_gap and hold must be shorter than timeout, and nothing negative; they are "
+                f"{max_gap}, {hold}, {timeout}, and reset_after {reset_after}"
             )
-        if not (0 <= hold < timeout and far > 0 and max_speed > 0):
-            raise InputError(
-                "hold must be shorter than timeout, far and max_speed must be positive; "
-                f"they are {hold}, {far} and {max_speed}"
-            )
+        if not (far > 0 and max_speed > 0):
+            raise InputError(f"far and max_speed must be positive, not {far} and {max_speed}")
         if steps < 1 or max_tracks < 1:
             raise InputError(f"steps and max_tracks must be positive, not {steps}, {max_tracks}")
         self.steps, self.period, self.max_gap = steps, float(period), max_gap
         self.timeout, self.reset_after, self.max_tracks = timeout, reset_after, max_tracks
         self.hold, self.far, self.max_speed = hold, far, max_speed
         self.health = Health()
+        seconds = max(steps * period + hold, memory) + max_gap
+        self._length = 2 * math.ceil(seconds / THIN) + 4  # half of it is kept when a row is full
         self._clear()
 
     def _clear(self) -> None:
-        self._tracks: dict[int, _Track] = {}
-        self.start: float | None = None
+        self._rows: dict[int, int] = {}
+        self._free: list[int] = []
+        self._stamps = np.full((0, 0), np.inf)  # [rows, length], ascending, then infinity
+        self._places = np.zeros((0, 0, 2))
+        self._count = np.zeros(0, np.int64)  # [rows]
         self.stamp = -math.inf
-        self.index = -1
+        """Of the newest frame."""
+
+    @property
+    def index(self) -> int:
+        """Number of the newest step since time 0, which the noise of a forecast depends on."""
+        return round(self.stamp / self.period)
 
     def push(
         self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
     ) -> bool:
-        """Take in one frame; return whether it reached a new grid point, which `index` then is.
+        """Take in one frame; return whether it was accepted.
 
         Args:
             stamp: seconds, of the message's header.
@@ -129,55 +127,80 @@ class Window:
         self.health.frames += 1
         if not self._accept(float(stamp)):
             return False
-        assert self.start is not None
-        before = self.index
-        place = (self.stamp - self.start) / self.period
-        if abs(self.stamp - (self.start + round(place) * self.period)) <= SNAP:
-            place = float(round(place))
-        self.index = math.floor(place)
-        kept = {id: t for id, t in self._tracks.items() if self.stamp - t.stamp <= self.timeout}
-        self.health.forgotten += len(self._tracks) - len(kept)
-        self._tracks = kept
+        for id, last in zip(list(self._rows), self._last(self._all_rows()).tolist()):
+            if self.stamp - last > self.timeout:
+                self._free.append(self._rows.pop(id))
+                self.health.forgotten += 1
         if len(ids):
-            ids, xy = self._followed(*self._clean(ids, xy), focus)
-            for id, (x, y) in zip(ids.tolist(), xy.tolist()):
-                self._observe(self._tracks[id], place, x, y)
-        return self.index > before
+            self._observe(*self._followed(*self._clean(ids, xy), focus))
+        return True
 
     def complete(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """All people with a window that ends now.
+        """All people with a whole window that ends at the newest frame.
 
         Returns:
             Ids [N], ascending; positions [N, steps, 2]; and the number [N] of final steps that were
-            not seen but extrapolated, at the velocity of the last two seen.
+            not seen but extrapolated, at the velocity of the last `period` seen.
         """
-        ids = sorted(id for id, track in self._tracks.items() if self._is_complete(track))
-        tracks = [self._tracks[id] for id in ids]
-        when = np.arange(self.index + 1 - self.steps, self.index + 1)
-        last = np.array([track.last for track in tracks], np.int64)
-        ring = np.array([track.xy for track in tracks]).reshape(-1, self.steps, 2)
-        positions = ring[:, when % self.steps]
-        if (last < self.index).any():
-            rows = np.arange(len(ids))
-            before, newest = (ring[rows, n % self.steps] for n in (last - 1, last))
-            ahead = np.maximum(when - last[:, None], 0)[..., None]
-            guess = newest[:, None] + ahead * (newest - before)[:, None]
-            positions = np.where(ahead > 0, guess, positions)
-        return np.array(ids, np.int64), positions, self.index - last
+        ids = np.array(sorted(self._rows), np.int64)
+        rows = np.array([self._rows[id] for id in ids.tolist()], np.int64)
+        last = self._last(rows)
+        held = self.stamp - last <= self.hold + SNAP
+        ids, rows, last = ids[held], rows[held], last[held]
+        times = self.stamp - self.period * np.arange(self.steps - 1, -1, -1)
+        positions = self._at(rows, np.broadcast_to(times, (len(rows), self.steps)))
+        ahead = times - last[:, None]
+        unseen = ahead > SNAP
+        if unseen.any():
+            now, before = self._at(rows, last[:, None] - [0.0, self.period]).swapaxes(0, 1)
+            speed = (now - before) / self.period
+            guess = now[:, None] + ahead[..., None] * speed[:, None]
+            positions = np.where(unseen[..., None], guess, positions)
+        whole = np.isfinite(positions).all(axis=(1, 2))
+        return ids[whole], positions[whole], unseen[whole].sum(axis=1)
 
-    def incomplete(self) -> dict[int, str]:
-        """Why the others are missing: "unseen" at the newest grid point, or "short" windows."""
-        return {
-            id: "short" if track.last == self.index else "unseen"
-            for id, track in self._tracks.items()
-            if not self._is_complete(track)
-        }
+    def incomplete(self, ids: np.ndarray) -> dict[int, str]:
+        """Why others than `ids` are missing: "unseen" in the newest frame, or "short" windows."""
+        last = dict(zip(self._rows, self._last(self._all_rows()).tolist()))
+        missing = last.keys() - set(ids.tolist())
+        return {id: "short" if last[id] == self.stamp else "unseen" for id in sorted(missing)}
 
-    def _is_complete(self, track: _Track) -> bool:
-        """Whether all steps are known, including those that may be extrapolated."""
-        missing = self.index - track.last
-        held = self.stamp - track.stamp <= self.hold + SNAP and track.run >= 2
-        return (missing == 0 or held) and track.run + missing >= self.steps
+    def resampled(self, ids: ArrayLike, times: ArrayLike) -> np.ndarray:
+        """[N, T, 2] where people were at `times` [T], NaN where that is not known."""
+        rows = [self._rows.get(id, -1) for id in np.asarray(ids).tolist()]
+        known = np.array([row >= 0 for row in rows], bool)
+        there = np.array(rows, np.int64)[known]
+        times = np.asarray(times, np.float64)
+        found = np.full((len(rows), len(times), 2), np.nan)
+        found[known] = self._at(there, np.broadcast_to(times, (len(there), len(times))))
+        return found
+
+    def _all_rows(self) -> np.ndarray:
+        return np.fromiter(self._rows.values(), np.int64, len(self._rows))
+
+    def _last(self, rows: np.ndarray) -> np.ndarray:
+        """[N] stamps of the newest observations."""
+        return self._stamps[rows, self._count[rows] - 1]
+
+    def _at(self, rows: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """[N, T, 2] positions of rows [N] at `times` [N, T]."""
+        if not len(rows):
+            return np.zeros((0, times.shape[1], 2))
+        most = int(self._count[rows].max())
+        stamps = self._stamps[rows, :most]
+        # Index of the last observation at that time or before.
+        before = np.stack([(stamps <= t[:, None] + SNAP).sum(axis=1) for t in times.T], 1) - 1
+        after = np.minimum(before + 1, most - 1)
+        each = np.arange(len(rows))[:, None]
+        since = times - stamps[each, before]
+        exact = np.abs(since) <= SNAP
+        gap = stamps[each, after] - stamps[each, before]
+        known = (before >= 0) & (exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP)))
+        weight = np.divide(since, gap, out=np.zeros_like(since), where=known & ~exact)[..., None]
+        first = self._places[rows[:, None], before]
+        # In this form a person who stands still stays exactly still, as in `resample`.
+        found = first + weight * (self._places[rows[:, None], after] - first)
+        return np.where(known[..., None], found, np.nan)
 
     def _accept(self, stamp: float) -> bool:
         """Whether this frame is the next; clears everything if the clock was set back."""
@@ -194,9 +217,8 @@ class Window:
                 return False
             health.clock_resets += 1
             self._clear()
-        elif self.start is not None and stamp - self.stamp > self.max_gap + 2 * SNAP:
+        elif stamp - self.stamp > self.max_gap + 2 * SNAP and math.isfinite(self.stamp):
             health.pauses += 1
-        self.start = stamp if self.start is None else self.start
         self.stamp = stamp
         return True
 
@@ -222,43 +244,56 @@ class Window:
     def _followed(
         self, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The people of a frame who have a track or get a new one."""
-        known = np.array([id in self._tracks for id in ids.tolist()], bool)
-        new, room = np.flatnonzero(~known), self.max_tracks - len(self._tracks)
+        """Rows, new ones among them, and positions of the people of a frame who are followed."""
+        known = np.array([id in self._rows for id in ids.tolist()], bool)
+        new, room = np.flatnonzero(~known), self.max_tracks - len(self._rows)
         if len(new) > room:
             centre = xy.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
             distance = np.linalg.norm(xy[new] - centre, axis=1)
             self.health.refused += len(new) - room
             new = new[np.argsort(distance, kind="stable")[:room]]
-        self._tracks |= {id: _Track(self.steps) for id in ids[new].tolist()}
+        for id in ids[new].tolist():
+            if not self._free:
+                self._grow()
+            self._rows[id] = row = self._free.pop()
+            self._count[row], self._stamps[row] = 0, np.inf
         known[new] = True
-        return ids[known], xy[known]
+        return np.array([self._rows[id] for id in ids[known].tolist()], np.int64), xy[known]
 
-    def _observe(self, track: _Track, place: float, x: float, y: float) -> None:
-        """Set the grid points up to `place` of a person who is seen at (x, y)."""
-        assert self.start is not None
-        gap = self.stamp - track.stamp
-        joined = gap <= self.max_gap + 2 * SNAP
-        if joined and is_jump(math.hypot(x - track.x, y - track.y), gap, self.max_speed):
-            self.health.jumps += 1
-            # The grid point between the two stays unknown, which separates their windows.
-            track.first = track.last + 2
-            joined = False
-        first = math.floor(track.place) + 1 if joined else self.index
-        if not joined:
-            track.run = 0
-        # Older grid points than the window's are not kept.
-        for n in range(max(first, self.index - self.steps + 1, track.first), self.index + 1):
-            if n == place:
-                track.xy[n % self.steps] = x, y
-            elif joined:
-                weight = (self.start + n * self.period - track.stamp) / gap
-                weight = min(max(weight, 0.0), 1.0)
-                # In this form a person who stands still stays exactly still, as in `resample`.
-                at = track.x + weight * (x - track.x), track.y + weight * (y - track.y)
-                track.xy[n % self.steps] = at
-            else:
-                continue
-            track.run = track.run + 1 if track.last == n - 1 else 1
-            track.last = n
-        track.stamp, track.place, track.x, track.y = self.stamp, place, x, y
+    def _grow(self) -> None:
+        """Twice as many rows."""
+        rows = len(self._count)
+        more = max(16, rows)
+        self._stamps = np.concatenate(
+            [self._stamps.reshape(rows, self._length), np.full((more, self._length), np.inf)]
+        )
+        places = self._places.reshape(rows, self._length, 2)
+        self._places = np.concatenate([places, np.zeros((more, self._length, 2))])
+        self._count = np.concatenate([self._count, np.zeros(more, np.int64)])
+        self._free += range(rows, rows + more)
+
+    def _observe(self, rows: np.ndarray, xy: np.ndarray) -> None:
+        """Append an observation to each row."""
+        each = np.arange(len(rows))
+        count = self._count[rows]
+        last = np.where(count > 0, self._stamps[rows, count - 1], -LATE)
+        gap = self.stamp - last
+        moved = np.linalg.norm(xy - self._places[rows, count - 1], axis=1)
+        jumped = (count > 0) & (gap <= self.max_gap + 2 * SNAP)
+        jumped &= is_jump(moved, gap, self.max_speed)
+        self.health.jumps += int(jumped.sum())
+        count[jumped] = 0
+        # Of three observations within THIN the middle one is replaced.
+        before = np.where(count > 1, self._stamps[rows, count - 2], -LATE)
+        count -= (count > 1) & (last - before < THIN)
+        full = each[count == self._length]
+        half = self._length // 2
+        self._stamps[rows[full], :half] = self._stamps[rows[full], -half:]
+        self._places[rows[full], :half] = self._places[rows[full], -half:]
+        count[full] = half
+        self._stamps[rows, count], self._places[rows, count] = self.stamp, xy
+        self._count[rows] = count + 1
+        # What is left beyond the newest is not an observation.
+        for row, begin in zip(rows[full].tolist(), count[full].tolist()):
+            self._stamps[row, begin + 1 :] = np.inf
+        self._stamps[rows[jumped], 1:] = np.inf

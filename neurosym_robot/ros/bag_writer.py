@@ -13,7 +13,6 @@ from neurosym_robot.ros.definitions import (
     EVENTS,
     FORECAST,
     HUMANS_TRAJS,
-    STATES,
     blank,
     shared_typestore,
 )
@@ -121,7 +120,7 @@ class ForecastBag:
         new, forecast, frame_id = self._bag.new, event.forecast, self._frame_id()
         self._bag.write(PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, frame_id))
         for name in () if forecast is None else forecast.models:
-            for kind in (HUMANS_TRAJS, FORECAST, EVENTS, STATES):
+            for kind in (HUMANS_TRAJS, FORECAST, EVENTS):
                 message = self._make[kind](new, forecast, name, self._period, frame_id)
                 self._bag.write(forecast_topic(name) + ENDINGS[kind], self._stamp, message)
         for done in event.scored:

@@ -18,7 +18,6 @@ HUMANS = "darko_perception_msgs/msg/Humans"
 HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
 FORECAST = "neurosym_msgs/msg/Forecast"
 EVENTS = "neurosym_msgs/msg/Events"
-STATES = "neurosym_msgs/msg/States"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 

@@ -17,7 +17,6 @@ New = Callable[[str], Any]
 # Where the robot experiment's trackers publish, best first.
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
 TRUTH_TOPIC = "/hri/human_poses_gt"
-WAITING = 32  # messages of people in the queue: three seconds of a tracker's
 
 
 def forecast_topic(model: str) -> str:

@@ -9,29 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.symbolic.calculi import CALCULI
-from neurosym_jax.symbolic.states import format_state
-from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents, PairStates
+from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.status import Status
-from neurosym_robot.ros.definitions import EVENTS, FORECAST, HUMANS_TRAJS, STATES
+from neurosym_robot.ros.definitions import EVENTS, FORECAST, HUMANS_TRAJS
 from neurosym_robot.ros.messages import New, put_stamp
-from neurosym_robot.ros.people import POSES
-from neurosym_robot.ros.trajectories import forecast_message, truth_message
+from neurosym_robot.ros.trajectories import forecast_message
 
-__all__ = ["DIAGNOSTICS", "ENDINGS", "MARKERS", "TRUTH", "diagnostics_message", "makers"]
+__all__ = ["DIAGNOSTICS", "ENDINGS", "MARKERS", "diagnostics_message", "makers"]
 
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 MARKERS = "visualization_msgs/msg/MarkerArray"
 # Endings of the topics that a forecast goes to, by type; `makers` has what makes the messages.
-ENDINGS = {
-    HUMANS_TRAJS: "",
-    POSES: "",
-    FORECAST: "/samples",
-    EVENTS: "/events",
-    STATES: "/states",
-    MARKERS: "/markers",
-}
+ENDINGS = {HUMANS_TRAJS: "", FORECAST: "/samples", EVENTS: "/events", MARKERS: "/markers"}
 # Colours of people's lines, after Okabe and Ito.
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
 FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
@@ -41,10 +31,8 @@ def makers(at_least: float = AT_LEAST) -> dict[str, Callable[..., Any]]:
     """Functions (new, forecast, model, period, frame_id) that make the messages of `ENDINGS`."""
     return {
         HUMANS_TRAJS: forecast_message,
-        POSES: poses_message,
         FORECAST: samples_message,
         EVENTS: functools.partial(events_message, at_least=at_least),
-        STATES: states_message,
         MARKERS: markers_message,
     }
 
@@ -119,64 +107,25 @@ def events_message(
     return message
 
 
-def states_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
-    """The neurosym_msgs/States of one model: states of the nearest pairs, step by step."""
-    message, states_of = new(STATES), PairStates(period)
-    settings = states_of.settings
-    put_stamp(message.header, forecast.stamp, frame_id)
-    message.model, message.period, message.pairs = model, period, []
-    message.calculus, message.speed = settings.calculus, settings.speed
-    texts = [format_state(state, "") for state in CALCULI[message.calculus].states]
-    near, found = states_of(forecast, model)
-    for (k, l), shares, symbols in zip(near.tolist(), *found):  # noqa: E741
-        pair = new("neurosym_msgs/msg/PairStates")
-        pair.k, pair.l = int(forecast.ids[k]), int(forecast.ids[l])
-        pair.states = [texts[row] for row in shares.argmax(axis=1)]
-        pair.probability, pair.symbols = shares.max(axis=1), symbols.ravel()
-        message.pairs.append(pair)
-    return message
-
-
-def poses_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
-    """The PoseArray of one model: the most central sample, person by person."""
-    return _poses(new, central_path(forecast, model), forecast.stamp, frame_id)
-
-
-def poses_of_truth(new: New, forecast: Forecast, period: float, frame_id: str) -> Any:
-    """The PoseArray of what happened to those seen to the end."""
-    assert forecast.future is not None
-    seen = np.isfinite(forecast.future).all(axis=(1, 2))
-    path = np.concatenate([forecast.observed[:, -1:], forecast.future], axis=1)[seen]
-    return _poses(new, path, forecast.stamp, frame_id)
-
-
-# Functions (new, forecast, period, frame_id) that make the message of an observed future.
-TRUTH = {HUMANS_TRAJS: truth_message, POSES: poses_of_truth}
-
-
-def _poses(new: New, path: np.ndarray, stamp: float, frame_id: str) -> Any:
-    """Every step of [N, 1 + T, 2] after the first, facing the direction of walking."""
-    array = new(POSES)
-    put_stamp(array.header, stamp, frame_id)
-    heading = np.diff(path, axis=1)
-    half = 0.5 * np.arctan2(heading[..., 1], heading[..., 0])
-    for xy, angle in zip(path[:, 1:].reshape(-1, 2).tolist(), half.ravel().tolist()):
-        pose = new("geometry_msgs/msg/Pose")
-        pose.position.x, pose.position.y = xy
-        pose.orientation.z, pose.orientation.w = float(np.sin(angle)), float(np.cos(angle))
-        array.poses.append(pose)
-    return array
-
-
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
     """Status of the stream, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
     message, row = new(DIAGNOSTICS), new("diagnostic_msgs/msg/DiagnosticStatus")
-    put_stamp(message.header, now, "")
+    put_stamp(message.header, max(now, 0.0), "")
     row.name, row.hardware_id = f"{name.removeprefix('/')}: forecasts", "neurosym_jax"
     row.level = row.STALE if status.stale else row.OK
     row.message = status.line()
+    said = status.now()
+    units = {
+        "age": "ms",
+        "p50": "ms",
+        "p99": "ms",
+        "offset": "s",
+        "rate": "Hz",
+        "skipped": "frames",
+    }
+    values = {f"{key} [{unit}]": said[key] for key, unit in units.items()} | status.wrong()
     row.values = []
-    for key, value in {"age [s]": f"{status.age:.1f}", **status.wrong()}.items():
+    for key, value in values.items():
         pair = new("diagnostic_msgs/msg/KeyValue")
         pair.key, pair.value = key, str(value)
         row.values.append(pair)

@@ -6,30 +6,27 @@
 import contextlib
 import functools
 import itertools
-import queue
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.frames import Frame
-from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.bags import TF_TOPICS
 from neurosym_robot.ros.decoding import Decoder
-from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, TRANSFORMS, blank, ros1_name
-from neurosym_robot.ros.forecasting_node import DIAGNOSE, ForecastingNode
-from neurosym_robot.ros.messages import PEOPLE_TOPICS, WAITING, make_people
-from neurosym_robot.ros.source import PeopleSource
+from neurosym_robot.ros.definitions import PEOPLE, TRANSFORMS, blank, ros1_name
+from neurosym_robot.ros.forecasting_node import ForecastingNode
+from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
+from neurosym_robot.ros.people import seconds_of
 from neurosym_robot.ros.tcpros import Node, Publisher, Topic
-from neurosym_robot.tracking.live import OnlineStitcher, mend
+from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
+from neurosym_robot.tracking.live import mend
 
 __all__ = ["ForecastNode"]
 
 LAST = 2.0**31 - 1000  # seconds: rosbags counts ROS 1's in signed 32 bits, and forecasts lie ahead
-
-# A message, its publisher's header, and its time of arrival.
-Heard = tuple[bytes, Mapping[str, str] | None, float]
+CLOCK = "rosgraph_msgs/msg/Clock"
 
 
 class ForecastNode(ForecastingNode):
@@ -40,127 +37,106 @@ class ForecastNode(ForecastingNode):
         predictor: Predictor,
         *,
         topic: str | None = None,
-        source: PeopleSource | None = None,
-        stitcher: OnlineStitcher | None = None,
         master: str | None = None,
-        name: str = "neurosym_jax",
         remaps: Iterable[str] = (),
-        status: float = 10.0,
-        at_least: float = AT_LEAST,
         report: Callable[[str], None] = print,
+        **options: Any,
     ):
-        """Join the graph; other arguments are those of `ForecastingNode` and `tcpros.Node`.
+        """Join the graph.
 
         Args:
             predictor: of one or several models, each with a topic of its own.
             topic: of the people; None is the first of `PEOPLE_TOPICS`, or the second with a
                 `stitcher`, as the mended people are published on the first.
-            source: which messages belong to the stream.
-            stitcher: mends ids, if given.
             master: URI.
-            name: of the node.
             remaps: of names in the graph.
-            status: seconds between status lines.
-            at_least: least probability of an event.
             report: called with one line at a time.
+            **options: see `ForecastingNode`.
 
         Raises:
             InputError: for an invalid topic, name or URI, or if rosbags is not installed.
         """
-        self.malformed = self.late = 0
-        """Messages that could not be read; that were dropped from a full queue."""
-        source = source or PeopleSource(report=report)
-        super().__init__(predictor, source, stitcher, at_least, status, report)
+        self.malformed = 0
+        """Messages that could not be read."""
+        self._clock: float | None = None  # seconds of simulated time
+        super().__init__(predictor, report, **options)
         self._decoder = Decoder()
         self._store = self._decoder.store
-        self._waiting: queue.Queue[Heard] = queue.Queue(WAITING)
-        self._diagnosed = 0.0
         filtered, raw = PEOPLE_TOPICS
-        self.node = Node(name, master, report, remaps)
-        people = Topic(self.node.names(topic or (raw if stitcher else filtered)))
-        if stitcher and people.name == self.node.names(filtered):
+        self.node = Node(self.name, master, report, remaps)
+        self.stopped, self.name = self.node.stopped, self.node.name
+        people = Topic(self.node.names(topic or (raw if self.stitcher else filtered)))
+        if self.stitcher and people.name == self.node.names(filtered):
             self.node.close()
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
-        self.publish(HUMANS_TRAJS)
-        self._mended = self._advertise(filtered, PEOPLE) if stitcher else None
+        self.advertise()
+        self._mended = self._advertise(filtered, PEOPLE) if self.stitcher else None
         subscriber = self.node.subscribe(people, self.hear, self._decoder.refuse)
         self.source.is_there = subscriber.hears
         for name in TF_TOPICS if self.source.needs_transforms else ():
-            hear = functools.partial(self._hear_transforms, name == TF_TOPICS[1])
-            self.node.subscribe(self._topic(name, TRANSFORMS), hear)
-        report(f"{self.node.name}: listening to {people.name}, master {self.node.master}")
-
-    def run(self) -> None:
-        """Forecast until the node is stopped."""
-        while not self.node.stopped.is_set():
-            with contextlib.suppress(queue.Empty):
-                self.work(*self._waiting.get(timeout=0.2))
-            self.status.look()
-            if time.monotonic() - self._diagnosed >= DIAGNOSE:
-                self._diagnosed = time.monotonic()
-                self.diagnose(self.node.name)
+            hear = functools.partial(self.source.transforms.hear, static=name == TF_TOPICS[1])
+            self._listen(name, TRANSFORMS, hear)
+        with contextlib.suppress(CallError):
+            if call(self.node.master, "getParam", self.name, "/use_sim_time"):
+                self._clock = 0.0
+                self._listen("/clock", CLOCK, self._set_clock)
+        report(f"{self.name}: listening to {people.name}, master {self.node.master}")
 
     def hear(self, data: bytes, header: Mapping[str, str] | None = None) -> None:
-        """Queue serialised people; a full queue drops the oldest."""
-        while True:
-            try:
-                return self._waiting.put_nowait((data, header, time.monotonic()))
-            except queue.Full:
-                with contextlib.suppress(queue.Empty):
-                    self._waiting.get_nowait()
-                    self.late += 1
+        """Let serialised people wait; without a header they are a People."""
+        self.put(data, header, time.monotonic())
 
-    def work(
-        self, data: bytes, header: Mapping[str, str] | None = None, received: float = 0.0
-    ) -> None:
-        """Take in serialised people, and publish what follows from them.
-
-        Args:
-            data: the message.
-            header: the publisher's connection header; without one the message is a People.
-            received: seconds of this computer's clock.
-        """
+    def _read(self, data: bytes, header: Mapping[str, str] | None, received: float) -> Frame | None:
         from rosbags.serde import SerdeError
 
         try:
             kind, message = self._decoder.decode(data, header)
         except SerdeError:
             self.malformed += 1
-            return
-        publisher = (header or {}).get("callerid", "")
-        frame = self.source.take(kind, message, publisher, received)
+            return None
+        frame = self.source.take(kind, message, (header or {}).get("callerid", ""), received)
         if frame is None:
-            return
+            return None
         if not 0 <= frame.stamp < LAST:
             self.malformed += 1
-            return
+            return None
         if self.stitcher is not None and self._mended is not None:
             frame, known = mend(self.stitcher, frame)
             self._send(self._mended, self._renamed(kind, message, frame, known))
-        self.forecast(frame)
+        return frame
 
     def _renamed(self, kind: str, message: Any, frame: Frame, known: Any) -> Any:
-        """People with mended ids: the message received, renamed, if its coordinates are ours."""
-        if kind != PEOPLE or message.header.frame_id.removeprefix("/") != self.source.frame_id:
+        """People with mended ids: the message received, renamed, if its people are all ours."""
+        ours = message.header.frame_id.removeprefix("/") == self.source.frame_id
+        if kind != PEOPLE or not ours or len(message.people) != len(known):
             return make_people(self._new, frame, self.source.frame_id or "")
         message.people = list(itertools.compress(message.people, known))
         for person, id in zip(message.people, frame.ids.tolist()):
             person.name = str(id)
         return message
 
-    def _hear_transforms(self, static: bool, data: bytes, header: Mapping[str, str]) -> None:
+    def _listen(self, name: str, kind: str, hear: Callable[[Any], None]) -> None:
+        """Subscribe to messages of a type that is known here."""
         from rosbags.serde import SerdeError
 
-        with contextlib.suppress(SerdeError):
-            message = self._store.deserialize_ros1(data, TRANSFORMS)
-            self.source.transforms.hear(message, static)
+        def decode(data: bytes, header: Mapping[str, str]) -> None:
+            with contextlib.suppress(SerdeError):
+                hear(self._store.deserialize_ros1(data, kind))
+
+        self.node.subscribe(self._topic(name, kind), decode)
+
+    def _set_clock(self, message: Any) -> None:
+        self._clock = seconds_of(message.clock)
+
+    def _now(self) -> float:
+        return time.time() if self._clock is None else self._clock
 
     def close(self) -> None:
         """Leave the graph."""
         self.node.close()
 
     def _counts(self) -> dict[str, int]:
-        return {**super()._counts(), "malformed": self.malformed, "late": self.late}
+        return {**super()._counts(), "malformed": self.malformed}
 
     def _topic(self, name: str, kind: str) -> Topic:
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)

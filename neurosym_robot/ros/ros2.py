@@ -5,20 +5,19 @@
 
 import functools
 import importlib
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.pairs import AT_LEAST
+from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.bags import TF_TOPICS
 from neurosym_robot.ros.definitions import PEOPLE, TRANSFORMS
-from neurosym_robot.ros.forecasting_node import DIAGNOSE, ForecastingNode
-from neurosym_robot.ros.messages import PEOPLE_TOPICS, WAITING
-from neurosym_robot.ros.people import POSES
-from neurosym_robot.ros.source import PeopleSource
-from neurosym_robot.tracking.live import OnlineStitcher
+from neurosym_robot.ros.forecasting_node import WAITING, ForecastingNode
+from neurosym_robot.ros.messages import PEOPLE_TOPICS
+from neurosym_robot.tracking.live import mend
 
 __all__ = ["ForecastNode", "import_rclpy", "message_type", "node_parameters"]
 
@@ -65,7 +64,7 @@ def node_parameters(arguments: Sequence[str], name: str) -> dict[str, Any]:
 
 
 class ForecastNode(ForecastingNode):
-    """A predictor in a ROS 2 graph; rclpy must have been initialised."""
+    """A predictor in a ROS 2 graph; rclpy must have been initialised. `run` it."""
 
     def __init__(
         self,
@@ -73,11 +72,8 @@ class ForecastNode(ForecastingNode):
         *,
         topic: str = PEOPLE_TOPICS[0],
         kind: str = PEOPLE,
-        source: PeopleSource | None = None,
-        stitcher: OnlineStitcher | None = None,
         name: str = "neurosym_jax",
-        status: float = 10.0,
-        at_least: float = AT_LEAST,
+        **options: Any,
     ):
         """Join the graph.
 
@@ -85,11 +81,8 @@ class ForecastNode(ForecastingNode):
             predictor: of one or several models, each with topics of its own.
             topic: of the people.
             kind: type of their messages, a key of `people.KINDS`.
-            source: which messages belong to the stream and into which frame they are transformed.
-            stitcher: mends ids, if given.
             name: of the node.
-            status: seconds between lines about the stream; 0 for none.
-            at_least: least probability of an event that is published.
+            **options: see `ForecastingNode`.
 
         Raises:
             InputError: if ROS 2 has no such message.
@@ -98,10 +91,10 @@ class ForecastNode(ForecastingNode):
         from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
         self.kind, self.node = kind, rclpy.create_node(name)
-        report = self.node.get_logger().info
-        super().__init__(predictor, source or PeopleSource(), stitcher, at_least, status, report)
-        self.publish(POSES)
-        self.node.create_timer(DIAGNOSE, self._look)
+        self.report = self.node.get_logger().info
+        super().__init__(predictor, self.report, **options)
+        self.name = self.node.get_fully_qualified_name()
+        self.advertise()
         # A best-effort subscription receives from reliable publishers, too.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
         heard = self.node.create_subscription(people, topic, self.hear, quality)
@@ -113,16 +106,39 @@ class ForecastNode(ForecastingNode):
                 hear = functools.partial(self.source.transforms.hear, static=name == TF_TOPICS[1])
                 self.node.create_subscription(message_type(TRANSFORMS), name, hear, quality)
 
-    def hear(self, message: Any, info: Mapping[str, Any]) -> None:
-        """Take in a message of people, and publish what follows from it."""
-        publisher = (info.get("publisher_gid") or {}).get("data", b"")
-        frame = self.source.take(self.kind, message, bytes(publisher).hex(), time.monotonic())
-        if frame is not None:
-            self.forecast(frame, self.stitcher)
+    def run(self) -> None:
+        """Forecast until ROS 2 is shut down: it hears in a thread, and this one works."""
+        rclpy = import_rclpy()
 
-    def _look(self) -> None:
-        self.status.look()
-        self.diagnose(self.node.get_fully_qualified_name())
+        def spin() -> None:
+            try:
+                rclpy.spin(self.node)
+            except rclpy.executors.ExternalShutdownException:
+                pass
+            finally:
+                self.stopped.set()
+
+        listening = threading.Thread(target=spin)
+        listening.start()
+        try:
+            super().run()
+        finally:
+            rclpy.try_shutdown()
+            listening.join()
+
+    def hear(self, message: Any, info: Mapping[str, Any]) -> None:
+        """Let people wait."""
+        publisher = bytes((info.get("publisher_gid") or {}).get("data", b"")).hex()
+        self.put(message, publisher, time.monotonic())
+
+    def _read(self, message: Any, publisher: str, received: float) -> Frame | None:
+        frame = self.source.take(self.kind, message, publisher, received)
+        if frame is not None and self.stitcher is not None:
+            frame, _ = mend(self.stitcher, frame)
+        return frame
+
+    def _now(self) -> float:
+        return 1e-9 * self.node.get_clock().now().nanoseconds
 
     def _new(self, kind: str) -> Any:
         return message_type(kind)()
@@ -130,7 +146,8 @@ class ForecastNode(ForecastingNode):
     def _advertise(self, topic: str, kind: str) -> Any:
         try:
             return self.node.create_publisher(message_type(kind), topic, 10)
-        except InputError:  # This ROS 2 lacks the message's package.
+        except InputError as missing:
+            self.report(f"{missing}: nothing is published on {topic}")
             return None
 
     def _is_heard(self, publisher: Any) -> bool:

@@ -13,11 +13,13 @@ import numpy as np
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.ros.people import id_of_name, see
 from neurosym_robot.ros.transforms import Transforms
+from neurosym_robot.tracking.motion import FAR
 from neurosym_robot.tracking.nearest import NearestIds
 
-__all__ = ["PeopleSource"]
+__all__ = ["REACH", "PeopleSource"]
 
 SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
+REACH = 60.0  # metres
 SAID = 64  # different reasons that are reported; more are only counted
 
 
@@ -30,6 +32,8 @@ class PeopleSource:
         several: bool = False,
         report: Callable[[str], None] = print,
         robot_frame: str = "",
+        reach: float = REACH,
+        far: float = FAR,
     ):
         """Configure the stream.
 
@@ -39,14 +43,17 @@ class PeopleSource:
             several: accept several publishers side by side; their ids are kept apart.
             report: called with one line when messages begin to be refused.
             robot_frame: the robot's own frame, such as base_link, to locate the robot.
+            reach: metres; people farther from the sensor (the origin of coordinates that are
+                transformed) or from the robot (of others, if it is located) are left out.
+            far: metres; people with a coordinate this large, as received, are left out.
         """
         self.fixed_frame, self.several, self._report = fixed_frame, several, report
-        self.robot_frame = robot_frame
+        self.robot_frame, self.reach, self.far = robot_frame, reach, far
         self.frame_id: str | None = fixed_frame or None
         """Of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
         self.refused: collections.Counter[str] = collections.Counter()
-        """Number of messages left out, by reason."""
+        """Number of messages left out, by reason; and of "far_people"."""
         self.is_there: Callable[[str], bool] = lambda publisher: True
         """Whether a publisher is still connected, if that is known."""
         self._publisher: str | None = None
@@ -81,7 +88,7 @@ class PeopleSource:
             return None
         if self.frame_id is None:
             self.frame_id = seen.frame_id
-        xyz = seen.xyz
+        xyz, sensor = seen.xyz, None
         if seen.frame_id != self.frame_id:
             if not self.fixed_frame:
                 return self._refuse(
@@ -94,8 +101,18 @@ class PeopleSource:
             except LookupError as error:
                 text = f"{seen.frame_id!r} cannot be taken to {self.frame_id!r}"
                 return self._refuse("no_transform", text, str(error))
-            xyz = xyz @ matrix[:3, :3].T + matrix[:3, 3]
-        xy, ids = xyz[:, :2], seen.ids
+            xyz, sensor = xyz @ matrix[:3, :3].T + matrix[:3, 3], np.zeros(2)
+        elif self.robot_frame:
+            sensor = self.robot(seen.stamp)
+        away = np.zeros(2) if sensor is None else seen.xyz[:, :2] - sensor[:2]
+        distance = np.linalg.norm(np.broadcast_to(away, (len(xyz), 2)), axis=1)
+        # NaN is left to the window, which counts it.
+        near = ~((distance > self.reach) | (np.abs(seen.xyz[:, :2]) >= self.far).any(axis=1))
+        if not near.all():
+            self.refused["far_people"] += int((~near).sum())
+            text = f"people more than {self.reach:g} m from the sensor or robot are left out"
+            self._say(f"{text}; --reach sets the limit")
+        xy, ids = xyz[near, :2], None if seen.ids is None else seen.ids[near]
         if ids is None:
             # Each publisher has its own, so that two views are not mixed.
             ids = self._nearest.setdefault(publisher, NearestIds()).push(seen.stamp, xy)
@@ -123,6 +140,10 @@ class PeopleSource:
 
     def _refuse(self, reason: str, text: str, detail: str = "") -> None:
         self.refused[reason] += 1
+        self._say(text, detail)
+
+    def _say(self, text: str, detail: str = "") -> None:
+        """Report a text once."""
         if text not in self._said and len(self._said) < SAID:
             self._said.add(text)
             self._report(f"{text}: {detail}" if detail else text)

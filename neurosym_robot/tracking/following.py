@@ -34,6 +34,11 @@ class Track:
         self.stamp, self.place, self.speed = stamp, place, np.zeros(2)
         self.points = collections.deque([(stamp, *place)], maxlen=POINTS)
 
+    @property
+    def age(self) -> float:
+        """Seconds from the first observation to the newest."""
+        return self.stamp - self.born
+
     def expected(self, stamp: float) -> np.ndarray:
         """[2] metres."""
         return self.place + (stamp - self.stamp) * self.speed

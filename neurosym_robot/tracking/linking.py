@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["UNLINKED", "LinkOptions", "TrackEnds", "assign", "velocity"]
+__all__ = ["UNLINKED", "LinkOptions", "TrackEnds", "assign", "link_costs", "velocity"]
 
 UNLINKED = 1e6  # cost of no link, above that of any allowed one
 
@@ -60,13 +60,10 @@ def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:
     return time @ position / (time @ time)
 
 
-def assign(
-    ends: TrackEnds, starts: TrackEnds, options: LinkOptions, most: ArrayLike = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Links of least cost from lost tracks to new ones: indices into `ends` and into `starts`.
+def link_costs(ends: TrackEnds, starts: TrackEnds, options: LinkOptions) -> np.ndarray:
+    """[L, M] the distance from the expected position as a share of the distance allowed.
 
-    The cost is the distance from the expected position, as a share of the distance allowed; `most`,
-    [] or [L] by start, is the highest cost of a link.
+    `UNLINKED` where a lost track cannot be gone on with.
     """
     gap = starts.stamp[None] - ends.stamp[:, None]
     allowed = (gap > 0) & (gap <= options.max_gap)
@@ -79,7 +76,15 @@ def assign(
     unknown = np.isnan(starts.velocity[:, 0])[None]
     off = np.where(unknown, ahead, (ahead + back) / 2 + turned)
     cost = off / np.maximum(options.reach + options.drift * gap, 1e-9)
-    cost = np.where(allowed & (cost <= np.asarray(most)), cost, UNLINKED)
+    return np.where(allowed & (cost <= 1), cost, UNLINKED)
+
+
+def assign(cost: np.ndarray, most: ArrayLike = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Links of least cost: rows and columns of `cost` [L, M].
+
+    `most`, [] or [M], is the highest cost of a link.
+    """
+    cost = np.where(cost <= np.asarray(most), cost, UNLINKED)
     end, start = linear_sum_assignment(cost)
     linked = cost[end, start] < UNLINKED
     return end[linked], start[linked]

@@ -1,12 +1,14 @@
 """Broken tracks mended frame by frame: `stitching` for a live stream, which cannot look ahead."""
 
+import collections
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.frames import Frame
-from neurosym_robot.tracking.following import Follower, Track
-from neurosym_robot.tracking.linking import LinkOptions, TrackEnds, assign
+from neurosym_robot.tracking.following import RECENT, Follower, Track
+from neurosym_robot.tracking.linking import UNLINKED, LinkOptions, TrackEnds, assign, link_costs
 from neurosym_robot.tracking.motion import FAR, MAX_SPEED
 
 __all__ = ["NOBODY", "OnlineStitcher", "mend"]
@@ -14,6 +16,8 @@ __all__ = ["NOBODY", "OnlineStitcher", "mend"]
 NOBODY = int(np.iinfo(np.int64).min)
 """Id of a detection that is far away, not finite, or seen too briefly so far."""
 MOVED = 0.3  # seconds after which a new track's velocity is known, and every allowed link is made
+GHOSTLY = 0.2  # share of brief tracks among the newest from which on a tracker has ghosts
+LATELY = 30  # newest tracks of which that is known
 SURE = 0.1  # cost of a link that is made at once, before the new track's velocity is known
 
 
@@ -54,6 +58,8 @@ class OnlineStitcher:
         self.joined = 0
         self._follower = Follower(self.forget, max_tracks, far, max_speed)
         self._fresh = 0
+        self._brief: collections.deque[bool] = collections.deque(maxlen=LATELY)
+        self._noted: set[int] = set()
 
     def push(self, stamp: float, ids: ArrayLike, xy: ArrayLike) -> np.ndarray:
         """[N] int64, mended ids of the people of a frame, or `NOBODY`.
@@ -78,6 +84,7 @@ class OnlineStitcher:
             follower.clear()
         if np.isfinite(stamp) and stamp > follower.stamp:
             found = follower.push(float(stamp), wanted, xy)
+            self._note_ghosts()
             self._name([track for track in found if track is not None and track.name is None])
             near = np.all(np.abs(xy.reshape(-1, 2)) < follower.far, axis=1)
             # People who are not followed for lack of room keep their ids.
@@ -91,16 +98,27 @@ class OnlineStitcher:
         return np.array([NOBODY if name is None else name for name in names], np.int64)
 
     def _name(self, new: list[Track]) -> None:
-        """Name those new tracks that continue a lost one or are old enough."""
+        """Name those new tracks that continue a lost one, cannot, or are old enough."""
         age = {id(each): self._follower.stamp - each.born + 1e-6 for each in new}
         wait = max(min(MOVED, self.options.least), 1e-6)
         sure = np.array([min(1.0, age[id(each)] / wait) for each in new])
-        self._link(new, SURE + (1 - SURE) * sure**2)
-        for track in new:
-            if track.name is None and age[id(track)] >= self.options.least:
+        alone = self._link(new, SURE + (1 - SURE) * sure**2)
+        ghostly = sum(self._brief) > GHOSTLY * len(self._brief)
+        for track, free in zip(new, alone):
+            settled = age[id(track)] >= self.options.least
+            if track.name is None and (settled or (free and not ghostly)):
                 track.name = self._unused(track.id)
 
-    def _link(self, new: list[Track], most: np.ndarray) -> None:
+    def _note_ghosts(self) -> None:
+        """Remember of each track that ended lately whether it was brief."""
+        for track in self._follower.tracks:
+            last = self._follower.stamp - track.stamp
+            if id(track) not in self._noted and (last > RECENT or track.age >= self.options.least):
+                self._noted.add(id(track))
+                self._brief.append(track.age < self.options.least)
+
+    def _link(self, new: list[Track], most: np.ndarray) -> np.ndarray:
+        """Name those that continue a lost track; [N] bool which others can continue none."""
         taken = {each.name for each in self._follower.tracks if each.stamp == self._follower.stamp}
         lost = {
             each.name: each  # The newest of a name: tracks are in order of their start.
@@ -108,7 +126,7 @@ class OnlineStitcher:
             if each.name is not None and each.name not in taken
         }
         if not (new and lost):
-            return
+            return np.ones(len(new), bool)
         memory, tracks = self.options.memory, list(lost.values())
         ends = TrackEnds(
             np.array([each.stamp for each in tracks]),
@@ -120,9 +138,11 @@ class OnlineStitcher:
             np.array([each.first for each in new]),
             np.array([each.velocity(memory, at_start=True) for each in new]),
         )
-        for end, start in zip(*assign(ends, starts, self.options, most)):
+        cost = link_costs(ends, starts, self.options)
+        for end, start in zip(*assign(cost, most)):
             new[start].name = tracks[end].name
             self.joined += 1
+        return (cost == UNLINKED).all(axis=0)
 
     def _unused(self, id: int) -> int:
         """The tracker's id, or a number of our own if another track has that name."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import Follower, Track
-from neurosym_robot.tracking.linking import LinkOptions, TrackEnds, assign, velocity
+from neurosym_robot.tracking.linking import LinkOptions, TrackEnds, assign, link_costs, velocity
 from neurosym_robot.tracking.live import NOBODY
 
 __all__ = ["LOOKING_BACK", "Join", "Stitched", "inside", "stitch", "stitched_ids"]
@@ -108,7 +108,7 @@ def stitched_ids(
             motion[side, n] = velocity(at[near], xy[near])
     ends = TrackEnds(stamp[last[free]], position[last[free]], motion[0])
     starts = TrackEnds(stamp[first[free]], position[first[free]], motion[1])
-    links = [(free[end], free[start]) for end, start in zip(*assign(ends, starts, options))]
+    links = [(free[end], free[start]) for end, start in zip(*assign(link_costs(ends, starts, options)))]
     joins = [
         Join(int(ids[end]), int(ids[start]), float(stamp[first[start]] - stamp[last[end]]))
         # In order of time, so that the track gone on has its final name already.

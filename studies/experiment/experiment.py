@@ -131,7 +131,7 @@ def _forecast(
     mended = _mended(frames)
     for stitcher in (None, OnlineStitcher()):
         predictor = _predictor(models, samples)
-        analytics = Analytics()
+        analytics = Analytics(predictor)
         events = list(replay(frames, predictor, analytics, stitcher=stitcher))
         done = [each for event in events for each in event.scored] + analytics.finish()
         summaries.append(analytics.summary())
@@ -160,9 +160,8 @@ def _latency(
     """Milliseconds from a frame's arrival to its forecast, of each model alone."""
     latencies = {}
     for name, model in models.items():
-        analytics, stitcher = Analytics(), OnlineStitcher()
-        predictor = _predictor({name: model}, samples)
-        for _ in replay(recording.frames, predictor, analytics, stitcher=stitcher):
-            pass
-        latencies[name] = analytics.summary()["latency_ms"]
+        predictor, stitcher = _predictor({name: model}, samples), OnlineStitcher()
+        events = replay(recording.frames, predictor, Analytics(predictor), stitcher=stitcher)
+        took = [1e3 * event.forecast.latency for event in events if event.forecast is not None]
+        latencies[name] = {f"p{p}": float(np.percentile(took, p)) for p in (50, 90, 99)}
     return latencies

@@ -160,6 +160,7 @@ class Node:
         connection.settimeout(HANDSHAKE)
         with deadline(connection, HANDSHAKE):
             header = decode_header(read_block(connection, MAX_HEADER))
+        self._data.asked(connection)
         publisher = self._publishers.get(header.get("topic", ""))
         if publisher is not None:
             publisher.serve(connection, header)

@@ -2,6 +2,8 @@
 
 import shutil
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,9 @@ from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast, ModelForecast
+from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.online.status import Status
+from neurosym_robot.online.window import Health, Window
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 QUIET = (
@@ -22,19 +27,37 @@ MODELS = {
     "SGAN": Model(GeneratorConfig(), {}),
     "NeuroSyM": Model(GeneratorConfig(pooling="as_described"), {}),
 }
-Shown = tuple[Frame, Forecast | None, dict]
+Shown = tuple[ReplayEvent, dict, np.ndarray | None]
 
 
-def frames_and_forecasts(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Shown]:
-    """People on straight ways at 10 Hz; forecasts that err by so much, a step every 0.4 s."""
-    analytics = Analytics()
+def predictor() -> Any:
+    """What a page needs of a predictor."""
+    programs = SimpleNamespace(add=lambda *_: None, sizes=(4,))
+    return SimpleNamespace(
+        models=MODELS,
+        window=Window(8, 0.4, memory=5.0),
+        programs=programs,
+        samples={5},
+        seconds_ahead=3.2,
+        dropped={},
+        health=Health(),
+    )
+
+
+def shown(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Shown]:
+    """People on straight ways at 10 Hz; forecasts that err by so much, with every frame."""
+    fake = predictor()
+    analytics = Analytics(fake)
+    status = Status(fake, analytics)
     rng = np.random.default_rng(0)
     origin, speed = rng.uniform(-3, 3, (2, people, 1, 2))
     for n in range(int(10 * seconds)):
         ids = np.arange(people) + 2**53  # Beyond what JavaScript counts.
         frame = Frame(start + n / 10, ids, (origin + speed * n / 10)[:, 0])
+        fake.window.push(*frame)
         forecast = None
-        if n % 4 == 0 and n >= 28:
+        fake.dropped = {7: "short", 9: "<script>", **dict.fromkeys(ids.tolist(), "short")}
+        if n >= 28:
             now = np.arange(-7, 9)[:, None] * 0.4 + n / 10
             path = origin + speed * now
             spread = rng.normal(0, 0.1, (5, people, 8, 2)).cumsum(axis=2)
@@ -42,29 +65,24 @@ def frames_and_forecasts(seconds: float, people: int = 3, start: float = 1.7e9) 
             for name, width in (("SGAN", 2.0), ("NeuroSyM", 1.0)):
                 samples = path[:, 8:] + width * spread
                 models[name] = ModelForecast(samples, samples.mean(axis=0), 2)
-            dropped = {7: "short", 9: "<script>"}
+            fake.dropped = {7: "short", 9: "<script>"}
+            nobody = np.zeros(people, int)
             forecast = Forecast(
-                frame.stamp,
-                n // 4,
-                ids,
-                path[:, :8],
-                models,
-                dropped,
-                1e-3 * (n % 5 + 1),
-                np.zeros(people, int),
+                frame.stamp, n, ids, path[:, :8], models, fake.dropped, 1e-3, nobody
             )
-            analytics.add(forecast)
-        yield frame, forecast, analytics.summary()
+            status.published(1e-3 * (n % 5 + 1))
+        analytics.add(forecast)
+        yield ReplayEvent(frame, forecast), status.now(), None
 
 
 @pytest.fixture
 def moments() -> Moments:
-    return Moments(MODELS, title="three people </script>")
+    return Moments(predictor(), title="three people </script>")
 
 
 @pytest.fixture
 def stream() -> Callable[..., Iterator[Shown]]:
-    return frames_and_forecasts
+    return shown
 
 
 @pytest.fixture(scope="session")

@@ -18,11 +18,17 @@ from neurosym_robot.dashboard import ReplayFile
 from neurosym_robot.dashboard.moments import MAX_NAMED
 from neurosym_robot.dashboard.pair_symbols import PairSymbols
 from neurosym_robot.online.frames import Frame
+from neurosym_robot.online.replay import ReplayEvent
+
+NOW = {"missing": {}, "score": {}}
 
 
-def test_a_forecast_is_told_whole(moments, stream):
-    *_, (frame, forecast, summary) = [event for event in stream(6) if event[1] is not None]
-    told = json.loads(moments.moment(frame, forecast, summary))
+def test_a_forecast_is_told_whole_once_a_period(moments, stream):
+    events = list(stream(6))
+    told = [json.loads(moments.moment(*event)) for event in events]
+    assert [n for n, each in enumerate(told) if each["step"]] == list(range(28, 60, 4))
+    (frame, forecast, *_), now, _ = events[56]
+    told = told[56]
     assert told["ids"] == [str(id) for id in frame.ids]
     assert_allclose(np.reshape(told["xy"], (-1, 2)), frame.xy, atol=6e-4)
     step = told["step"]
@@ -31,9 +37,8 @@ def test_a_forecast_is_told_whole(moments, stream):
         samples = np.reshape(step["models"][name]["samples"], (3, 5, 8, 2)).swapaxes(0, 1) / 100
         assert_allclose(samples + forecast.observed[:, -1:], result.samples, atol=6e-3)
         assert step["models"][name]["central"] == result.central
-    assert step["dropped"] == {"7": "short", "9": "<script>"}
-    assert step["score"] == summary
-    assert step["latency"] == pytest.approx(1e3 * forecast.latency)
+    assert told["now"]["missing"] == {"7": "short", "9": "<script>"}
+    assert (told["now"]["age"], step["score"]) == (now["age"], now["score"])
     codes, alpha = moments._symbols(forecast.observed)
     assert step["codes"] == [int(codes[pair]) for pair in ((0, 1), (0, 2), (1, 2))]
     assert_allclose(step["alpha"], alpha.ravel(), atol=6e-5)
@@ -61,7 +66,7 @@ def test_symbols_and_weights_are_the_models_own():
 def test_time_never_falls(moments):
     nobody = np.zeros(0, np.int64), np.zeros((0, 2))
     stamps = [100.0, 100.4, 100.4, 100.2, math.nan, math.inf, 101.0, 50.0, 50.4, 1e9]
-    told = [moments.moment(Frame(stamp, *nobody), None, {}) for stamp in stamps]
+    told = [moments.moment(ReplayEvent(Frame(stamp, *nobody), None), NOW) for stamp in stamps]
     times = [json.loads(line)["t"] for line in told if line]
     assert times == pytest.approx([0, 0.4, 1.0, 61.0, 61.4, 1e9 - 50 + 61])
 
@@ -71,10 +76,11 @@ def test_whatever_is_seen_is_bounded_and_sound(moments):
     xy = np.full((10_000, 2), np.nan)
     xy[::2] = ids[::2, None] % 7
     xy[::4] = [np.inf, 1e300]
-    told = moments.moment(Frame(0.0, ids, xy), None, {})
+    now = {"missing": dict.fromkeys(ids.tolist(), "short"), "score": {}}
+    told = moments.moment(ReplayEvent(Frame(0.0, ids, xy), None), now)
     assert len(told) < 100 * MAX_NAMED
     told = json.loads(told)
-    assert len(told["ids"]) == MAX_NAMED
+    assert len(told["ids"]) == len(told["now"]["missing"]) == MAX_NAMED
     assert told["more"] == 2500 - MAX_NAMED
     assert told["ids"][:2] == ["2", "6"]
 

@@ -44,22 +44,24 @@ def test_people_come_and_go_for_long(model, minutes):
     place, step = rng.uniform(0, 20, (len(id), 2)), rng.normal(0, 0.1, (len(id), 2))
     step[:2] *= 0.05  # Those who stay do not walk off the map.
     predictor = Predictor(model("as_described"), samples=2, max_people=PEOPLE)
-    analytics, compiled = Analytics.of(predictor), compile_seconds()
-    memory, indices = [], []
+    analytics, compiled = Analytics(predictor), compile_seconds()
+    memory, count = [], 0
     for frame in range(frames):
         here = (first <= frame) & (frame <= last)
         xy = place[here] + step[here] * (frame - first[here])[:, None]
         # It begins at a clock that counts from 1970, with frames that tremble by 2 ms.
         stamp = 1.7e9 + frame / RATE + (2e-3 * np.sin(frame) if frame % 4 else 0.0)
         forecast = predictor.push(stamp, id[here], xy)
+        analytics.add(forecast)
         if forecast is not None:
-            analytics.add(forecast)
-            indices.append(forecast.index)
-            whole = here & (first <= frame - 4 * (OBS - 1))
-            assert forecast.ids.tolist() == id[whole].tolist()
+            count += 1
+            # Whose window begins within the trembling of its first frame may have it or not.
+            whole, sure = (here & (first <= frame - 4 * (OBS - 1) - n) for n in (0, 1))
+            ids = set(forecast.ids.tolist())
+            assert set(id[sure].tolist()) <= ids <= set(id[whole].tolist())
         if frame % (frames // 6) == frames // 12:
             memory.append(resident())
-    assert indices == list(range(OBS - 1, frames // 4))
+    assert count >= frames - 4 * (OBS - 1) - 1  # With every frame.
     assert compile_seconds() == compiled
     assert max(memory) - memory[0] < (8e6 if minutes == 60 else 3e6), memory
     health = vars(predictor.health)
@@ -67,5 +69,5 @@ def test_people_come_and_go_for_long(model, minutes):
     assert health.pop("forgotten") > len(id) - 2 * PEOPLE
     assert not any(health.values()), health
     summary = analytics.summary()
-    assert summary["forecasts"] == len(indices)
+    assert summary["forecasts"] == count
     assert summary["dropped"].keys() <= {"short", "unseen", "future unknown"}

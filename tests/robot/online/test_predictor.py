@@ -32,11 +32,10 @@ def test_frame_by_frame_equals_batches_of_windows(model):
     models = {"sgan": model(), "neurosym": model("as_described", "ped")}
     predictor = Predictor(models, samples=3, seed=7, recording=tracks.recording, max_people=8)
     forecasts = [f for frame in stream(tracks) if (f := predictor.push(*frame)) is not None]
+    assert len(forecasts) == len(np.unique(tracks.stamp)) - 12  # One with every frame.
     windows = cut_windows([resample(tracks, 0.4)], 4, 3)
     (batch,) = make_batches(windows)
     scene = batch.scene
-    # The last pred_len forecasts have no whole future, so no window.
-    assert len(forecasts) - 3 == windows.scenes > 10
     for name, each in models.items():
         forecaster = each.forecaster
         noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
@@ -44,13 +43,27 @@ def test_frame_by_frame_equals_batches_of_windows(model):
         for at, n in enumerate(batch.index):
             if n < 0:
                 continue
-            online = forecasts[n]
+            online = forecasts[4 * n]
             assert online.index - 3 == windows.identity[n, 1]
             offline = futures[:, at, :5] + scene.origin[at]
             assert_allclose(online.models[name].samples, offline, atol=1e-5)
             part = slice(windows.bounds[n], windows.bounds[n + 1])
             assert_allclose(online.observed, windows.position[part, :4], atol=1e-9)
             assert_array_equal(online.ids, windows.agent[part])
+
+
+def test_a_frame_that_is_only_observed_changes_no_other_forecast(model):
+    tracks = simulate("cross-path", 3, 6.0, people=5)
+    every, some = (Predictor(model(), samples=2, max_people=8) for _ in range(2))
+    for n, frame in enumerate(stream(tracks)):
+        wanted = every.push(*frame)
+        assert some.observe(*frame)
+        forecast = some.forecast() if n % 3 == 0 else None
+        if forecast is not None:
+            assert wanted is not None
+            assert forecast.stamp == wanted.stamp == frame[0]
+            for one, other in zip(forecast.models.values(), wanted.models.values()):
+                assert_array_equal(one.samples, other.samples)
 
 
 def test_equals_predict_with_people_coming_and_going(model):
@@ -69,7 +82,7 @@ def test_equals_predict_with_people_coming_and_going(model):
         )
         assert_allclose(result.samples, expected, atol=1e-5)
         assert_allclose(result.mean, expected.mean(axis=0), atol=1e-5)
-        assert forecast.stamp == pytest.approx(forecast.index * 0.4)
+        assert forecast.index == round(forecast.stamp / 0.4)
         assert forecast.latency > 0
     assert {1, 2, 3} <= sizes
 
@@ -104,13 +117,17 @@ def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
     assert compile_seconds() == compiled
 
 
-def test_misuse_is_refused(model):
-    with pytest.raises(InputError, match="steps"):
-        Predictor({})
-    with pytest.raises(InputError, match="samples"):
-        Predictor(model(), samples=0)
-    with pytest.raises(InputError, match="seed"):
-        Predictor(model(), seed=-1)
+@pytest.mark.parametrize(
+    ("models", "options", "reason"),
+    [
+        ({}, {}, "steps"),
+        (None, {"samples": 0}, "samples"),
+        (None, {"seed": -1}, "seed"),
+    ],
+)
+def test_misuse_is_refused(model, models, options, reason):
+    with pytest.raises(InputError, match=reason):
+        Predictor(model() if models is None else models, **options)
 
 
 def test_the_models_steps_are_the_windows(model):
@@ -121,8 +138,7 @@ def test_the_models_steps_are_the_windows(model):
         Predictor({"one": one, "other": other})
 
 
-def test_programs_are_compiled_when_it_is_asked_for(model):
-    """Needed: each by the first who need it. Meanwhile: until then fewer are forecast, and said."""
+def test_a_recording_waits_for_programs_that_it_needs(model):
     said: list[str] = []
     predictor = Predictor(model(), samples=2, max_people=40, compile="needed", report=said.append)
     assert not said
@@ -133,35 +149,49 @@ def test_programs_are_compiled_when_it_is_asked_for(model):
     assert len(forecast.ids) == 10
     assert said == ["compiling for up to 16 people (3 of 5)"]
     assert forecast.latency < 0.5
+    assert predictor.waited > forecast.latency
 
-    begun, go = threading.Event(), threading.Event()
+
+def test_a_robot_does_not_wait_and_says_who_does(model):
+    """Nobody is forecast at first, then fewer, then all; no frame waits."""
+    said: list[str] = []
+    begun, go = {4: threading.Event(), 16: threading.Event()}, threading.Event()
+    hold = threading.Event()
 
     def report(text):
         said.append(text)
-        if "up to 8 people" in text:
-            begun.set()
-            go.wait(20)
+        for size, event in begun.items():
+            if f"up to {size} people" in text:
+                event.set()
+                (hold if size == 4 else go).wait(20)
 
-    said.clear()
     predictor = Predictor(model(), samples=2, max_people=12, compile="meanwhile", report=report)
-    begun.wait(20)
-    try:
-        for n in range(4):
-            forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
-        assert forecast is not None
-        assert len(forecast.ids) == 4
-        assert set(forecast.dropped.values()) == {"compiling"}
-        # The middle of all is at 4.5: these are the nearest.
-        assert forecast.ids.tolist() == [3, 4, 5, 6]
-    finally:
-        go.set()
+    ids = np.arange(10)
+
+    def push(n: int):
+        return predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
+
+    begun[4].wait(20)
+    began = time.monotonic()
+    assert [push(n) for n in range(4)] == [None] * 4
+    assert time.monotonic() - began < 2
+    assert predictor.dropped == dict.fromkeys(range(10), "compiling")
+    hold.set()
+    # What the people present need comes next, before the program for eight.
+    begun[16].wait(20)
+    forecast = push(4)
+    assert forecast is not None
+    # The middle of all is at 4.5: these are the nearest.
+    assert forecast.ids.tolist() == [3, 4, 5, 6]
+    assert set(forecast.dropped.values()) == {"compiling"}
+    go.set()
     for _ in range(200):
         if said[-1] == "everything is compiled":
             break
         time.sleep(0.1)
-    forecast = predictor.push(1.6, ids, np.stack([ids, ids + 1.6], 1))
+    forecast = push(5)
     assert forecast is not None
     assert len(forecast.ids) == 10
     (result,) = forecast.models.values()
-    expected = predict(model(), forecast.observed, samples=2, frame=1)
+    expected = predict(model(), forecast.observed, samples=2, frame=2)
     assert_allclose(result.samples, expected, atol=1e-5)

@@ -14,7 +14,7 @@ import rclpy
 from geometry_msgs.msg import Pose, PoseArray
 from visualization_msgs.msg import MarkerArray
 
-FORECAST, TRUTH = "/hri/human_poses_prediction_neurosym", "/hri/human_poses_gt"
+MARKERS = "/hri/human_poses_prediction_neurosym/markers"
 
 
 def main() -> None:
@@ -24,29 +24,23 @@ def main() -> None:
     rclpy.init()
     node = rclpy.create_node("peer")
     heard: list[dict] = []
-    markers: list[dict] = []
 
-    def hear(message: PoseArray) -> None:
-        heard.append(
+    def hear(message: MarkerArray) -> None:
+        told = [
             {
-                "stamp": message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec,
-                "frame_id": message.header.frame_id,
-                "xy": [[pose.position.x, pose.position.y] for pose in message.poses],
-                "zw": [[pose.orientation.z, pose.orientation.w] for pose in message.poses],
+                "ns": marker.ns,
+                "type": marker.type,
+                "frame_id": marker.header.frame_id,
+                "points": [[point.x, point.y] for point in marker.points],
             }
-        )
+            for marker in message.markers
+        ]
+        stamp = message.markers[0].header.stamp
+        heard.append({"stamp": stamp.sec + 1e-9 * stamp.nanosec, "markers": told})
 
-    def mark(message: MarkerArray) -> None:
-        for marker in message.markers:
-            points = [[point.x, point.y] for point in marker.points]
-            markers.append({"ns": marker.ns, "type": marker.type, "points": points})
-
-    node.create_subscription(PoseArray, FORECAST, hear, 100)
-    node.create_subscription(MarkerArray, FORECAST + "/markers", mark, 100)
-    truth: list[PoseArray] = []
-    node.create_subscription(PoseArray, TRUTH, truth.append, 100)
+    node.create_subscription(MarkerArray, MARKERS, hear, 100)
     people = node.create_publisher(PoseArray, sys.argv[3], 100)
-    wait(node, 60, lambda: people.get_subscription_count() and node.count_publishers(FORECAST))
+    wait(node, 60, lambda: people.get_subscription_count() and node.count_publishers(MARKERS))
     # We know of the other side before it knows of us, and best effort sends nothing again.
     wait(node, 1.0, lambda: False)
     for stamp, positions in frames:
@@ -60,7 +54,7 @@ def main() -> None:
         people.publish(message)
         wait(node, float(sys.argv[2]), lambda: False)
     wait(node, 1.0, lambda: False)
-    print(json.dumps({"forecasts": heard, "markers": markers, "truth": len(truth)}))
+    print(json.dumps(heard))
     rclpy.shutdown()
 
 

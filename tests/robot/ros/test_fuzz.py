@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from neurosym_jax.runtime.process import compile_seconds
 from neurosym_robot.online.analytics import Analytics
@@ -15,9 +16,10 @@ from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.replay import advance
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.definitions import PEOPLE
+from neurosym_robot.ros.definitions import FORECAST, PEOPLE
+from neurosym_robot.ros.forecasting_node import WAITING
 from neurosym_robot.ros.ros1 import ForecastNode
-from neurosym_robot.tracking.live import OnlineStitcher
+from neurosym_robot.tracking.live import OnlineStitcher, mend
 
 FLOOD = 10_000
 STEPS = (0.1, 0.1, 0.1, 0.1, 0.1, 0.0, -0.05, 1.5, -20.0, 50.0, 1e6, -1e6, np.nan, -np.inf)
@@ -44,11 +46,14 @@ def random_frames(seed: int, length: int):
 def test_random_streams_never_crash_the_chain(model, stitch):
     predictor = Predictor(model(), samples=2, max_people=8, max_tracks=10)
     stitcher = OnlineStitcher(max_tracks=10) if stitch else None
-    analytics, compiled, forecasts = Analytics.of(predictor), compile_seconds(), 0
+    analytics, compiled, forecasts = Analytics(predictor), compile_seconds(), 0
     for stamp, ids, xy in random_frames(0, 3000):
-        if stitch:  # In messages ids are whole.
-            ids = np.nan_to_num(ids).astype(np.int64)
-        _, forecast, scored = advance(Frame(stamp, ids, xy), predictor, analytics, stitcher)
+        frame = Frame(stamp, ids, xy)
+        if stitcher is not None:  # In messages ids are whole.
+            frame = frame._replace(ids=np.nan_to_num(ids).astype(np.int64))
+            frame, _ = mend(stitcher, frame)
+        forecast = advance([frame], predictor).forecast
+        scored = analytics.add(forecast)
         if forecast is None:
             continue
         forecasts += 1
@@ -64,15 +69,16 @@ def test_random_streams_never_crash_the_chain(model, stitch):
 
 
 def test_floods_of_ids_leave_memory_as_it_is(model):
-    predictor, analytics = Predictor(model(), samples=2, max_people=8, max_tracks=50), Analytics()
+    predictor = Predictor(model(), samples=2, max_people=8, max_tracks=50)
+    analytics = Analytics(predictor)
     stitcher = OnlineStitcher(max_tracks=50)
     ids, walk = np.arange(FLOOD), np.arange(FLOOD)[:, None] * [0.01, 0.0]
 
     def flood(start: int, length: int) -> int:
         """Everybody is new in every eighth frame; the memory that is held at the end."""
         for n in range(start, start + length):
-            frame = Frame(n * 0.4, ids + FLOOD * (n // 8), walk)
-            advance(frame, predictor, analytics, stitcher)
+            frame, _ = mend(stitcher, Frame(n * 0.4, ids + FLOOD * (n // 8), walk))
+            analytics.add(advance([frame], predictor).forecast)
         gc.collect()
         return tracemalloc.get_traced_memory()[0]
 
@@ -95,6 +101,11 @@ def people(node: ForecastNode, frame: Frame) -> bytes:
     return bytes(store.serialize_ros1(messages.make_people(node._new, frame), PEOPLE))
 
 
+def work(node: ForecastNode, *messages: bytes) -> None:
+    """Let the node work on messages that wait."""
+    node.work([(data, None, 0.0) for data in messages])
+
+
 def broken(data: bytes, rng: random.Random) -> bytes:
     """`data` with a few bytes changed, cut out, put in, or with another length in it."""
     changed = bytearray(data)
@@ -115,12 +126,12 @@ def broken(data: bytes, rng: random.Random) -> bytes:
 def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
     rng, forecasts = random.Random(0), node.analytics.forecasts
     for n in range(300):
-        node.work(rng.randbytes(rng.randrange(100)))
+        work(node, rng.randbytes(rng.randrange(100)))
         whole = people(node, Frame(1e9 + n, np.arange(3), np.full((3, 2), np.nan)))
-        node.work(broken(whole, rng))
+        work(node, broken(whole, rng))
     assert node.malformed > 400
     for n in range(20):
-        node.work(people(node, Frame(2e9 + n / 10, np.arange(3), np.ones((3, 2)) * n)))
+        work(node, people(node, Frame(2e9 + n / 10, np.arange(3), np.ones((3, 2)) * n)))
     assert node.analytics.forecasts > forecasts
     assert "malformed" in node.status.line()
 
@@ -132,21 +143,40 @@ def test_forecasts_that_ros_has_no_time_for(node):
         for n in range(40)
     ]
     for frame in frames:
-        node.work(people(node, frame))
+        work(node, people(node, frame))
     assert node.malformed == len(frames)
 
 
-def test_more_messages_than_can_be_worked_on(node):
+def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecast_node):
+    """All frames that wait are observed, so that the forecast is that of a node that kept up."""
+    idle, loaded = (forecast_node(name=name) for name in ("idle", "loaded"))
+    sent: dict[str, list[Any]] = {"idle": [], "loaded": []}
+    ways = np.array([[[n / 10, 0.0], [0.0, n / 10]] for n in range(40)])
+    frames = [Frame(1e9 + n / 10, np.array([1, 2]), xy) for n, xy in enumerate(ways)]
+    walk = [people(idle, frame) for frame in frames]
+    for node, batch in ((idle, 1), (loaded, 5)):
+        node._is_heard = lambda publisher: True
+        node._send = lambda publisher, message, to=sent[node.name[1:]]: to.append(message)
+        for n in range(0, 40, batch):
+            work(node, *walk[n : n + batch])
+    kinds = [[each for each in sent[name] if each.__msgtype__ == FORECAST] for name in sent]
+    assert [len(each) for each in kinds] == [28, 6]
+    for message in kinds[1]:
+        (same,) = (each for each in kinds[0] if each.header.stamp == message.header.stamp)
+        assert_array_equal(same.futures, message.futures)
+    assert (idle.status.skipped, loaded.status.skipped) == (0, 24)
+    assert "skipped 24" in loaded.status.line()
+    # More than may wait are counted, too, and the newest are kept.
     for n in range(1000):
-        node.hear(b"%d" % n)
-    assert node.late == 1000 - node._waiting.maxsize
-    assert node._waiting.get()[0] == b"%d" % node.late
+        loaded.hear(b"%d" % n)
+    assert loaded.late == 1000 - WAITING
+    assert loaded._waiting[-1][0] == b"999"
 
 
 def test_a_crowd_in_one_message(node):
     """The nearest are forecast; more than a message may hold does not get as far as here."""
     ids, xy = np.arange(FLOOD), np.zeros((FLOOD, 2))
     for n in range(5):
-        node.work(people(node, Frame(1e9 + 0.4 * n, ids, xy + 0.1 * n)))
+        work(node, people(node, Frame(1e9 + 0.4 * n, ids, xy + 0.1 * n)))
     assert node.analytics.forecasts == 2
     assert node.predictor.health.refused == 5 * (FLOOD - 1024)

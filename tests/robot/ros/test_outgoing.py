@@ -1,27 +1,15 @@
 """What is told of a forecast arrives whole, on ROS 1 and on ROS 2."""
 
-import dataclasses
 import functools
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.symbolic.calculi import CALCULI
-from neurosym_jax.symbolic.forecast import symbolic_forecast
-from neurosym_jax.symbolic.states import format_state
-from neurosym_robot.online.pairs import PAIRS, LikelyEvents
+from neurosym_robot.online.pairs import LikelyEvents
 from neurosym_robot.online.predictor import Forecast, ModelForecast
-from neurosym_robot.ros.definitions import EVENTS, STATES, blank, typestore
-from neurosym_robot.ros.outgoing import (
-    MARKERS,
-    central_path,
-    events_message,
-    markers_message,
-    poses_message,
-    samples_message,
-    states_message,
-)
+from neurosym_robot.ros.definitions import EVENTS, blank, typestore
+from neurosym_robot.ros.outgoing import MARKERS, events_message, markers_message, samples_message
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -80,46 +68,6 @@ def test_events_in_words_and_numbers(store, forecast):
     assert received(store, events_message(new, forecast, "SGAN", 0.4, "map", 1.0)).events == []
 
 
-@pytest.fixture(scope="module")
-def crowd():
-    """A forecast of 24 people, and the states of all their pairs."""
-    rng = np.random.default_rng(1)
-    observed = rng.uniform(-9, 9, (24, 3, 2))
-    samples = observed[:, -1:] + rng.normal(size=(6, 24, 4, 2))
-    models = {"SGAN": ModelForecast(samples, samples.mean(axis=0), 0)}
-    ids, nobody = 7 * np.arange(24) - 21, np.zeros(24, int)
-    many = Forecast(100.5, 9, ids, observed, models, {}, 0.0, nobody)
-    return many, symbolic_forecast(samples, observed, period=0.4)
-
-
-def test_states_of_the_nearest_pairs_step_by_step(store, crowd):
-    new, (many, found) = functools.partial(blank, store), crowd
-    message = received(store, states_message(new, many, "SGAN", 0.4, "map"))
-    assert (message.__msgtype__, message.model, message.header.frame_id) == (STATES, "SGAN", "map")
-    assert (message.calculus, message.period, message.header.stamp.sec) == ("c1", 0.4, 100)
-    assert message.speed == pytest.approx(0.125)
-    mean = many.models["SGAN"].mean
-    least = np.linalg.norm(mean[:, None] - mean, axis=-1).min(axis=-1)
-    nearest = np.sort(least[np.triu_indices(24, 1)])[:PAIRS]
-    rows = [(pair.k // 7 + 3, pair.l // 7 + 3) for pair in message.pairs]
-    assert_allclose([least[row] for row in rows], nearest)
-    for pair, row in zip(message.pairs, rows):
-        assert_allclose(pair.symbols.reshape(4, 4, 3), found.symbols[row], atol=1e-6)
-        shares = np.asarray(found.states[row])
-        assert_allclose(pair.probability, shares.max(axis=1), atol=1e-6)
-        likeliest = [format_state(CALCULI["c1"].states[each], "") for each in shares.argmax(axis=1)]
-        assert pair.states == likeliest
-
-
-def test_somebody_alone_has_no_states(store, crowd):
-    many, result = crowd[0], crowd[0].models["SGAN"]
-    one = ModelForecast(result.samples[:, :1], result.mean[:1], 0)
-    alone = dataclasses.replace(many, ids=many.ids[:1], observed=many.observed[:1])
-    alone = dataclasses.replace(alone, models={"SGAN": one})
-    new = functools.partial(blank, store)
-    assert received(store, states_message(new, alone, "SGAN", 0.4, "map")).pairs == []
-
-
 def test_lines_for_rviz(store, forecast):
     message = markers_message(functools.partial(blank, store), forecast, "SGAN", 0.4, "map")
     assert message.__msgtype__ == MARKERS
@@ -128,15 +76,3 @@ def test_lines_for_rviz(store, forecast):
     assert seen.color.a == 1 > lost.color.a > 0
     end = forecast.models["SGAN"].samples[3, 0, -1]
     assert_allclose([seen.points[-1].x, seen.points[-1].y], end)
-
-
-def test_poses_are_the_central_sample_and_face_the_way(store, forecast):
-    new = functools.partial(blank, store)
-    poses = received(store, poses_message(new, forecast, "SGAN", 0.4, "map")).poses
-    path = central_path(forecast, "SGAN")
-    found = np.array([(pose.position.x, pose.position.y) for pose in poses])
-    assert_allclose(found, path[:, 1:].reshape(-1, 2))
-    z, w = np.array([(pose.orientation.z, pose.orientation.w) for pose in poses]).T
-    steps = np.diff(path, axis=1).reshape(-1, 2)
-    facing = np.stack([w**2 - z**2, 2 * z * w], axis=1)
-    assert_allclose((facing * steps).sum(axis=1), np.linalg.norm(steps, axis=1), atol=1e-9)

@@ -34,14 +34,14 @@ ROOT = Path(__file__).resolve().parents[3]
 PEER = Path(__file__).with_name("rospy_peer.py")
 SYSTEM = "/usr/bin/python3"
 FORECASTS = ("/hri/human_poses_prediction_neurosym", "/hri/human_poses_prediction_baseline")
-STATES = f"{FORECASTS[0]}/states"
+SAMPLES = f"{FORECASTS[0]}/samples"
 TELL = """
 import rosbag, sys
 for _, m, _ in rosbag.Bag(sys.argv[1]).read_messages(sys.argv[2]):
-    for p in m.pairs:
-        print(m.header.frame_id, m.calculus, p.k, p.l, len(p.states), *map(len, p.states))
+    whole = len(m.futures) == 2 * m.samples * m.steps * len(m.ids)
+    print(m.header.frame_id, m.samples, m.steps, whole)
 """
-"""The states of a bag as ROS's own Python reads them."""
+"""The samples of a bag as ROS's own Python reads them."""
 PACKAGES = "python3-rospy python3-roslaunch python3-rosbag"
 
 
@@ -200,7 +200,7 @@ def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_n
         message = messages.make_people(node._new, Frame(1e9 + n / 10, ids, xy), "odom")
         for person in message.people:
             person.tags = ["kept"]
-        node.work(bytes(store.serialize_ros1(message, PEOPLE)))
+        node.work([(bytes(store.serialize_ros1(message, PEOPLE)), None, 0.0)])
     back = [store.deserialize_ros1(data, PEOPLE) for data in sent]
     assert {person.name for message in back for person in message.people} == {"1", "2"}
     assert all(person.tags == ["kept"] for message in back for person in message.people)
@@ -260,7 +260,7 @@ def test_a_second_tracker_is_left_out_until_the_first_is_gone(graph, node):
     second.end()
 
 
-def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
+def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_path):
     path, recorded = tmp_path / "people.bag", tmp_path / "recorded.bag"
     with BagWriter(path) as bag:
         for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=3)):
@@ -268,7 +268,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
             people = messages.make_people(bag.new, frame, "odom")
             bag.write("/people", frame.stamp, people)
     listener = graph.listener()
-    recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS, STATES)
+    recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS, SAMPLES)
     uri = call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
     wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 3)
     done = subprocess.run(
@@ -290,12 +290,29 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, tmp_path):
         if topic in FORECASTS
     }
     assert len(heard & there) > 10
-    told = subprocess.run([SYSTEM, "-c", TELL, recorded, STATES], capture_output=True, text=True)
-    pairs = [line.split() for line in told.stdout.splitlines()]
-    assert len(pairs) > 10, told.stderr
-    assert {(frame, calculus) for frame, calculus, *_ in pairs} == {("odom", "c1")}
-    assert all(sizes == ["3", "4", "4", "4"] for _, _, _, _, *sizes in pairs)
+    told = subprocess.run([SYSTEM, "-c", TELL, recorded, SAMPLES], capture_output=True, text=True)
+    rows = [line.split() for line in told.stdout.splitlines()]
+    assert len(rows) > 10, told.stderr
+    assert {tuple(row) for row in rows} == {("odom", "3", "3", "True")}
     assert 40 < len(list(read_people(recorded, "/people"))) <= 81
+    # What was played live is what a replay of the bag says, frame by frame.
+    out = tmp_path / "replayed.bag"
+    options = ("--samples", "3", "--max-people", "4", "--out", out, "--model", *models)
+    command = [sys.executable, "-m", "neurosym_jax", "replay", path, *options]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    live, again = (
+        {
+            round(seconds_of(message.header.stamp), 6): message.futures
+            for topic, message in read_messages(bag)
+            if topic == SAMPLES
+        }
+        for bag in (recorded, out)
+    )
+    assert len(live.keys() & again.keys()) > 10
+    assert live.keys() <= again.keys()
+    for stamp, futures in live.items():
+        assert_allclose(futures, again[stamp], atol=1e-5)
 
 
 def test_the_master_is_restarted(graph, node):
@@ -352,6 +369,6 @@ def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path)
     assert np.array(rows[-1]["steps"]).shape[2] == 3
     published = {name for name, _ in call(graph.uri, "getPublishedTopics", "/tests", "")}
     assert {"/mended", "/diagnostics", *(f"{topic}/markers" for topic in FORECASTS)} <= published
-    launched.wait_for(lambda line: "stale: no people for" in line)
+    launched.wait_for(lambda line: "stale: the newest people are" in line)
     assert launched.end(signal.SIGINT) == 0
     assert "Traceback" not in "\n".join(launched.lines)

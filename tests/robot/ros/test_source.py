@@ -91,6 +91,29 @@ def test_coordinates_are_taken_to_the_fixed_frame():
     assert source.frame_id == "map"
 
 
+def test_lost_and_distant_people_are_left_out_in_the_sensors_frame():
+    """(-3000, -3000) is no place in the map, whatever the transform makes of it."""
+    said = []
+    source = PeopleSource("map", report=said.append)
+    source.transforms.hear(transform(0.0, "map", "camera", 2.0), static=True)
+    for at, x, kept in ((1.0, 1.0, 1), (1.1, -3000.0, 0), (1.2, 61.0, 0), (1.3, np.nan, 1)):
+        frame = source.take(PEOPLE, people(at, "camera", x))
+        assert frame is not None
+        assert len(frame.ids) == len(frame.xy) == kept
+    assert source.refused == {"far_people": 2}
+    assert said == [
+        "people more than 60 m from the sensor or robot are left out; --reach sets the limit"
+    ]
+    # Of people who are in the map already, the robot's place counts, if it is known.
+    for robot_frame, kept in (("", 1), ("base", 0)):
+        source = PeopleSource(report=said.append, robot_frame=robot_frame)
+        source.transforms.hear(transform(0.0, "map", "base", 500.0), static=True)
+        for x, wanted in ((1.0, kept), (501.0, 1), (3000.0, 0)):
+            frame = source.take(PEOPLE, people(x, x=x))
+            assert frame is not None
+            assert len(frame.ids) == wanted
+
+
 def test_where_the_robot_is_among_the_people():
     said = []
     source = PeopleSource(report=said.append, robot_frame="base")
@@ -98,7 +121,7 @@ def test_where_the_robot_is_among_the_people():
     assert source.robot(10.0) is None  # Nothing is known of the stream yet.
     assert source.take(PEOPLE, people(10.0)) is not None
     assert source.robot(10.0) is None
-    assert source.refused == {"no_robot": 1}
+    assert source.refused == {"no_robot": 2}
     source.transforms.hear(transform(10.0, "map", "base", 0.0))
     source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
     for at, place in ((10.2, [2, 0, np.pi / 2]), (10.1, [1, 0, np.pi / 4])):
