@@ -33,8 +33,8 @@ class BenchmarkOptions:
 
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, a training iteration, QTC
-    and alpha of all pairs, online latency, the age of a forecast, a robot's first forecasts, a cold process, reading and
-    windowing, growth."""
+    and alpha of all pairs, online latency, the age of a forecast, a robot's first forecasts, a
+    cold process, reading and windowing, growth."""
     data: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """ETH/UCY as SGAN arranges it; zoo, training and reading need it."""
     checkpoints: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None

@@ -52,7 +52,7 @@ TITLES = {
     "training": "training step",
     "symbols": "QTC and alpha",
     "online": "from a frame to 20 forecasts",
-    "age": "Age of information, from a frame's stamp to its forecast at another process",
+    "age": "from a frame's stamp to its forecast at a listener",
     "start": "robot's process",
     "cold": "whole process",
     "reading": "reading",

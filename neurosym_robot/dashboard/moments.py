@@ -15,9 +15,10 @@ A moment has
 - `robot`: x, y [m] and heading [rad] of the robot, or null;
 - `now`: `Status.now()` without its score; `missing` has reasons by id;
 - `step`, once a period if there is a forecast: its own `t`; `ids` [N]; `seen` [N][obs_len * 2]
-  metres, of which the last `extrapolated` [N] steps were not; `models`: by name `central` and
-  `samples` [N][k][pred_len * 2] whole centimetres from the person's last observed position;
-  `codes`, the QTC_C1 state codes of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or
+  metres, of which the last `extrapolated` [N] steps were not; `models`: by name `central`,
+  `weights` [k] and `samples` [N][k][pred_len * 2] whole centimetres from the person's last
+  observed position; `codes`, the QTC_C1 state codes of the pairs (0, 1), (0, 2), ...
+  (N-2, N-1); `alpha` [N * N] or
   null; `likely`, up to `MAX_LIKELY` events, the most probable of each kind first, as (name, k, l,
   probability, seconds) with k and l among the N; and `score`, `Analytics.summary()`.
 
@@ -163,7 +164,11 @@ class Moments:
             "seen": np.round(forecast.observed, 3).reshape(len(last), -1).tolist(),
             "extrapolated": forecast.extrapolated.tolist(),
             "models": {
-                name: {"central": result.central, "samples": _centimetres(result.samples - last)}
+                name: {
+                    "central": result.central,
+                    "weights": np.round(result.weights, 4).tolist(),
+                    "samples": _centimetres(result.samples - last),
+                }
                 for name, result in forecast.models.items()
             },
             "codes": codes[upper].tolist(),

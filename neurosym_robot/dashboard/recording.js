@@ -77,7 +77,7 @@ class Recording {
     const { latest: step, robot, at } = this.moments[index];
     if (!step || !robot) return [];
     const speed = this.velocity(index);
-    const { samples, central } = step.models[this.models[0]];
+    const { samples, central, weights } = step.models[this.models[0]];
     const found = step.ids.filter((id) => at.has(id)).map((id) => {
       const n = step.row.get(id);
       const [x, y] = step.seen[n].slice(-2);
@@ -97,7 +97,7 @@ class Recording {
         }
         return best;
       };
-      const near = samples[n].filter((flat) => least(flat)[0] < 1).length / samples[n].length;
+      const near = samples[n].reduce((sum, flat, k) => sum + (least(flat)[0] < 1 && weights[k]), 0);
       const [closest, seconds] = least(samples[n][central]);
       const place = at.get(id);
       return { id, now: Math.hypot(place[0] - robot[0], place[1] - robot[1]), closest, seconds, near };

@@ -12,14 +12,9 @@ import numpy as np
 
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.evaluation.metrics import metric_names
-<<<<<<< HEAD
 from neurosym_jax.evaluation.scene_score import score
 from neurosym_jax.evaluation.scoring import Scores
-from neurosym_robot.online.predictor import Forecast, Predictor
-=======
-from neurosym_jax.evaluation.scoring import Scores, score
 from neurosym_robot.online.predictor import GRACE, Forecast, Predictor
->>>>>>> be2bb8c (Forecast every frame from what was seen until it, tell the age of information, and skip under load)
 
 __all__ = ["STRAIGHT", "Analytics", "RunningScore", "straight"]
 

@@ -40,6 +40,12 @@ class ModelForecast:
     probability: np.ndarray | None = None
     """[k] of the samples; None where all have the same."""
 
+    @property
+    def weights(self) -> np.ndarray:
+        """[k] probabilities of the samples, which sum to one."""
+        count = len(self.samples)
+        return np.full(count, 1 / count) if self.probability is None else self.probability
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Forecast:

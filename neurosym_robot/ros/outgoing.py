@@ -52,7 +52,7 @@ def samples_message(new: New, forecast: Forecast, model: str, period: float, fra
     count, _, steps = result.samples.shape[:3]
     message.model, message.period, message.central = model, period, result.central
     message.samples, message.steps = count, steps
-    message.weights = np.full(count, 1 / count, np.float32)
+    message.weights = result.weights.astype(np.float32)
     message.ids, message.extrapolated = forecast.ids, forecast.extrapolated.astype(np.uint32)
     message.position, message.velocity = last.ravel(), velocity.ravel().astype(np.float32)
     message.futures = (result.samples - last[:, None]).ravel().astype(np.float32)

@@ -66,7 +66,7 @@ def forecast_message(
     around = result.samples - result.mean
     future = result.samples[result.central]
     covariance = np.zeros((len(future), observed + future.shape[1], 2, 2))
-    covariance[:, observed:] = np.einsum("knti,kntj->ntij", around, around) / len(around)
+    covariance[:, observed:] = np.einsum("k,knti,kntj->ntij", result.weights, around, around)
     everybody = np.arange(len(future))
     confidence = 1 - forecast.extrapolated / observed
     return _with_future(new, forecast, everybody, future, period, frame_id, covariance, confidence)

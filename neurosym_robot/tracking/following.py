@@ -25,12 +25,13 @@ RECENT = 0.5  # seconds of loss after which only a track of the same id continue
 class Track:
     """An unbroken track with its newest points."""
 
-    __slots__ = ("born", "first", "id", "name", "place", "points", "speed", "stamp")
+    __slots__ = ("born", "first", "id", "name", "noted", "place", "points", "speed", "stamp")
 
     def __init__(self, id: int, stamp: float, place: np.ndarray):
         """Somebody new, of the tracker's `id`."""
         self.id, self.born, self.first = id, stamp, place
         self.name: int | None = None
+        self.noted = False
         self.stamp, self.place, self.speed = stamp, place, np.zeros(2)
         self.points = collections.deque([(stamp, *place)], maxlen=POINTS)
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.tracking.following import RECENT, Follower, Track
-from neurosym_robot.tracking.linking import UNLINKED, LinkOptions, TrackEnds, assign, link_costs
+from neurosym_robot.tracking.linking import LinkOptions, TrackEnds, assign, link_costs
 from neurosym_robot.tracking.motion import FAR, MAX_SPEED
 
 __all__ = ["NOBODY", "OnlineStitcher", "mend"]
@@ -16,9 +16,11 @@ __all__ = ["NOBODY", "OnlineStitcher", "mend"]
 NOBODY = int(np.iinfo(np.int64).min)
 """Id of a detection that is far away, not finite, or seen too briefly so far."""
 MOVED = 0.3  # seconds after which a new track's velocity is known, and every allowed link is made
+ENOUGH = 10  # tracks after which it is known whether a tracker has ghosts
 GHOSTLY = 0.2  # share of brief tracks among the newest from which on a tracker has ghosts
+PACE = 2.0  # metres per second: nobody who was lost comes back from farther away
 LATELY = 30  # newest tracks of which that is known
-SURE = 0.1  # cost of a link that is made at once, before the new track's velocity is known
+SURE = 0.2  # cost of a link that is made at once, before the new track's velocity is known
 
 
 def mend(stitcher: "OnlineStitcher", frame: Frame) -> tuple[Frame, np.ndarray]:
@@ -30,6 +32,10 @@ def mend(stitcher: "OnlineStitcher", frame: Frame) -> tuple[Frame, np.ndarray]:
 
 class OnlineStitcher:
     """Gives the people of each frame mended ids; a decision is never changed.
+
+    A newcomer goes on with a lost track at once if they are where it is expected, and is somebody
+    new at once if nobody who was lost can have come so far; otherwise, and where the tracker has
+    ghosts, it is decided within `options.least` seconds.
 
     Memory is bounded: a track not seen for `forget` seconds is forgotten, and its id then means a
     new person; at most `max_tracks` are followed, and the others keep their ids.
@@ -59,7 +65,6 @@ class OnlineStitcher:
         self._follower = Follower(self.forget, max_tracks, far, max_speed)
         self._fresh = 0
         self._brief: collections.deque[bool] = collections.deque(maxlen=LATELY)
-        self._noted: set[int] = set()
 
     def push(self, stamp: float, ids: ArrayLike, xy: ArrayLike) -> np.ndarray:
         """[N] int64, mended ids of the people of a frame, or `NOBODY`.
@@ -103,18 +108,19 @@ class OnlineStitcher:
         wait = max(min(MOVED, self.options.least), 1e-6)
         sure = np.array([min(1.0, age[id(each)] / wait) for each in new])
         alone = self._link(new, SURE + (1 - SURE) * sure**2)
-        ghostly = sum(self._brief) > GHOSTLY * len(self._brief)
+        known = len(self._brief)
+        ghostly = known < ENOUGH or sum(self._brief) > GHOSTLY * known
         for track, free in zip(new, alone):
             settled = age[id(track)] >= self.options.least
             if track.name is None and (settled or (free and not ghostly)):
                 track.name = self._unused(track.id)
 
     def _note_ghosts(self) -> None:
-        """Remember of each track that ended lately whether it was brief."""
+        """Remember of each track, once that is known, whether it was brief."""
         for track in self._follower.tracks:
             last = self._follower.stamp - track.stamp
-            if id(track) not in self._noted and (last > RECENT or track.age >= self.options.least):
-                self._noted.add(id(track))
+            if not track.noted and (last > RECENT or track.age >= self.options.least):
+                track.noted = True
                 self._brief.append(track.age < self.options.least)
 
     def _link(self, new: list[Track], most: np.ndarray) -> np.ndarray:
@@ -142,7 +148,10 @@ class OnlineStitcher:
         for end, start in zip(*assign(cost, most)):
             new[start].name = tracks[end].name
             self.joined += 1
-        return (cost == UNLINKED).all(axis=0)
+        gap = starts.stamp - ends.stamp[:, None]
+        moved = np.linalg.norm(starts.position - ends.position[:, None], axis=-1)
+        walkable = moved <= self.options.reach + PACE * gap
+        return ~((gap > 0) & (gap <= self.options.max_gap) & walkable).any(axis=0)
 
     def _unused(self, id: int) -> int:
         """The tracker's id, or a number of our own if another track has that name."""

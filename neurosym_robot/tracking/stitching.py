@@ -108,7 +108,9 @@ def stitched_ids(
             motion[side, n] = velocity(at[near], xy[near])
     ends = TrackEnds(stamp[last[free]], position[last[free]], motion[0])
     starts = TrackEnds(stamp[first[free]], position[first[free]], motion[1])
-    links = [(free[end], free[start]) for end, start in zip(*assign(link_costs(ends, starts, options)))]
+    links = [
+        (free[end], free[start]) for end, start in zip(*assign(link_costs(ends, starts, options)))
+    ]
     joins = [
         Join(int(ids[end]), int(ids[start]), float(stamp[first[start]] - stamp[last[end]]))
         # In order of time, so that the track gone on has its final name already.

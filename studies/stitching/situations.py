@@ -1,4 +1,4 @@
-"""Six situations in which trackers break: who was where, and what a 10 Hz tracker said of it."""
+"""Seven situations in which trackers break: who was where, and what a 10 Hz tracker said of it."""
 
 import dataclasses
 from collections.abc import Callable
@@ -15,6 +15,8 @@ RATE, SECONDS = 10.0, 60.0
 FAULTS = TrackerFaults(dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
 """A loss of 1 s on average every 20 s and person, each under a new id."""
 OFTEN = dataclasses.replace(FAULTS, dropout=0.01)
+LOST = dataclasses.replace(OFTEN, noise=0.05)
+"""Of people who come and go."""
 SWAPS = dataclasses.replace(FAULTS, id_swap=0.05)
 GHOSTS = (2.0, 0.5)
 """False tracks a second, and seconds that one lasts on average."""
@@ -81,11 +83,22 @@ def hall(seed: int) -> Labelled:
     return _seen(rng, ways)
 
 
+def doors(seed: int) -> Labelled:
+    """A corridor of 12 m whose ends are doors: all go in and out at the same two places."""
+    rng = np.random.default_rng([seed, 5])
+    ways = []
+    for start in _arrivals(rng, 0.5):
+        ends = [[x, 1.5 + rng.normal(0, 0.15)] for x in (0.0, 12.0)]
+        ways.append((start, ends[:: rng.choice([-1, 1])], rng.uniform(0.8, 1.5), 0.0))
+    return _seen(rng, ways)
+
+
 SITUATIONS: dict[str, Callable[[int], Labelled]] = {
     "room": room,
     "room often": room_often,
     "hall": hall,
     "corridor": corridor,
+    "doors": doors,
     "ghosts": ghosts,
     "swaps": swaps,
 }
@@ -100,20 +113,20 @@ def _on_side(side: int, along: float) -> list[float]:
 
 
 def _seen(rng: np.random.Generator, ways: list) -> Labelled:
-    """What a tracker with `FAULTS` says of people who walk their ways, one after the other."""
+    """What a tracker with `LOST` says of people who walk their ways, one after the other."""
     people = [_walk(rng, *way) for way in ways]
     stamps, persons, places, ids = [], [], [], []
     fresh = len(people)
     for person, (stamp, path) in enumerate(people):
         id, lost_until = person, -1
         for n in range(len(stamp)):
-            if n >= lost_until and rng.random() < FAULTS.dropout:
-                lost_until = n + rng.geometric(1 / (FAULTS.dropout_seconds * RATE))
+            if n >= lost_until and rng.random() < LOST.dropout:
+                lost_until = n + rng.geometric(1 / (LOST.dropout_seconds * RATE))
                 id, fresh = fresh, fresh + 1
             if n >= lost_until:
                 stamps.append(stamp[n])
                 persons.append(person)
-                places.append(path[n] + rng.normal(0, FAULTS.noise, 2))
+                places.append(path[n] + rng.normal(0, LOST.noise, 2))
                 ids.append(id)
     return _labelled(np.array(stamps), np.array(ids), np.array(places), np.array(persons))
 

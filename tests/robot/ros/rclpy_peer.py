@@ -40,7 +40,7 @@ def main() -> None:
 
     node.create_subscription(MarkerArray, MARKERS, hear, 100)
     people = node.create_publisher(PoseArray, sys.argv[3], 100)
-    wait(node, 60, lambda: people.get_subscription_count() and node.count_publishers(MARKERS))
+    wait(node, 300, lambda: people.get_subscription_count() and node.count_publishers(MARKERS))
     # We know of the other side before it knows of us, and best effort sends nothing again.
     wait(node, 1.0, lambda: False)
     for stamp, positions in frames:

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import sysconfig
+import time
 from pathlib import Path
 
 import numpy as np
@@ -63,29 +64,45 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     parameters.write_text("/**: {ros__parameters: {message: PoseArray, samples: 9, max_people: 4}}")
     options = ["--ros-args", "-r", "__node:=mine", "-r", "/people_tracker/people_filtered:=/seen"]
     options += ["--params-file", parameters, "-p", "samples:=4", "-p", "use_sim_time:=true"]
-    node = subprocess.Popen(
-        [python, "-X", "faulthandler", "-m", "neurosym_jax", "ros2", "--model", MODEL, *options],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    log = tmp_path / "log"
+    with log.open("w") as errors:
+        node = subprocess.Popen(
+            [
+                python,
+                "-X",
+                "faulthandler",
+                "-m",
+                "neurosym_jax",
+                "ros2",
+                "--model",
+                MODEL,
+                *options,
+            ],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+        )
     try:
+        end = time.monotonic() + 300
+        while "everything is compiled" not in log.read_text() and time.monotonic() < end:
+            time.sleep(0.2)
         peer = subprocess.run(
             [python, Path(__file__).with_name("rclpy_peer.py"), path, "0.03", "/seen"],
             env=environment,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=400,
         )
     finally:
         node.send_signal(signal.SIGINT)
         try:
-            said, errors = node.communicate(timeout=30)
+            said, _ = node.communicate(timeout=60)
         except subprocess.TimeoutExpired:
             # Seen once, on a busy machine: faulthandler says where all its threads are.
             node.send_signal(signal.SIGABRT)
-            said, errors = node.communicate(timeout=30)
+            said, _ = node.communicate(timeout=30)
+    errors = log.read_text()
     assert peer.returncode == 0, peer.stderr
     assert node.returncode == 0, errors
     assert f"{len(frames)} frames" in said
