@@ -71,11 +71,9 @@ class GeneratorForecaster(TwoStageForecaster):
     def scene_bytes(self, samples: int, slots: int) -> float:
         """See `Forecaster.scene_bytes`; symbols and what a pooling keeps are counted by pairs."""
         config = self.config
-        # With pooling at every step each sample has its own.
-        each = samples if config.pool_every_timestep else 1
-        pairs = each * config.pooling.pair_numbers
+        pairs = config.pooling.pair_numbers
         if config.symbolic:
-            pairs += each * 16.0 * config.obs_len
+            pairs += 16.0 * config.obs_len
         return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
 
     @property
@@ -156,7 +154,11 @@ def decode_scene(
             params, context, scene, noise, weigh, method=Generator.decode
         )
 
-    displacement: Any = jax.vmap(decode)(noise)
+    if config.pool_every_timestep:
+        # One sample after the other: arrays of all samples' pairs do not stay in the cache.
+        displacement: Any = jax.lax.map(decode, noise)
+    else:
+        displacement = jax.vmap(decode)(noise)
     if config.residual:
         # A noise of 0, which is never drawn, asks for the sample that does not deviate.
         straight = (noise == 0).all(axis=-1).reshape(len(noise), -1, 1, 1)
