@@ -1,6 +1,7 @@
 from .baselines import ConstantVelocity as ConstantVelocity
 from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
 from .batched import predict_scenes as predict_scenes
+from .differentiable import forecast as forecast
 from .forecaster import Forecaster as Forecaster
 from .forecaster import Lengths as Lengths
 from .forecaster import TwoStageForecaster as TwoStageForecaster
@@ -12,7 +13,6 @@ from .model_folder import load_model as load_model
 from .model_folder import save_model as save_model
 from .model_places import shipped_models as shipped_models
 from .networks import GeneratorForecaster as GeneratorForecaster
-from .networks import forecast as forecast
 from .noise import NoiseSpec as NoiseSpec
 from .noise import draw_noise as draw_noise
 from .scene_forecaster import SceneForecaster as SceneForecaster

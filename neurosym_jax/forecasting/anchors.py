@@ -64,22 +64,18 @@ class AnchorTableForecaster(Forecaster):
             )
         return samples
 
-    def forecast(
-        self, params: Any, scene: Scene, noise: Array, alpha: Array | None = None
-    ) -> Array:
-        """See `Forecaster.forecast`; `alpha [N, N, obs_len]` replaces that of the weighting."""
-        return self.distribution(params, scene, noise, alpha)[0]
+    def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
+        """See `Forecaster.forecast`."""
+        return self.distribution(params, scene, noise)[0]
 
-    def distribution(
-        self, params: Any, scene: Scene, noise: Array, alpha: Array | None = None
-    ) -> tuple[Array, Array]:
+    def distribution(self, params: Any, scene: Scene, noise: Array) -> tuple[Array, Array]:
         """The k samples [k, N, pred_len, 2] and their probabilities [k].
 
         `noise [k, 0]` says how many. Of fewer than the network has, see `spread_of`; their
         probabilities are those given that the future is one of them.
         """
         observed, valid = jnp.asarray(scene.observed), jnp.asarray(scene.valid)
-        samples, log_probability = apply_anchors(self.config, params, observed, valid, alpha)
+        samples, log_probability = apply_anchors(self.config, params, observed, valid)
         probability = jnp.exp(log_probability)
         if len(noise) < len(samples):
             chosen = spread_of(samples, probability, valid, len(noise))

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
 from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
@@ -24,7 +23,6 @@ __all__ = [
     "GeneratorForecaster",
     "decode_scene",
     "encode_scene",
-    "forecast",
     "interact_scene",
 ]
 
@@ -165,47 +163,6 @@ def decode_scene(
         last = jnp.asarray(scene.displacement)[:, -1:]
         displacement = jnp.where(straight, last, displacement)
     return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)
-
-
-def forecast(
-    config: GeneratorConfig,
-    params: Any,
-    observed: ArrayLike,
-    noise: ArrayLike,
-    alpha: ArrayLike | None = None,
-    *,
-    valid: ArrayLike | None = None,
-) -> Array:
-    """k futures of one scene as a pure function, to differentiate by all but `config` and `valid`.
-
-    It computes what `predict` does in the same coordinates, but nothing is padded, checked or moved
-    to the host. Reverse mode only: the gradient of pooling is written by hand (see `models.pairs`).
-    Symbols with a hard threshold have a gradient of zero by positions; the weightings `soft` and
-    `quantised` (straight through) have another.
-
-    Args:
-        config: of the generator, `Model.config`.
-        params: `Model.params`; a weighting's parameters, such as thresholds, are in
-            `params["weighting"]`.
-        observed: [N, obs_len, 2] metres. Map coordinates lose precision in float32 before this
-            function sees them: subtract an origin, or use x64.
-        noise: [k, noise_dim], or [k, N, noise_dim] where the config says per agent ("ped").
-        alpha: [N, N, obs_len] weight of each pair's step; default: the model's own weighting.
-        valid: [N] bool, False for padding; default: no padding.
-
-    Returns:
-        [k, N, pred_len, 2] metres, in the frame of `observed`.
-    """
-    observed, noise = jnp.asarray(observed), jnp.asarray(noise)
-    last = observed[:, -1]
-    present = jnp.ones(len(last), bool) if valid is None else jnp.asarray(valid)
-    # For precision only: a network sees differences of positions.
-    origin = jax.lax.stop_gradient(present @ last / jnp.maximum(present.sum(), 1))
-    steps = jnp.diff(observed, axis=1, prepend=observed[:, :1])
-    scene = Scene(observed - origin, steps, present, identity=jnp.zeros(2, jnp.uint32), origin=None)
-    given = None if alpha is None else jnp.asarray(alpha)
-    context = encode_scene(config, params, scene, given)
-    return decode_scene(config, params, context, scene, noise) + origin
 
 
 def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:

@@ -14,11 +14,11 @@ from neurosym_jax.evaluation.scene_score import score
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.anchors import initial_anchors, spread_of
 from neurosym_jax.forecasting.batched import forecast_distribution, predict_scenes
+from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.model import Model, predict, predict_distribution
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.anchor_table import AnchorTableConfig
 from neurosym_jax.models.anchors import AnchorConfig
-from neurosym_jax.scene import make_scene
 
 METRICS = ("energy_score", "crps", "coverage_50", "central_ade", "noise_free_ade", "joint_ade")
 
@@ -137,21 +137,20 @@ def test_a_model_comes_back_from_its_folder(model, tmp_path):
 
 
 def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
-    scene = make_scene(windows.position[:3, :8]).bare()
-    forecaster, noise = model.forecaster, jnp.zeros((5, 0))
+    seen = windows.position[:3, :8]
 
     def end(params, alpha, observed):
-        moved = scene.replace(observed=observed)
-        return forecaster.forecast(params, moved, noise, alpha)[:, :, -1].sum()
+        return forecast(model.config, params, observed, alpha=alpha)[:, :, -1].sum()
 
-    ones = jnp.ones((3, 3, 8))
-    _, of_alpha, of_observed = jax.jit(jax.grad(end, (0, 1, 2)))(
-        model.params, ones, jnp.asarray(scene.observed)
+    own = jax.jit(forecast, static_argnums=0)(model.config, model.params, seen)
+    np.testing.assert_allclose(own, predict(model, seen, samples=5), atol=1e-4)
+    of_alpha, of_observed = jax.jit(jax.grad(end, (1, 2)))(
+        model.params, jnp.ones((3, 3, 8)), jnp.asarray(seen)
     )
     assert jnp.abs(of_alpha[..., -1]).max() > 0
     assert jnp.abs(of_alpha[..., :-1]).max() == 0
     assert jnp.abs(of_observed).max() > 0
-    of_params = jax.jit(jax.grad(lambda params: end(params, None, scene.observed)))(model.params)
+    of_params = jax.jit(jax.grad(lambda params: end(params, None, jnp.asarray(seen))))(model.params)
     assert any(jnp.abs(leaf).max() > 0 for leaf in jax.tree.leaves(of_params["weighting"]))
 
 

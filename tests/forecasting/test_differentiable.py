@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.model import Model, predict
-from neurosym_jax.forecasting.networks import forecast
 from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
