@@ -178,13 +178,13 @@ def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
 
 def _refuse_seen(options: Options, source: Source, training: Windows, validation: Windows) -> None:
     """Refuse to train on what the model is to be validated or tested on, by what is in it."""
-    parts = {"validated": validation}
+    parts = {}
     if options.dataset in source.scenes and not isinstance(source, Synthetic):
         with contextlib.suppress(InputError):  # It may be too short for a window.
             parts["tested"] = cut_windows(
                 source.recordings(str(options.dataset)), options.obs_len, options.pred_len
             )
-    for use, windows in parts.items():
+    for use, windows in {**parts, "validated": validation}.items():
         found, all_ = shared_shapes(windows, training)
         if found > 0.01 * all_:
             names = ", ".join(dict.fromkeys(how.recording for how in windows.reading))
