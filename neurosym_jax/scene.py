@@ -110,6 +110,10 @@ def make_scene(
     """
     if isinstance(observed, Tracer) or isinstance(future, Tracer):
         return _traced_scene(observed, future, scene_identity(recording, frame), extras)
+    if not isinstance(recording, str) or not isinstance(frame, int | np.integer):
+        raise InputError(
+            f"a recording is a name and a frame is whole, not {recording!r}, {frame!r}"
+        )
     observed = checked_positions("observed", observed)
     origin = centre(observed[:, -1])
     dtype = model_dtype()
@@ -206,9 +210,14 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
         InputError: for a wrong shape, no agent, or a coordinate that is masked, not finite or
             beyond `FAR`.
     """
-    if np.ma.is_masked(positions):
-        raise InputError(f"{name}: some coordinates are masked; leave out these agents")
-    positions = np.asarray(positions, np.float64)
+    try:
+        if type(positions) is not np.ndarray and np.ma.array(positions).mask.any():
+            raise InputError(f"{name}: some coordinates are masked; leave out these agents")
+        positions = np.asarray(positions).astype(np.float64, casting="same_kind")
+    except InputError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: not an array of numbers ({str(error)[:60]})") from None
     if positions.ndim != 3 or positions.shape[2] != 2:
         raise InputError(f"{name} must be [agents, steps, 2], not {list(positions.shape)}")
     if len(positions) == 0:

@@ -87,11 +87,21 @@ def test_identity():
         (np.zeros((1, 8, 2)), np.full((1, 8, 2), np.nan), "future: agent 0, step 0"),
         (np.full((1, 8, 2), 1e200), None, "agent 0, step 0 is more than 1e.09 m away"),
         (np.ma.masked_equal(np.zeros((1, 8, 2)), 0), None, "some coordinates are masked"),
+        ([np.ma.masked_equal(np.zeros((8, 2)), 0)], None, "some coordinates are masked"),
+        ([[[1, 2]], [[1]]], None, "observed: not an array of numbers"),
+        (np.zeros((1, 8, 2), complex), None, "observed: not an array of numbers"),
+        ("abc", None, "observed: not an array of numbers"),
     ],
 )
 def test_refused(observed, future, message):
     with pytest.raises(InputError, match=message):
         make_scene(observed, future)
+
+
+@pytest.mark.parametrize("identity", [{"frame": 1.5}, {"recording": 3}, {"frame": None}])
+def test_an_identity_is_a_name_and_a_whole_number(identity):
+    with pytest.raises(InputError, match="a recording is a name and a frame is whole, not"):
+        make_scene(WORLD, **identity)
 
 
 def test_a_scene_is_a_pytree():

@@ -33,7 +33,7 @@ class Options:
     """Folder for the collection's own folder; default: $NEUROSYM_DATA, else
     neurosym_jax in $XDG_DATA_HOME or ~/.local/share."""
     mirror: str = HOME
-    """Address, or folder, of a copy of the files, with the same paths below it."""
+    """Address of a copy of the files, with the same paths below it."""
     timeout: float = 20.0
     """Seconds without an answer after which a connection is given up."""
 

@@ -5,13 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.data.text import read_lines, refuse_irregular
+from neurosym_jax.data.text import read_lines
 from neurosym_jax.errors import InputError
 
 __all__ = ["json_lines", "json_text", "read_json_table"]
-
-_WHOLE = 40_000_000
-"""Bytes of a document that is not an object a line; it takes 25 times that in memory."""
 
 
 class JsonNumber(str):
@@ -27,41 +24,28 @@ def json_lines(path: Path) -> Iterator[tuple[int, Any]]:
     for row, line in enumerate(read_lines(path), 1):
         if line.strip():
             try:
-                yield row, _decode(line)
-            except ValueError as error:
+                yield row, _DECODER.decode(line)
+            except (ValueError, RecursionError) as error:
                 raise InputError(f"{path}: row {row}: not JSON ({str(error)[:80]})") from None
 
 
 def read_json_table(path: Path) -> tuple[list[str], list[list[str | None]]]:
-    """Names of the columns and the rows of a table: an object a line, or a list of objects.
+    """Names of the columns and the rows of a table with an object a line.
 
     Values that are null, a list or an object become None.
 
     Raises:
         InputError: naming file, row and reason.
     """
-    rows: Any = json_lines(path)
-    try:
-        by_line = isinstance(_decode(next(line for line in read_lines(path) if line.strip())), dict)
-    except ValueError:
-        by_line = False
-    if not by_line:
-        if refuse_irregular(path) > _WHOLE:
-            raise InputError(f"{path}: more than {_WHOLE:,} bytes: write a JSON object a line")
-        try:
-            found = _decode("".join(read_lines(path)))
-        except ValueError as error:
-            reason = str(error)[:80]
-            raise InputError(f"{path}: neither JSON nor a JSON object a line ({reason})") from None
-        if not isinstance(found, list) or not found:
-            raise InputError(f"{path}: a table in JSON is a list of objects, or an object a line")
-        rows = enumerate(found, 1)
     names: list[str] = []
     texts: list[list[str | None]] = []
-    for at, row in rows:
+    for at, row in json_lines(path):
         names = names or (list(row) if isinstance(row, dict) else [])
         if not isinstance(row, dict) or row.keys() != set(names):
-            raise InputError(f"{path}: row {at}: not an object with the keys of row 1")
+            raise InputError(
+                f"{path}: row {at}: not an object with the keys of row 1 (a table in JSON has an "
+                "object a line)"
+            )
         texts.append([json_text(row[name]) for name in names])
     return names, texts
 
@@ -71,13 +55,6 @@ def json_text(value: Any) -> str | None:
     if isinstance(value, bool):
         return str(value).lower()
     return value if isinstance(value, str) else None
-
-
-def _decode(text: str) -> Any:
-    try:
-        return _DECODER.decode(text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

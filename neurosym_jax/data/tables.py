@@ -146,8 +146,8 @@ def read_table(path: Path, names: Sequence[str] | None = None) -> Table:
     """The table in a file.
 
     Args:
-        path: delimited text, JSON (a list of objects, or an object a line),
-            Parquet or Arrow; text and JSON may be compressed with gzip.
+        path: delimited text, JSON with an object a line, Parquet or Arrow; text and JSON may be
+            compressed with gzip.
         names: of the columns of delimited numbers that have no header; default: the file says.
 
     Raises:

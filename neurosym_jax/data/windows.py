@@ -220,10 +220,8 @@ def _why_none(
         steps = np.diff(np.unique(tracks.stamp))
         if clock.period is not None and len(steps) and np.median(steps) > 1.5 * clock.period:
             return (
-                f"{tracks.recording}: its points are {np.median(steps):g} s apart, too far to put "
-                f"some between every {clock.period:g} s: ask for that period, or say the times' "
-                "unit"
+                f"{tracks.recording}: its points are {np.median(steps):g} s apart, and gaps longer "
+                f"than --max-gap are not filled: ask for that --period, or say the times' unit"
             )
     gaps = sum(int(clock.run[-1]) for clock in clocks)
-    between = f" (the longest part between {gaps} gaps in time)" if gaps else ""
-    return f"{names}: too few frames: {longest}{between} where a window needs {length}"
+    return f"{names}: too few frames: {longest} between {gaps} gaps where a window needs {length}"

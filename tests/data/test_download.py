@@ -1,8 +1,4 @@
 import contextlib
-import os
-import shutil
-import subprocess
-import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -46,14 +42,11 @@ class Handler(BaseHTTPRequestHandler):
             self.send_error(step)
             return
         body = (self.server.site / self.path[1:]).read_bytes()
-        body = {"corrupt": bytes(len(body)), "long": body + b"more"}.get(step, body)
+        body = bytes(len(body)) if step == "corrupt" else body
         self.send_response(200)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         with contextlib.suppress(OSError):  # The client may have given up.
-            for byte in body[:700] if step == "drip" else b"":
-                self.wfile.write(bytes([byte]))
-                threading.Event().wait(0.003)
             self.wfile.write(body[:1000] if step == "cut" else body)
 
 
@@ -129,7 +122,7 @@ def test_over_http_and_found_without_being_told(served, home, collection, capsys
 
 @pytest.mark.parametrize(
     ("script", "more"),
-    [(("cut", "whole"), 1), (("corrupt", "long", "whole"), 2), ((503, 429, "whole"), 2)],
+    [(("cut", "whole"), 1), (("corrupt", "cut", "whole"), 2), ((503, 429, "whole"), 2)],
 )
 def test_comes_whole_in_the_end(served, home, script, more):
     server, address = served(*script)
@@ -144,8 +137,6 @@ def test_comes_whole_in_the_end(served, home, script, more):
         (500, "500 Server Error"),
         ("corrupt", "hash of downloaded file"),
         ("cut", "hash of downloaded file|IncompleteRead"),
-        ("long", "bytes that are published"),
-        ("drip", "less than 2000 bytes per second"),
     ],
 )
 def test_does_not_come(served, home, step, reason):
@@ -174,28 +165,22 @@ def test_without_it_a_scene_says_how_to_get_it(home):
     assert find(Path("nowhere")) == Path("nowhere")
 
 
-def test_what_breaks_off_is_not_there_and_goes_on(site, home, capsys, monkeypatch):
-    lost = site / published_files("eth-ucy")[5].address
-    content = lost.resolve()
-    lost.unlink()
-    options = Options("eth-ucy", mirror=str(site))
-    monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
-    for break_off in (lambda: None, lambda: lost.write_text("not it")):
-        break_off()
-        with pytest.raises(InputError, match=r"students001\.txt: .*run this again, or name"):
-            run(options)
-        assert not (home / "eth-ucy").exists()
-        assert len(names(home)) >= 4
-        with pytest.raises(InputError, match="download eth-ucy"):
-            open_source(None, "eth")
-    shutil.copy(content, lost)
-    assert run(options) == 0
-    assert "19 of them fetched now" in capsys.readouterr().out
+def test_what_breaks_off_is_not_there_and_goes_on(served, home, capsys):
+    _, address = served("whole", "whole", "whole", 404)
+    with pytest.raises(InputError, match=r"404 .*run this again, or name"):
+        run(Options("eth-ucy", mirror=address))
+    assert not (home / "eth-ucy").exists()
+    assert len(names(home)) == 3
+    with pytest.raises(InputError, match="download eth-ucy"):
+        open_source(None, "eth")
+    (home / "eth-ucy.part/left").write_text("over")
+    assert run(Options("eth-ucy", mirror=served("whole")[1])) == 0
+    assert "21 of them fetched now" in capsys.readouterr().out
     assert names(home / "eth-ucy") == sorted(str(f.path) for f in published_files("eth-ucy"))
 
 
-def test_what_is_there_is_checked_and_never_overwritten(site, home, capsys):
-    options = Options("eth-ucy", mirror=str(site))
+def test_what_is_there_is_checked_and_never_overwritten(served, home, capsys):
+    options = Options("eth-ucy", mirror=served("whole")[1])
     run(options)
     (home / "eth-ucy/all/biwi_eth.txt").unlink()
     (home / "eth-ucy/mine.txt").write_text("mine")
@@ -208,8 +193,8 @@ def test_what_is_there_is_checked_and_never_overwritten(site, home, capsys):
     assert (home / "eth-ucy/mine.txt").read_text() == "mine"
 
 
-def test_another_folder(site, home, tmp_path, capsys):
-    options = Options("eth-ucy", to=tmp_path / "there", mirror=str(site))
+def test_another_folder(served, home, tmp_path, capsys):
+    options = Options("eth-ucy", to=tmp_path / "there", mirror=served("whole")[1])
     assert run(options) == 0
     assert f"export NEUROSYM_DATA={tmp_path / 'there'}" in capsys.readouterr().out
     assert not home.exists()
@@ -218,13 +203,13 @@ def test_another_folder(site, home, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"mirror": "ftp://a"}, "--mirror ftp://a: neither a folder nor an address"),
+        ({"mirror": "ftp://a"}, "--mirror ftp://a: not an address"),
         ({"timeout": 0}, "--timeout must be positive"),
         ({"to": Path("/dev/null")}, "/dev/null/eth-ucy: "),
     ],
 )
 def test_refused(tmp_path, changes, message):
-    options = {"to": tmp_path, "mirror": str(tmp_path)} | changes
+    options = {"to": tmp_path, "mirror": "http://127.0.0.1:1"} | changes
     with pytest.raises(InputError, match=message):
         run(Options("eth-ucy", **options))
 
@@ -245,31 +230,3 @@ def test_thor_by_hand(home, capsys):
     source = open_source(None, "Exp_1_run_1_6D")
     assert isinstance(source, Files)
     assert source.recordings("Exp_1_run_1_6D")[0].id.tolist() == [1]
-
-
-@pytest.mark.slow
-def test_killed_and_started_again(site, tmp_path, monkeypatch):
-    """Whenever the process ends, the folder is absent or whole."""
-    environment = {**os.environ, "NEUROSYM_DATA": str(tmp_path / "home")}
-    command = [sys.executable, "-m", "neurosym_jax", "download", "eth-ucy", "--mirror", str(site)]
-    code = f"""
-import os, sys
-from neurosym_jax.commands import download as module
-import pooch.core
-real, left = pooch.core.shutil.move, [int(sys.argv[1])]
-def replace(*paths):
-    left[0] -= 1
-    if left[0] < 0:
-        os.kill(os.getpid(), 9)
-    real(*paths)
-pooch.core.shutil.move = replace
-module.run(module.Options("eth-ucy", mirror={str(site)!r}))
-"""
-    for files in (0, 3, 20):
-        done = subprocess.run([sys.executable, "-c", code, str(files)], env=environment)
-        assert done.returncode == -9
-        assert not (tmp_path / "home/eth-ucy").exists()
-    done = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0
-    assert ", 1 of them fetched now" in done.stdout
-    assert len(names(tmp_path / "home/eth-ucy")) == 24

@@ -136,14 +136,14 @@ def test_windows_do_not_cross_gaps():
     assert windows.scenes == 2 * cut_windows([steps], 4, 4).scenes
     (found,) = windows.reading
     assert (found.recording, found.rows, found.runs, found.gaps) == ("pause", 40, 2, 1)
-    with pytest.raises(InputError, match=r"too few frames: 10 \(the longest part between 1 gaps"):
+    with pytest.raises(InputError, match="too few frames: 10 between 1 gaps"):
         cut_windows([whole], 8, 8)
 
 
 def test_steps_longer_than_what_is_filled_are_refused():
     """Data of 2 s steps has no steps of 0.4 s, and is not silently used as if it had."""
     sparse = dataclasses.replace(walk(40, 2, "sparse"), stamp=walk(40, 2).stamp * 5)
-    with pytest.raises(InputError, match=r"sparse: its points are 2 s apart, too far to put some"):
+    with pytest.raises(InputError, match=r"sparse: its points are 2 s apart, and gaps longer than --max-gap"):
         cut_windows([on_grid(sparse, 0.4)], 8, 8)
     assert cut_windows([on_grid(sparse, 2.0)], 8, 8).period == 2.0
 

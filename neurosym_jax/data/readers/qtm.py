@@ -14,6 +14,7 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
 from neurosym_jax.data.rows import assemble
 from neurosym_jax.data.tables import Table, lines_of, split_lines
@@ -49,20 +50,15 @@ def read_qtm(path: Path, *_: object, bodies: str = HELMETS) -> Tracks:
     header, mark, rate, above = _header(path, read_lines(path))
     clock = header.index("Time") if "Time" in header else 0
     ids, columns, first = _places(path, header, bodies)
-    parts: list[tuple[np.ndarray, ...]] = []
-    for table in _tables(path, header, mark, above):
-        stamp = table.numbers(clock)[:, 0] / (1 if clock else rate)
-        points = table.numbers(*columns.ravel().tolist(), missing=True)
-        centre, seen = _centres(points.reshape(len(stamp), -1, 3) / 1000, first)
-        frame, body = np.nonzero(seen)
-        assert table.row is not None
-        parts.append((stamp[frame], ids[body], centre[frame, body, :2], table.row[frame]))
-    if not parts:
-        raise InputError(f"{path}: no rows follow the header")
-    stamps, people, position, row = (np.concatenate(part) for part in zip(*parts))
-    if len(stamps) == 0:
+    table = _rows(path, header, mark, above)
+    stamp = table.numbers(clock)[:, 0] / (1 if clock else rate)
+    points = table.numbers(*columns.ravel().tolist(), missing=True)
+    centre, seen = _centres(points.reshape(len(stamp), -1, 3) / 1000, first)
+    frame, body = np.nonzero(seen)
+    if len(frame) == 0:
         raise InputError(f"{path}: none of its {len(ids)} bodies is ever visible")
-    return assemble(path, stamps, people, position, row=row)
+    assert table.row is not None
+    return assemble(path, stamp[frame], ids[body], centre[frame, body, :2], row=table.row[frame])
 
 
 def _header(path: Path, lines: Iterator[str]) -> tuple[list[str], str, float, int]:
@@ -83,26 +79,20 @@ def _header(path: Path, lines: Iterator[str]) -> tuple[list[str], str, float, in
     raise InputError(f"{path}: no header that begins with `Frame` in its first {_PREAMBLE} rows")
 
 
-def _tables(path: Path, header: list[str], mark: str, above: int) -> Iterator[Table]:
-    """The rows after the header, piece by piece."""
-    named = len(header)
-    while named and not header[named - 1]:
-        named -= 1
-    width, done = 0, 0
-    for piece in read_pieces(path):
-        lines = lines_of(piece)
-        row = np.arange(done + 1, done + 1 + len(lines))
-        done += len(lines)
-        kept = (lines.str.strip_chars() != "").to_numpy() & (row > above)
-        lines, row = lines.filter(kept), row[kept]
-        if not len(lines):
-            continue
-        if not width:
-            fields = lines[0].split(mark)
-            # The header or the rows may end in a separator.
-            widths = {len(header), named, len(header) + (not fields[-1])}
-            width = len(fields) if len(fields) in widths else len(header)
-        yield Table(path, header, split_lines(path, lines, mark, width, row), row)
+def _rows(path: Path, header: list[str], mark: str, above: int) -> Table:
+    """The rows after the header."""
+    lines = pl.concat([lines_of(piece) for piece in read_pieces(path)])
+    row = np.arange(1, len(lines) + 1)
+    kept = (lines.str.strip_chars() != "").to_numpy() & (row > above)
+    lines, row = lines.filter(kept), row[kept]
+    if not len(lines):
+        raise InputError(f"{path}: no rows follow the header")
+    named = len("\t".join(header).rstrip("\t").split("\t"))
+    fields = lines[0].split(mark)
+    # The header or the rows may end in a separator.
+    widths = {len(header), named, len(header) + (not fields[-1])}
+    width = len(fields) if len(fields) in widths else len(header)
+    return Table(path, header, split_lines(path, lines, mark, width, row), row)
 
 
 def _places(

@@ -41,12 +41,11 @@ tables = st.dictionaries(
 
 
 @pytest.mark.filterwarnings("ignore:.*runs backward")
-@given(table=tables, form=st.sampled_from(["csv", "records", "lines"]))
+@given(table=tables, form=st.sampled_from(["csv", "lines"]))
 def test_round_trip(table, form, tmp_path_factory):
     rows = [dict(zip(("t0", "who", "px", "py"), key + xy)) for key, xy in table.items()]
     text = {
         "csv": "\n".join(["t0,who,px,py", *[",".join(map(repr, r.values())) for r in rows]]),
-        "records": json.dumps(rows),
         "lines": "\n".join(map(json.dumps, rows)),
     }[form]
     path = tmp_path_factory.mktemp("c") / "a"
