@@ -83,7 +83,10 @@ def measure(tracks: Tracks) -> dict[str, float]:
         return found
     move = tracks.position[after] - tracks.position[here]
     length = np.linalg.norm(move, axis=1)
-    found["pace"] = float(np.quantile(length / (tracks.stamp[after] - tracks.stamp[here]), 0.95))
+    time = tracks.stamp[after] - tracks.stamp[here]
+    pace = float(np.quantile(length / time, 0.95))
+    if pace > 1 or np.median(time) > PERIOD / 2:  # In a moment anybody may stand.
+        found["pace"] = pace
     stride = np.full(len(tracks.id), -1)
     stride[here] = np.arange(len(here))
     goes_on = np.flatnonzero(stride[after] >= 0)

@@ -9,6 +9,7 @@ from neurosym_jax.__main__ import main
 from neurosym_jax.commands import inspect
 from neurosym_jax.data import ReadOptions, make_tracks, on_grid, read_any, windows_from
 from neurosym_jax.data.evidence import BANDS, ENOUGH, judge, measure
+from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.reading import AS_IT_SAYS, describe_readings
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.plotting.tracks import plot_tracks
@@ -70,20 +71,20 @@ def test_yes_really(tmp_path):
     assert line.startswith("one step in twenty is faster than 0.30 m/s")
 
 
-def test_known_recordings_are_accepted(shared, capsys):
+@pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+def test_known_recordings_are_accepted(shared):
     """All of them, of which only eth's clock is doubted."""
-    for place in ("eth_ucy", "thor"):
-        assert inspect.run(inspect.Options(shared / "data" / place)) == 0
-    out = capsys.readouterr().out
-    assert "altogether 24 recordings of 24 files" in out
-    assert "altogether 6 recordings of 4 files" in out
-    lines = out.split("\n")
-    doubted = [lines[:at][-5].strip() for at, line in enumerate(lines) if "warning" in line]
-    assert doubted == ["biwi_eth", "biwi_eth_train", "biwi_eth_val"]
-    assert "needs --eth-stride 6" in out
-    path = shared / "data/eth_ucy/all/biwi_eth.txt"
-    assert inspect.run(inspect.Options(path, read=ReadOptions(eth_stride=6))) == 0
-    assert "warning" not in capsys.readouterr().out
+    eth_ucy, thor = shared / "data/eth_ucy", shared / "data/thor"
+    recordings = [read_any(path)[0] for path in sorted(eth_ucy.glob("*/*.txt"))]
+    recordings += recordings_in(thor)
+    assert len(recordings) == 30
+    said = {tracks.recording: tracks.reading.warnings for tracks in recordings if tracks.reading}
+    doubted = {name for name, lines in said.items() if lines}
+    assert doubted == {"biwi_eth", "biwi_eth_train", "biwi_eth_val"}
+    assert "needs --eth-stride 6" in said["biwi_eth"][0]
+    (tracks,) = read_any(eth_ucy / "all/biwi_eth.txt", ReadOptions(eth_stride=6))
+    assert tracks.reading is not None
+    assert not tracks.reading.warnings
 
 
 def test_gaps_are_filled_alike_on_the_grid_and_off_it(tmp_path):

@@ -143,7 +143,9 @@ def test_windows_do_not_cross_gaps():
 def test_steps_longer_than_what_is_filled_are_refused():
     """Data of 2 s steps has no steps of 0.4 s, and is not silently used as if it had."""
     sparse = dataclasses.replace(walk(40, 2, "sparse"), stamp=walk(40, 2).stamp * 5)
-    with pytest.raises(InputError, match=r"sparse: its points are 2 s apart, and gaps longer than --max-gap"):
+    with pytest.raises(
+        InputError, match=r"sparse: its points are 2 s apart, and gaps longer than --max-gap"
+    ):
         cut_windows([on_grid(sparse, 0.4)], 8, 8)
     assert cut_windows([on_grid(sparse, 2.0)], 8, 8).period == 2.0
 

@@ -43,10 +43,10 @@ def read_text(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PER
         InputError: naming file, row and reason.
     """
     table = read_table(path, ("frame", "ped", "x", "y"))
-    tracks = _numbered(table, table.numbers(2, 3) * options.metres(path), options, period)
+    metres = table.numbers(2, 3) * options.metres(path)
     if options.format is None:
-        _refuse_swapped(path, tracks)
-    return tracks
+        _refuse_swapped(path, *table.numbers(0, 1).T, metres)
+    return _numbered(table, metres, options, period)
 
 
 def read_obsmat(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
@@ -76,12 +76,12 @@ def _numbered(table: Table, metres: np.ndarray, options: ReadOptions, period: fl
     )
 
 
-def _refuse_swapped(path: Path, tracks: Tracks) -> None:
-    """Refuse tracks whose ids would make far smoother times than their stamps, and vice versa."""
+def _refuse_swapped(path: Path, frame: np.ndarray, ped: np.ndarray, metres: np.ndarray) -> None:
+    """Refuse rows whose second column would make far smoother times than the first."""
     paces = []
-    for times, ids in ((tracks.stamp, tracks.id), (tracks.id, tracks.stamp)):
+    for times, ids in ((frame, ped), (ped, frame)):
         before, after = consecutive(times, ids)
-        moved = np.linalg.norm(tracks.position[after] - tracks.position[before], axis=1)
+        moved = np.linalg.norm(metres[after] - metres[before], axis=1)
         paces.append(np.median(moved) if len(moved) > _PAIRS else np.nan)
     if paces[1] < paces[0] / 3:
         raise InputError(
