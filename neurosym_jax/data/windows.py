@@ -224,4 +224,5 @@ def _why_none(
                 f"than --max-gap are not filled: ask for that --period, or say the times' unit"
             )
     gaps = sum(int(clock.run[-1]) for clock in clocks)
-    return f"{names}: too few frames: {longest} between {gaps} gaps where a window needs {length}"
+    between = f" between {gaps} gaps in time" if gaps else ""
+    return f"{names}: too few frames: {longest}{between} where a window needs {length}"

@@ -10,36 +10,30 @@ __all__ = ["Progress", "without_bars"]
 
 
 def without_bars() -> AbstractContextManager[None]:
-    """A context in which bars are away, so that something can be printed."""
+    """A context without bars, in which something can be printed."""
     return tqdm.external_write_mode()
 
 
 class Progress:
-    """Tells on the standard error of `total` steps, as a context."""
+    """Progress of `total` steps on the standard error. Use as a context manager."""
 
     def __init__(self, total: int, what: str, unit: str):
-        """Nothing is done yet.
-
-        Args:
-            total: steps.
-            what: is done, for people.
-            unit: one step, for people.
-        """
+        """Name the work, and one step of it, for people."""
         self._total, self._done, self._start = total, 0, time.perf_counter()
         bar = sys.stderr.isatty() or "ipykernel" in sys.modules
         self._lines = not bar
         self._bar = tqdm(total=total, desc=what, unit=unit, disable=not bar, leave=False)
 
     def __enter__(self) -> "Progress":
-        """As it is."""
+        """Return self."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._bar.close()
 
     def step(self, what: str) -> None:
-        """One step is done: `what`, for people."""
+        """Count one step, called `what`."""
         self._done += 1
         self._bar.set_postfix_str(what, refresh=False)
         self._bar.update()

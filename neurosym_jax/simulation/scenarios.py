@@ -50,27 +50,7 @@ def simulate(
     faults: TrackerFaults | None = None,
     rate: float = 10.0,
 ) -> Tracks:
-    """Tracks of a simulated walk, as a tracker reports them.
-
-    With more than two people, `all-forward` has several pairs (the last person of an odd number
-    walks alone) and in `cross-path` all cross the middle of the room.
-
-    Args:
-        scenario: "all-forward" or "cross-path".
-        seed: 0 .. 2**32 - 1. The same arguments give the same bits on the same machine; another
-            `duration`, `people` or `rate` gives another walk.
-        duration: seconds.
-        people: number of people.
-        faults: of the tracker; None is `TrackerFaults()`. Without noise positions are exact.
-        rate: frames per second.
-
-    Returns:
-        Tracks on the frames `n / rate`, from 0 to `duration`; a person keeps the true id
-        0 .. people - 1 until a fault changes it.
-
-    Raises:
-        InputError: for an argument out of range.
-    """
+    """Tracks of a simulated walk, see `simulate_labelled`."""
     return simulate_labelled(scenario, seed, duration, people, faults, rate)[0]
 
 
@@ -82,9 +62,22 @@ def simulate_labelled(
     faults: TrackerFaults | None = None,
     rate: float = 10.0,
 ) -> tuple[Tracks, np.ndarray]:
-    """The tracks of `simulate`, and the true id of each of their rows: [R] int64.
+    """Tracks of a simulated walk as a tracker reports them, and the true id of each row [R] int64.
 
-    An identity score such as IDF1 compares the tracker's ids with the true ones.
+    With more than two people, `all-forward` has several pairs (the last person of an odd number
+    walks alone) and in `cross-path` all cross the middle of the room.
+
+    Args:
+        scenario: "all-forward" or "cross-path".
+        seed: 0 .. 2**32 - 1. The same arguments give the same bits on the same machine; another
+            `duration`, `people` or `rate` gives another walk.
+        duration: seconds; frames are `n / rate`, from 0 to `duration`.
+        people: number of people; one keeps the true id 0 .. people - 1 until a fault changes it.
+        faults: of the tracker; None is `TrackerFaults()`. Without noise positions are exact.
+        rate: frames per second.
+
+    Raises:
+        InputError: for an argument out of range.
     """
     path, stamp = _walk(scenario, seed, duration, people, rate)
     keys = _key(seed, 1), _key(seed, 2)
