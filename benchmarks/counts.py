@@ -58,7 +58,7 @@ def _programs() -> dict[str, float]:
         found[f"programs: {name}"], compiled = compiled, 0
         jax.clear_caches()
 
-    names = ("sgan_simulations_8_8", "neurosym_simulations_8_8")
+    names = ("sgan_simulations_8", "neurosym_simulations_8")
     sgan = load_model(names[0])
     predict(sgan, np.zeros((5, 8, 2)))
     done("a forecast")

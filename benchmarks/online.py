@@ -19,7 +19,7 @@ FORECASTS = 100
 """For each repeat."""
 WARM = 20
 """Forecasts that are not counted: the first ones fill caches."""
-MODELS = {"SGAN": "sgan_zara1_8_8", "NeuroSyM": "neurosym_zara1_8_8"}
+MODELS = {"SGAN": "sgan_zara1_8", "NeuroSyM": "neurosym_zara1_8"}
 
 
 def measure(options: Any) -> dict[str, Any]:

@@ -59,7 +59,7 @@ print(json.dumps({
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    models = [str(ROOT / f"checkpoints/{kind}_zara1_8_8") for kind in ("neurosym", "sgan")]
+    models = [str(ROOT / f"checkpoints/{kind}_zara1_8") for kind in ("neurosym", "sgan")]
     table = []
     for when in ("start", "meanwhile"):
         with tempfile.TemporaryDirectory() as cache:

@@ -29,7 +29,7 @@ from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.rollout import draw_group_noise
 from neurosym_jax.training.stream import SceneStream
 
-MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_simulations_8_8"
+MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_simulations_8"
 
 
 def main(path: Path = MODEL, steps: int = 100, learning_rate: float = 0.003) -> np.ndarray:

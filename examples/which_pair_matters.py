@@ -18,7 +18,7 @@ from neurosym_jax import forecast, load_model
 from neurosym_jax.symbolic import make_weighting
 from neurosym_jax.training.dead_pooling import warn_if_no_gradient
 
-MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_zara1_8_8"
+MODEL = Path(__file__).resolve().parents[1] / "checkpoints" / "neurosym_zara1_8"
 SAMPLES = 20
 
 

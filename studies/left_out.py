@@ -4,7 +4,7 @@ python -m studies.left_out DATA OUT RECIPE [RECIPE ...] [--seeds N] [--steps N] 
     [--pairs eth+hotel ...] [--more FOLDER] > docs/left_out.md
 
 A RECIPE is `ours`, or a list of changes to it or to the network, such as
-`scale=0.3,noise_type=fixed`; with `more=NAME+NAME` it learns from these folders of `--more` besides
+`scale=0.3,ema=0.9`; with `more=NAME+NAME` it learns from these folders of `--more` besides
 (`studies.more_data` makes them). Of every pair of ETH/UCY's five scenes, models are trained on the
 others, as `train.py --dataset` would, and tested on both. The error by which a recipe is judged for
 a scene is the mean over its pairs, always tested on the other scene of the pair: nothing of the

@@ -48,7 +48,7 @@ def main() -> None:
 def _models(folder: Path) -> Iterator[tuple[str, Counter]]:
     """What is damaged, and how often it was refused and loaded."""
     model = folder / "model"
-    shutil.copytree(next(path for path in shipped_models() if path.name == "sgan_zara1_8_8"), model)
+    shutil.copytree(next(path for path in shipped_models() if path.name == "sgan_zara1_8"), model)
     rng = np.random.default_rng(0)
     for name, wanted in (("config.json", None), ("params.safetensors", FLIPS)):
         file = model / name

@@ -33,7 +33,7 @@ def called(frame, event, _):
 
 threading.setprofile(called)
 sys.setprofile(called)
-nj.evaluate(nj.load_model("sgan_zara1_8_8"), nj.data.read_any(Path("walk.txt")), samples=2)
+nj.evaluate(nj.load_model("sgan_zara1_8"), nj.data.read_any(Path("walk.txt")), samples=2)
 sys.setprofile(None)
 print(json.dumps([sorted(file[len(root) + 1 :] for file in ran), sorted(sys.modules)]))
 """

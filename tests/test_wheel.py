@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = ("neurosym_jax", "neurosym_robot", "checkpoints", "pyproject.toml", "setup.py")
 SOURCES += ("README.md", "LICENSE")
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
-EVALUATE = ("--checkpoint", "sgan_simulations_8_8", "--dataset", "cross-path", "--samples", "2")
+EVALUATE = ("--checkpoint", "sgan_simulations_8", "--dataset", "cross-path", "--samples", "2")
 # The network and the recipe of test_sweep.py, whose programs are compiled there or here.
 TRAIN = ("--steps", "25", "--out", "run", "--dataset", "cross-path", "--model", "sgan", "--set")
 TRAIN += ("batch_scenes=4", "best_k=2", "max_agents=4")
@@ -44,11 +44,11 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
     environment = {name: v for name, v in os.environ.items() if not name.startswith("NEUROSYM_")}
     environment |= {"PYTHONPATH": str(installed), "NEUROSYM_DATA": str(tmp_path / "data")}
     neurosym = installed / "bin" / "neurosym"
-    python = "import neurosym_jax as nj; print(nj.__file__, nj.load_model('sgan_eth_8_8').name)"
+    python = "import neurosym_jax as nj; print(nj.__file__, nj.load_model('sgan_eth_8').name)"
     commands = {
         "evaluate": [neurosym, "evaluate", *EVALUATE, "--no-figures"],
         "train": [neurosym, "train", *TRAIN],
-        "replay": [neurosym, "replay", "walk.csv", "--model", "neurosym_zara1_8_8"],
+        "replay": [neurosym, "replay", "walk.csv", "--model", "neurosym_zara1_8"],
         "help": [neurosym, "--help"],
         "models": [neurosym, "models"],
         "python": [sys.executable, "-c", python],
@@ -69,7 +69,7 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
         assert process.returncode == 0, said[name]
     assert f"{installed}/neurosym_jax/__init__.py SGAN" in said["python"]
     assert "evaluate" in said["help"]
-    assert "neurosym_thor-magni_8_8" in said["models"]
+    assert "neurosym_simulations_8" in said["models"]
     assert f"{installed}/neurosym_jax/checkpoints" in said["models"]
     assert "SGAN" in said["evaluate"]
     assert (tmp_path / "run" / "model" / "params.safetensors").is_file()

@@ -67,7 +67,7 @@ class Options:
     set: tuple[str, ...] = ()
     """Changes to the recipe, NAME=VALUE, such as ema=0.999 or rotate=0."""
     network: tuple[str, ...] = ()
-    """Changes to the network, NAME=VALUE, such as noise_type=fixed or encoder_h_dim=48."""
+    """Changes to the network, NAME=VALUE, such as noise_type=uniform or encoder_h_dim=48."""
     data: Path | None = None
     """ETH/UCY as SGAN arranges it, or a folder of recordings; default: the download that has the
     data set, else the embedded simulations."""

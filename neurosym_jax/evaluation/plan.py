@@ -21,7 +21,6 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import RECOMMENDED, find_checkpoints, shipped_models
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.neurosym import AsDescribed
 from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
@@ -183,8 +182,8 @@ def one_of_each(
         if (model.config.obs_len, model.config.pred_len) == lengths
         and not _contradiction(model, source, dataset, obs_len, pred_len)
     ]
-    # General models first; then the papers' networks before their variants.
-    fitting.sort(key=lambda each: (each[1].dataset != GENERAL, *_departures(each[1])))
+    # General models first, and of them what is recommended.
+    fitting.sort(key=lambda each: (each[1].dataset != GENERAL, each[1].kind != "anchors"))
     own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
     others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
     chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
@@ -193,14 +192,6 @@ def one_of_each(
         of = model.dataset if own else None
         chosen.setdefault((of, model.weighting is None), (path, model))
     return sorted(chosen.values(), key=lambda each: each[1].weighting is not None)
-
-
-def _departures(model: Model) -> tuple[bool, bool, bool]:
-    """Whether a model is not what is recommended, and how it departs from the papers: in its
-    pooling, in its forecast."""
-    pooling = getattr(model.config, "pooling", None)
-    anchors = model.kind == "anchors"
-    return not anchors, type(pooling) is not AsDescribed, getattr(model.config, "residual", False)
 
 
 def _contradiction(

@@ -115,7 +115,7 @@ def load_model(
     """Read a model's folder or a torch checkpoint of SGAN or NeuroSyM.
 
     Args:
-        path: of the folder or file, the name of a shipped model (`neurosym_zara1_8_8`), a path
+        path: of the folder or file, the name of a shipped model (`neurosym_zara1_8`), a path
             among the downloads (`sgan-p-models/zara1_8_model.pt`), or `recommended`:
             `neurosym models` lists them.
         dataset: what `recommended` is to be tested on; of ETH/UCY, the model was trained without.

@@ -37,15 +37,13 @@ class GeneratorForecaster(TwoStageForecaster):
 
     @property
     def title(self) -> str:
-        """The pooling's title, the cell unless an LSTM, the weighting, and whether residual."""
+        """The pooling's title, the cell unless an LSTM, and the weighting."""
         config = self.config
         parts = [config.pooling.title]
         if not isinstance(config.cell, LSTM):
             parts.append(config.cell.title)
         if config.weighting is not None:
             parts.append(config.weighting.name)
-        if config.residual:
-            parts.append("residual")
         return ", ".join(parts)
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
@@ -64,7 +62,7 @@ class GeneratorForecaster(TwoStageForecaster):
         """The config's."""
         config = self.config
         per_agent = config.noise_mix_type == "ped"
-        return NoiseSpec(config.noise_dim, per_agent, config.noise_type, first_zero=config.residual)
+        return NoiseSpec(config.noise_dim, per_agent, config.noise_type)
 
     def scene_bytes(self, samples: int, slots: int) -> float:
         """See `Forecaster.scene_bytes`; symbols and what a pooling keeps are counted by pairs."""
@@ -157,11 +155,6 @@ def decode_scene(
         displacement: Any = jax.lax.map(decode, noise)
     else:
         displacement = jax.vmap(decode)(noise)
-    if config.residual:
-        # A noise of 0, which is never drawn, asks for the sample that does not deviate.
-        straight = (noise == 0).all(axis=-1).reshape(len(noise), -1, 1, 1)
-        last = jnp.asarray(scene.displacement)[:, -1:]
-        displacement = jnp.where(straight, last, displacement)
     return jnp.asarray(scene.observed)[:, -1, None] + jnp.cumsum(displacement, axis=-2)
 
 

@@ -3,10 +3,6 @@
 Each scene, or each agent slot where noise is per agent, has its own stream of random numbers. A
 sample's numbers do not depend on how many samples are drawn, which is a property of JAX's
 partitionable threefry (element i of an array depends on i alone) that the tests check.
-
-`fixed` noise is one stream for all scenes and seeds: sample i is the same vector everywhere. A
-network trained with it by the best of k learns k forecasts that cover what may happen (multiple
-choice learning, Guzman-Rivera et al., NeurIPS 2012).
 """
 
 import dataclasses
@@ -21,7 +17,7 @@ from jax import Array
 from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 
-__all__ = ["NoiseSpec", "draw_noise", "fixed_noise", "scene_noise"]
+__all__ = ["NoiseSpec", "draw_noise", "scene_noise"]
 
 CHUNK = 1024
 """Streams drawn in one call, so that one compiled program serves any number of scenes."""
@@ -33,10 +29,8 @@ class NoiseSpec:
 
     dim: int = 0
     per_agent: bool = False
-    distribution: Literal["gaussian", "uniform", "fixed"] = "gaussian"
-    """Standard normal, uniform on [-1, 1), or standard normal and the same in every scene."""
-    first_zero: bool = False
-    """Whether the first sample of fixed noise is 0."""
+    distribution: Literal["gaussian", "uniform"] = "gaussian"
+    """Standard normal, or uniform on [-1, 1)."""
 
 
 def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:
@@ -77,15 +71,7 @@ def draw_noise(
     return noise.reshape(shape)
 
 
-def fixed_noise(samples: int, dim: int, *, first_zero: bool = False) -> Array:
-    """[k, dim] standard normal numbers, always the same; the first n do not depend on k."""
-    noise = jax.random.normal(jax.random.key(0), (samples, dim), jnp.float32)
-    return noise.at[0].set(0) if first_zero else noise
-
-
 def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:
-    if spec.distribution == "fixed":
-        return fixed_noise(samples, spec.dim, first_zero=spec.first_zero)
     for part in (identity[0], identity[1], slot):
         key = jax.random.fold_in(key, part)
     # Always float32: under x64 the default type would be float64, which has other numbers.

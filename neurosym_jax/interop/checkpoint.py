@@ -182,9 +182,6 @@ def torch_contents(
             SGAN's arguments cannot express, `as_described` and learned weightings, which torch does
             not have.
     """
-    if config.noise_type == "fixed":
-        # Nor is there any residual network, which has fixed noise.
-        raise InputError("noise_type fixed has no counterpart in torch, which draws noise anew")
     arguments: dict[str, Any] = {
         **EXPORTED,
         **{name: getattr(config, name) for name in SAME},

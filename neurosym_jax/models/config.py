@@ -44,13 +44,8 @@ class GeneratorConfig(Checked):
     positions of each sample, observed or predicted."""
     cell: Annotated[Cell, CELLS] = LSTM()  # noqa: RUF009 (frozen)
     """The recurrent cell of encoder and decoder."""
-    residual: bool = False
-    """Forecast the residual of constant velocity. The first sample is constant velocity itself: the
-    forecast for a noise of 0, which training leaves out. Needs `noise_type` fixed."""
     noise_dim: Whole = 8
-    noise_type: Literal["gaussian", "uniform", "fixed"] = "gaussian"
-    """Drawn anew for each scene, or `fixed`: k vectors that are the same in every scene, by which a
-    network learns to spread its forecasts (see `forecasting.noise`)."""
+    noise_type: Literal["gaussian", "uniform"] = "gaussian"
     noise_mix_type: Literal["global", "ped"] = "global"
     """One noise vector a scene, or one for each agent."""
     weighting: Annotated[Weighting | None, WEIGHTINGS] = None
@@ -64,10 +59,6 @@ class GeneratorConfig(Checked):
                 f"noise_dim must lie in [0, decoder_h_dim = {self.decoder_h_dim}), "
                 f"not {self.noise_dim}: noise is a part of the decoder's first hidden state"
             )
-        if self.noise_type == "fixed" and self.noise_mix_type == "ped":
-            raise InputError("noise_type fixed needs noise_mix_type global: agents have no order")
-        if self.residual and not (self.noise_type == "fixed" and self.noise_dim):
-            raise InputError("residual needs noise_type fixed and a noise_dim above 0")
         pooling = POOLINGS.name_of(self.pooling)
         if self.pool_every_timestep and (not self.pools or "alpha_rows" in self.pooling.inputs):
             raise InputError(f"pool_every_timestep needs a pooling other than {pooling!r}")

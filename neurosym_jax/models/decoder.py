@@ -61,19 +61,16 @@ class Decoder(nn.Module):
         Returns:
             [N, pred_len, 2] displacements, metres.
         """
-        base = displacement if self.config.residual else None
         if self.config.pool_every_timestep:
-            return self._pooled(hidden, observed, displacement, base, valid, weigh)
-        return self._folded(hidden, displacement, base)
+            return self._pooled(hidden, observed, displacement, valid, weigh)
+        return self._folded(hidden, displacement)
 
-    def _folded(self, hidden: Array, displacement: Array, base: Array | None) -> Array:
+    def _folded(self, hidden: Array, displacement: Array) -> Array:
         cell = self.config.cell
         kernel, bias = embed(self.spatial_embedding, self.recurrent)
         recurrent = self.recurrent.recurrent_kernel
         feedback = recurrent + self.hidden2pos.kernel @ kernel
         feedback_bias = bias + self.hidden2pos.bias @ kernel
-        if base is not None:
-            feedback_bias = feedback_bias + base @ kernel
 
         def step(carry, _):
             gates, state = carry
@@ -85,20 +82,18 @@ class Decoder(nn.Module):
         gates = displacement @ kernel + bias + hidden @ recurrent
         carry = (gates, cell.start(hidden))
         _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)
-        displacements = jnp.moveaxis(displacements, 0, 1)
-        return displacements if base is None else displacements + base[:, None]
+        return jnp.moveaxis(displacements, 0, 1)
 
     def _pooled(
         self,
         hidden: Array,
         observed: Array,
         displacement: Array,
-        base: Array | None,
         valid: Array,
         weigh: Weigh | None,
     ) -> Array:
         unroll = nn.scan(
-            lambda decoder, state, valid: decoder._pooled_step(state, base, valid, weigh),
+            lambda decoder, state, valid: decoder._pooled_step(state, valid, weigh),
             variable_broadcast=("params", "training"),
             split_rngs={"params": False},
             in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
@@ -108,15 +103,13 @@ class Decoder(nn.Module):
         _, displacements = unroll(self, state, valid)
         return jnp.moveaxis(displacements, 0, 1)
 
-    def _pooled_step(self, carry: Any, base: Array | None, valid: Array, weigh: Weigh | None):
+    def _pooled_step(self, carry: Any, valid: Array, weigh: Weigh | None):
         config = self.config
         state, track, displacement = carry
         kernel, bias = embed(self.spatial_embedding, self.recurrent)
         gates = displacement @ kernel + bias + state[0] @ self.recurrent.recurrent_kernel
         hidden, *rest = config.cell.update(gates, state)
         displacement = self.hidden2pos(hidden)
-        if base is not None:
-            displacement = displacement + base
         position = track[:, -1] + displacement
         track = jnp.concatenate([track[:, 1:], position[:, None]], axis=1)
         alpha = None if weigh is None else weigh(track, valid)

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.forecasting.networks import decode_scene, interact_scene
-from neurosym_jax.forecasting.noise import fixed_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import AnyArray
@@ -32,10 +31,7 @@ def draw_group_noise(
     sizes = [math.prod(shape) for shape in shapes]
     shape = (samples, sum(sizes), config.noise_dim)
     # One draw for all groups: each draw adds a second of compiling to the step.
-    if config.noise_type == "fixed":
-        fixed = fixed_noise(samples, config.noise_dim, first_zero=config.residual)
-        noise = jnp.broadcast_to(fixed[:, None], shape)
-    elif config.noise_type == "gaussian":
+    if config.noise_type == "gaussian":
         noise = jax.random.normal(key, shape)
     else:
         noise = jax.random.uniform(key, shape, minval=-1.0, maxval=1.0)

@@ -7,7 +7,6 @@ bag is read back, tracks are stitched, forecast and scored as they would be on t
 made of the results is in `report`; the command is `python -m studies.experiment`.
 """
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +69,7 @@ def experiment(
         raise InputError("no shipped models in this installation: give --model-a")
     chosen: dict[Scenario, tuple[Path, ...]] = {
         "all-forward": model_a,
-        "cross-path": model_b or _shipped("thor") or model_a,
+        "cross-path": model_b or model_a,
     }
     recordings, latencies = [], {}
     walks = iter(zip(seeds, STORAGES))
@@ -92,13 +91,10 @@ def experiment(
 
 
 def _shipped(scene: str) -> tuple[Path, ...]:
-    """An SGAN and a NeuroSyM as described that ship for a scene, at 8 + 8; none if not both do."""
-    paths = shipped_models()
-    kinds = [
-        [path for path in paths if re.fullmatch(f"{kind}_{scene}[^_]*_8_8", path.name)]
-        for kind in ("sgan", "neurosym")
-    ]
-    return tuple(kind[0] for kind in kinds) if all(kinds) else ()
+    """The SGAN and the NeuroSyM that ship for a scene, at 8 + 8; none if not both do."""
+    names = [f"{kind}_{scene}_8" for kind in ("sgan", "neurosym")]
+    paths = {path.name: path for path in shipped_models()}
+    return tuple(paths[name] for name in names) if paths.keys() >= set(names) else ()
 
 
 def _record(

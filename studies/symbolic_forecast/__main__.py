@@ -101,7 +101,7 @@ def _of_set(which: TestSet) -> tuple[dict[str, ErrorsByScene], dict[str, Any]]:
     )
     folder = Path(__file__).resolve().parents[2] / "checkpoints"
     models = {
-        "NeuroSyM": load_model(folder / f"neurosym_{which.models}_8_8"),
+        "NeuroSyM": load_model(folder / f"neurosym_{which.models}_8"),
         "constant velocity": baseline("constant_velocity", LENGTH, LENGTH),
         "constant velocity, sampled": baseline("constant_velocity_sampled", LENGTH, LENGTH),
     }

@@ -16,12 +16,11 @@ __all__ = ["CHOOSING", "TestSet", "sets_of"]
 
 CHOOSING = ("boa-300-055-095", "bot-360-090-090")
 """Recordings of HERMES that serve as validation scenes."""
-THOR = {
-    "CLiFF-LHMP_thor1_exp-1-run-2": "thor-1",
-    "CLiFF-LHMP_thor3_exp-3-run-2": "thor-3",
-    "THOR-MAGNI_Scenario_5": "thor-magni",
-}
-"""Recordings, and the part of a model's name that says it was not trained on it."""
+THOR = (
+    "CLiFF-LHMP_thor1_exp-1-run-2",
+    "CLiFF-LHMP_thor3_exp-3-run-2",
+    "THOR-MAGNI_Scenario_5",
+)
 
 
 class TestSet(NamedTuple):
@@ -42,9 +41,9 @@ def sets_of(data: Path) -> dict[str, list[TestSet]]:
     eth_ucy, thor = open_source(data / "eth_ucy"), open_source(data / "thor")
     corridors = _Corridors(TESTED, folder=data / "hermes")
     return {
-        "ETH/UCY": [TestSet(eth_ucy, scene, scene) for scene in eth_ucy.scenes],
-        "THÖR": [TestSet(thor, scene, models) for scene, models in THOR.items()],
-        # No model that ships has seen a corridor.
+        "ETH/UCY": [TestSet(eth_ucy, scene, scene) for scene in ("eth", "zara1")],
+        # No model that ships has seen a corridor or THÖR.
+        "THÖR": [TestSet(thor, scene, "zara1") for scene in THOR],
         "HERMES": [TestSet(corridors, scene, "zara1") for scene in TESTED],
     }
 

@@ -95,7 +95,7 @@ def test_the_first_minute(tmp_path, capsys):
     report = json.loads((tmp_path / "rows.json").read_text())
     found = report["provenance"]
     assert set(found) == {"version", "commit", "command", "data", "checkpoints", "environment"}
-    params = find_model("sgan_simulations_8_8") / "params.safetensors"
+    params = find_model("sgan_simulations_8") / "params.safetensors"
     digest = hashlib.sha256(params.read_bytes()).hexdigest()
     assert found["checkpoints"][str(params)] == digest
 
@@ -286,7 +286,7 @@ def test_a_forecaster_of_a_plugin_is_a_baseline(options, tmp_path, monkeypatch):
 
 def test_own_tracks_in_python():
     tracks = synthetic_tracks("cross-path", 0)
-    model = load_model("sgan_simulations_8_8")
+    model = load_model("sgan_simulations_8")
     rows = evaluation.evaluate(model, tracks, samples=3, baselines=["constant_velocity"])
     assert rows["model"].to_list() == ["constant velocity", "SGAN"]
     assert rows["dataset"][0] == tracks.recording

@@ -7,7 +7,7 @@ import pytest
 from neurosym_jax.commands.symbols import Options, run
 from neurosym_jax.errors import InputError
 
-MODEL = Path(__file__).resolve().parents[2] / "checkpoints" / "neurosym_simulations_8_8"
+MODEL = Path(__file__).resolve().parents[2] / "checkpoints" / "neurosym_simulations_8"
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_weights_of_a_model(recording, tmp_path, capsys):
     assert "window 4: 3 people, weighting cnd" in out
     assert "constant" not in out
     with pytest.raises(InputError, match="SGAN weighs no pairs"):
-        run(Options(recording, model=MODEL.with_name("sgan_simulations_8_8")))
+        run(Options(recording, model=MODEL.with_name("sgan_simulations_8")))
 
 
 @pytest.mark.parametrize(

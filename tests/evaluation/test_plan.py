@@ -97,17 +97,14 @@ def test_of_what_ships_one_of_each_kind_where_it_belongs():
     def chosen(source, **asked):
         return sorted(name for name, _ in one_of_each(source, ships, **asked))
 
-    assert chosen(Synthetic()) == ["neurosym_simulations_8_8", "sgan_simulations_8_8"]
-    for_others = ["residual_encounter_general_8_12", "residual_sgan_general_8_12"]
-    assert chosen(Synthetic(), pred_len=12) == for_others
-    assert chosen(EthUcy(), dataset="zara1") == ["neurosym_zara1_8_8", "sgan_zara1_8_8"]
-    scenes = EthUcy().scenes
-    assert chosen(EthUcy(), pred_len=12) == sorted(
-        f"{kind}_{scene}_8_12" for kind in ("neurosym", "sgan") for scene in scenes
-    )
-    # Of people whom no model knows: those that were trained for others.
-    for_others = ["residual_encounter_general_8_8", "residual_sgan_general_8_8"]
-    assert chosen(Files(("mine",))) == for_others
+    assert chosen(Synthetic()) == ["neurosym_simulations_8", "sgan_simulations_8"]
+    assert chosen(Synthetic(), pred_len=12) == ["anchors_general_12", "neurosym_eth_12"]
+    assert chosen(EthUcy(), dataset="zara1") == ["anchors_zara1_8", "neurosym_zara1_8"]
+    found = chosen(EthUcy(), pred_len=12)
+    anchors = [f"anchors_{scene}_12" for scene in sorted(EthUcy().scenes)]
+    assert found == [*anchors, "neurosym_eth_12", "neurosym_zara1_12"]
+    # Of people whom no model knows: what was trained for others, then what was on real people.
+    assert chosen(Files(("mine",))) == ["anchors_general_8", "neurosym_eth_8"]
 
 
 def test_a_model_for_all_simulations_is_tested_on_each():

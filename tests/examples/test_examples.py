@@ -86,7 +86,7 @@ def tracks(tmp_path_factory):
     return path
 
 
-MODEL = FOLDER.parent / "checkpoints" / "sgan_simulations_8_8"
+MODEL = FOLDER.parent / "checkpoints" / "sgan_simulations_8"
 
 
 @pytest.mark.slow

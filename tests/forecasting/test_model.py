@@ -202,16 +202,6 @@ def test_fewer_samples_are_the_first_ones():
     assert_same(found, {key: forecast[:2] for key, forecast in reference(name).items()})
 
 
-def test_the_first_sample_does_not_deviate_from_constant_velocity():
-    observed = cut(crowd()).position[:3, :4]
-    model = random_model("none")
-    config = dataclasses.replace(model.config, noise_type="fixed", residual=True)
-    forecast = predict(dataclasses.replace(model, config=config), observed, samples=K)
-    ahead = observed[:, -1:] + (observed[:, -1:] - observed[:, -2:-1]) * np.arange(1, 5)[:, None]
-    assert_allclose(forecast[0], ahead, atol=1e-5)
-    assert np.abs(forecast[1:] - ahead).max(axis=(1, 2, 3)).min() > 0.1
-
-
 def test_float64():
     name = "social"
     with jax.enable_x64(True):

@@ -16,7 +16,7 @@ from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
 from neurosym_jax.models.anchor_table import AnchorTableConfig
 
-NAME = "neurosym_zara1_8_8"
+NAME = "neurosym_zara1_8"
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
 
 
@@ -35,15 +35,14 @@ def test_every_shipped_model_by_name(downloads):
     )
     for path in shipped_models():
         model = load_model(path.name)
-        lengths = f"{model.config.obs_len}_{model.config.pred_len}"
-        assert path.name.endswith(lengths)
+        assert path.name.endswith(f"_{model.dataset}_{model.config.pred_len}")
         assert {file.name for file in path.iterdir()} == {
             *("README.md", "config.json", "params.safetensors"),
         }
 
 
 def test_a_path_goes_before_a_name(downloads):
-    shutil.copytree(SHIPPED / "sgan_eth_8_8", NAME)
+    shutil.copytree(SHIPPED / "sgan_eth_8", NAME)
     assert find_model(NAME) == Path(NAME)
     assert load_model(NAME).name == "SGAN"
     shutil.rmtree(NAME)
@@ -76,8 +75,8 @@ def test_what_is_at_hand_is_listed(downloads, shared, capsys):
     assert head.split() == titles.split()
     assert len(lines) == len(shipped_models()) + 10
     line = next(line for line in lines if line.startswith(f"{NAME} "))
-    about = [NAME, "NeuroSyM,", "cnd", "8+8", "0.4", "s", "zara1", "-", str(SHIPPED)]
-    assert [word for at, word in enumerate(line.split()) if at != 6] == about
+    about = [NAME, "NeuroSyM,", "cnd", "8+8", "0.4", "s", "99", "%", "zara1", "ETH/UCY"]
+    assert line.split() == [*about, "(unstated)", str(SHIPPED)]
     for line in lines[-10:]:
         load_model(line.split()[0])
 

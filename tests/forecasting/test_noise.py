@@ -1,5 +1,3 @@
-import dataclasses
-
 import jax
 import numpy as np
 import pytest
@@ -9,10 +7,7 @@ from neurosym_jax.forecasting.noise import CHUNK, NoiseSpec, draw_noise, scene_n
 
 # Few shapes: each is a second of compiling.
 GAUSSIAN, UNIFORM = NoiseSpec(2), NoiseSpec(1, per_agent=True, distribution="uniform")
-FIXED = NoiseSpec(2, distribution="fixed")
-SPECS = pytest.mark.parametrize(
-    "spec", [GAUSSIAN, UNIFORM, FIXED], ids=["gaussian", "uniform", "fixed"]
-)
+SPECS = pytest.mark.parametrize("spec", [GAUSSIAN, UNIFORM], ids=["gaussian", "uniform"])
 IDENTITY = np.array([[1, 2], [3, 4], [2**32 - 1, 0]], np.uint32)
 
 
@@ -65,21 +60,6 @@ def test_the_same_under_x64(spec):
 def test_every_seed_scene_sample_and_slot_has_its_own():
     drawn = [draw_noise(UNIFORM, seed, IDENTITY, 2, 5) for seed in (0, 1, 2**32 - 1)]
     assert len(np.unique(np.stack(drawn))) == 3 * 3 * 2 * 5
-
-
-def test_fixed_noise_is_one_for_all_scenes_and_seeds():
-    drawn = draw_noise(FIXED, 0, IDENTITY, 500, 1)
-    assert_array_equal(drawn, draw_noise(FIXED, 7, IDENTITY + 1, 500, 1))
-    assert_array_equal(drawn, np.broadcast_to(drawn[:, :1], drawn.shape))
-    assert len(np.unique(drawn[:, 0], axis=0)) == 500
-    assert abs(drawn.mean()) < 0.1
-    assert abs(drawn.std() - 1) < 0.1
-
-
-def test_zero_takes_the_place_of_the_first():
-    noise = draw_noise(dataclasses.replace(FIXED, first_zero=True), 0, IDENTITY, 5, 1)
-    assert not noise[0].any()
-    assert_array_equal(noise[1:], draw_noise(FIXED, 0, IDENTITY, 5, 1)[1:])
 
 
 def test_distributions():

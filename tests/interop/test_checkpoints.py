@@ -218,7 +218,7 @@ def names_of_arguments():
         ("pooling_type", "pool_net", "missing: 'pool_net.spatial_embedding.weight'"),
         ("pool_every_timestep", True, "needs a pooling"),
         ("pred_len", "12", "pred_len must be a whole number, not '12'"),
-        ("noise_type", "cauchy", "one of gaussian, uniform, fixed, not 'cauchy'"),
+        ("noise_type", "cauchy", "one of gaussian, uniform, not 'cauchy'"),
         ("noise_dim", (1, 1), "noise_dim is (1, 1), and ours is one number"),
         ("noise_dim", (2,), "noise_dim is 2, and the weights have room for 1"),
         ("noise_dim", None, "noise_dim is 0, and the weights have room for 1"),
@@ -323,14 +323,12 @@ def test_export_with_a_discriminator():
     [
         (GeneratorConfig(pooling="pool_net,hidden_dim=64"), "fixed at 512, not 64"),
         (dataclasses.replace(ROS, pooling="neurosym_ros,hidden_dim=64"), "fixed at 512, not 64"),
-        (GeneratorConfig(noise_type="fixed", residual=True), "noise_type fixed has no counterpart"),
         (dataclasses.replace(ROS, weighting="learned"), "learned: no torch has them"),
         (dataclasses.replace(ROS, pooling="as_described"), "as_described has no counterpart"),
     ],
 )
 def test_export_refuses_what_sgan_cannot_build(config, message):
-    like = dataclasses.replace(config, residual=False)
-    params = {} if "as_described" in message else random_params(like)
+    params = {} if "as_described" in message else random_params(config)
     with pytest.raises(InputError, match=message):
         torch_contents(config, params)
 

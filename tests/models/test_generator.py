@@ -38,17 +38,6 @@ CONFIGS = {
     "history, every step": GeneratorConfig(
         pooling="neurosym_ros,hidden_dim=16", pool_every_timestep=True, obs_len=5, pred_len=7
     ),
-    "beside velocity": GeneratorConfig(
-        pooling="none", pred_len=4, noise_type="fixed", residual=True
-    ),
-    "beside velocity, every step": GeneratorConfig(
-        pool_every_timestep=True,
-        pooling="pool_net,hidden_dim=16",
-        obs_len=3,
-        pred_len=4,
-        noise_type="fixed",
-        residual=True,
-    ),
     "one step": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=1, obs_len=1),
 }
 EACH = pytest.mark.parametrize("config", CONFIGS.values(), ids=list(CONFIGS))
@@ -128,8 +117,6 @@ def unfolded(config, params, scene, noise):
         cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
         hidden = sigmoid(o) * np.tanh(cell)
         step = dense(hidden, decoder["hidden2pos"])
-        if config.residual:
-            step = step + np.asarray(scene.displacement)[:, -1]
         track = np.concatenate([track, track[:, -1:] + step[:, None]], axis=1)
         steps.append(step)
         if config.pool_every_timestep:

@@ -16,20 +16,16 @@ def test_generators():
 
 
 def test_changes():
-    changed = named_network("neurosym", changes=["noise_type=fixed", "encoder_h_dim=48"])
-    assert (changed.noise_type, changed.encoder_h_dim) == ("fixed", 48)
+    changed = named_network("neurosym", changes=["noise_type=uniform", "encoder_h_dim=48"])
+    assert (changed.noise_type, changed.encoder_h_dim) == ("uniform", 48)
     assert (changed.pooling, changed.weighting) == (AsDescribed(), Cnd())
     for change, reason in (
         ("noise_dim=99", "network: noise_dim must lie in"),
-        ("noise=fixed", "--network noise=fixed: must be NAME=VALUE"),
+        ("noise=uniform", "--network noise=uniform: must be NAME=VALUE"),
         ("noise_type=fix", "network: noise_type"),
     ):
         with pytest.raises(InputError, match=reason):
             named_network(changes=[change])
-    with pytest.raises(InputError, match="fixed needs noise_mix_type global"):
-        named_network(changes=["noise_type=fixed", "noise_mix_type=ped"])
-    with pytest.raises(InputError, match="residual needs noise_type fixed"):
-        named_network(changes=["residual=true"])
 
 
 @pytest.mark.parametrize(

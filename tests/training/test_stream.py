@@ -3,10 +3,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
-from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.training.rollout import draw_group_noise
 from neurosym_jax.training.stream import SceneStream
 
@@ -91,13 +88,3 @@ def test_noise_has_the_kind_and_shape_asked_for(windows, run):
         flat = np.concatenate([np.ravel(noise) for noise in noises])
         assert len(np.unique(flat)) == len(flat)
         assert (np.abs(flat).max() > 1) == (config is run.network)
-
-
-@pytest.mark.parametrize("residual", [False, True])
-def test_fixed_noise_is_that_of_a_forecast(windows, run, residual):
-    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
-    config = dataclasses.replace(run.network, noise_type="fixed", residual=residual)
-    spec = GeneratorForecaster(config).noise
-    for noise, scene in zip(draw_group_noise(config, groups, jax.random.key(3), 5), groups):
-        identity = np.zeros((len(scene.valid), 2), np.uint32)
-        assert_array_equal(noise, draw_noise(spec, 0, identity, 5, 1))

@@ -11,11 +11,11 @@ SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
 
 
 def test_names_of_models_side_by_side():
-    sgan, neurosym = SHIPPED / "sgan_zara1_8_8", SHIPPED / "neurosym_zara1_8_8"
+    sgan, neurosym = SHIPPED / "sgan_zara1_8", SHIPPED / "neurosym_zara1_8"
     assert list(load_models((neurosym, sgan))) == ["NeuroSyM", "SGAN"]
     assert list(load_models((sgan,))) == ["SGAN"]
-    both = load_models((sgan, SHIPPED / "sgan_zara2_8_8"))
-    assert list(both) == ["sgan_zara1_8_8", "sgan_zara2_8_8"]
+    both = load_models((sgan, SHIPPED / "sgan_eth_8"))
+    assert list(both) == ["sgan_zara1_8", "sgan_eth_8"]
     with pytest.raises(InputError, match="at least one"):
         load_models(())
     with pytest.raises(InputError, match="differ in kind or name"):

@@ -27,7 +27,7 @@ from neurosym_robot.ros.people import seconds_of, see
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
-MODELS = [str(SHIPPED / name) for name in ("sgan_zara1_8_8", "neurosym_zara1_8_8")]
+MODELS = [str(SHIPPED / name) for name in ("sgan_zara1_8", "neurosym_zara1_8")]
 FAULTS = TrackerFaults(dropout=0.01, id_switch=1.0)
 
 

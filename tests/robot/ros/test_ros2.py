@@ -26,7 +26,7 @@ from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.online.predictor import Predictor
 
 ROOT = Path(__file__).resolve().parents[3]
-MODEL = ROOT / "checkpoints" / "neurosym_zara1_8_8"
+MODEL = ROOT / "checkpoints" / "neurosym_zara1_8"
 IMPORTS = (
     "import rclpy, geometry_msgs.msg, visualization_msgs.msg, sys; print(sys.version_info[:2])"
 )

@@ -1,0 +1,103 @@
+"""Every model that ships and looks at neighbours: its forecasts depend on who else is there."""
+
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.data.batching import make_batches
+from neurosym_jax.data.sources import Synthetic, open_source
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.evaluation.neighbours import MOVED, NEAR, without_neighbours
+from neurosym_jax.evaluation.scoring import chosen, score_futures
+from neurosym_jax.forecasting.batched import draw_noises, forecast_batches
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import shipped_models
+
+MODELS = {path.name: load_model(path) for path in shipped_models()}
+SEEING = [name for name, model in MODELS.items() if model.forecaster.sees_neighbours]
+
+
+WORSE = {"sgan_univ_8": 1.05, "sgan_univ_12": 1.05}
+"""Models whose neighbours raise the error, and by how much at most: univ has crowds of more than
+the 16 people that a training scene is cropped to, and SGAN's pooling is a maximum over all."""
+
+
+def batches_of(model, recordings, every=1):
+    windows = cut_windows(recordings, model.config.obs_len, model.config.pred_len)
+    return make_batches(windows.take(slice(None, None, every)))
+
+
+def forecasts(model, batches):
+    """Of each batch: the scenes, a function of other scenes, forecasts in company and alone."""
+    forecaster, params = model.forecaster, jax.device_put(model.params)
+    for batch in batches:
+        noise = draw_noises(forecaster.noise, [batch.scene], 20, 0)[0]
+
+        def forecast(scene, noise=noise):
+            return forecast_batches(forecaster, params, [scene], [noise])
+
+        alone = forecast(*without_neighbours(batch.scene, noise))
+        yield batch.scene, forecast, forecast(batch.scene), alone
+
+
+def exchanged(scene):
+    """The first agent of each scene of a batch among the neighbours of another scene.
+
+    It takes the place of the first agent there: the others are moved along.
+    """
+    donor = np.arange(len(scene.valid))
+    there = np.flatnonzero(scene.valid[:, 0])
+    donor[there] = np.roll(there, len(there) // 2)
+    observed, displacement = scene.observed[donor].copy(), scene.displacement[donor].copy()
+    observed += (scene.observed[:, 0, -1] - observed[:, 0, -1])[:, None, None]
+    observed[:, 0], displacement[:, 0] = scene.observed[:, 0], scene.displacement[:, 0]
+    return scene.replace(observed=observed, displacement=displacement, valid=scene.valid[donor])
+
+
+def first_of(scene, values):
+    """Of `values [k, A, ...]`, those of the first agent of each scene."""
+    start = np.cumsum(scene.valid.sum(axis=1)) - scene.valid.sum(axis=1)
+    return values[:, start[scene.valid[:, 0]]]
+
+
+def furthest(one, other):
+    return np.linalg.norm(one - other, axis=-1).max(axis=(0, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SEEING)
+def test_near_neighbours_change_the_forecast(name):
+    source = Synthetic()
+    recordings = [tracks for part in source.scenes for tracks in source.recordings(part, "test")]
+    removed, strange = [], []
+    model = MODELS[name]
+    for scene, forecast, company, alone in forecasts(model, batches_of(model, recordings)):
+        last = scene.observed[scene.valid[:, 0], :, -1]
+        distance = np.linalg.norm(last[:, 1:] - last[:, :1], axis=-1)
+        near = (scene.valid[scene.valid[:, 0], 1:] & (distance <= NEAR)).any(axis=1)
+        mine, other = first_of(scene, company), exchanged(scene)
+        removed.append(furthest(mine, first_of(scene, alone))[near] > MOVED)
+        strange.append(furthest(mine, first_of(other, forecast(other)))[near] > 0.01)
+    assert len(np.concatenate(removed)) > 500
+    assert np.concatenate(removed).mean() >= 0.95
+    assert np.concatenate(strange).mean() >= 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in SEEING if "general" not in name])
+def test_neighbours_do_not_raise_the_error(name, request):
+    """On scenes of the model's own test."""
+    model = MODELS[name]
+    if model.dataset == "simulations":
+        source, scenes = Synthetic(), Synthetic().scenes
+    else:
+        source = open_source(request.getfixturevalue("shared") / "data/eth_ucy")
+        scenes = [str(model.dataset)]
+    recordings = [tracks for part in scenes for tracks in source.recordings(part, "test")]
+    every = {"univ": 16, "zara2": 4, "zara1": 2}.get(str(model.dataset), 1)
+    errors = []
+    for scene, _, *both in forecasts(model, batches_of(model, recordings, every)):
+        scores = (score_futures(chosen(["joint_ade"]), {"samples": f}, [scene])[0] for f in both)
+        errors.append([score["joint_ade"].total.sum() for score in scores])
+    company, alone = np.sum(errors, axis=0)
+    assert company <= WORSE.get(name, 1) * alone
