@@ -6,4 +6,3 @@ from .predictor import Forecast as Forecast
 from .predictor import ModelForecast as ModelForecast
 from .predictor import Predictor as Predictor
 from .replay import ReplayEvent as ReplayEvent
-from .status import format_summary as format_summary
