@@ -39,7 +39,7 @@ TESTS = {
 
 TRAINED = {
     "zara1": ("ETH/UCY without zara1", ("zara1",)),
-    "general": ("all of ETH/UCY", ("zara1",)),
+    "general": ("all of ETH/UCY, HERMES", ("zara1", "HERMES")),
     "simulations": ("both scenarios", ("scenario A", "scenario B")),
 }
 """By a part of the checkpoint's name: what it was trained on, and the tests of its own domain."""
