@@ -32,7 +32,7 @@ def test_a_benchmark_and_its_page(tmp_path):
     assert all(0 < row["low"] <= row["median"] <= row["high"] for row in result["rows"])
     text = page.read_text()
     assert text.startswith("# Benchmarks")
-    assert "plain loop" in text
+    assert "QTC and alpha" in text
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Convert a torch checkpoint of SGAN or NeuroSyM to a model's folder, or back."""
+"""Convert a torch checkpoint to a model's folder, or back."""
 
 import dataclasses
 from pathlib import Path

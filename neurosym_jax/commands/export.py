@@ -1,4 +1,4 @@
-"""Export a model as a StableHLO program that runs without this package."""
+"""Export a model as a StableHLO program, to run without this package."""
 
 import dataclasses
 from pathlib import Path

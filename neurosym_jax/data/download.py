@@ -5,6 +5,7 @@ call fetches the files that are still missing.
 """
 
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
@@ -50,7 +51,7 @@ def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0)
         urls={name: base + file.address for name, file in wanted.items()},
         retry_if_failed=RETRIES,
     )
-    receive = pooch.HTTPDownloader(timeout=timeout)
+    receive: Any = pooch.HTTPDownloader(timeout=timeout)
     try:
         there = {name for name in wanted if (into / name).exists()}
         for name in there:

@@ -54,8 +54,9 @@ def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
 
 def is_fingerprint(value: object) -> bool:
     """Whether a value read from a file is what `fingerprint` returns."""
-    whole = isinstance(value, str) and re.fullmatch(r"[A-Za-z0-9+/]*", value) is not None
-    return whole and len(value) % 8 == 0 and len(value) <= 8 * KEPT
+    if not isinstance(value, str) or re.fullmatch(r"[A-Za-z0-9+/]*", value) is None:
+        return False
+    return len(value) % 8 == 0 and len(value) <= 8 * KEPT
 
 
 def _hashes(windows: Windows) -> np.ndarray:

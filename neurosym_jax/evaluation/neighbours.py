@@ -41,12 +41,12 @@ def without_neighbours(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndar
 
 
 def share(moves: Array, scene: Scene) -> tuple[Array, Array]:
-    """Whether each agent's forecast moves by more than `MOVED`."""
+    """[N] bool, whether an agent's forecast moves by more than `MOVED`; `moves [k, N, T, 2]`."""
     return _lengths(moves).max(axis=(0, 2)) > MOVED, _in_company(scene)
 
 
 def near(moves: Array, scene: Scene) -> tuple[Array, Array]:
-    """The same of the agents whose nearest neighbour is within `NEAR`."""
+    """[N] bool, `share` of the agents whose nearest neighbour is within `NEAR`."""
     last = jnp.asarray(scene.observed)[:, -1]
     distance = _lengths(last[:, None] - last)
     others = jnp.asarray(scene.valid) & ~jnp.eye(len(last), dtype=bool)

@@ -12,7 +12,7 @@ import numpy as np
 
 from neurosym_jax.data.batching import Batch
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import METRICS, Given, Metric, metric_names
+from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.evaluation.neighbours import without_neighbours
 from neurosym_jax.forecasting.batched import (
     Map,
@@ -91,7 +91,7 @@ def chosen(names: Sequence[str] | None) -> Metrics:
 
 def score_scenes(
     metrics: Metrics,
-    forecasts: Mapping[Given, np.ndarray],
+    forecasts: Mapping[str, np.ndarray],
     scene: Scene,
     probability: np.ndarray | None = None,
 ) -> Scores:
@@ -240,21 +240,21 @@ def score_group(
         # A sample more, which the other metrics do not see.
         noises = [np.concatenate([noise, np.zeros_like(noise[:1])]) for noise in noises]
     futures, probability = distribution_batches(forecaster, params, scenes, noises, run)
-    forecasts: dict[Given, np.ndarray] = {"samples": futures[:samples], "noise_free": futures[-1:]}
+    forecasts: dict[str, np.ndarray] = {"samples": futures[:samples], "noise_free": futures[-1:]}
     if probability is not None:
         sizes = np.concatenate([scene.valid.sum(axis=1) for scene in scenes])
         likely = np.repeat(probability.argmax(axis=0), sizes)
         forecasts["noise_free"] = futures[likely, np.arange(len(likely))][None]
     if "moves" in kinds:
-        alone = [without_neighbours(*each) for each in zip(scenes, noises)]
-        singles = forecast_batches(forecaster, params, *zip(*alone), run)
+        people, drawn = zip(*map(without_neighbours, scenes, noises))
+        singles = forecast_batches(forecaster, params, people, drawn, run)
         forecasts["moves"] = (futures - singles)[:samples]
     return score_futures(metrics, forecasts, scenes, run, probability)
 
 
 def score_futures(
     metrics: Metrics,
-    forecasts: Mapping[Given, np.ndarray],
+    forecasts: Mapping[str, np.ndarray],
     scenes: Sequence[Scene],
     run: Map = map,
     probability: np.ndarray | None = None,

@@ -131,11 +131,12 @@ def apply_anchors(
         company: see `AnchorNetwork`.
     """
     if isinstance(config, AnchorTableConfig):
-        return AnchorTable(config).apply({"params": params["params"]}, observed, valid)
+        table: Any = AnchorTable(config).apply({"params": params["params"]}, observed, valid)
+        return table
     if alpha is None and config.weighting is not None:
         alpha = config.weighting.alpha(params.get("weighting", {}), observed, valid)
     last = None if alpha is None else alpha[..., -1]
-    network = AnchorNetwork(config)
+    network: Any = AnchorNetwork(config)
     return network.apply({"params": params["params"]}, observed, valid, last, company)
 
 

@@ -57,4 +57,4 @@ def forecast(
     if isinstance(config, GeneratorConfig):
         context = encode_scene(config, params, scene, given)
         return decode_scene(config, params, context, scene, jnp.asarray(noise)) + origin
-    return apply_anchors(config, params, scene.observed, present, given)[0] + origin
+    return apply_anchors(config, params, jnp.asarray(scene.observed), present, given)[0] + origin

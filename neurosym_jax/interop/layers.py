@@ -57,7 +57,7 @@ def compared_layers(case: GeneratorCase) -> dict[str, tuple[np.ndarray, np.ndarr
 
 
 def likely_reason(case: GeneratorCase, row: str, ours: np.ndarray, theirs: np.ndarray) -> str:
-    """Why this row differs, the first that does, where the reason is one of the known."""
+    """Why the first row that differs does, `ours [...]` and `theirs [...]`."""
     name = row.removesuffix(ALONE)
     layers = _layers(case)
     if np.isnan(theirs).all():

@@ -48,7 +48,8 @@ def max_over_neighbours(
         [N, B], finite for every slot; 0 if nobody is valid.
     """
     layer = jax.vmap(first_layer, in_axes=(None, None, 0, 0))
-    highest = _maximum(layer, shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
+    second_layer = second.kernel, second.bias
+    highest: Any = _maximum(layer, shared, agents, neighbours, pairs, *second_layer, valid)
     return jnp.where(valid.any(), highest, 0)
 
 
@@ -113,7 +114,7 @@ _maximum.defvjp(_forward, _backward)
 
 
 def bottleneck_relu(module: nn.Module, x: Array) -> Array:
-    """`relu(x)`, the end of the pooling `module`.
+    """`relu(x [..., F])`, the end of the pooling `module`.
 
     Its gradient at `x <= 0` is 0, or, where the module has the variable `leak` of the collection
     `training`, that share of the gradients which raise `x` (see `training.gentle_pooling`).

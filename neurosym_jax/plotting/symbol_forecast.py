@@ -45,7 +45,7 @@ def plot_symbol_forecast(
         [f"{100 * p:.0f}%\n{t:.1f} s" if p >= 0.2 and np.isfinite(t) else "" for p, t in zip(*both)]
         for both in zip(probability, medians)
     ]
-    draw_matrix(what, probability, cells, SMALL - 2.5)
+    draw_matrix(what, np.asarray(probability), cells, SMALL - 2.5)
     names = [event.replace("_", " ") for event in EVENTS]
     what.set_xticks(range(len(names)), names, rotation=90)
     what.set_yticks([])

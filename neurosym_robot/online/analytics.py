@@ -107,7 +107,7 @@ class Analytics:
         steps = max(result.mean.shape[1] for result in forecast.models.values())
         times = forecast.stamp + self._window.period * np.arange(1, steps + 1)
         future = self._window.resampled(forecast.ids, times)
-        known = np.isfinite(future).all(axis=2)
+        known: Any = np.isfinite(future).all(axis=2)
         samples = {name: result.samples for name, result in forecast.models.items()}
         # As many as a model's, all alike, so that the same program scores them.
         going_on = straight(forecast.observed, steps)

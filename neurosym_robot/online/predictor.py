@@ -112,7 +112,7 @@ class Predictor:
         if period is None and len(periods) != 1:
             raise InputError(f"models must have steps of one length, not {sorted(periods)} s")
         refuse(Count, {"max_people": max_people})
-        period = periods.pop() if period is None else period
+        period = float(periods.pop() if period is None else period)
         self.seconds_ahead = period * max(each.config.pred_len for each in self.models.values())
         """Seconds from the newest frame to the end of the longest forecast."""
         window = {"memory": self.seconds_ahead + GRACE, **window}

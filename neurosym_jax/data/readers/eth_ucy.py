@@ -45,7 +45,8 @@ def read_text(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PER
     table = read_table(path, ("frame", "ped", "x", "y"))
     metres = table.numbers(2, 3) * options.metres(path)
     if options.format is None:
-        _refuse_swapped(path, *table.numbers(0, 1).T, metres)
+        frame, ped = table.numbers(0, 1).T
+        _refuse_swapped(path, frame, ped, metres)
     return _numbered(table, metres, options, period)
 
 
