@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from neurosym_jax.configuration import Positive, component_from_text
@@ -109,13 +109,17 @@ def test_an_agent_alone_weighs_nothing(weighting, slots):
 
 @pytest.mark.parametrize("weighting", NAMES)
 @given(seed=st.integers(0, 2**32 - 1), agents=st.sampled_from([1, 2, 5, 9]))
+@example(seed=481, agents=2)
 def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
     positions, draw = jittered(9, seed).astype(np.float32), np.random.default_rng(seed)
     slots = draw.permutation(9)[:agents]
     valid = np.isin(np.arange(9), slots)
     padded = np.asarray(alpha_of(positions, valid, weighting))
     alone = np.asarray(alpha_of(positions[slots], weighting=weighting))
-    np.testing.assert_array_equal(padded[np.ix_(slots, slots)], alone)
+    # The smooth functions of `soft` round by the shape that they are compiled for; tables do not.
+    np.testing.assert_allclose(
+        padded[np.ix_(slots, slots)], alone, rtol=3e-7 if weighting == "soft" else 0, atol=0
+    )
     assert not padded[~valid].any()
     assert not padded[:, ~valid].any()
 
