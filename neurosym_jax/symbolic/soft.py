@@ -24,7 +24,6 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.symbolic.calculi import observe
-from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import Convention, side_factor, ways
 
 __all__ = ["soft_alpha", "soft_symbols"]
@@ -78,13 +77,16 @@ def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Arra
 
     Args:
         probabilities: [..., 4, 3] of (-, 0, +), see `soft_symbols`.
-        table: [81] weights by state code; None for `cnd.alpha_table()`.
+        table: [81] weights by state code; None for `cnd`, which depends on the number of zeros
+            alone. Its expectation is then built symbol by symbol, to the same bits in any shape.
 
     Returns:
         [...] weights.
     """
     probabilities = jnp.asarray(probabilities)
-    weights = jnp.asarray(alpha_table() if table is None else table, probabilities.dtype)
+    if table is None:
+        return _expected_by_zeros(probabilities[..., 1])
+    weights = jnp.asarray(table, probabilities.dtype)
     q1, q2, q3, q4 = jnp.moveaxis(probabilities, -2, 0)
     return (_both(q1, q2) @ weights.reshape(9, 9) * _both(q3, q4)).sum(axis=-1)
 
@@ -92,6 +94,17 @@ def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Arra
 def _both(first: Array, second: Array) -> Array:
     """[..., 9] joint probabilities of two symbols from [..., 3] of each."""
     return (first[..., :, None] * second[..., None, :]).reshape(*first.shape[:-1], 9)
+
+
+def _expected_by_zeros(zero: Array) -> Array:
+    """[...] of `cnd`: 1 / (3^z + 2^(4-z) - 2) for z zeros, from p(0) of each symbol [..., 4]."""
+    # count[z]: the probability of z zeros among the symbols so far.
+    count = [jnp.ones_like(zero[..., 0])]
+    for symbol in range(4):
+        p = zero[..., symbol]
+        stay, more = [of * (1 - p) for of in count], [of * p for of in count]
+        count = [stay[0], *(a + b for a, b in zip(stay[1:], more)), more[-1]]
+    return sum((of / (3**z + 2 ** (4 - z) - 2) for z, of in enumerate(count)), jnp.zeros(()))
 
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:

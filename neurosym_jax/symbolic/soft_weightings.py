@@ -61,7 +61,7 @@ class Quantised(TableWeighting):
             straight_through=straight_through,
             **self.thresholds(parameters),
         )
-        expected = soft_alpha(probabilities, parameters.get("table", self.state_weights()))
+        expected = soft_alpha(probabilities, parameters.get("table"))
         return after_first(expected, parameters)
 
 

@@ -84,15 +84,15 @@ def test_a_sparse_file_is_refused_before_memory_is_taken(tmp_path):
     assert peak < 2e7
 
 
-def test_a_header_of_20_000_bodies_is_fast(tmp_path):
-    names = "\t".join(f"Helmet_{n} {axis}" for n in range(20_000) for axis in "XYZ")
-    row = "\t".join(["5"] * 60_000)
+def test_a_header_of_100_000_bodies_is_fast(tmp_path):
+    names = "\t".join(f"Helmet_{n} {axis}" for n in range(100_000) for axis in "XYZ")
+    row = "\t".join(["5"] * 300_000)
     (tmp_path / "a.tsv").write_text(f"Frame\tTime\t{names}\n1\t0.0\t{row}\n2\t0.1\t{row}\n")
     start = time.process_time()
     with pytest.warns(InputWarning, match="duplicates"):
         (tracks,) = read_any(tmp_path / "a.tsv", ReadOptions(yes_really=True))
-    assert len(tracks.id) == 40_000
-    assert time.process_time() - start < 2
+    assert len(tracks.id) == 200_000
+    assert time.process_time() - start < 5
 
 
 def test_a_period_of_nothing_is_refused():

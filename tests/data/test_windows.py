@@ -155,7 +155,7 @@ def test_the_whole_benchmark_is_read_and_cut_in_time(shared):
     for scene in SCENES:
         for split in ("train", "val", "test"):
             cut_windows(read_split(shared / "data/eth_ucy", scene, split), 8, 8)
-    assert time.process_time() - start < 3
+    assert time.process_time() - start < 1.5
 
 
 def walk(frames: int, agents: int, name: str = "walk") -> Tracks:

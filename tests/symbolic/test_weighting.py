@@ -20,6 +20,7 @@ from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.transition import Transition, count_states
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, make_weighting, register_weighting
+from tests.symbolic import literal
 
 NAMES = tuple(WEIGHTINGS)
 RELEASED = CndShipped(convention="as_published", decimals=4)
@@ -73,6 +74,14 @@ def test_the_authors_own_table(shared):
     np.testing.assert_array_equal(RELEASED.state_weights(), authors)
 
 
+def test_shipped_tables():
+    rows = literal.states("c1")
+    exact = [literal.shipped_alpha(state) for state in rows]
+    np.testing.assert_array_equal(CndShipped().state_weights(), exact)
+    printed = [[0.0625, 0.0417, 0.0278, 0.0185, 0.0123][state.count(0)] for state in rows]
+    np.testing.assert_array_equal(RELEASED.state_weights(), printed)
+
+
 def test_the_state_up_to_a_step_weights_that_step():
     positions = walks(4)
     alpha = np.asarray(alpha_of(positions))
@@ -116,10 +125,7 @@ def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
     valid = np.isin(np.arange(9), slots)
     padded = np.asarray(alpha_of(positions, valid, weighting))
     alone = np.asarray(alpha_of(positions[slots], weighting=weighting))
-    # The smooth functions of `soft` round by the shape that they are compiled for; tables do not.
-    np.testing.assert_allclose(
-        padded[np.ix_(slots, slots)], alone, rtol=3e-7 if weighting == "soft" else 0, atol=0
-    )
+    np.testing.assert_array_equal(padded[np.ix_(slots, slots)], alone)
     assert not padded[~valid].any()
     assert not padded[:, ~valid].any()
 
@@ -130,6 +136,14 @@ def test_padding_time_and_types_are_optional():
     whole = alpha_of(walks(3).astype(np.int32))
     np.testing.assert_array_equal(whole, alpha_of(walks(3)))
     assert whole.dtype == jnp.float32
+
+
+def test_scenes_are_mapped():
+    batch = np.stack([walks(4, seed) for seed in range(3)])
+    valid = np.arange(4)[None] < np.array([[4], [1], [2]])
+    mapped = jax.jit(jax.vmap(make_weighting()))(batch, valid)
+    for scene in range(3):
+        np.testing.assert_array_equal(mapped[scene], alpha_of(batch[scene], valid[scene]))
 
 
 def test_a_table_is_learned():
