@@ -3,7 +3,8 @@
 Every person has a frame of their own heading, in which residuals are scaled by their speed. The
 heading fades with the speed, so that tracking noise does not turn the frame of a person who stands;
 a second set of anchors, in the scene's axes, is for standing people. Neighbours within `radius` are
-seen by attention. Sample i of all people is one joint forecast and has a probability.
+seen by attention, and people within 20 m are counted. Sample i of all people is one joint
+forecast and has a probability.
 """
 
 import dataclasses
@@ -14,8 +15,9 @@ import numpy as np
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.configuration import Checked, Count, Positive
+from neurosym_jax.configuration import Count, Positive
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.anchor_table import SLOW, FixedSamples
 from neurosym_jax.models.frames import heading_of, length, turned
 from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.weighting import Weighting
@@ -28,8 +30,6 @@ PAIR_DIM, MESSAGE_DIM = 32, 16
 """Sizes of the attention's hidden layer and of what a person learns from all neighbours."""
 BASIS = 5
 """Polynomials of time that a residual is composed of."""
-SLOW = 0.125
-"""Speed at which a heading has faded to 0.7, m/s; symbols take slower movement for none."""
 WIDE = 20.0
 """Radius in which people are counted, metres."""
 LONGEST = 5.0
@@ -39,21 +39,14 @@ ROUGHNESS = 0.003
 
 
 @dataclasses.dataclass(frozen=True)
-class AnchorConfig(Checked):
+class AnchorConfig(FixedSamples):
     """Architecture of the anchors network."""
 
-    obs_len: Count = 8
-    """Observed time steps, at least 4."""
-    pred_len: Count = 8
-    """Time steps to forecast."""
-    period: Positive = 0.4
-    """Seconds between time steps, in training."""
-    samples: Count = 20
-    """Number of joint forecasts, k."""
     hidden: Count = 96
     """Units of a person's two hidden layers."""
     radius: Positive = 10.0
-    """Distance at which the effect of a neighbour has smoothly fallen to 0, metres."""
+    """Distance at which the attention to a neighbour has smoothly fallen to 0, metres; people are
+    counted up to `WIDE`."""
     geometry: bool = True
     """Whether the attention sees neighbours' positions and velocities."""
     symbols: bool = False
@@ -65,8 +58,6 @@ class AnchorConfig(Checked):
     def __post_init__(self):
         """Refuse values from which no network can be built."""
         super().__post_init__()
-        if self.obs_len < 4:
-            raise InputError(f"obs_len must be at least 4, not {self.obs_len}")
         if self.weighting is not None and not self.interacts:
             raise InputError("weighting: without geometry and symbols there are no pairs to weight")
 
