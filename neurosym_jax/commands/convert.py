@@ -34,7 +34,7 @@ def run(options: Options) -> None:
             there already.
     """
     if options.ignore_arg:
-        model = load_torch_checkpoint(options.model, options.ignore_arg).model()
+        model = load_torch_checkpoint(options.model, options.ignore_arg)
     else:
         model = load_model(options.model)
     if options.to.suffix == ".pt":

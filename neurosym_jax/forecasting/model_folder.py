@@ -128,7 +128,7 @@ def load_model(
     if os.path.isfile(path):
         from neurosym_jax.interop.checkpoint import load_torch_checkpoint
 
-        return load_torch_checkpoint(path).model()
+        return load_torch_checkpoint(path)
     if not os.path.exists(path):
         raise InputError(f"{path}: no such checkpoint (`neurosym models` lists the models here)")
     try:

@@ -1,4 +1,3 @@
-from .checkpoint import TorchCheckpoint as TorchCheckpoint
 from .checkpoint import export_torch_checkpoint as export_torch_checkpoint
 from .checkpoint import load_torch_checkpoint as load_torch_checkpoint
 from .export import export_model as export_model

@@ -4,7 +4,6 @@
 arguments.
 """
 
-import dataclasses
 import math
 import os
 from collections import OrderedDict
@@ -17,23 +16,21 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.arguments import (
     TORCH_POOLING,
     assumptions,
-    discriminator_config,
     generator_config,
     refuse_unknown,
 )
 from neurosym_jax.interop.names import params_from_torch, params_to_torch, plain_state
 from neurosym_jax.interop.pickles import read_torch_file
-from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.models.social import Social
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = [
-    "TorchCheckpoint",
-    "checkpoint_from_torch",
     "export_torch_checkpoint",
     "load_torch_checkpoint",
+    "model_from_torch",
     "torch_contents",
 ]
 
@@ -53,29 +50,8 @@ UNUSED = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
 """Options of poolings that SGAN's constructor is given even where the pooling has none."""
 
 
-@dataclasses.dataclass(frozen=True)
-class TorchCheckpoint:
-    """What a torch checkpoint holds, in our terms."""
-
-    config: GeneratorConfig
-    params: dict[str, Any]
-    """The generator's parameters: nested dictionaries of float32 arrays."""
-    discriminator: tuple[DiscriminatorConfig, dict[str, Any]] | None
-    """The discriminator's configuration and parameters, where the file has them."""
-    scene: str | None
-    """The dataset it was trained to be tested on (`eth`, `zara1`, ...), where the file says."""
-    arguments: dict[str, Any]
-    """Every argument of the training that is a number, a string, None or a tuple of them."""
-    assumed: tuple[str, ...]
-    """What the file does not say and we take to be so, in words."""
-
-    def model(self) -> Model:
-        """The generator, to forecast with."""
-        return Model(self.config, {"params": self.params}, self.scene, assumed=self.assumed)
-
-
-def load_torch_checkpoint(path: str | os.PathLike, ignore: Collection[str] = ()) -> TorchCheckpoint:
-    """The checkpoint that SGAN, NeuroSyM or `export_torch_checkpoint` wrote to `path`.
+def load_torch_checkpoint(path: str | os.PathLike, ignore: Collection[str] = ()) -> Model:
+    """The generator that SGAN, NeuroSyM or `export_torch_checkpoint` wrote to `path`.
 
     Args:
         path: of the file.
@@ -87,20 +63,21 @@ def load_torch_checkpoint(path: str | os.PathLike, ignore: Collection[str] = ())
     """
     contents = read_torch_file(path)
     try:
-        return checkpoint_from_torch(contents, ignore, size=os.path.getsize(path))
+        return model_from_torch(contents, ignore, size=os.path.getsize(path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def checkpoint_from_torch(
+def model_from_torch(
     contents: Any, ignore: Collection[str] = (), *, size: float = math.inf
-) -> TorchCheckpoint:
-    """The checkpoint of the dictionary that SGAN's training saves.
+) -> Model:
+    """The generator in the dictionary that SGAN's training saves.
 
-    Published files hold `g_state` and `args`; those of a training run hold more. The generator
-    is always `g_state`, which SGAN's own evaluation uses, never `g_best_state`. NeuroSyM's files do
-    not say which of its networks they are, nor how alpha was weighted: the network is inferred from
-    its tensors, and the weighting is the authors' table unless the file was exported from here.
+    Published files hold `g_state` and `args`; those of a training run hold more, which is passed
+    over. The generator is always `g_state`, which SGAN's own evaluation uses, never `g_best_state`.
+    NeuroSyM's files do not say which of its networks they are, nor how alpha was weighted: the
+    network is inferred from its tensors, and the weighting is the authors' table unless the file
+    was exported from here.
 
     Args:
         contents: of the file; tensors are anything that numpy makes an array of.
@@ -118,22 +95,12 @@ def checkpoint_from_torch(
         raise InputError(f"has no {missing}: not a checkpoint of SGAN, or one without weights")
     refuse_unknown(given, ignore, ())
     arguments = {k: v for k, v in given.items() if isinstance(k, str) and _is_plain(v)}
-    state = _state(contents, "g_state", arguments, size)
+    state = _plain(contents["g_state"], arguments, size)
     config = generator_config(arguments, state, "args")
-    discriminator = None
-    if contents.get("d_state") is not None:
-        d_state = _state(contents, "d_state", arguments, size)
-        d_config = discriminator_config(arguments, d_state, "args")
-        discriminator = d_config, params_from_torch(d_state, d_config)
     scene = arguments.get("dataset_name")
-    return TorchCheckpoint(
-        config=config,
-        params=params_from_torch(state, config),
-        discriminator=discriminator,
-        scene=scene if isinstance(scene, str) else None,
-        arguments=arguments,
-        assumed=assumptions(arguments, config),
-    )
+    dataset = scene if isinstance(scene, str) else None
+    params = {"params": params_from_torch(state, config)}
+    return Model(config, params, dataset, assumed=assumptions(arguments, config))
 
 
 def export_torch_checkpoint(
@@ -142,36 +109,29 @@ def export_torch_checkpoint(
     params: Mapping[str, Any],
     *,
     scene: str | None = None,
-    discriminator: tuple[DiscriminatorConfig, Mapping[str, Any]] | None = None,
 ) -> None:
     """Write `torch_contents` with torch, which must be installed, as a `.pt` of weights only.
 
     Raises:
         InputError: when `path` cannot be written, torch is absent, or as `torch_contents`.
     """
-    contents = torch_contents(config, params, scene=scene, discriminator=discriminator)
+    contents = torch_contents(config, params, scene=scene)
     try:
         import torch
     except ImportError:
         raise InputError(f"{path}: torch writes it, and is not installed here") from None
     if os.path.exists(path):
         raise InputError(f"{path}: exists already")
-    for name in ("g_state", "d_state"):
-        if name in contents:
-            tensors = ((k, torch.from_numpy(array)) for k, array in contents[name].items())
-            contents[name] = OrderedDict(tensors)
+    tensors = ((name, torch.from_numpy(array)) for name, array in contents["g_state"].items())
+    contents["g_state"] = OrderedDict(tensors)
     with new_file(path) as beside:
         torch.save(contents, beside)
 
 
 def torch_contents(
-    config: GeneratorConfig,
-    params: Mapping[str, Any],
-    *,
-    scene: str | None = None,
-    discriminator: tuple[DiscriminatorConfig, Mapping[str, Any]] | None = None,
+    config: GeneratorConfig, params: Mapping[str, Any], *, scene: str | None = None
 ) -> dict[str, Any]:
-    """`args`, `g_state` and `d_state` as SGAN's code saves them, with arrays for tensors.
+    """`args` and `g_state` as SGAN's code saves them, with arrays for tensors.
 
     The code is SGAN's, or for `neurosym_ros` and `neurosym_ijcnn` the release that each is named
     after. Their generators declare a second pooling, `pool_net_d`, that they never call; it is
@@ -199,31 +159,14 @@ def torch_contents(
         arguments["weighting"] = config.weighting.name
     if isinstance(config.pooling, Social):
         arguments["bottleneck_dim"] = config.encoder_h_dim
-    contents: dict[str, Any] = {"g_state": params_to_torch(params, config), "args": arguments}
-    pool_hidden_dims = {getattr(config.pooling, "hidden_dim", 512)}
-    if discriminator is not None:
-        d_config, d_params = discriminator
-        contents["d_state"] = params_to_torch(d_params, d_config)
-        arguments |= {"d_type": d_config.kind, "encoder_h_dim_d": d_config.h_dim}
-        if (d_config.embedding_dim, d_config.mlp_dim) != (config.embedding_dim, config.mlp_dim):
-            raise InputError(
-                "SGAN has one embedding_dim and one mlp_dim for generator and discriminator, "
-                f"but they are {config.embedding_dim}, {config.mlp_dim} "
-                f"and {d_config.embedding_dim}, {d_config.mlp_dim}"
-            )
-        if d_config.kind == "global":
-            pool_hidden_dims.add(d_config.pool_hidden_dim)
-    if pool_hidden_dims - {512}:
-        raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {max(pool_hidden_dims)}")
-    return contents
+    if (width := getattr(config.pooling, "hidden_dim", 512)) != 512:
+        raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {width}")
+    return {"g_state": params_to_torch(params, config), "args": arguments}
 
 
-def _state(
-    contents: Mapping[str, Any], name: str, arguments: Mapping[str, Any], size: float
-) -> dict[str, Any]:
-    state = contents[name]
-    if not isinstance(state, dict) or not all(isinstance(key, str) for key in state):
-        raise InputError(f"{name} is not a state dict")
+def _plain(state: Mapping[Any, Any], arguments: Mapping[str, Any], size: float) -> dict[str, Any]:
+    if not all(isinstance(name, str) for name in state):
+        raise InputError("g_state is not a state dict")
     shapes = [getattr(tensor, "shape", None) for tensor in state.values()]
     # Tensors that lie over each other may ask for any multiple of the file's size.
     if 2 * sum(math.prod(shape) for shape in shapes if isinstance(shape, tuple)) > size:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.models.cell import cell_network, embed
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
@@ -127,7 +128,16 @@ def pooling_network(config: GeneratorConfig, h_dim: int) -> Any:
 def pool(
     network: Any, pooling: Pooling, hidden: Array, track: Array, valid: Any, alpha: Array | None
 ) -> Array:
-    """Pooled vectors [N, B]: `network` called with the inputs that its `pooling` names."""
+    """Pooled vectors [N, B]: `network` called with the inputs that its `pooling` names.
+
+    Raises:
+        InputError: without the alpha that the pooling takes.
+    """
+    if alpha is None and pooling.inputs & {"alpha", "alpha_rows"}:
+        raise InputError(
+            f"{pooling.title} needs alpha [N, N, obs_len]: config.weighting.alpha({{}}, observed), "
+            "or call nj.forecast, which computes it"
+        )
     given = {
         "hidden": hidden,
         "position": track[:, -1],

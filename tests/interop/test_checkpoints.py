@@ -15,9 +15,9 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop import names
 from neurosym_jax.interop.checkpoint import (
-    checkpoint_from_torch,
     export_torch_checkpoint,
     load_torch_checkpoint,
+    model_from_torch,
     torch_contents,
 )
 from neurosym_jax.interop.names import params_from_torch, params_to_torch
@@ -170,7 +170,7 @@ def test_misfits_of_tensors_are_named(name, value, message):
     contents["g_state"] |= {name: value}
     contents["g_state"] = {k: v for k, v in contents["g_state"].items() if v is not DROP}
     with pytest.raises(InputError) as error:
-        checkpoint_from_torch(contents)
+        model_from_torch(contents)
     assert message in str(error.value)
 
 
@@ -189,10 +189,10 @@ def test_golden_state_dicts_fit(shared):
     for row in rows:
         with np.load(shared / "golden/torch" / row["file"]) as arrays:
             state = {k[8:]: arrays[k] for k in arrays.files if k.startswith("g_state/")}
-        loaded = checkpoint_from_torch(
+        loaded = model_from_torch(
             {"g_state": state, "args": {k: v for k, v in row.items() if k in names_of_arguments()}}
         )
-        again = params_to_torch(loaded.params, loaded.config)
+        again = params_to_torch(loaded.params["params"], loaded.config)
         assert again.keys() == state.keys()
         for name, array in again.items():
             assert name.startswith("pool_net_d.") or np.array_equal(array, state[name])
@@ -228,7 +228,7 @@ def names_of_arguments():
 )
 def test_arguments_we_cannot_follow(name, value, message):
     with pytest.raises(InputError) as error:
-        checkpoint_from_torch(contents_of(**{name: value}))
+        model_from_torch(contents_of(**{name: value}))
     assert message in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -244,16 +244,16 @@ def test_arguments_we_cannot_follow(name, value, message):
     ],
 )
 def test_arguments_that_change_no_network(name, value):
-    assert checkpoint_from_torch(contents_of(**{name: value})).config == SMALL
+    assert model_from_torch(contents_of(**{name: value})).config == SMALL
 
 
 def test_what_is_assumed_is_said(tmp_path, torch):
-    said = checkpoint_from_torch(contents_of())
+    said = model_from_torch(contents_of())
     assert said.assumed == ("forward as in the released code",)
     contents = contents_of(activation=DROP, heads=4, embedding_dim=64)
     with pytest.raises(InputError, match="--ignore-arg depth: there is no such argument"):
-        checkpoint_from_torch(contents, ["depth", "heads"])
-    assumed = checkpoint_from_torch(contents, ["heads"]).assumed
+        model_from_torch(contents, ["depth", "heads"])
+    assumed = model_from_torch(contents, ["heads"]).assumed
     assert assumed[1:] == ("activation relu", "embedding_dim 2 by its weights, not 64")
     tensors = {k: torch.from_numpy(v) for k, v in contents["g_state"].items()}
     torch.save({**contents, "g_state": tensors}, tmp_path / "a.pt")
@@ -266,32 +266,31 @@ def test_what_is_assumed_is_said(tmp_path, torch):
     [
         ({"g_state": None}, "has no g_state"),
         ({"args": None}, "has no args"),
-        ({"d_state": "weights"}, "d_state is not a state dict"),
         ({"g_state": {1: 2}}, "g_state is not a state dict"),
     ],
 )
 def test_what_is_no_checkpoint(changes, message):
     with pytest.raises(InputError, match=message):
-        checkpoint_from_torch({**contents_of(), **changes})
+        model_from_torch({**contents_of(), **changes})
     with pytest.raises(InputError, match="holds no dictionary"):
-        checkpoint_from_torch([])
+        model_from_torch([])
 
 
 def test_tensors_that_lie_over_each_other():
     contents = contents_of()
     size = 2 * sum(array.size for array in contents["g_state"].values())
-    checkpoint_from_torch(contents, size=size)
+    model_from_torch(contents, size=size)
     with pytest.raises(InputError, match="more elements than the file can hold"):
-        checkpoint_from_torch(contents, size=size - 1)
+        model_from_torch(contents, size=size - 1)
 
 
 def test_a_released_file_says_neither_network_nor_weighting():
-    ros = checkpoint_from_torch(contents_of(ROS, weighting=DROP))
+    ros = model_from_torch(contents_of(ROS, weighting=DROP))
     assert ros.config == dataclasses.replace(ROS, weighting="cnd_shipped")
     assert "pairs weighted by cnd_shipped" in ros.assumed
-    assert checkpoint_from_torch(contents_of(IJCNN)).config == IJCNN
+    assert model_from_torch(contents_of(IJCNN)).config == IJCNN
     with pytest.raises(InputError, match="unknown weighting 'cdn'"):
-        checkpoint_from_torch(contents_of(ROS, weighting="cdn"))
+        model_from_torch(contents_of(ROS, weighting="cdn"))
 
 
 # Export
@@ -300,22 +299,10 @@ def test_a_released_file_says_neither_network_nor_weighting():
 @EACH
 def test_export_reads_back(config):
     params = random_params(config)
-    loaded = checkpoint_from_torch(torch_contents(config, params, scene="zara1"))
+    loaded = model_from_torch(torch_contents(config, params, scene="zara1"))
     assert loaded.config == config
-    assert loaded.scene == "zara1"
-    assert loaded.discriminator is None
-    assert_same(loaded.params, params)
-
-
-def test_export_with_a_discriminator():
-    d_config = DiscriminatorConfig()
-    discriminator = d_config, random_params(d_config)
-    config = GeneratorConfig()
-    contents = torch_contents(config, random_params(config), discriminator=discriminator)
-    loaded = checkpoint_from_torch(contents).discriminator
-    assert loaded is not None
-    assert loaded[0] == d_config
-    assert_same(loaded[1], discriminator[1])
+    assert loaded.dataset == "zara1"
+    assert_same(loaded.params["params"], params)
 
 
 @pytest.mark.parametrize(
@@ -331,13 +318,6 @@ def test_export_refuses_what_sgan_cannot_build(config, message):
     params = {} if "as_described" in message else random_params(config)
     with pytest.raises(InputError, match=message):
         torch_contents(config, params)
-
-
-def test_export_refuses_a_discriminator_of_other_sizes():
-    d_config = DiscriminatorConfig(kind="local", mlp_dim=7)
-    discriminator = d_config, random_params(d_config)
-    with pytest.raises(InputError, match="one mlp_dim for generator and discriminator"):
-        torch_contents(SMALL, random_params(SMALL), discriminator=discriminator)
 
 
 # Against torch itself
@@ -365,10 +345,9 @@ def test_published_checkpoints_equal_torch_load(shared, torch):
         pooling = "pool_net" if path.parent.name == "sgan-p-models" else "none"
         pred_len = int(path.name.split("_")[1])
         assert ours.config == GeneratorConfig(pooling=pooling, pred_len=pred_len)
-        assert ours.scene == path.name.split("_")[0]
-        assert ours.arguments == theirs["args"]
+        assert ours.dataset == path.name.split("_")[0]
         assert ours.assumed == ("forward as in the released code", "activation relu")
-        state = params_to_torch(ours.params, ours.config)
+        state = params_to_torch(ours.params["params"], ours.config)
         assert_same({k: v.numpy() for k, v in theirs["g_state"].items()}, state)
 
 
@@ -376,8 +355,6 @@ def test_published_checkpoints_equal_torch_load(shared, torch):
 @pytest.mark.parametrize("zip_form", [False, True])
 def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, as_namespace):
     state = random_state(SMALL)
-    d_config = DiscriminatorConfig(kind="local", embedding_dim=2, h_dim=3, mlp_dim=5)
-    d_state = random_state(d_config)
     # As cuDNN leaves them: weights that are slices of one storage, at an offset.
     flat = torch.from_numpy(np.concatenate([array.ravel() for array in state.values()]))
     tensors, at = OrderedDict(), 0
@@ -401,15 +378,11 @@ def test_training_checkpoint_written_by_torch(tmp_path, torch, zip_form, as_name
         "g_state": tensors,
         "g_best_state": layer.state_dict(),
         "g_optim_state": optimizer.state_dict(),
-        "d_state": {k: torch.from_numpy(v) for k, v in d_state.items()},
+        "d_state": layer.state_dict(),
         "empty": torch.zeros(0, 3),
     }
     path = tmp_path / "a.pt"
     torch.save(contents, path, _use_new_zipfile_serialization=zip_form)
     loaded = load_torch_checkpoint(path)
     assert loaded.config == SMALL
-    assert_same(loaded.params, params_from_torch(state, SMALL))
-    assert loaded.discriminator is not None
-    assert loaded.discriminator[0] == d_config
-    assert loaded.arguments == arguments
-    assert_same(loaded.discriminator[1], params_from_torch(d_state, d_config))
+    assert_same(loaded.params["params"], params_from_torch(state, SMALL))

@@ -12,7 +12,7 @@ from neurosym_jax.commands import convert
 from neurosym_jax.commands.parity import Options, run
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop import compare, run_parity, torch_side
-from neurosym_jax.interop.checkpoint import checkpoint_from_torch
+from neurosym_jax.interop.checkpoint import model_from_torch
 
 SGAN = Path(__file__).with_name("sgan_torch.py")
 ARGUMENTS = {
@@ -78,10 +78,10 @@ def verdict(torch, change, arguments, double=False):
         network = network.double()
         contents["g_state"] = network.state_dict()
     try:
-        loaded = checkpoint_from_torch(contents)
+        loaded = model_from_torch(contents)
     except InputError as error:
         return f"refused: {error}"
-    parity = compare(network, loaded.model())
+    parity = compare(network, loaded)
     differences = [f"{row.output}: {row.reason}" for row in parity.rows if row.reason]
     assert len(differences) == (not parity.ok)
     return EQUAL if parity.ok else differences[0]
@@ -187,7 +187,7 @@ class LSTM(torch.nn.LSTM):
 )
 def test_another_lstm(torch, cell, reason):
     network, contents = checkpoint(torch, SGAN.read_text(), ARGUMENTS)
-    model = checkpoint_from_torch(contents).model()
+    model = model_from_torch(contents)
     code = {"torch": torch}
     exec(cell, code)
     network.encoder.encoder.__class__ = code["LSTM"]
@@ -197,7 +197,7 @@ def test_another_lstm(torch, cell, reason):
 
 def test_own_scenes(torch):
     network, contents = checkpoint(torch, SGAN.read_text(), ARGUMENTS)
-    model = checkpoint_from_torch(contents).model()
+    model = model_from_torch(contents)
     rng = np.random.default_rng(0)
     scenes = [np.cumsum(rng.normal(size=(n, 8, 2)), axis=1) for n in (2, 4)]
     assert compare(network, model, scenes).ok

@@ -51,9 +51,8 @@ def test_legacy_form_reads_the_same(tmp_path):
         (tmp_path / form).write_bytes(data)
     a, b = (load_torch_checkpoint(tmp_path / form) for form in FORMS)
     assert a.config == b.config
-    assert a.arguments == b.arguments
-    for name, array in a.params["decoder"]["lstm"].items():
-        np.testing.assert_array_equal(array, b.params["decoder"]["lstm"][name])
+    for name, array in a.params["params"]["decoder"]["lstm"].items():
+        np.testing.assert_array_equal(array, b.params["params"]["decoder"]["lstm"][name])
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.neurosym import _DescribedNetwork, _IjcnnNetwork, _RosNetwork
+from neurosym_jax.scene import make_scene
 
 N, T, E, H, B = 6, 5, 4, 3, 7
 SIZES = (T, E, H, 9, B)
@@ -146,3 +148,10 @@ def test_somebody_alone_and_nobody(module):
 def test_the_first_release_has_no_symbols_of_predicted_steps():
     with pytest.raises(InputError, match="needs a pooling other than 'neurosym_ijcnn'"):
         GeneratorConfig(pooling="neurosym_ijcnn", pool_every_timestep=True)
+
+
+def test_a_missing_alpha_is_named():
+    config = GeneratorConfig(pooling="as_described,hidden_dim=4", obs_len=T)
+    scene, noise = make_scene(OBSERVED), np.zeros(config.noise_dim)
+    with pytest.raises(InputError, match=r"NeuroSyM needs alpha .* nj\.forecast"):
+        jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise)
