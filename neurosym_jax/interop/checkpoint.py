@@ -117,7 +117,7 @@ def export_torch_checkpoint(
     """
     contents = torch_contents(config, params, scene=scene)
     try:
-        import torch
+        import torch  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise InputError(f"{path}: torch writes it, and is not installed here") from None
     if os.path.exists(path):

@@ -94,7 +94,7 @@ def compare(
     Raises:
         InputError: for another model, scenes of other lengths, or a module that fails.
     """
-    import torch
+    import torch  # pyright: ignore[reportMissingImports]
 
     _check(tolerance)
     config = model.config
