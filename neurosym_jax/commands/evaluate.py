@@ -252,10 +252,10 @@ def _write_files(
     if options.figures and len(results) < len(rows):
         said += ["figures: none of test sets with rows of an earlier run"]
     if options.figures and results:
-        from neurosym_jax.plotting.evaluation import draw_figures, draw_overview
+        from neurosym_jax.plotting.evaluation import draw_figures
 
         before = {*options.plots.glob("*"), *options.plots.parent.glob("*")}
-        drawn = (draw_overview if overview else draw_figures)(options.plots, results)
+        drawn = draw_figures(options.plots, results, together=overview)
         replaced = len(before.intersection(drawn))
         note = f", {replaced} of them replaced" if replaced else ""
         several = f"figures: {len(drawn)} in {drawn[0].parent}{note}"

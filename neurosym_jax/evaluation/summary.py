@@ -27,10 +27,10 @@ __all__ = [
     "assumptions",
     "conclusion",
     "family_of",
+    "labels",
     "lines_of",
     "means_of",
     "metrics_of",
-    "told_apart",
 ]
 
 Row = Mapping[str, Any]
@@ -169,13 +169,19 @@ def family_of(checkpoint: str | None) -> tuple[str | None, int | None]:
     return checkpoint[: found.start()] + checkpoint[found.end() :], int(found[1])
 
 
-def told_apart(checkpoints: Iterable[str]) -> dict[str, str]:
-    """By path, the last part in which all paths differ; the path itself where there is none."""
-    parts = {path: PurePath(path).parts for path in checkpoints}
+def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
+    """Names of models on one test set, given (name, checkpoint); of equal ones, with the last part
+    of the checkpoint in which all differ."""
+    parts = {path: PurePath(path).parts for _, path in models if path}
+    short = {path: path for path in parts}
     for back in range(1, min(map(len, parts.values()), default=0) + 1):
         if len({part[-back] for part in parts.values()}) == len(parts):
-            return {path: part[-back] for path, part in parts.items()}
-    return {path: path for path in parts}
+            short = {path: part[-back] for path, part in parts.items()}
+            break
+    names = [name for name, _ in models]
+    return [
+        f"{name} {short[path]}" if path and names.count(name) > 1 else name for name, path in models
+    ]
 
 
 def _value(name: str, rows: Sequence[Row]) -> Value:

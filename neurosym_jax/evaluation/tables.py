@@ -9,10 +9,10 @@ import polars as pl
 
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import Metric, known_metric
-from neurosym_jax.evaluation.summary import Line, Value, lines_of, means_of, told_apart
+from neurosym_jax.evaluation.summary import Line, Value, labels, lines_of, means_of
 from neurosym_jax.evaluation.test_sets import TestSet
 
-__all__ = ["Style", "format_table", "labels", "notes", "text_tables"]
+__all__ = ["Style", "format_table", "line_labels", "notes", "text_tables"]
 
 Style = Literal["text", "csv", "markdown", "latex"]
 
@@ -67,7 +67,7 @@ def text_tables(lines: Sequence[Line], width: int | None = None, *, whole: bool 
 
 def _columns(lines: Sequence[Line]) -> list[list[str]]:
     """Cells of equal width of each column, two rows of head first."""
-    columns = [["", "model", *labels(lines)]]
+    columns = [["", "model", *line_labels(lines)]]
     for name, metric in _metrics(lines).items():
         values = [line.values.get(name, Value()) for line in lines]
         marked = any(value.best for value in values)
@@ -128,7 +128,7 @@ def _markdown_table(lines: Sequence[Line]) -> str:
     rows = [
         [test_set.dataset, label, str(line.rows[0]["samples"]), *_cells(metrics, line, "**{}**")]
         for test_set, members in _by_test_set(lines)
-        for line, label in zip(members, labels(members))
+        for line, label in zip(members, line_labels(members))
     ]
     head = ["", "", "k", *map(_head, metrics.values())]
     return markdown_table(head, rows, right=len(metrics) + 1)
@@ -141,7 +141,7 @@ def _latex_table(lines: Sequence[Line]) -> str:
     for test_set, members in _by_test_set(lines):
         name = f"{test_set.dataset}, {test_set.obs_len} + {test_set.pred_len}"
         body += [r"\midrule"]
-        for line, label in zip(members, labels(members)):
+        for line, label in zip(members, line_labels(members)):
             cells = [_escaped(name), _escaped(label), str(line.rows[0]["samples"])]
             cells += _cells(metrics, line, r"\textbf{{{}}}", latex=True)
             body.append(" & ".join(cells) + r" \\")
@@ -189,19 +189,11 @@ def notes(lines: Sequence[Line], *, paper: bool = False) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def labels(lines: Sequence[Line]) -> list[str]:
+def line_labels(lines: Sequence[Line]) -> list[str]:
     """Names of the models of one test set; of equal names, with the checkpoint."""
-    names = [line.model for line in lines]
-    short = told_apart(line.checkpoint for line in lines if line.checkpoint)
-    found = []
-    for line in lines:
-        label = line.model
-        if line.checkpoint and names.count(line.model) > 1:
-            label += f" {short[line.checkpoint]}"
-        if line.trainings > 1:
-            label += f" ({line.trainings} trainings)"
-        found.append(label)
-    return found
+    names = labels([(line.model, line.checkpoint) for line in lines])
+    counts = [f" ({n} trainings)" if n > 1 else "" for n in (line.trainings for line in lines)]
+    return [name + count for name, count in zip(names, counts)]
 
 
 def _by_test_set(lines: Sequence[Line]) -> Iterator[tuple[TestSet, list[Line]]]:

@@ -1,8 +1,7 @@
 """Every figure: arrays in, a `matplotlib.figure.Figure` out.
 
-`pyplot` is not used and `rcParams` stay as they are, so figures need no display and can be drawn by
-several threads. A file draws one kind of figure; `neurosym.mplstyle` and `style` hold their common
-look, `palette` their colours. Sizes are those of a two-column paper.
+`pyplot` is not used and `rcParams` stay as they are, so figures need no display.
+`neurosym.mplstyle` and `style` hold their common look. Sizes are those of a two-column paper.
 """
 
 import lazy_loader

@@ -1,13 +1,11 @@
-from .forecasts import plot_fan as plot_fan
 from .forecasts import plot_forecasts as plot_forecasts
+from .forecasts import plot_horizon_errors as plot_horizon_errors
 from .forest import plot_forest as plot_forest
-from .horizon import plot_horizon_errors as plot_horizon_errors
-from .palette import PALETTE as PALETTE
-from .palette import line_styles as line_styles
-from .palette import model_colours as model_colours
+from .style import PALETTE as PALETTE
+from .style import model_looks as model_looks
 from .style import save_figure as save_figure
-from .symbol_forecast import plot_symbol_forecast as plot_symbol_forecast
 from .symbols import plot_pairs as plot_pairs
 from .symbols import plot_states as plot_states
+from .symbols import plot_symbol_forecast as plot_symbol_forecast
 from .tracks import plot_tracks as plot_tracks
 from .training import plot_training as plot_training

@@ -6,8 +6,16 @@ from typing import Any
 
 from matplotlib.ticker import MaxNLocator
 
-from neurosym_jax.plotting.palette import INK, model_colours
-from neurosym_jax.plotting.style import LABEL, WIDTH, add_legend, dress, new_figure, save_figure
+from neurosym_jax.plotting.style import (
+    INK,
+    LABEL,
+    WIDTH,
+    add_legend,
+    dress,
+    model_looks,
+    new_figure,
+    save_figure,
+)
 
 __all__ = ["plot_forest"]
 
@@ -17,27 +25,23 @@ MARKERS = "os^vPXpd"
 
 
 def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
-    """Draw the comparisons of a sweep's report; panels share their axes.
+    """Draw the comparisons of a sweep's report, a row of panels for each reference.
 
     Left of 0 the model is better. Lines are the interval over test scenes and seeds.
-
-    Raises:
-        InputError: for a path that `save_figure` refuses.
     """
     references = list(dict.fromkeys(item["reference"] for item in comparisons))
     names = list(dict.fromkeys(item["model"] for item in comparisons))
     sets = list(dict.fromkeys(item["scene"] for item in comparisons))
-    colours = model_colours(names)
+    looks = model_looks(names)
     markers = {name: "D" if name == "mean" else MARKERS[at % 8] for at, name in enumerate(sets)}
-    pitch, side_by_side = len(sets) + 1.2, min(2, len(references))
-    rows = -(-len(references) // side_by_side)
-    height = 0.6 + (0.5 + 0.095 * pitch * len(names)) * rows
+    pitch = len(sets) + 1.2
+    height = 0.6 + (0.5 + 0.095 * pitch * len(names)) * len(references)
     shared = {"sharex": True, "sharey": True}
-    figure, grid = new_figure(WIDTH, height, rows, side_by_side * len(METRICS), **shared)
+    figure, grid = new_figure(WIDTH, height, len(references), len(METRICS), **shared)
     wanted = [(reference, metric) for reference in references for metric in METRICS]
     for axes, (reference, metric) in zip(grid.ravel(), wanted):
         for item in (item for item in comparisons if item["reference"] == reference):
-            mean, colour = item["scene"] == "mean", colours[item["model"]]
+            mean, colour = item["scene"] == "mean", looks[item["model"]]["color"]
             place = names.index(item["model"]) * pitch + sets.index(item["scene"])
             axes.plot(item[metric]["both"], [place] * 2, color=colour, lw=1.8 if mean else 0.8)
             marker = {"marker": markers[item["scene"]], "ms": 4 if mean else 2.8}
@@ -49,8 +53,6 @@ def plot_forest(comparisons: Sequence[dict[str, Any]], path: Path) -> None:
         axes.grid(visible=False, axis="y")
         axes.spines["left"].set_visible(False)
         axes.xaxis.set_major_locator(MaxNLocator(3))
-    for axes in grid.ravel()[len(wanted) :]:
-        axes.set_visible(False)
     first = grid[0, 0]
     middles = [place * pitch + (len(sets) - 1) / 2 for place in range(len(names))]
     first.set_yticks(middles, names, fontsize=LABEL, color=INK)

@@ -1,9 +1,12 @@
-"""Figures, legends and files in the common look, `neurosym.mplstyle`."""
+"""The common look: figures in the style `neurosym.mplstyle`, legends, files, and models' colours.
 
-import contextlib
+A model has its own colour and line in every figure.
+"""
+
 import textwrap
-import threading
-from collections.abc import Iterator
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +15,22 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.plotting.palette import INK
 from neurosym_jax.runtime.files import new_file
 
 __all__ = [
     "COLUMN",
     "ENDINGS",
+    "INK",
     "LABEL",
+    "PALETTE",
     "SMALL",
+    "TRUTH",
     "WIDTH",
     "add_legend",
-    "checked",
     "dress",
+    "model_looks",
     "new_figure",
     "save_figure",
 ]
@@ -38,15 +42,59 @@ TITLE, LABEL, SMALL = 9, 8, 7
 ENDINGS = (".png", ".pdf", ".svg")
 """Endings of a figure's file."""
 
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4D4D4D")
+"""Those of Okabe and Ito, safe for colour-blind readers, without the yellow that fades on white."""
+BLUE, RED, GREEN, PURPLE, AMBER, SKY, GREY = PALETTE
+INK = "#222222"
+"""Colour of observed paths and text."""
+TRUTH = GREEN
+"""Colour of the true future, as in the live view."""
+
+# The first part found in a model's title decides; a NeuroSyM's title holds its weighting.
+_COLOURS = {
+    "sampled": "#999999",
+    "constant": GREY,
+    "linear": GREY,
+    "cnd": BLUE,
+    "ones": AMBER,
+    "learned": PURPLE,
+    "quantised": "#7A6400",
+    "shuffled": "#882255",
+    "neurosym": BLUE,
+    "sgan": RED,
+}
+_OTHER_COLOURS = (PURPLE, AMBER, SKY, "#7A6400", "#882255", "#44AA99", "#332288", RED, BLUE)
+# The styles of the robot paper.
+_LINES = {"neurosym": ":", "sgan": "-.", "constant": "--", "linear": "--"}
+_OTHER_LINES = ((0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (1, 3)), (0, (2, 1)), (0, (6, 1, 2, 1)))
 _UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
-_lock = threading.Lock()
 
 
-@contextlib.contextmanager
-def _styled() -> Iterator[None]:
-    """Apply the style; `rcParams` are the process's, so one thread at a time."""
-    with _lock, mpl.rc_context(fname=str(Path(__file__).with_name("neurosym.mplstyle"))):
-        yield
+def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """`color` and `linestyle` of each model, for `Axes.plot`.
+
+    NeuroSyM is blue and dotted, SGAN red and dash-dotted, constant velocity grey and dashed, and so
+    on. An unknown kind, or a second model of one kind, takes the next of a cycle.
+    """
+    names = list(dict.fromkeys(names))
+    colours = _chosen(names, _COLOURS, _OTHER_COLOURS)
+    lines = _chosen(names, _LINES, _OTHER_LINES)
+    return {
+        name: {"color": colour, "linestyle": line}
+        for name, colour, line in zip(names, colours, lines)
+    }
+
+
+def _chosen(names: list[str], by_kind: dict[str, Any], others: tuple[Any, ...]) -> list[Any]:
+    found: list[Any] = []
+    rest = cycle(others)
+    for name in names:
+        look = next((look for kind, look in by_kind.items() if kind in name.lower()), None)
+        if look is None or look in found:
+            tried = [next(rest) for _ in others]
+            look = next((other for other in tried if other not in found), tried[0])
+        found.append(look)
+    return found
 
 
 def new_figure(
@@ -68,27 +116,25 @@ def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str | None = 
         assert grid is not None
         inches = figure.get_figwidth() / grid.ncols - 0.5
         # A letter is about half as wide as high.
-        text = _plain(title, int(inches * 72 / (0.52 * TITLE)))
+        text = _wrapped(title, int(inches * 72 / (0.52 * TITLE)))
         axes.set_title(text, fontsize=TITLE, color=INK, loc="left", pad=6)
 
 
 def add_legend(figure: Figure, *panels: Axes) -> None:
     """Add a legend of the distinct labels of `panels` below them; the figure grows for it."""
-    found = [pair for axes in panels for pair in zip(*axes.get_legend_handles_labels())]
-    handles = {label: handle for handle, label in reversed(found)}
-    labels = list(dict.fromkeys(label for _, label in found))
-    if not labels:
-        return
-    # In widths of a letter's height: half of one for a letter, and the line before it.
-    width = figure.get_figwidth() * 72 / LABEL
-    texts = [_plain(label, min(40, int(2 * width - 10))) for label in labels]
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels()):
+            handles.setdefault(label, handle)
+    # In letters; the line before a text is as wide as eight.
+    width = int(figure.get_figwidth() * 72 / LABEL * 2) - 2
+    texts = [_wrapped(label, min(40, width - 8)) for label in handles]
     longest = max(len(line) for text in texts for line in text.split("\n"))
-    columns = max(1, min(int(width / (0.5 * longest + 4.2)), len(labels)))
-    lines = max(text.count("\n") + 1 for text in texts) * -(-len(texts) // columns)
-    figure.set_figheight(figure.get_figheight() + (1.4 * lines + 0.6) * LABEL / 72)
-    shown = [handles[label] for label in labels]
+    columns = max(1, min(len(texts), width // (longest + 8)))
+    rows = max(text.count("\n") + 1 for text in texts) * -(-len(texts) // columns)
+    figure.set_figheight(figure.get_figheight() + (1.4 * rows + 0.6) * LABEL / 72)
     with _styled():
-        figure.legend(shown, texts, loc="outside lower left", ncols=columns)
+        figure.legend(handles.values(), texts, loc="outside lower left", ncols=columns)
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:
@@ -106,22 +152,10 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     return path
 
 
-def checked(name: str, values: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
-    """`values` [...] in float64.
-
-    Raises:
-        InputError: unless they are finite, not empty and of `shape` (None fits any length).
-    """
-    array = np.asarray(values, np.float64)
-    fits = array.ndim == len(shape) and all(n in (m, None) for m, n in zip(array.shape, shape))
-    if not fits or array.size == 0:
-        wanted = ", ".join("any" if size is None else str(size) for size in shape)
-        raise InputError(f"{name} must be [{wanted}] and not empty, not {list(array.shape)}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} holds a value that is not finite")
-    return array
+def _styled() -> AbstractContextManager[None]:
+    return mpl.rc_context(fname=str(Path(__file__).with_name("neurosym.mplstyle")))
 
 
-def _plain(text: str, width: int) -> str:
+def _wrapped(text: str, width: int) -> str:
     """Text in lines of at most `width` characters, in which a dollar sign is not mathematics."""
-    return textwrap.fill(str(text), width).replace("$", r"\$")
+    return textwrap.fill(text, width).replace("$", r"\$")

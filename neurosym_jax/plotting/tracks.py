@@ -7,17 +7,17 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.plotting.palette import PALETTE
-from neurosym_jax.plotting.style import COLUMN, WIDTH, dress, new_figure
+from neurosym_jax.plotting.style import COLUMN, PALETTE, WIDTH, dress, new_figure
 
 __all__ = ["plot_tracks"]
 
-_PANELS = 24  # more panels would be too small
+PANELS = 24
+"""Recordings that a figure has room for."""
 
 
 def plot_tracks(recordings: Sequence[Tracks]) -> Figure:
     """The first 24 recordings (at least one is needed), in metres; a colour a person."""
-    shown = recordings[:_PANELS]
+    shown = recordings[:PANELS]
     columns = min(4, int(np.ceil(np.sqrt(len(shown)))))
     rows = -(-len(shown) // columns)
     width = COLUMN if columns == 1 else WIDTH

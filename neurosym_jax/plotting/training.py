@@ -6,9 +6,7 @@ from itertools import cycle
 import numpy as np
 from matplotlib.figure import Figure
 
-from neurosym_jax.errors import InputError
-from neurosym_jax.plotting.palette import PALETTE
-from neurosym_jax.plotting.style import COLUMN, add_legend, dress, new_figure
+from neurosym_jax.plotting.style import COLUMN, PALETTE, add_legend, dress, new_figure
 
 __all__ = ["plot_training"]
 
@@ -21,23 +19,14 @@ def plot_training(
 ) -> Figure:
     """Training runs: losses in the upper panel, validation errors (metres) in the lower.
 
-    Both map a name to (steps, values); a panel without curves is left out. Beyond 100 points, the
-    running mean over 1/20 is drawn over pale points. Values that are not finite leave a gap.
-
-    Raises:
-        InputError: for no curve, or lists of unequal lengths.
+    Both map a name to (steps, values). Beyond 100 points, the running mean over 1/20 is drawn over
+    pale points. Values that are not finite leave a gap.
     """
-    panels = {"loss": losses, "validation error [m]": validation}
-    panels = {label: curves for label, curves in panels.items() if curves}
-    if not panels:
-        raise InputError("there is neither a loss nor a validation curve to plot")
-    figure, rows = new_figure(COLUMN, 0.2 + 1.7 * len(panels), len(panels), sharex=True)
+    figure, ((upper,), (lower,)) = new_figure(COLUMN, 3.6, 2, sharex=True)
     colours = cycle(PALETTE)
-    for (axes,), (label, curves) in zip(rows, panels.items()):
+    for axes, curves in ((upper, losses), (lower, validation)):
         for (name, curve), colour in zip(curves.items(), colours):
             steps, values = (np.asarray(numbers, np.float64) for numbers in curve)
-            if steps.ndim != 1 or steps.shape != values.shape:
-                raise InputError(f"{name!r}: steps and values are not two lists of one length")
             if len(steps) > 100:
                 axes.plot(steps, values, color=colour, linewidth=0.5, alpha=0.3)
                 half = len(steps) // 40
@@ -45,7 +34,7 @@ def plot_training(
                 steps = steps[half:-half]
             look = {"linewidth": 1.4, "marker": "o", "markersize": 2.5 if len(steps) <= 40 else 0}
             axes.plot(steps, values, color=colour, label=name, **look)
-        last, first = axes is rows[-1, 0], axes is rows[0, 0]
-        dress(axes, "step" if last else "", label, title if first else None)
-    add_legend(figure, *rows[:, 0])
+    dress(upper, "", "loss", title)
+    dress(lower, "step", "validation error [m]")
+    add_legend(figure, upper, lower)
     return figure

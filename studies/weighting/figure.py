@@ -5,8 +5,7 @@ from collections.abc import Mapping, Sequence
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from neurosym_jax.plotting.palette import INK, model_colours
-from neurosym_jax.plotting.style import LABEL, SMALL, WIDTH, dress, new_figure
+from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, model_looks, new_figure
 from studies.weighting.comparison import MARGIN, Comparison
 
 __all__ = ["forest"]
@@ -23,14 +22,14 @@ def forest(found: Mapping[str, Sequence[Comparison]], titles: Mapping[str, str])
     figure, grid = new_figure(WIDTH, 0.9 + 0.25 * tallest, 1, len(found))
     arms = list(dict.fromkeys(each.arm for some in found.values() for each in some))
     # Those that have a colour of their own first, or others would take it.
-    colours = model_colours(("quantised", "shuffled", "learned", "SGAN", *arms))
+    looks = model_looks(("quantised", "shuffled", "learned", "SGAN", *arms))
     for axes, (name, comparisons) in zip(grid[0], found.items()):
         dress(axes)
         axes.set_title(titles[name], fontsize=LABEL, color=INK, loc="left")
         axes.axvspan(-MARGIN, MARGIN, color="#EEEEEE", lw=0, zorder=0)
         axes.axvline(0, color="#888888", lw=0.8, zorder=1)
         for place, each in enumerate(comparisons):
-            colour = colours[each.arm]
+            colour = looks[each.arm]["color"]
             axes.plot([each.low, each.high], [place, place], color=colour, lw=1.8)
             axes.plot(each.percent, place, color=colour, marker="D", ms=4, ls="none")
         labels = [f"{each.arm} ({each.seeds})" for each in comparisons]
