@@ -72,8 +72,8 @@ def _of_samples(repeats: int) -> list[Row]:
     import jax
     import jax.numpy as jnp
 
-    from neurosym_jax.symbolic.calculi import observe
     from neurosym_jax.symbolic.forecast import symbolic_events, symbolic_forecast
+    from neurosym_jax.symbolic.qtc import observe
 
     rng = np.random.default_rng(0)
     walks = rng.uniform(0, 8, (CROWD, 1, 2)) + rng.normal(
@@ -96,7 +96,7 @@ def _of_samples(repeats: int) -> list[Row]:
 def _original(walks: np.ndarray, reference: Path) -> Callable[[], None]:
     """Every pair labelled by the released code; its first run's states are held against ours."""
     from benchmarks.original import load_labelling
-    from neurosym_jax.symbolic.calculi import observe
+    from neurosym_jax.symbolic.qtc import observe
 
     label = load_labelling(reference)
     pairs = list(itertools.permutations(range(AGENTS), 2))

@@ -13,10 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import symbolic_events
-from neurosym_jax.symbolic.qtc import Convention
+from neurosym_jax.symbolic.qtc import Convention, observe
 from neurosym_jax.symbolic.states import format_state
 
 K, L = np.array([0.0, 0.0]), np.array([3.2, 0.0])

@@ -8,8 +8,7 @@ from neurosym_jax.configuration import changed, from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import LSTM, PoolNet, Social
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.symbolic.soft_weightings import Soft
-from neurosym_jax.symbolic.state_weightings import Cnd
+from neurosym_jax.symbolic.state_weightings import Cnd, Soft
 from neurosym_jax.training.recipe import RECIPES, TrainConfig
 
 

@@ -22,9 +22,15 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_text
-from neurosym_jax.symbolic.description import describe_pairs, format_pairs, format_shares
-from neurosym_jax.symbolic.forecast_text import forecast_pairs, forecast_rows, format_forecast
-from neurosym_jax.symbolic.futures import SymbolSettings
+from neurosym_jax.symbolic.description import (
+    describe_pairs,
+    forecast_pairs,
+    forecast_rows,
+    format_forecast,
+    format_pairs,
+    format_shares,
+)
+from neurosym_jax.symbolic.forecast import SymbolSettings
 from neurosym_jax.symbolic.transition import count_states
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 from neurosym_jax.training.network import named_weighting
@@ -52,7 +58,7 @@ class Options:
     forecast: bool = False
     """Show instead the model's forecast of the pairs: events and states with probabilities."""
     calculus: str = "c1"
-    """Calculus of the forecast states: c1, c2, bc1, ... (docs/symbols.md)."""
+    """Calculus of the forecast states: b1, c1 or bc1 (docs/symbols.md)."""
     speed: float = 0.125
     """Speed below which a forecast movement counts as standing, m/s."""
     at_least: float = 0.3

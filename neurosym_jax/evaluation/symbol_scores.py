@@ -13,15 +13,15 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.futures import SymbolSettings, event_steps, state_steps
+from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps, state_steps
 from neurosym_jax.symbolic.qtc import other_pairs
+from neurosym_jax.symbolic.states import all_states
 
 __all__ = ["NEAR", "SETTINGS", "event_brier", "event_log", "state_brier", "state_log"]
 
 SETTINGS = SymbolSettings()
-STATES = len(CALCULI["c1"].states)
+STATES = len(all_states("c1"))
 NEAR = 8.0
 """Distance up to which a pair is scored, metres."""
 

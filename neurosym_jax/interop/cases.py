@@ -14,8 +14,8 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.interop.case import Arrays, Compared, GeneratorCase, checked, placed
 from neurosym_jax.interop.train_step import train_step
 from neurosym_jax.models import NeurosymIjcnn
-from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.cnd import alpha_from_states
+from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.state_weightings import CndShipped
 from neurosym_jax.symbolic.weightings import make_weighting
 

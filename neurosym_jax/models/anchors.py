@@ -19,7 +19,7 @@ from neurosym_jax.configuration import Count, Positive
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchor_table import SLOW, FixedSamples
 from neurosym_jax.models.frames import heading_of, length, turned
-from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 

@@ -8,8 +8,8 @@ very instant at which another one arrives there. The `continuity` rule, which Ne
 table uses, drops the second condition: 1160 edges of QTC_C1 instead of 544. A QTC_BC state of a
 pair apart and one of a pair near are compared by the symbols that both have.
 
-Tables are read-only numpy arrays, made once; their rows are those of `CALCULI[calculus].states`.
-These are diagrams of the theory, not frequencies of transitions in data (`transition`).
+Tables are read-only; their rows are those of `states.all_states`. These are diagrams of the theory,
+not frequencies of transitions in data (`transition`).
 """
 
 import functools
@@ -21,62 +21,49 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.calculi import CALCULI, Calculus
-from neurosym_jax.symbolic.states import ABSENT, encode_state
+from neurosym_jax.symbolic.states import ABSENT, all_states, encode_state
 
 __all__ = ["Rule", "adjacency", "alpha_from_states", "alpha_table"]
 
 Rule = Literal["dominance", "continuity"]
 
 
+@functools.cache
 def adjacency(calculus: str = "c1", rule: Rule = "dominance") -> np.ndarray:
-    """[S, S] bool, symmetric, read-only: which states are neighbours; none is its own.
+    """[S, S] bool, symmetric: which states are neighbours; none is its own.
 
     Raises:
         InputError: for an unknown calculus or rule.
     """
-    return _adjacency(CALCULI[calculus], rule)
-
-
-@functools.cache
-def _adjacency(calculus: Calculus, rule: Rule) -> np.ndarray:
     if rule not in get_args(Rule):
         raise InputError(f"unknown rule {rule!r}: there are {', '.join(get_args(Rule))}")
-    a, b = calculus.states[:, None], calculus.states[None]
+    states = all_states(calculus)
+    a, b = states[:, None], states[None]
     # A symbol that only one of them has is not compared; staying is no transition.
     same = (a == b) | (a == ABSENT) | (b == ABSENT)
     table = ~(a == b).all(axis=-1) & (same | (a * b == 0)).all(axis=-1)
     if rule == "dominance":
         table &= (same | (b == 0)).all(axis=-1) | (same | (a == 0)).all(axis=-1)
-    return _frozen(table)
+    table.flags.writeable = False
+    return table
 
 
+@functools.cache
 def alpha_table(
     calculus: str = "c1", rule: Rule = "dominance", include_self: bool = False
 ) -> np.ndarray:
-    """[S] float64, read-only: 1 / N_Tr of every state, N_Tr its number of neighbours.
+    """[S] float64: 1 / N_Tr of every state, N_Tr its number of neighbours.
 
     Mghames et al., "A Neuro-Symbolic Approach for Enhanced Human Motion Prediction" (2023): the
     more transitions a state has, the less it says. QTC_C1 states with 0, 1, 2, 3 or 4 zeros weigh
     1/15, 1/9, 1/11, 1/27, 1/80. The authors' table is `rule="continuity"` with `include_self=True`,
     which counts staying in the state as a transition: 1 / (2^nonzero 3^zero).
-
-    Raises:
-        InputError: for an unknown calculus or rule.
     """
-    return _alpha_table(CALCULI[calculus], rule, include_self)
-
-
-@functools.cache
-def _alpha_table(calculus: Calculus, rule: Rule, include_self: bool) -> np.ndarray:
-    return _frozen(1 / (_adjacency(calculus, rule).sum(axis=1) + include_self))
+    table = 1 / (adjacency(calculus, rule).sum(axis=1) + include_self)
+    table.flags.writeable = False
+    return table
 
 
 def alpha_from_states(states: ArrayLike, table: ArrayLike) -> Array:
     """[...] weights of QTC_C1 states [..., 4] in {-1, 0, 1}, from a table [81] by state code."""
     return jnp.asarray(table).at[encode_state(states)].get(mode="clip")
-
-
-def _frozen(table: np.ndarray) -> np.ndarray:
-    table.flags.writeable = False
-    return table

@@ -11,10 +11,9 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.registry import Registry
 
-__all__ = ["EVENTS", "Encounter", "Event", "events_named", "in_short", "register_event"]
+__all__ = ["EVENTS", "Encounter", "Event", "register_event"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,26 +123,14 @@ class Event:
     short: str = ""
     """Such as `{k} follows {l}`; by default its name between the two."""
 
+    def in_short(self, name: str) -> str:
+        """The event `name` in a few words, with `{k}` and `{l}` in place of the two."""
+        return self.short or f"{{k}} {name.replace('_', ' ')} {{l}}"
+
     @property
     def mutual(self) -> bool:
         """Whether it happens to (l, k) as well, so that it is reported once: `{k} and {l} ...`."""
         return self.short.startswith("{k} and {l}")
-
-
-def events_named(names: tuple[str, ...] | None = None) -> dict[str, Event]:
-    """The events of these names, in this order; None is all.
-
-    Raises:
-        InputError: for an unknown event, or one named twice.
-    """
-    if names is not None and len(set(names)) < len(names):
-        raise InputError(f"an event is named twice: {', '.join(names)}")
-    return {name: EVENTS[name] for name in (EVENTS if names is None else names)}
-
-
-def in_short(name: str) -> str:
-    """An event in a few words, with `{k}` and `{l}` in place of the two."""
-    return EVENTS[name].short or f"{{k}} {name.replace('_', ' ')} {{l}}"
 
 
 def _length(offset: Array) -> Array:

@@ -12,6 +12,7 @@ new indifference rule"), and for an event, which has two classes, Jeffreys'.
 `evaluation.symbol_scores` scores the probabilities.
 """
 
+import dataclasses
 import functools
 from typing import Any, NamedTuple
 
@@ -21,30 +22,45 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import from_json
+from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.memory import refuse_beyond_memory
-from neurosym_jax.symbolic.calculi import CALCULI
-from neurosym_jax.symbolic.events import events_named
-from neurosym_jax.symbolic.futures import SymbolSettings, event_steps, state_steps
-from neurosym_jax.symbolic.states import ABSENT
+from neurosym_jax.symbolic.events import EVENTS, Encounter
+from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.symbolic.states import all_states, state_index
 
 __all__ = [
     "EventForecast",
-    "SymbolicForecast",
-    "symbol_table",
+    "SymbolSettings",
+    "event_steps",
+    "state_steps",
     "symbolic_events",
     "symbolic_forecast",
 ]
 
 
-class SymbolicForecast(NamedTuple):
-    """Probabilities of P pairs, or of [N, N] ordered ones, over T steps."""
+@dataclasses.dataclass(frozen=True)
+class SymbolSettings(Checked):
+    """Period, thresholds and the smoothing of probabilities."""
 
-    states: Array
-    """[..., T, S] in the order of the calculus's `states`."""
-    symbols: Array
-    """[..., T, m, V] of each symbol: -, 0, + and, where symbols can be absent, absence."""
+    period: Positive = 0.4
+    """Seconds between steps."""
+    calculus: str = "c1"
+    """Calculus of the states, see `qtc`; events are of QTC_C1."""
+    speed: NotNegative = 0.125
+    """Metres per second up to which a movement towards, away or to a side counts as none, so that
+    it means the same at every period."""
+    smoothing: NotNegative = 1.0
+    """Weight of the prior in samples; 0 leaves shares as they are counted."""
+
+    def __post_init__(self):
+        """Refuse an unknown calculus."""
+        super().__post_init__()
+        all_states(self.calculus)
+
+    def observe(self, k: Array, l: Array, calculus: str) -> Array:
+        """`qtc.observe` of paths [..., T + 1, 2] with the threshold in metres per step."""
+        step = self.speed * self.period
+        return observe(k, l, calculus, quantisation_factor=step, side_quantisation_factor=step)
 
 
 class EventForecast(NamedTuple):
@@ -59,8 +75,8 @@ class EventForecast(NamedTuple):
 
 def symbolic_forecast(
     samples: ArrayLike, observed: ArrayLike, *, pairs: ArrayLike | None = None, **settings: Any
-) -> SymbolicForecast:
-    """Probabilities of the states and symbols of pairs at every future step.
+) -> Array:
+    """Probabilities of the states of pairs at every future step.
 
     Args:
         samples: [k, N, T, 2] metres, futures of the scene, see `predict`.
@@ -70,16 +86,13 @@ def symbolic_forecast(
         **settings: see `SymbolSettings`.
 
     Returns:
-        Arrays of [N, N, T, ...], or of [P, T, ...] for `pairs`; 0 for an agent with itself.
+        [N, N, T, S], or [P, T, S] for `pairs`, in the order of `all_states(calculus)`; 0 for an
+        agent with itself.
 
     Raises:
-        InputError: for shapes that do not fit, an unknown calculus or setting, or more pairs than
-            fit into memory.
+        InputError: for shapes that do not fit, an unknown calculus or setting.
     """
-    how, paths, which = _checked(samples, observed, pairs, settings)
-    count, _, steps, _ = np.shape(samples)
-    _refuse(paths, which, "symbols", steps * (2 * len(CALCULI[how.calculus].states) + 5 * count))
-    return _forecast(how, paths, which)
+    return _forecast(*_checked(samples, observed, pairs, settings))
 
 
 def symbolic_events(
@@ -105,19 +118,45 @@ def symbolic_events(
     Raises:
         InputError: as `symbolic_forecast`, and for an unknown event.
     """
-    how, paths, which = _checked(samples, observed, pairs, settings)
-    names = tuple(events_named(events))
-    count, _, steps, _ = np.shape(samples)
-    _refuse(paths, which, "events", count * (8 * steps + 4 * len(names)))
-    return _events(how, names, paths, which)
+    how, *paths = _checked(samples, observed, pairs, settings)
+    return _events(how, tuple(EVENTS) if events is None else tuple(events), *paths)
 
 
-@functools.cache
-def symbol_table(calculus: str) -> np.ndarray:
-    """[S, m, V] float32: 1 where a state has the symbol -, 0, + or, with V = 4, its absence."""
-    value = CALCULI[calculus]
-    values = np.array([-1, 0, 1, *([ABSENT] if value.near_only else [])])
-    return (value.states[..., None] == values).astype(np.float32)
+def state_steps(settings: SymbolSettings, k: Array, l: Array) -> Array:
+    """[..., T] rows of the pairs' states among those of the calculus.
+
+    Args:
+        settings: calculus and thresholds.
+        k: [..., T + 1, 2] metres, the last position observed first.
+        l: the same; leading axes broadcast against those of `k`.
+    """
+    return state_index(settings.calculus, settings.observe(k, l, settings.calculus))
+
+
+def event_steps(settings: SymbolSettings, names: tuple[str, ...], k: Array, l: Array) -> Array:
+    """The step at which each of E events first happens to pairs [..., T + 1, 2], see `state_steps`.
+
+    Returns:
+        [E, ...] int32 steps from 0; T where it does not happen.
+
+    Raises:
+        InputError: for an unknown event, or one that returns another shape or type than `Event`
+            says.
+    """
+    states = settings.observe(k, l, "c1")
+    k, l = jnp.broadcast_arrays(k, l)
+    encounter = Encounter(states, k, l, settings.period, settings.speed)
+    steps = states.shape[-2]
+    first = []
+    for name in names:
+        happens = EVENTS[name].happens(encounter)
+        if happens.shape != states.shape[:-1] or happens.dtype != bool:
+            raise InputError(
+                f"event {name}: bool [..., {steps}] is wanted, not {happens.dtype} "
+                f"{list(happens.shape)}"
+            )
+        first.append(jnp.where(happens.any(axis=-1), happens.argmax(axis=-1), steps))
+    return jnp.stack(first).astype(jnp.int32)
 
 
 def _checked(
@@ -125,13 +164,11 @@ def _checked(
 ) -> tuple[SymbolSettings, Array, np.ndarray | None]:
     """Settings; centred paths [k, N, T + 1, 2] from the last positions observed on; pairs."""
     shape, seen = np.shape(samples), np.shape(observed)
-    if len(shape) != 4 or len(seen) != 3 or shape[3] != 2 or not all((*shape, *seen)):
+    if len(shape) != 4 or len(seen) != 3 or shape[1] != seen[0]:
         raise InputError(
             "samples must be [k, N, T, 2] and observed [N, obs_len, 2], not "
             f"{list(shape)} and {list(seen)}"
         )
-    if shape[1] != seen[0] or seen[2] != 2:
-        raise InputError(f"samples are of {shape[1]} people, observed of {seen[0]}")
     last = (observed if isinstance(observed, jax.Array) else np.asarray(observed))[:, -1]
     if isinstance(last, np.ndarray):
         # Far from the origin float32 would lose the differences.
@@ -146,12 +183,6 @@ def _checked(
     return from_json(SymbolSettings, settings, "symbols"), paths, pairs
 
 
-def _refuse(paths: Array, pairs: np.ndarray | None, what: str, numbers: int) -> None:
-    """Refuse so many numbers a pair where they do not fit into memory."""
-    count = paths.shape[1] ** 2 if pairs is None else len(pairs)
-    refuse_beyond_memory(f"{what} of {count} pairs", 4.0 * count * numbers, "name fewer pairs")
-
-
 def _ends(paths: Array, pairs: Array | None) -> tuple[Array, Array, Array]:
     """Paths of k and of l, which broadcast, and [P] or [N, N] whether they are two agents."""
     if pairs is None:
@@ -161,18 +192,15 @@ def _ends(paths: Array, pairs: Array | None) -> tuple[Array, Array, Array]:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _forecast(how: SymbolSettings, paths: Array, pairs: Array | None) -> SymbolicForecast:
+def _forecast(how: SymbolSettings, paths: Array, pairs: Array | None) -> Array:
     k, l, others = _ends(paths, pairs)
-    rows, table = state_steps(how, k, l), symbol_table(how.calculus)
-    count, size = rows[0].size, len(table)
+    rows = state_steps(how, k, l)
+    count, size = rows[0].size, len(all_states(how.calculus))
     first = size * jnp.arange(count).reshape(1, *rows.shape[1:])
-    # A state that its calculus does not list falls beyond the end, and is not counted.
-    place = jnp.where(rows < 0, count * size, first + rows)
-    counts = jnp.zeros(count * size).at[place.ravel()].add(1, mode="drop")
+    counts = jnp.zeros(count * size).at[(first + rows).ravel()].add(1)
     seen = counts.reshape(count, size) + how.smoothing * (1 / size)
     shares = (seen / (len(rows) + how.smoothing)).reshape(*rows.shape[1:], size)
-    states = jnp.where(others[..., None, None], shares, 0)
-    return SymbolicForecast(states, jnp.tensordot(states, table, 1))
+    return jnp.where(others[..., None, None], shares, 0)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))

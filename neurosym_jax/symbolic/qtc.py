@@ -1,18 +1,19 @@
 """Qualitative Trajectory Calculus (QTC): the signs of how two points move relative to each other.
 
-A state of the pair (k, l) describes one step, from one frame to the next, by these symbols:
+A state of the pair (k, l) describes one step, from one frame to the next, by four symbols:
 
 - q1: k moves towards l (-), away from l (+), or neither (0);
 - q2: l moves towards k (-), away from k (+), or neither (0);
 - q3: k moves to the left (-) or right (+) of the line from k to l, or along it (0);
-- q4: l moves to the left (-) or right (+) of the line from l to k, or along it (0);
-- q5: k's step is shorter (-) or longer (+) than l's, or as long (0);
-- q6: k's step makes a smaller (-) or larger (+) angle, of 0 to 90 degrees, with the line through
-  k and l than l's step, or the same (0).
+- q4: l moves to the left (-) or right (+) of the line from l to k, or along it (0).
+
+Three calculi of the family can be observed: `b1`, QTC_B1, is q1 and q2; `c1`, QTC_C1, all four;
+`bc1`, QTC_BC1 (Bellotto, Hanheide, Van de Weghe, 2013), is `c1` for pairs that are near each other
+and `b1` for others, whose q3 and q4 are `ABSENT`.
 
 Van de Weghe, "Representing and Reasoning about Moving Objects: A Qualitative Approach" (2004);
 Delafontaine, Cohn, Van de Weghe, "Implementing a qualitative calculus to analyse moving point
-objects" (2011). Three conventions for q1 to q4 are in use:
+objects" (2011). Three conventions are in use:
 
 - `distance` (the papers, and NeuroSyM: Mghames et al., 2023): q1 is the sign of
   |k1 - l0| - |k0 - l0|. The quantisation factor applies to q1 and q2 only, unless a
@@ -26,100 +27,63 @@ Both agents are taken at t-1, so T frames give T-1 states. Symbols are piecewise
 gradient passes through them; `soft` has differentiable ones.
 """
 
-from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.states import ABSENT
+from neurosym_jax.symbolic.states import ABSENT, all_states
 
-__all__ = [
-    "Convention",
-    "Thresholds",
-    "absent_when_apart",
-    "implied_angle",
-    "implied_speed",
-    "observe_symbols",
-    "other_pairs",
-    "side_factor",
-    "ways",
-]
+__all__ = ["Convention", "observe", "other_pairs", "side_factor", "ways"]
 
 Convention = Literal["distance", "line", "as_published"]
 
 
-class Thresholds(NamedTuple):
-    """Where movements, angles and distances begin to count; inclusive, and may be traced."""
-
-    quantisation_factor: ArrayLike = 0.0
-    """Metres per step up to which q1, q2 and q5 are 0."""
-    side_quantisation_factor: ArrayLike | None = None
-    """Metres per step across the line up to which q3 and q4 are 0; None is `quantisation_factor`
-    in the `line` convention and 0 in the others."""
-    angle: ArrayLike = 0.0
-    """Radians up to which two angles are equal (q6)."""
-    near: ArrayLike = 1.22
-    """Metres between k and l, at the end of a step, up to which QTC_BC has sides."""
-    apart: ArrayLike | None = None
-    """Metres beyond which QTC_BC has no sides; in between a pair keeps what it had, and starts
-    without. None is `near`."""
-
-
-def observe_symbols(
-    names: Sequence[str], k: ArrayLike, l: ArrayLike, convention: Convention, given: Thresholds
+def observe(
+    k: ArrayLike,
+    l: ArrayLike,
+    calculus: str = "c1",
+    *,
+    convention: Convention = "distance",
+    quantisation_factor: ArrayLike = 0.0,
+    side_quantisation_factor: ArrayLike | None = None,
+    near: ArrayLike = 1.22,
 ) -> Array:
-    """Symbols of the pair (k, l), of any of q1 to q6.
+    """States of the pair (k, l) at every step.
 
-    Where q1 to q4 are all asked for, they decide q5 and q6 as far as they leave no choice, so that
-    thresholds cannot make an impossible state: an agent without movement towards, away or to a side
-    stands, and is the slower.
+    All ordered pairs of a scene of positions [N, T, 2] are `observe(positions[:, None], positions)`
+    [N, N, T-1, m], with agent i as k and agent j as l in entry (i, j). Thresholds are inclusive,
+    and may be traced.
 
     Args:
-        names: of m symbols, in order.
-        k: [..., T, 2] metres.
-        l: [..., T, 2] metres; leading axes broadcast.
+        k: [..., T, 2] positions in metres.
+        l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
+        calculus: `b1`, `c1` or `bc1`.
         convention: see the module.
-        given: thresholds.
+        quantisation_factor: metres per step up to which q1 and q2 are 0.
+        side_quantisation_factor: metres per step across the line up to which q3 and q4 are 0; None
+            is `quantisation_factor` in the `line` convention and 0 in the others.
+        near: metres between k and l, at the end of a step, up to which `bc1` has sides.
 
     Returns:
-        [..., T-1, m] int8 in {-1, 0, 1}.
+        [..., T-1, m] int8 in {-1, 0, 1}, or `ABSENT`.
+
+    Raises:
+        InputError: for an unknown calculus or convention.
     """
-    sides = side_factor(given.quantisation_factor, convention, given.side_quantisation_factor)
+    all_states(calculus)
+    of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
     pair = ways(k, l)
-    symbols: dict[str, Array] = {}
-    for place, way in enumerate(pair):
-        if f"q{place + 1}" in names:
-            symbols[f"q{place + 1}"] = _approach(*way, given.quantisation_factor, convention)
-        if f"q{place + 3}" in names:
-            symbols[f"q{place + 3}"] = _side(*way, sides, convention)
-    first = [symbols[name] for name in ("q1", "q2", "q3", "q4") if name in symbols]
-    if "q5" in names:
-        of_k, of_l = (length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in pair)
-        symbols["q5"] = compare(of_k, of_l, given.quantisation_factor)
-        if len(first) == 4:
-            symbols["q5"] = _unless(implied_speed(*first), symbols["q5"])
-    if "q6" in names:
-        symbols["q6"] = _unless(implied_angle(*first), _angle(pair, given.angle))
-    return jnp.moveaxis(jnp.stack([symbols[name] for name in names]), (0, 1), (-1, -2))
-
-
-def absent_when_apart(states: Array, k: ArrayLike, l: ArrayLike, given: Thresholds) -> Array:
-    """`states [..., T-1, m]` with `ABSENT` for q3 and q4 while k and l [..., T, 2] are apart."""
-    (_, (x, y), _), (_, (other_x, other_y), _) = ways(k, l)
-    distance = length(x - other_x, y - other_y)
-    joins = distance <= given.near
-    parts = distance > (given.near if given.apart is None else given.apart)
-    # The last step at which the distance decided, -1 if none has.
-    step = jnp.arange(len(distance)).reshape(-1, *[1] * (distance.ndim - 1))
-    decided = jax.lax.cummax(jnp.where(joins | parts, step, -1))
-    newest = jnp.take_along_axis(joins, jnp.maximum(decided, 0), axis=0)
-    apart = jnp.moveaxis(~(newest & (decided >= 0)), 0, -1)
-    sides = jnp.where(apart[..., None], ABSENT, states[..., 2:4])
-    return jnp.concatenate([states[..., :2], sides, states[..., 4:]], axis=-1)
+    symbols = [_approach(*way, quantisation_factor, convention) for way in pair]
+    if calculus != "b1":
+        symbols += [_side(*way, of_sides, convention) for way in pair]
+    if calculus == "bc1":
+        (_, (x, y), _), (_, (other_x, other_y), _) = pair
+        apart = _length(x - other_x, y - other_y) > near
+        symbols[2:] = [jnp.where(apart, ABSENT, side) for side in symbols[2:]]
+    return jnp.moveaxis(jnp.stack(symbols), (0, 1), (-1, -2))
 
 
 def other_pairs(valid: ArrayLike | None, count: int) -> Array:
@@ -134,7 +98,7 @@ def other_pairs(valid: ArrayLike | None, count: int) -> Array:
 def side_factor(
     quantisation_factor: ArrayLike, convention: str, given: ArrayLike | None
 ) -> ArrayLike:
-    """The quantisation factor [] of q3 and q4 (see `Thresholds`), from the one given.
+    """The quantisation factor [] of q3 and q4, `given` or by convention.
 
     Raises:
         InputError: for an unknown convention.
@@ -170,36 +134,21 @@ def _approach(before: Any, after: Any, other: Any, factor: ArrayLike, convention
     (x0, y0), (x1, y1), (x, y) = before, after, other
     if convention == "line":
         line_x, line_y = x - x0, y - y0
-        threshold = factor * length(line_x, line_y)
-        return compare(-(x1 - x0) * line_x, (y1 - y0) * line_y, threshold)
-    return compare(length(x1 - x, y1 - y), length(x0 - x, y0 - y), factor)
+        threshold = factor * _length(line_x, line_y)
+        return _compare(-(x1 - x0) * line_x, (y1 - y0) * line_y, threshold)
+    return _compare(_length(x1 - x, y1 - y), _length(x0 - x, y0 - y), factor)
 
 
 def _side(before: Any, after: Any, other: Any, factor: ArrayLike, convention: str) -> Array:
     """q3 if the mover is k."""
     (x0, y0), (x1, y1), (x, y) = before, after, other
     line_x, line_y = x - x0, y - y0
-    threshold = factor * length(line_x, line_y)
-    side = compare((x1 - x0) * line_y, (y1 - y0) * line_x, threshold)
+    threshold = factor * _length(line_x, line_y)
+    side = _compare((x1 - x0) * line_y, (y1 - y0) * line_x, threshold)
     return abs(side) if convention == "as_published" else side
 
 
-def _angle(pair: list[tuple[Any, Any, Any]], threshold: ArrayLike) -> Array:
-    """q6 where both move, by sin(a - b) = sin a cos b - cos a sin b, times the lengths."""
-    (kx, ky), _, (lx, ly) = pair[0]
-    line = lx - kx, ly - ky
-    across, along, steps = [], [], []
-    for (x0, y0), (x1, y1), _ in pair:
-        x, y = x1 - x0, y1 - y0
-        across.append(abs(x * line[1] - y * line[0]))
-        along.append(abs(x * line[0] + y * line[1]))
-        steps.append(length(x, y))
-    square = line[0] * line[0] + line[1] * line[1]
-    scaled = jnp.sin(threshold) * steps[0] * steps[1] * square
-    return compare(across[0] * along[1], across[1] * along[0], scaled)
-
-
-def compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
+def _compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
     """Sign of a - b [...] where it exceeds the threshold, else 0, as int8.
 
     Sums are compared instead of a difference because compilers fuse `p*q - r*s` into a multiply-add
@@ -209,33 +158,7 @@ def compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
     return (a > b + threshold).astype(jnp.int8) - (b > a + threshold).astype(jnp.int8)
 
 
-def length(x: Array, y: Array) -> Array:
+def _length(x: Array, y: Array) -> Array:
     """[...] length of (x, y), that of (y, x) even if a compiler fuses a product and the sum."""
     long, short = jnp.maximum(abs(x), abs(y)), jnp.minimum(abs(x), abs(y))
     return jnp.sqrt(long * long + short * short)
-
-
-# What q1 to q4 imply, for arrays of numpy and of jax alike.
-
-
-def implied_speed(q1: Any, q2: Any, q3: Any, q4: Any) -> tuple[Any, Any]:
-    """Whether q1 to q4 decide q5, and its value: who stands is the slower, unless both do."""
-    k_stands, l_stands = (q1 == 0) & (q3 == 0), (q2 == 0) & (q4 == 0)
-    return k_stands | l_stands, l_stands * 1 - k_stands * 1
-
-
-def implied_angle(q1: Any, q2: Any, q3: Any, q4: Any) -> tuple[Any, Any]:
-    """Whether q1 to q4 decide q6, and its value; it is 0 if an agent stands.
-
-    An angle is 0 without sideways movement and a right one without approach.
-    """
-    stands, _ = implied_speed(q1, q2, q3, q4)
-    of_k, of_l = (q1 == 0) * 1 - (q3 == 0) * 1, (q2 == 0) * 1 - (q4 == 0) * 1
-    known = (of_k != 0) | (of_l != 0)
-    # Two right angles, and two of 0, are equal; with one of them the other is in between.
-    return stands | known, ((of_k > of_l) * 1 - (of_k < of_l) * 1) * ~stands
-
-
-def _unless(implied: tuple[Any, Any], symbol: Array) -> Array:
-    decided, value = implied
-    return jnp.where(decided, value.astype(jnp.int8), symbol)

@@ -23,8 +23,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.calculi import observe
-from neurosym_jax.symbolic.qtc import Convention, side_factor, ways
+from neurosym_jax.symbolic.qtc import Convention, observe, side_factor, ways
 
 __all__ = ["soft_alpha", "soft_symbols"]
 
@@ -45,8 +44,8 @@ def soft_symbols(
         k: [..., T, 2] positions in metres.
         l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
         temperature: metres per step, > 0.
-        quantisation_factor: see `qtc.Thresholds`.
-        side_quantisation_factor: see `qtc.Thresholds`.
+        quantisation_factor: see `qtc.observe`.
+        side_quantisation_factor: see `qtc.observe`.
         convention: see `qtc`.
         straight_through: give the hard symbols probability 1, with the gradients of the soft ones.
 
@@ -66,9 +65,13 @@ def soft_symbols(
     soft = jnp.stack(approaches + sides, axis=-2)
     if not straight_through:
         return soft
-    thresholds: dict[str, Any] = {"quantisation_factor": quantisation_factor}
-    thresholds["side_quantisation_factor"] = side_quantisation_factor
-    hard = observe(k, l, convention=convention, **thresholds)
+    hard = observe(
+        k,
+        l,
+        convention=convention,
+        quantisation_factor=quantisation_factor,
+        side_quantisation_factor=of_sides,
+    )
     return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
 
 

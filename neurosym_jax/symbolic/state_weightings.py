@@ -1,4 +1,9 @@
-"""Weightings that look alpha up by the QTC_C1 state of a pair: `cnd`, `cnd_shipped`, `learned`."""
+"""Weightings that look alpha up by the QTC_C1 state of a pair, hard or soft.
+
+A table gives each of the 81 states a weight: `cnd` the theory's, `cnd_shipped` the authors',
+`learned` 81 free ones. `quantised` has symbols that are 0 below a threshold, `soft` the expectation
+over symbols that fade into each other, and `shuffled`, a control, gives weights to the wrong pairs.
+"""
 
 import dataclasses
 from typing import Literal
@@ -8,11 +13,14 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import Whole
+from neurosym_jax.configuration import NotNegative, Positive, Whole
+from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import alpha_table
+from neurosym_jax.symbolic.qtc import other_pairs
+from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
 from neurosym_jax.symbolic.weighting import Parameters, Scenes, SymbolicWeighting
 
-__all__ = ["Cnd", "CndShipped", "Learned", "TableWeighting", "after_first"]
+__all__ = ["Cnd", "CndShipped", "Learned", "Quantised", "Shuffled", "Soft", "to_wrong_pairs"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,10 +38,10 @@ class Cnd(SymbolicWeighting):
 
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """See `Weighting.weigh`."""
-        return after_first(self.observed(parameters, positions), parameters)
+        return _after_first(self.observed(parameters, positions), parameters)
 
     def observed(self, parameters: Parameters, positions: Array) -> Array:
-        """[N, N, T-1] weights of the states observed."""
+        """[N, N, T-1] weights of the states observed in positions [N, T, 2]."""
         table = jnp.asarray(parameters.get("table", self.state_weights()), positions.dtype)
         return table.at[self.codes(parameters, positions)].get(mode="clip")
 
@@ -78,7 +86,108 @@ class Learned(TableWeighting):
         return {"table": self.state_weights(), "unobserved": 0.0}
 
 
-def after_first(observed: Array, parameters: Parameters) -> Array:
+@dataclasses.dataclass(frozen=True)
+class Quantised(TableWeighting):
+    """`cnd` of symbols that are 0 below 5 cm a step.
+
+    A learned threshold has straight-through gradients: symbols are hard, their gradients those of
+    soft ones.
+    """
+
+    title = "quantised"
+    quantisation_factor: NotNegative = 0.05
+    temperature: Positive = 0.02
+    """Metres a step over which a symbol fades into the next, in gradients of the threshold."""
+    learned: bool = False
+    """Whether training changes the threshold."""
+
+    def __post_init__(self):
+        """Refuse a threshold that cannot be learned."""
+        super().__post_init__()
+        if self.learned and not self.quantisation_factor:
+            raise InputError("a quantisation_factor of 0 cannot be learned: its logarithm is")
+
+    def start(self, scenes: Scenes | None = None) -> Parameters:
+        """`log_quantisation_factor` [] if learned."""
+        return {"log_quantisation_factor": np.log(self.quantisation_factor)} if self.learned else {}
+
+    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """See `Weighting.weigh`."""
+        if not self.learned:
+            return super().weigh(parameters, positions, valid)
+        return self.softly(parameters, positions, straight_through=True)
+
+    def softly(
+        self, parameters: Parameters, positions: Array, straight_through: bool = False
+    ) -> Array:
+        """[N, N, T] expected weights of soft symbols of positions [N, T, 2]."""
+        temperature = self.temperature
+        if "log_temperature" in parameters:
+            temperature = jnp.exp(parameters["log_temperature"])
+        probabilities = soft_symbols(
+            positions[:, None],
+            positions,
+            temperature=temperature,
+            straight_through=straight_through,
+            **self.thresholds(parameters),
+        )
+        return _after_first(soft_alpha(probabilities, parameters.get("table")), parameters)
+
+
+@dataclasses.dataclass(frozen=True)
+class Soft(Quantised):
+    """The expectation of `cnd` where symbols fade into each other over `temperature`, see `soft`.
+
+    Training can change the threshold, the temperature and the table.
+    """
+
+    title = "soft"
+
+    def start(self, scenes: Scenes | None = None) -> Parameters:
+        """`log_quantisation_factor` [], `log_temperature` [], `table` [81], `unobserved` []."""
+        if not self.learned:
+            return {}
+        own = {"log_temperature": np.log(self.temperature), "table": self.state_weights()}
+        return {**super().start(scenes), **own, "unobserved": 0.0}
+
+    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """See `Weighting.weigh`."""
+        return self.softly(parameters, positions)
+
+
+@dataclasses.dataclass(frozen=True)
+class Shuffled(TableWeighting):
+    """The weights of `quantised` with the wrong pairs, and the last step first.
+
+    Each neighbour of an agent gets those of the next nearer one, the nearest those of the farthest:
+    the same weights in the same scene, without their meaning.
+    """
+
+    title = "shuffled"
+    quantisation_factor: NotNegative = 0.05
+
+    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """See `Weighting.weigh`."""
+        observed = self.observed(parameters, positions)
+        return _after_first(to_wrong_pairs(observed, positions[:, -1], valid), parameters)
+
+
+def to_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -> Array:
+    """`observed [N, N, T-1]` of `shuffled`, by the last positions `last [N, 2]`.
+
+    Each agent keeps its weights in another order, which follows from the scene alone: neither
+    rotation nor padding nor the order of the agents changes it.
+    """
+    others = other_pairs(valid, last.shape[0])
+    apart = jnp.square(last[:, None] - last[None]).sum(axis=-1)
+    by_distance = jnp.argsort(jnp.where(others, apart, jnp.inf), axis=1)
+    rank = jnp.argsort(by_distance, axis=1)
+    of_others = jnp.maximum(others.sum(axis=1, keepdims=True), 1)
+    source = jnp.take_along_axis(by_distance, (rank - 1) % of_others, axis=1)
+    return jnp.take_along_axis(observed[..., ::-1], source[..., None], axis=1)
+
+
+def _after_first(observed: Array, parameters: Parameters) -> Array:
     """[N, N, T] from `observed [N, N, T-1]`: at the first step no state has been observed."""
     unobserved = jnp.asarray(parameters.get("unobserved", 0.0), observed.dtype)
     first = jnp.broadcast_to(unobserved, (*observed.shape[:2], 1))

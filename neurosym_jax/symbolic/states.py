@@ -1,7 +1,10 @@
-"""States of the Qualitative Trajectory Calculus: codes, text, and chains as QSRlib makes them.
+"""States of the Qualitative Trajectory Calculus: all of a calculus, codes, text, and chains.
 
-A state is a vector of m symbols in {-1, 0, 1} (int8), or `ABSENT` where QTC_BC drops a symbol.
+A state is a vector of m symbols in {-1, 0, 1} (int8), or `ABSENT` where QTC_BC drops a symbol;
+`qtc` says what they mean.
 """
+
+import functools
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,12 +13,40 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["ABSENT", "collapse", "encode_state", "format_state", "validate"]
+__all__ = [
+    "ABSENT",
+    "CALCULI",
+    "all_states",
+    "collapse",
+    "encode_state",
+    "format_state",
+    "state_index",
+    "validate",
+]
 
 ABSENT = np.int8(2)
 """A symbol that the state does not have: q3 and q4 of a QTC_BC state of a pair far apart."""
 
+CALCULI = ("b1", "c1", "bc1")
 _CHARACTERS = {-1: "-", 0: "0", 1: "+"}
+
+
+@functools.cache
+def all_states(calculus: str = "c1") -> np.ndarray:
+    """[S, m] int8, read-only: the 9 states of `b1`, 81 of `c1`, or 90 of `bc1`, pairs apart first.
+
+    Raises:
+        InputError: for an unknown calculus.
+    """
+    if calculus not in CALCULI:
+        raise InputError(f"unknown calculus {calculus!r}: there are {', '.join(CALCULI)}")
+    states = np.indices([3] * (2 if calculus == "b1" else 4)).astype(np.int8) - 1
+    states = states.reshape(len(states), -1).T
+    if calculus == "bc1":
+        apart = np.pad(all_states("b1"), [(0, 0), (0, 2)], constant_values=ABSENT)
+        states = np.concatenate([apart, states])
+    states.flags.writeable = False
+    return states
 
 
 def encode_state(states: ArrayLike) -> Array:
@@ -27,17 +58,18 @@ def encode_state(states: ArrayLike) -> Array:
     return code
 
 
-def format_state(state: ArrayLike, separator: str = " ") -> str:
-    """One state [m] as text, `"- 0 + -"`, without absent symbols. QSRlib separates by `,`.
+def state_index(calculus: str, states: ArrayLike) -> Array:
+    """[...] int32 rows of states [..., m] in `all_states`; those of `b1` and `c1` are codes."""
+    states = jnp.asarray(states)
+    if calculus != "bc1":
+        return encode_state(states)
+    apart = encode_state(states[..., :2])
+    return jnp.where(states[..., 2] == ABSENT, apart, encode_state(states) + 9)
 
-    Raises:
-        InputError: for a number that is no symbol.
-    """
-    symbols = [int(symbol) for symbol in np.asarray(state) if symbol != ABSENT]
-    unknown = [symbol for symbol in symbols if symbol not in _CHARACTERS]
-    if unknown:
-        raise InputError(f"{unknown[0]} is not a QTC symbol: a state has -1, 0 and 1")
-    return separator.join(_CHARACTERS[symbol] for symbol in symbols)
+
+def format_state(state: ArrayLike, separator: str = " ") -> str:
+    """One state [m] as text, `"- 0 + -"`, without absent symbols. QSRlib separates by `,`."""
+    return separator.join(_CHARACTERS[int(symbol)] for symbol in np.asarray(state) if symbol != 2)
 
 
 def collapse(states: ArrayLike) -> np.ndarray:
@@ -47,7 +79,7 @@ def collapse(states: ArrayLike) -> np.ndarray:
 
 
 def validate(states: ArrayLike) -> np.ndarray:
-    """A chain `[T, m]` of QTC_B, QTC_C1 or QTC_BC1 made continuous, as QSRlib does.
+    """A chain `[T, m]` made continuous, as QSRlib does.
 
     Wherever a symbol skips 0, at most one state is inserted (Delafontaine, 2011): symbols that jump
     between - and + pass through 0; if a symbol has to leave its value for 0, all symbols that leave

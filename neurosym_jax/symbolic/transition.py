@@ -5,7 +5,6 @@ counts of what happens from one observed step to the next, over the ordered pair
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -32,8 +31,10 @@ class Transition(SymbolicWeighting):
 
         Every transition counts once more than it was seen, so that none is impossible.
         """
-        counts = np.zeros((81, 81)) if scenes is None else _count_transitions(self, scenes)
-        seen = counts + 1.0
+        seen = np.ones((81, 81))
+        for codes in _observed_pairs(self, {}, scenes or ()):
+            keys = codes[:, :-1] * 81 + codes[:, 1:]
+            seen += np.bincount(keys.ravel(), minlength=81 * 81).reshape(81, 81)
         return {
             "state": seen.sum(axis=1) / seen.sum(),
             "transition": seen / seen.sum(axis=1, keepdims=True),
@@ -53,32 +54,20 @@ class Transition(SymbolicWeighting):
 
 def count_states(weighting: Weighting, parameters: Parameters, scenes: Scenes) -> np.ndarray:
     """[81] int64: pair-steps in each state, as the weighting observes them."""
-    return _count(weighting, parameters, scenes, lambda codes: codes, 81)
+    total = np.zeros(81, np.int64)
+    for codes in _observed_pairs(weighting, parameters, scenes):
+        total += np.bincount(codes.ravel(), minlength=81)
+    return total
 
 
-def _count_transitions(weighting: Weighting, scenes: Scenes) -> np.ndarray:
-    """[81, 81] int64: how often the state of the column followed that of the row."""
-    pairs = _count(weighting, {}, scenes, lambda codes: codes[..., :-1] * 81 + codes[..., 1:], 6561)
-    return pairs.reshape(81, 81)
-
-
-def _count(
-    weighting: Weighting,
-    parameters: Parameters,
-    scenes: Scenes,
-    key: Callable[[np.ndarray], np.ndarray],
-    size: int,
-) -> np.ndarray:
-    """[size] int64: how often each `key` of the codes [..., T-1] of two different agents occurs."""
+def _observed_pairs(weighting: Weighting, parameters: Parameters, scenes: Scenes):
+    """Codes [P, T-1] of the pairs of two different agents, batch by batch."""
 
     @jax.jit
     @jax.vmap
     def observe(positions: ArrayLike, valid: Array) -> tuple[Array, Array]:
         return weighting.codes(parameters, positions), other_pairs(valid, valid.shape[0])
 
-    total = np.zeros(size, np.int64)
     for positions, valid in scenes:
-        codes, others = observe(positions, valid)
-        keys = key(np.asarray(codes, np.int64)[np.asarray(others)])
-        total += np.bincount(keys.ravel(), minlength=size)
-    return total
+        codes, others = map(np.asarray, observe(positions, valid))
+        yield codes[others]

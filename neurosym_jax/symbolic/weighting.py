@@ -17,8 +17,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Checked, NotNegative, differences
-from neurosym_jax.symbolic.calculi import observe
-from neurosym_jax.symbolic.qtc import Convention
+from neurosym_jax.symbolic.qtc import Convention, observe
 from neurosym_jax.symbolic.states import encode_state
 
 __all__ = ["Parameters", "Scenes", "SymbolicWeighting", "Weighting", "initial_parameters"]
@@ -56,7 +55,7 @@ class Weighting(Checked, abc.ABC):
         return None
 
     def thresholds(self, parameters: Parameters) -> dict[str, Any]:
-        """Arguments of `calculi.observe` with which it observes states."""
+        """Arguments of `qtc.observe` with which it observes states."""
         return {}
 
     def codes(self, parameters: Parameters, positions: ArrayLike) -> Array:
@@ -101,9 +100,9 @@ class SymbolicWeighting(Weighting):
     """A weighting by QTC_C1 states, with the options of their observation."""
 
     quantisation_factor: NotNegative = 0.0
-    """Metres a step up to which a movement counts as none, see `qtc.Thresholds`."""
+    """Metres a step up to which a movement counts as none, see `qtc.observe`."""
     side_quantisation_factor: NotNegative | None = None
-    """The same for q3 and q4, see `qtc.Thresholds`."""
+    """The same for q3 and q4, see `qtc.observe`."""
     convention: Convention = "distance"
     """Definition of the symbols, see `qtc`."""
 
@@ -122,11 +121,9 @@ class SymbolicWeighting(Weighting):
 def initial_parameters(
     weighting: Weighting | None, scenes: Scenes | None = None
 ) -> dict[str, np.ndarray]:
-    """Parameters of the weighting before training, float32; empty if it has none.
+    """Parameters of the weighting before training, float32; empty for None.
 
-    Args:
-        weighting: None for a model without.
-        scenes: the training data, from which `transition` is estimated.
+    `scenes` is the training data, from which `transition` is estimated.
     """
     start = {} if weighting is None else weighting.start(scenes)
     return {name: np.asarray(value, np.float32) for name, value in start.items()}

@@ -10,9 +10,14 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import component_from_text
 from neurosym_jax.registry import Registry
-from neurosym_jax.symbolic.shuffled import Shuffled
-from neurosym_jax.symbolic.soft_weightings import Quantised, Soft
-from neurosym_jax.symbolic.state_weightings import Cnd, CndShipped, Learned
+from neurosym_jax.symbolic.state_weightings import (
+    Cnd,
+    CndShipped,
+    Learned,
+    Quantised,
+    Shuffled,
+    Soft,
+)
 from neurosym_jax.symbolic.transition import Transition
 from neurosym_jax.symbolic.weighting import Parameters, Scenes, Weighting, initial_parameters
 
@@ -116,10 +121,11 @@ def make_weighting(
     Raises:
         InputError: for an unknown weighting or option.
     """
-    if isinstance(weighting, str):
-        chosen: Weighting = component_from_text(weighting, WEIGHTINGS, "weighting")
-    else:
-        chosen = weighting
+    chosen: Weighting = (
+        component_from_text(weighting, WEIGHTINGS, "weighting")
+        if isinstance(weighting, str)
+        else weighting
+    )
     given = initial_parameters(chosen) if parameters is None else parameters
 
     def weigh(positions: ArrayLike, valid: ArrayLike | None = None) -> Array:

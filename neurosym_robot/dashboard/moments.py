@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data.tracks import LATE, SNAP
-from neurosym_jax.symbolic.events import EVENTS, in_short
+from neurosym_jax.symbolic.events import EVENTS
 from neurosym_robot.dashboard.pair_symbols import PairSymbols
 from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Forecast, Predictor
@@ -80,7 +80,7 @@ class Moments:
         likely = {
             "model": self._of_events,
             "at_least": at_least,
-            "words": {name: in_short(name) for name in EVENTS},
+            "words": {name: event.in_short(name) for name, event in EVENTS.items()},
         }
         self.introduction = _json(
             {

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.events import EVENTS, in_short
+from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import EventForecast, symbolic_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 
@@ -30,7 +30,7 @@ class LikelyEvent(NamedTuple):
 
     def words(self, ids: np.ndarray) -> str:
         """Such as `3 follows 5: 80 %, in 1.2 s`; `ids` [N] of the people."""
-        what = in_short(self.name).format(k=ids[self.k], l=ids[self.l])
+        what = EVENTS[self.name].in_short(self.name).format(k=ids[self.k], l=ids[self.l])
         return f"{what}: {100 * self.probability:.0f} %, in {self.seconds:.1f} s"
 
 

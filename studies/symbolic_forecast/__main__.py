@@ -28,7 +28,7 @@ from neurosym_jax.evaluation.test_sets import baseline
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.futures import SymbolSettings
+from neurosym_jax.symbolic.forecast import SymbolSettings
 from studies.symbolic_forecast.cases import make_cases
 from studies.symbolic_forecast.page import document, table
 from studies.symbolic_forecast.scores import evaluate_symbols

@@ -17,9 +17,9 @@ from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.evaluation.symbol_scores import NEAR
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.symbolic.calculi import CALCULI
 from neurosym_jax.symbolic.cnd import adjacency
-from neurosym_jax.symbolic.futures import SymbolSettings, event_steps, state_steps
+from neurosym_jax.symbolic.forecast import SymbolSettings, event_steps, state_steps
+from neurosym_jax.symbolic.states import all_states
 
 __all__ = ["Answer", "Cases", "counted", "make_cases", "markov_chain", "model_answer"]
 
@@ -51,7 +51,7 @@ class Cases:
     @property
     def size(self) -> int:
         """Number of states."""
-        return len(CALCULI[self.settings.calculus].states)
+        return len(all_states(self.settings.calculus))
 
 
 class Answer(NamedTuple):

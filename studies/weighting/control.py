@@ -14,7 +14,7 @@ import numpy as np
 from neurosym_jax.data.tracks import PERIOD
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import scene_identity
-from neurosym_jax.symbolic.calculi import observe
+from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import encode_state
 
 __all__ = ["LENGTHS", "ON_ONES_PATH", "control"]

@@ -5,7 +5,7 @@ import pytest
 
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.evaluation.test_sets import baseline
-from neurosym_jax.symbolic.futures import SymbolSettings
+from neurosym_jax.symbolic.forecast import SymbolSettings
 from studies.symbolic_forecast.cases import make_cases, markov_chain, model_answer
 from studies.symbolic_forecast.scores import (
     Question,

@@ -83,44 +83,15 @@ def symbols(k, l, convention="distance", factor=0.0, side_factor=None):
     return found
 
 
-def six_symbols(k, l):
-    """[T-1, 6]: q1 to q6 in the line convention, without thresholds."""
-    found = symbols(k, l, "line")
-    for q, (k0, k1), (l0, l1) in zip(found, itertools.pairwise(k), itertools.pairwise(l)):
-        v, w, line = minus(k1, k0), minus(l1, l0), minus(l0, k0)
-        k_stands, l_stands = (q[i] == q[i + 2] == 0 for i in (0, 1))
-        if k_stands or l_stands:  # Also whoever meets the other, where there is no line.
-            q += [l_stands - k_stands, 0]
-            continue
-        # Squared sines of the angles with the line, times what makes them whole numbers.
-        sines = cross(v, line) ** 2 * dot(w, w), cross(w, line) ** 2 * dot(v, v)
-        q += [sign(dot(v, v) - dot(w, w)), sign(sines[0] - sines[1])]
-    return found
-
-
 def converse(states):
-    """States [..., m] of (l, k) from those of (k, l): symbols change places, comparisons sign."""
+    """States [..., m] of (l, k) from those of (k, l): symbols change places."""
     states = np.asarray(states)
-    order = [1, 0] if states.shape[-1] < 4 else [1, 0, 3, 2]
-    return np.concatenate([states[..., order], -states[..., len(order) :]], axis=-1)
+    return states[..., [1, 0, 3, 2][: states.shape[-1]]]
 
 
 def states(calculus):
-    """Sorted tuples of symbols: all that two who are 20 m apart can show.
-
-    They stand, or walk 5 or 10 m in one of twelve directions that whole numbers have, two of them
-    along the line and two across it.
-    """
-    others = [*itertools.product((3, -3), (4, -4)), *itertools.product((4, -4), (3, -3))]
-    ways = [(5, 0), (-5, 0), (0, 5), (0, -5), *others]
-    steps = [(0, 0), *((n * x, n * y) for x, y in ways for n in (1, 2))]
-    seen = set()
-    for v, w in itertools.product(steps, steps):
-        q = six_symbols([(0, 0), v], [(20, 0), (20 + w[0], w[1])])[0]
-        # Without sides the speeds are compared as they are: who passes at a right angle moves.
-        seen.add((*q[:2], sign(norm(v) - norm(w))) if calculus == "b2" else tuple(q))
-    kept = {"b1": 2, "b2": 3, "c1": 4, "c2": 5, "c2_angle": 6}[calculus]
-    return sorted({q[:kept] for q in seen})
+    """Sorted tuples of symbols of `b1` or `c1`: every combination is possible."""
+    return sorted(itertools.product((-1, 0, 1), repeat=2 if calculus == "b1" else 4))
 
 
 def may_follow(a, b, rule="dominance"):

@@ -1,6 +1,10 @@
+"""Symbols against definitions in plain loops, QSRlib's cases and the released code."""
+
 import functools
 import itertools
+import json
 import math
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from neurosym_jax.symbolic.calculi import observe
-from neurosym_jax.symbolic.states import format_state
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.cnd import adjacency
+from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.symbolic.states import ABSENT, CALCULI, collapse, format_state, validate
 from tests.symbolic import literal
 
 CONVENTIONS = literal.CONVENTIONS
@@ -91,21 +97,17 @@ def test_where_ties_are_not_exact_nothing_else_differs(x64):
 
 
 @pytest.mark.rounding
-@pytest.mark.usefixtures("double")
 def test_the_released_code_and_the_papers_formula(released):
     k, l = released["k"], released["l"]
+    # In float32 two symbols at most differ.
+    assert (np.asarray(c1(k, l)) != released["qtc_signed"]).sum() <= 2
     symbols = released["qtc_reference"]  # It writes 10 where nobody moves.
-    np.testing.assert_array_equal(
-        c1(k, l, convention="as_published"), np.where(symbols == 10, 0, symbols)
-    )
-    np.testing.assert_array_equal(c1(k, l), released["qtc_signed"])
-    np.testing.assert_array_equal(c1(k, l, quantisation_factor=0.05), released["qtc_signed_q005"])
-
-
-@pytest.mark.rounding
-def test_float32_differs_from_float64_in_two_symbols_at_most(released):
-    differs = np.asarray(c1(released["k"], released["l"])) != released["qtc_signed"]
-    assert differs.sum() <= 2
+    published = np.where(symbols == 10, 0, symbols)
+    with jax.enable_x64(True):
+        np.testing.assert_array_equal(c1(k, l, convention="as_published"), published)
+        np.testing.assert_array_equal(c1(k, l), released["qtc_signed"])
+        coarse = c1(k, l, quantisation_factor=0.05)
+    np.testing.assert_array_equal(coarse, released["qtc_signed_q005"])
 
 
 @pytest.mark.rounding
@@ -116,13 +118,29 @@ def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
         for positions, valid, expected in real_windows:
             released = expected["legacy_qtc"]
             released = np.where(released == 99, 0, released)  # the diagonal
-            for convention, wanted in (
-                ("distance", expected["signed_qtc"]),
-                ("as_published", released),
-            ):
+            wanted = {"distance": expected["signed_qtc"], "as_published": released}
+            for convention, states in wanted.items():
                 found = np.asarray(pairs(positions, convention))[np.ix_(valid, valid)]
                 found[np.arange(valid.sum()), np.arange(valid.sum())] = 0
-                np.testing.assert_array_equal(found, wanted)
+                np.testing.assert_array_equal(found, states)
+
+
+@pytest.mark.usefixtures("double")
+@pytest.mark.parametrize(
+    ("qsrlib", "calculus"), [("qtcbs", "b1"), ("qtccs", "c1"), ("qtcbcs", "bc1")]
+)
+def test_qsrlibs_own_cases(qsrlib, calculus):
+    stored = json.loads((Path(__file__).parents[1] / "golden" / "qsrlib.json").read_text())
+    cases = [case for case in stored["cases"] if case["calculus"] == qsrlib]
+    assert len(cases) == 14
+    for case in cases:
+        people = stored["recordings"][case["recording"]]
+        k, l = (np.array(people[case[name]]) for name in "kl")
+        given = {"quantisation_factor": case["quantisation_factor"]}
+        found = c1(k, l, "line", calculus, near=case["distance_threshold"], **given)
+        found = np.asarray(found) if case["no_collapse"] else collapse(found)
+        found = validate(found) if case["validate"] else found
+        assert [format_state(state, ",") for state in found] == case["expected"].split(), case
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
@@ -134,7 +152,9 @@ def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
 )
 def test_symmetries(convention, pair, turns, shift, angle):
     states = np.asarray(c1(*pair, convention))
-    np.testing.assert_array_equal(c1(*pair[::-1], convention), literal.converse(states))
+    for calculus in CALCULI:
+        one, other = (c1(*way, convention, calculus, near=9.0) for way in (pair, pair[::-1]))
+        np.testing.assert_array_equal(other, literal.converse(one))
     if convention != "as_published":  # Its sides have no sign.
         mirrored = c1(*(pair * np.array([1, -1], np.float32)), convention)
         np.testing.assert_array_equal(mirrored, states * np.array([[1, 1, -1, -1]]))
@@ -172,3 +192,23 @@ def test_mirrored_distances_tie_even_where_a_compiler_fuses_a_product_and_a_sum(
     draw = np.random.default_rng(0)
     steps = np.stack([start := draw.normal(size=(2000, 2)), start[:, ::-1]], axis=1)
     assert not np.asarray(b1(steps, np.zeros((2000, 2, 2))))[..., 0].any()
+
+
+def test_pairs_have_sides_up_to_the_distance_near():
+    k, l = np.zeros((4, 2)), np.array([[9.0, 0], [4, 0], [4.1, 0], [2, 0]])
+    found = np.asarray(c1(k, l, calculus="bc1", near=4.0))
+    np.testing.assert_array_equal(found[:, 2] != ABSENT, [True, False, True])
+    assert found.dtype == np.int8
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: observe(*np.zeros((2, 2, 2)), "c3"), "unknown calculus 'c3': there are b1, c1"),
+        (lambda: observe(*np.zeros((2, 2, 2)), convention="lines"), "unknown QTC convention"),
+        (lambda: adjacency("c1", "any"), r"'any'.*dominance, continuity"),
+    ],
+)
+def test_refusals(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

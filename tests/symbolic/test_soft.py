@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.symbolic.calculi import observe
 from neurosym_jax.symbolic.cnd import alpha_from_states, alpha_table
+from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
 from tests.symbolic import literal
 
