@@ -21,9 +21,8 @@ from neurosym_jax.plotting.style import (
     dress,
     new_figure,
 )
-from neurosym_jax.symbolic.description import ScenePairs, state_texts
+from neurosym_jax.symbolic.description import PairForecasts, ScenePairs, state_texts
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.forecast_text import PairForecasts
 
 __all__ = ["plot_pairs", "plot_states", "plot_symbol_forecast"]
 
