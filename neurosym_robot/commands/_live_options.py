@@ -19,9 +19,7 @@ from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
 from neurosym_robot.ros.source import REACH, PeopleSource
-from neurosym_robot.tracking.linking import LinkOptions
-from neurosym_robot.tracking.live import OnlineStitcher
-from neurosym_robot.tracking.motion import FAR, MAX_SPEED
+from neurosym_robot.tracking.stitching import LinkOptions, OnlineStitcher
 
 __all__ = ["LiveOptions", "NodeOptions", "SourceOptions", "ViewOptions"]
 
@@ -98,10 +96,6 @@ class LiveOptions:
     """Random seed of the noise."""
     hold: float = 1.0
     """Seconds for which a person out of sight is extrapolated at constant velocity and forecast."""
-    far: float = FAR
-    """Metres; people with a coordinate this large are left out (trackers put lost people there)."""
-    max_speed: float = MAX_SPEED
-    """Maximum speed in m/s; a person who moves faster between two frames gets a new track."""
     stitch: bool = False
     """Join tracks that occlusions broke."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
@@ -124,8 +118,6 @@ class LiveOptions:
             self.samples,
             self.seed,
             hold=self.hold,
-            far=self.far,
-            max_speed=self.max_speed,
             compile=compile,
             report=functools.partial(print, file=sys.stderr, flush=True),
         )
@@ -139,14 +131,13 @@ class LiveOptions:
             report,
             stream.robot_frame,
             stream.reach,
-            self.far,
         )
 
     def stitcher(self) -> OnlineStitcher | None:
         """The stitcher of ids, if the options ask for it."""
         if not self.stitch:
             return None
-        return OnlineStitcher(self.links, far=self.far, max_speed=self.max_speed)
+        return OnlineStitcher(self.links)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -1,9 +1,8 @@
 """Join tracks that occlusions broke."""
 
 import dataclasses
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import tyro
@@ -13,11 +12,10 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime import files
-from neurosym_robot.tracking.linking import LinkOptions
-from neurosym_robot.tracking.stitching import LOOKING_BACK, Stitched
+from neurosym_robot.tracking.stitching import LinkOptions
 from neurosym_robot.tracking.stitching import stitch as mend
 
-__all__ = ["Options", "format_stitched", "read_ids", "run", "write_text"]
+__all__ = ["Options", "run", "write_text"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,13 +31,7 @@ class Options:
     trackers, 0.4 for ETH/UCY."""
     fill: float = 2.0
     """Fill gaps of up to this many seconds."""
-    ids: Path | None = None
-    """JSON file {"old": new} of ids decided by hand."""
-    polygon: Path | None = None
-    """JSON file [[x, y], ...] of the map's corners; points outside are dropped."""
-    report: bool = False
-    """List the joined tracks."""
-    links: LinkOptions = LOOKING_BACK
+    links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
     """When two tracks are joined."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How the file is read."""
@@ -50,32 +42,15 @@ def run(options: Options) -> None:
     if options.out.exists():
         raise InputError(f"{options.out}: already there, and nothing is overwritten")
     files.refuse_unwritable(options.out)
-    polygon = None
-    if options.polygon is not None:
-        try:
-            polygon = np.asarray(_json(options.polygon), np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{options.polygon}: not a list of corners ({error})") from None
     if not 0 < options.period < float("inf"):
         raise InputError(f"period must be positive, not {options.period}")
-    ids = None if options.ids is None else read_ids(options.ids)
     recordings = read_any(options.tracks, options.read, options.period)
     if len(recordings) != 1:
         raise InputError(f"{options.tracks}: holds {len(recordings)} recordings: one is stitched")
-    mended = mend(recordings[0], options.links, fill=options.fill, polygon=polygon, ids=ids)
+    mended = mend(recordings[0], options.links, options.fill)
     write_text(options.out, mended.tracks, options.period)
-    print(format_stitched(mended, joins=options.report))
-
-
-def read_ids(path: Path) -> dict[int, int]:
-    """The map of ids `{"old": new}`; InputError for a file with anything else."""
-    data = _json(path)
-    try:
-        if not isinstance(data, dict):
-            raise ValueError("not an object")
-        return {int(old): int(new) for old, new in data.items()}
-    except (TypeError, ValueError) as error:
-        raise InputError(f'{path}: must be {{"old": new}} with whole numbers ({error})') from None
+    print(f"{mended.before} ids became {len(np.unique(mended.tracks.id))}: {mended.joined} joins")
+    print(f"{mended.filled} points filled in; {mended.ghosts} dropped, of who was seen for < 1 s")
 
 
 def write_text(path: Path, tracks: Tracks, period: float) -> None:
@@ -89,22 +64,3 @@ def write_text(path: Path, tracks: Tracks, period: float) -> None:
     points = tracks.position.tolist()
     lines = [f"{frame[n]}\t{tracks.id[n]}\t{points[n][0]:.6f}\t{points[n][1]:.6f}\n" for n in rows]
     files.write_text(path, "".join(lines))
-
-
-def format_stitched(mended: Stitched, joins: bool = False) -> str:
-    """A summary, with a line for each join if `joins`."""
-    lines = [
-        f"{mended.before} ids became {len(np.unique(mended.tracks.id))}: {len(mended.joins)} joins",
-        f"{mended.filled} points filled in, {mended.outside} outside the map dropped",
-        f"{mended.ghosts} points of people seen for a moment only dropped",
-    ]
-    if joins:
-        lines += [f"  {j.new} goes on as {j.old} after {j.gap:.1f} s" for j in mended.joins]
-    return "\n".join(lines)
-
-
-def _json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as JSON ({error})") from None

@@ -41,6 +41,7 @@ from neurosym_robot.dashboard.pair_symbols import PairSymbols
 from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.tracking.following import FAR
 
 __all__ = ["MAX_NAMED", "Moments", "View"]
 
@@ -105,7 +106,7 @@ class Moments:
         if not self._accept(float(frame.stamp)):
             return None
         xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
-        kept = np.flatnonzero((np.abs(xy) < self._window.far).all(axis=1))
+        kept = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
         near = kept[:MAX_NAMED]
         told = {key: value for key, value in now.items() if key != "score"}
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)

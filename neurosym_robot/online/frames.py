@@ -8,7 +8,7 @@ import numpy as np
 from neurosym_jax.data.tracks import Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 
-__all__ = ["Frame", "frames_of_tracks", "tracks_of_frames"]
+__all__ = ["Frame", "frames_of_tracks", "synchronous", "tracks_of_frames"]
 
 
 class Frame(NamedTuple):
@@ -22,12 +22,18 @@ class Frame(NamedTuple):
     """[N, 2] float64 world metres."""
 
 
-def frames_of_tracks(tracks: Tracks) -> Iterator[Frame]:
-    """Everybody at each stamp; agents with clocks of their own are resampled to one first."""
+def synchronous(tracks: Tracks) -> Tracks:
+    """The tracks, resampled to one clock if agents have clocks of their own."""
     frames = np.unique(tracks.stamp)
     steps = np.diff(tracks.stamp)[np.diff(tracks.id) == 0]
     if len(steps) and np.median(np.diff(frames)) < 0.5 * np.median(steps):
-        tracks = resample(tracks, float(np.median(steps)))
+        return resample(tracks, float(np.median(steps)))
+    return tracks
+
+
+def frames_of_tracks(tracks: Tracks) -> Iterator[Frame]:
+    """Everybody at each stamp, of `synchronous` tracks."""
+    tracks = synchronous(tracks)
     order = np.lexsort((tracks.id, tracks.stamp))
     stamp, id, position = tracks.stamp[order], tracks.id[order], tracks.position[order]
     starts = np.flatnonzero(np.diff(stamp, prepend=-np.inf))

@@ -11,7 +11,7 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast, Predictor
-from neurosym_robot.tracking.live import OnlineStitcher, mend
+from neurosym_robot.tracking.stitching import OnlineStitcher
 
 __all__ = ["ReplayEvent", "advance", "replay"]
 
@@ -75,7 +75,7 @@ def replay(
             due += min(max(frame.stamp - last, 0.0), LONGEST) / rate
             time.sleep(max(0.0, due - time.monotonic()))
             last = frame.stamp
-        mended = frame if stitcher is None else mend(stitcher, frame)[0]
+        mended = frame if stitcher is None else stitcher.mend(frame)[0]
         waited = predictor.waited
         event = advance([mended], predictor, robot(frame.stamp))
         due += predictor.waited - waited  # The recording waits for the compiler.

@@ -13,12 +13,9 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.errors import InputError
-from neurosym_robot.tracking.motion import FAR, MAX_SPEED, is_jump
+from neurosym_robot.tracking.following import FAR, is_jump
 
 __all__ = ["Health", "Window"]
-
-# Seconds: of observations that come faster, all but the newest are thinned out to this distance.
-THIN = 0.02
 
 
 @dataclasses.dataclass
@@ -34,14 +31,14 @@ class Health:
     bad_ids: int = 0  # people refused: the id is not a whole number
     duplicate_ids: int = 0  # people refused: the id is in the frame already
     bad_positions: int = 0  # people refused: a coordinate is not finite
-    far_positions: int = 0  # people left out: a coordinate is `far` or beyond
-    jumps: int = 0  # people faster than `max_speed`, who begin a new track
+    far_positions: int = 0  # people left out: a coordinate is 3000 m or beyond
+    jumps: int = 0  # people faster than 5 m/s, who begin a new track
     refused: int = 0  # people refused: `max_tracks` are followed already
     forgotten: int = 0  # tracks not seen for `timeout`
 
 
 class Window:
-    """Observations by track, each in a row of a table that grows up to `max_tracks` rows."""
+    """A table of the newest frames [F] and the people in them [P]."""
 
     def __init__(
         self,
@@ -53,8 +50,6 @@ class Window:
         reset_after: float = 5.0,
         max_tracks: int = 1024,
         hold: float = 0.0,
-        far: float = FAR,
-        max_speed: float = MAX_SPEED,
         memory: float = 0.0,
     ):
         """An empty window.
@@ -67,8 +62,6 @@ class Window:
             reset_after: a stamp this many seconds older than the newest means a clock set back.
             max_tracks: how many are followed at once; of newcomers the nearest to the focus first.
             hold: seconds for which a person not seen is extrapolated.
-            far: metres; people with a coordinate this large are left out.
-            max_speed: metres per second; see `tracking.motion.is_jump`.
             memory: seconds of observations kept at least, beside those of the window.
 
         Raises:
@@ -76,29 +69,24 @@ class Window:
         """
         if not (math.isfinite(period) and period > 2 * SNAP):
             raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
-        if not (0 <= max_gap < timeout and 0 <= hold < timeout and reset_after >= 0):
+        if not (0 <= max_gap < timeout and 0 <= hold < timeout):
             raise InputError(
-                "max_gap and hold must be shorter than timeout, and nothing negative; they are "
-                f"{max_gap}, {hold}, {timeout}, and reset_after {reset_after}"
+                "max_gap and hold must be shorter than timeout, and not negative; they are "
+                f"{max_gap}, {hold} and {timeout}"
             )
-        if not (far > 0 and max_speed > 0):
-            raise InputError(f"far and max_speed must be positive, not {far} and {max_speed}")
         if steps < 1 or max_tracks < 1:
             raise InputError(f"steps and max_tracks must be positive, not {steps}, {max_tracks}")
         self.steps, self.period, self.max_gap = steps, float(period), max_gap
         self.timeout, self.reset_after, self.max_tracks = timeout, reset_after, max_tracks
-        self.hold, self.far, self.max_speed = hold, far, max_speed
+        self.hold = hold
         self.health = Health()
-        seconds = max(steps * period + hold, memory) + max_gap
-        self._length = 2 * math.ceil(seconds / THIN) + 4  # half of it is kept when a row is full
+        self._kept = timeout + max(steps * period + hold, memory) + max_gap
         self._clear()
 
     def _clear(self) -> None:
-        self._rows: dict[int, int] = {}
-        self._free: list[int] = []
-        self._stamps = np.full((0, 0), np.inf)  # [rows, length], ascending, then infinity
-        self._places = np.zeros((0, 0, 2))
-        self._count = np.zeros(0, np.int64)  # [rows]
+        self._ids = np.zeros(0, np.int64)  # [P], ascending
+        self._stamps = np.full(1, -np.inf)  # [F], ascending
+        self._places = np.zeros((1, 0, 2))  # [F, P, 2], NaN where a person was not seen
         self.stamp = -math.inf
         """Of the newest frame."""
 
@@ -127,12 +115,12 @@ class Window:
         self.health.frames += 1
         if not self._accept(float(stamp)):
             return False
-        for id, last in zip(list(self._rows), self._last(self._all_rows()).tolist()):
-            if self.stamp - last > self.timeout:
-                self._free.append(self._rows.pop(id))
-                self.health.forgotten += 1
-        if len(ids):
-            self._observe(*self._followed(*self._clean(ids, xy), focus))
+        there = self.stamp - self._last() <= self.timeout
+        self.health.forgotten += int((~there).sum())
+        self._ids, self._places = self._ids[there], self._places[:, there]
+        ids, xy = self._clean(ids, xy)
+        followed = self._followed(ids, xy, focus)
+        self._append(ids[followed], xy[followed])
         return True
 
     def complete(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,64 +130,64 @@ class Window:
             Ids [N], ascending; positions [N, steps, 2]; and the number [N] of final steps that were
             not seen but extrapolated, at the velocity of the last `period` seen.
         """
-        ids = np.array(sorted(self._rows), np.int64)
-        rows = np.array([self._rows[id] for id in ids.tolist()], np.int64)
-        last = self._last(rows)
-        held = self.stamp - last <= self.hold + SNAP
-        ids, rows, last = ids[held], rows[held], last[held]
+        last = self._last()
+        people = np.flatnonzero(self.stamp - last <= self.hold + SNAP)
+        last = last[people, None]
         times = self.stamp - self.period * np.arange(self.steps - 1, -1, -1)
-        positions = self._at(rows, np.broadcast_to(times, (len(rows), self.steps)))
-        ahead = times - last[:, None]
+        positions = self._at(people, np.broadcast_to(times, (len(people), self.steps)))
+        ahead = times - last
         unseen = ahead > SNAP
         if unseen.any():
-            now, before = self._at(rows, last[:, None] - [0.0, self.period]).swapaxes(0, 1)
+            now, before = self._at(people, last - [0.0, self.period]).swapaxes(0, 1)
             speed = (now - before) / self.period
             guess = now[:, None] + ahead[..., None] * speed[:, None]
             positions = np.where(unseen[..., None], guess, positions)
         whole = np.isfinite(positions).all(axis=(1, 2))
-        return ids[whole], positions[whole], unseen[whole].sum(axis=1)
+        return self._ids[people[whole]], positions[whole], unseen[whole].sum(axis=1)
 
     def incomplete(self, ids: np.ndarray) -> dict[int, str]:
         """Why others than `ids` are missing: "unseen" in the newest frame, or "short" windows."""
-        last = dict(zip(self._rows, self._last(self._all_rows()).tolist()))
-        missing = last.keys() - set(ids.tolist())
-        return {id: "short" if last[id] == self.stamp else "unseen" for id in sorted(missing)}
+        return {
+            id: "short" if last == self.stamp else "unseen"
+            for id, last in zip(self._ids.tolist(), self._last().tolist())
+            if id not in ids
+        }
 
     def resampled(self, ids: ArrayLike, times: ArrayLike) -> np.ndarray:
         """[N, T, 2] where people were at `times` [T], NaN where that is not known."""
-        rows = [self._rows.get(id, -1) for id in np.asarray(ids).tolist()]
-        known = np.array([row >= 0 for row in rows], bool)
-        there = np.array(rows, np.int64)[known]
-        times = np.asarray(times, np.float64)
-        found = np.full((len(rows), len(times), 2), np.nan)
-        found[known] = self._at(there, np.broadcast_to(times, (len(there), len(times))))
+        ids, times = np.asarray(ids), np.asarray(times, np.float64)
+        known = np.isin(ids, self._ids)
+        people = np.searchsorted(self._ids, ids[known])
+        found = np.full((len(ids), len(times), 2), np.nan)
+        found[known] = self._at(people, np.broadcast_to(times, (len(people), len(times))))
         return found
 
-    def _all_rows(self) -> np.ndarray:
-        return np.fromiter(self._rows.values(), np.int64, len(self._rows))
+    def _last(self) -> np.ndarray:
+        """[P] stamps of the newest observations."""
+        seen = np.isfinite(self._places[::-1, :, 0])
+        return self._stamps[::-1][seen.argmax(axis=0)]
 
-    def _last(self, rows: np.ndarray) -> np.ndarray:
-        """[N] stamps of the newest observations."""
-        return self._stamps[rows, self._count[rows] - 1]
-
-    def _at(self, rows: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """[N, T, 2] positions of rows [N] at `times` [N, T]."""
-        if not len(rows):
-            return np.zeros((0, times.shape[1], 2))
-        most = int(self._count[rows].max())
-        stamps = self._stamps[rows, :most]
-        # Index of the last observation at that time or before.
-        before = np.stack([(stamps <= t[:, None] + SNAP).sum(axis=1) for t in times.T], 1) - 1
-        after = np.minimum(before + 1, most - 1)
-        each = np.arange(len(rows))[:, None]
-        since = times - stamps[each, before]
+    def _at(self, people: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """[N, T, 2] positions of the columns `people` [N] at `times` [N, T]."""
+        count = len(self._stamps)
+        frames = np.arange(count)[:, None]
+        seen = np.isfinite(self._places[:, people, 0])
+        # For each frame, the last before it or itself in which a person was seen, and the next.
+        last = np.maximum.accumulate(np.where(seen, frames, -1))
+        coming = np.minimum.accumulate(np.where(seen, frames, count)[::-1])[::-1]
+        each = np.arange(len(people))[:, None]
+        begun = np.searchsorted(self._stamps, times + SNAP, side="right")
+        before = np.where(begun > 0, last[begun - 1, each], -1)
+        after = np.where(begun < count, coming[np.minimum(begun, count - 1), each], count)
+        after = np.where(after < count, after, before)
+        since = times - self._stamps[before]
         exact = np.abs(since) <= SNAP
-        gap = stamps[each, after] - stamps[each, before]
+        gap = self._stamps[after] - self._stamps[before]
         known = (before >= 0) & (exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP)))
         weight = np.divide(since, gap, out=np.zeros_like(since), where=known & ~exact)[..., None]
-        first = self._places[rows[:, None], before]
+        first = self._places[before, people[:, None]]
         # In this form a person who stands still stays exactly still, as in `resample`.
-        found = first + weight * (self._places[rows[:, None], after] - first)
+        found = first + weight * (self._places[after, people[:, None]] - first)
         return np.where(known[..., None], found, np.nan)
 
     def _accept(self, stamp: float) -> bool:
@@ -228,12 +216,11 @@ class Window:
         if ids.dtype.kind not in "iu":
             if ids.dtype.kind != "f":
                 raise InputError(f"ids must be whole numbers, not {ids.dtype}")
-            whole = np.isfinite(ids) & (np.abs(ids) <= 2.0**53)
-            whole &= ids == np.rint(ids)
+            whole = (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
             health.bad_ids += int((~whole).sum())
             ids, xy = ids[whole], xy[whole]
         ids = ids.astype(np.int64)
-        finite, near = np.isfinite(xy).all(axis=1), (np.abs(xy) < self.far).all(axis=1)
+        finite, near = np.isfinite(xy).all(axis=1), (np.abs(xy) < FAR).all(axis=1)
         health.bad_positions += int((~finite).sum())
         health.far_positions += int((finite & ~near).sum())
         ids, xy = ids[near], xy[near]
@@ -241,59 +228,33 @@ class Window:
         health.duplicate_ids += len(ids) - len(unique)
         return unique, xy[first]
 
-    def _followed(
-        self, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Rows, new ones among them, and positions of the people of a frame who are followed."""
-        known = np.array([id in self._rows for id in ids.tolist()], bool)
-        new, room = np.flatnonzero(~known), self.max_tracks - len(self._rows)
+    def _followed(self, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None) -> np.ndarray:
+        """[N] bool: who of a frame is followed: all who were, and as many newcomers as fit."""
+        followed = np.isin(ids, self._ids)
+        new, room = np.flatnonzero(~followed), self.max_tracks - len(self._ids)
         if len(new) > room:
             centre = xy.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
             distance = np.linalg.norm(xy[new] - centre, axis=1)
             self.health.refused += len(new) - room
             new = new[np.argsort(distance, kind="stable")[:room]]
-        for id in ids[new].tolist():
-            if not self._free:
-                self._grow()
-            self._rows[id] = row = self._free.pop()
-            self._count[row], self._stamps[row] = 0, np.inf
-        known[new] = True
-        return np.array([self._rows[id] for id in ids[known].tolist()], np.int64), xy[known]
+        followed[new] = True
+        return followed
 
-    def _grow(self) -> None:
-        """Twice as many rows."""
-        rows = len(self._count)
-        more = max(16, rows)
-        self._stamps = np.concatenate(
-            [self._stamps.reshape(rows, self._length), np.full((more, self._length), np.inf)]
-        )
-        places = self._places.reshape(rows, self._length, 2)
-        self._places = np.concatenate([places, np.zeros((more, self._length, 2))])
-        self._count = np.concatenate([self._count, np.zeros(more, np.int64)])
-        self._free += range(rows, rows + more)
-
-    def _observe(self, rows: np.ndarray, xy: np.ndarray) -> None:
-        """Append an observation to each row."""
-        each = np.arange(len(rows))
-        count = self._count[rows]
-        last = np.where(count > 0, self._stamps[rows, count - 1], -LATE)
-        gap = self.stamp - last
-        moved = np.linalg.norm(xy - self._places[rows, count - 1], axis=1)
-        jumped = (count > 0) & (gap <= self.max_gap + 2 * SNAP)
-        jumped &= is_jump(moved, gap, self.max_speed)
+    def _append(self, ids: np.ndarray, xy: np.ndarray) -> None:
+        """Add a frame; leave out frames that are too old."""
+        everybody = np.union1d(self._ids, ids)
+        places = np.full((len(self._stamps) + 1, len(everybody), 2), np.nan)
+        places[:-1, np.searchsorted(everybody, self._ids)] = self._places
+        here = np.searchsorted(everybody, ids)
+        seen = np.isfinite(places[-2::-1, here, 0])
+        last = len(self._stamps) - 1 - seen.argmax(axis=0)
+        gap = self.stamp - self._stamps[last]
+        # The distance is NaN for newcomers.
+        moved = np.linalg.norm(xy - places[last, here], axis=1)
+        jumped = (gap <= self.max_gap + 2 * SNAP) & is_jump(moved, gap)
         self.health.jumps += int(jumped.sum())
-        count[jumped] = 0
-        # Of three observations within THIN the middle one is replaced.
-        before = np.where(count > 1, self._stamps[rows, count - 2], -LATE)
-        count -= (count > 1) & (last - before < THIN)
-        full = each[count == self._length]
-        half = self._length // 2
-        self._stamps[rows[full], :half] = self._stamps[rows[full], -half:]
-        self._places[rows[full], :half] = self._places[rows[full], -half:]
-        count[full] = half
-        self._stamps[rows, count], self._places[rows, count] = self.stamp, xy
-        self._count[rows] = count + 1
-        # What is left beyond the newest is not an observation.
-        for row, begin in zip(rows[full].tolist(), count[full].tolist()):
-            self._stamps[row, begin + 1 :] = np.inf
-        self._stamps[rows[jumped], 1:] = np.inf
+        places[:, here[jumped]] = np.nan
+        places[-1, here] = xy
+        stamps = np.append(self._stamps, self.stamp)
+        recent = stamps > self.stamp - self._kept
+        self._ids, self._stamps, self._places = everybody, stamps[recent], places[recent]

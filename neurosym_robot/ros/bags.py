@@ -26,7 +26,7 @@ from neurosym_robot.ros.definitions import shared_typestore
 from neurosym_robot.ros.messages import PEOPLE_TOPICS
 from neurosym_robot.ros.people import KINDS, POSES
 from neurosym_robot.ros.source import PeopleSource
-from neurosym_robot.tracking.motion import FAR
+from neurosym_robot.tracking.following import FAR
 
 __all__ = ["read_bag", "read_frames", "read_messages", "read_people"]
 

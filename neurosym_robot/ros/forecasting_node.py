@@ -23,7 +23,7 @@ from neurosym_robot.ros.messages import TRUTH_TOPIC, forecast_topic
 from neurosym_robot.ros.outgoing import DIAGNOSTICS, ENDINGS, diagnostics_message, makers
 from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.ros.trajectories import truth_message
-from neurosym_robot.tracking.live import OnlineStitcher
+from neurosym_robot.tracking.stitching import OnlineStitcher
 
 __all__ = ["ForecastingNode"]
 

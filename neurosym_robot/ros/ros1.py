@@ -21,7 +21,6 @@ from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
 from neurosym_robot.ros.people import seconds_of
 from neurosym_robot.ros.tcpros import Node, Publisher, Topic
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
-from neurosym_robot.tracking.live import mend
 
 __all__ = ["ForecastNode"]
 
@@ -101,7 +100,7 @@ class ForecastNode(ForecastingNode):
             self.malformed += 1
             return None
         if self.stitcher is not None and self._mended is not None:
-            frame, known = mend(self.stitcher, frame)
+            frame, known = self.stitcher.mend(frame)
             self._send(self._mended, self._renamed(kind, message, frame, known))
         return frame
 

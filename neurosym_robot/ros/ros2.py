@@ -17,7 +17,6 @@ from neurosym_robot.ros.bags import TF_TOPICS
 from neurosym_robot.ros.definitions import PEOPLE, TRANSFORMS
 from neurosym_robot.ros.forecasting_node import WAITING, ForecastingNode
 from neurosym_robot.ros.messages import PEOPLE_TOPICS
-from neurosym_robot.tracking.live import mend
 
 __all__ = ["ForecastNode", "import_rclpy", "message_type", "node_parameters"]
 
@@ -134,7 +133,7 @@ class ForecastNode(ForecastingNode):
     def _read(self, message: Any, publisher: str, received: float) -> Frame | None:
         frame = self.source.take(self.kind, message, publisher, received)
         if frame is not None and self.stitcher is not None:
-            frame, _ = mend(self.stitcher, frame)
+            frame, _ = self.stitcher.mend(frame)
         return frame
 
     def _now(self) -> float:

@@ -13,8 +13,7 @@ import numpy as np
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.ros.people import id_of_name, see
 from neurosym_robot.ros.transforms import Transforms
-from neurosym_robot.tracking.motion import FAR
-from neurosym_robot.tracking.nearest import NearestIds
+from neurosym_robot.tracking.following import FAR, NearestIds
 
 __all__ = ["REACH", "PeopleSource"]
 
@@ -33,7 +32,6 @@ class PeopleSource:
         report: Callable[[str], None] = print,
         robot_frame: str = "",
         reach: float = REACH,
-        far: float = FAR,
     ):
         """Configure the stream.
 
@@ -45,10 +43,9 @@ class PeopleSource:
             robot_frame: the robot's own frame, such as base_link, to locate the robot.
             reach: metres; people farther from the sensor (the origin of coordinates that are
                 transformed) or from the robot (of others, if it is located) are left out.
-            far: metres; people with a coordinate this large, as received, are left out.
         """
         self.fixed_frame, self.several, self._report = fixed_frame, several, report
-        self.robot_frame, self.reach, self.far = robot_frame, reach, far
+        self.robot_frame, self.reach = robot_frame, reach
         self.frame_id: str | None = fixed_frame or None
         """Of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
@@ -107,7 +104,7 @@ class PeopleSource:
         away = np.zeros(2) if sensor is None else seen.xyz[:, :2] - sensor[:2]
         distance = np.linalg.norm(np.broadcast_to(away, (len(xyz), 2)), axis=1)
         # NaN is left to the window, which counts it.
-        near = ~((distance > self.reach) | (np.abs(seen.xyz[:, :2]) >= self.far).any(axis=1))
+        near = ~((distance > self.reach) | (np.abs(seen.xyz[:, :2]) >= FAR).any(axis=1))
         if not near.all():
             self.refused["far_people"] += int((~near).sum())
             text = f"people more than {self.reach:g} m from the sensor or robot are left out"

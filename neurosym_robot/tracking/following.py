@@ -1,37 +1,52 @@
 """Tracks from frame to frame: the tracker's ids are kept if people can have moved so.
 
-Swapped and changed ids are corrected by the expected positions. Longer losses are for `linking`.
+Swapped and changed ids are corrected by the expected positions. Longer losses are for `stitching`.
 """
 
 import collections
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-from neurosym_robot.tracking.linking import velocity
-from neurosym_robot.tracking.motion import FAR, MAX_SPEED, is_jump
+__all__ = ["FAR", "RECENT", "Follower", "NearestIds", "Track", "is_jump", "velocity"]
 
-__all__ = ["Follower", "Track"]
-
+FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)
+MAX_SPEED = 5.0  # metres per second of a person between two observations
+SLACK = 1.0  # metres of error of a tracker, both observations together
 POINTS = 20  # newest points kept of a track: at 10 Hz twice what its velocity needs
 SMOOTH = 0.7  # share of the old velocity kept from frame to frame: noise is as large as a step
 CERTAIN = 0.15  # metres from the expected position within which an id is accepted at once
 OTHER_ID = 0.2  # metres that a track of another id must be nearer to be preferred
 REACH = 0.75  # maximum metres from the expected position of a track of another id
 RECENT = 0.5  # seconds of loss after which only a track of the same id continues
+FORGET = 1.0  # seconds after which a person without id who was not seen gets a new id
+CROWD = 512  # people without ids followed at once; the others get new ids in every frame
+
+
+def is_jump(moved: Any, gap: Any) -> Any:
+    """Whether a person cannot have `moved` [...] metres in `gap` [...] seconds."""
+    return moved > MAX_SPEED * gap + SLACK
+
+
+def velocity(stamp: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """[2] metres per second, least squares through `position [n, 2]`; NaN for a single point."""
+    if len(stamp) < 2:
+        return np.full(2, np.nan)
+    time = stamp - stamp.mean()
+    return time @ position / (time @ time)
 
 
 class Track:
     """An unbroken track with its newest points."""
 
-    __slots__ = ("born", "first", "id", "name", "noted", "place", "points", "speed", "stamp")
-
     def __init__(self, id: int, stamp: float, place: np.ndarray):
-        """Somebody new, of the tracker's `id`."""
+        """A new track with the tracker's `id`."""
         self.id, self.born, self.first = id, stamp, place
-        self.name: int | None = None
-        self.noted = False
+        self.name: int | None = None  # the id that it is published under
+        self.noted = False  # whether it is known to be brief or not
         self.stamp, self.place, self.speed = stamp, place, np.zeros(2)
         self.points = collections.deque([(stamp, *place)], maxlen=POINTS)
 
@@ -39,10 +54,6 @@ class Track:
     def age(self) -> float:
         """Seconds from the first observation to the newest."""
         return self.stamp - self.born
-
-    def expected(self, stamp: float) -> np.ndarray:
-        """[2] metres."""
-        return self.place + (stamp - self.stamp) * self.speed
 
     def add(self, id: int, stamp: float, place: np.ndarray) -> None:
         """Add an observation at `place` [2] metres."""
@@ -61,44 +72,39 @@ class Track:
 
 
 class Follower:
-    """Follows everybody frame by frame."""
+    """Follows up to `max_tracks` people frame by frame; forgets a track after `forget` seconds.
 
-    def __init__(
-        self,
-        forget: float,
-        max_tracks: int,
-        far: float = FAR,
-        max_speed: float = MAX_SPEED,
-        recent: float = RECENT,
-    ):
-        self.recent = recent
-        self.forget, self.max_tracks, self.far, self.max_speed = forget, max_tracks, far, max_speed
-        self.tracks: list[Track] = []
-        self.stamp = -np.inf
+    A track not seen for `recent` seconds is continued by its own id only.
+    """
+
+    def __init__(self, forget: float, max_tracks: int, recent: float = RECENT):
+        self.forget, self.max_tracks, self.recent = forget, max_tracks, recent
+        self.clear()
 
     def clear(self) -> None:
         """Forget all tracks."""
-        self.tracks, self.stamp = [], -np.inf
+        self.tracks: list[Track] = []
+        self.stamp = -np.inf
 
-    def push(self, stamp: float, ids: list[int], xy: np.ndarray) -> list[Track | None]:
-        """Tracks of the people of the next frame at `xy` [N, 2]; None if not followed."""
+    def push(self, stamp: float, numbers: ArrayLike, xy: np.ndarray) -> list[Track | None]:
+        """Tracks of the people of the next frame, [N] ids at `xy` [N, 2]; None if not followed."""
+        ids = np.asarray(numbers).tolist()
         self.tracks = [each for each in self.tracks if stamp - each.stamp <= self.forget]
         self.stamp = stamp
         found: list[Track | None] = [None] * len(ids)
-        near = np.flatnonzero((np.abs(xy) < self.far).all(axis=1)).tolist() if len(ids) else []
+        near = np.flatnonzero((np.abs(xy.reshape(-1, 2)) < FAR).all(axis=1)).tolist()
         # Of two tracks with one id the newer counts; of two people with one id the first.
         of_id = {track.id: track for track in self.tracks}
-        free = {id(track): track for track in self.tracks}
+        free = dict.fromkeys(self.tracks)
         waiting = []
         for n in near:
             track = of_id.get(ids[n])
-            if track is not None and id(track) in free and self._off(track, xy[n]) <= CERTAIN:
-                found[n] = free.pop(id(track))
+            if track in free and np.hypot(*(xy[n] - self._expected(track))) <= CERTAIN:
+                found[n] = track
+                del free[track]
             else:
                 waiting.append(n)
-        recent = [
-            each for each in free.values() if stamp - each.stamp <= self.recent or each.id in ids
-        ]
+        recent = [each for each in free if stamp - each.stamp <= self.recent or each.id in ids]
         for n, track in self._assign(waiting[: self.max_tracks], recent, ids, xy):
             found[n] = track
         for n in near:
@@ -106,12 +112,12 @@ class Follower:
             if track is not None:
                 track.add(ids[n], stamp, xy[n])
             elif len(self.tracks) < self.max_tracks:
-                found[n] = new = Track(ids[n], stamp, xy[n])
-                self.tracks.append(new)
+                found[n] = track = Track(ids[n], stamp, xy[n])
+                self.tracks.append(track)
         return found
 
-    def _off(self, track: Track, place: np.ndarray) -> float:
-        return float(np.hypot(*(place - track.expected(self.stamp))))
+    def _expected(self, track: Track) -> np.ndarray:
+        return track.place + (self.stamp - track.stamp) * track.speed
 
     def _assign(
         self, waiting: list[int], tracks: list[Track], ids: list[int], xy: np.ndarray
@@ -119,21 +125,35 @@ class Follower:
         """Rows of the frame with the tracks that they continue."""
         if not (waiting and tracks):
             return
-        gap = np.array([self.stamp - each.stamp for each in tracks])
-        expected = np.array([each.expected(self.stamp) for each in tracks])
-        place = np.array([each.place for each in tracks])
-        points = xy[waiting]
-        off = np.linalg.norm(points - expected[:, None], axis=-1)
-        moved = np.linalg.norm(points - place[:, None], axis=-1)
-        same = np.array([each.id for each in tracks])[:, None] == np.array(ids)[waiting]
-        allowed = np.where(
-            same,
-            ~is_jump(moved, gap[:, None], self.max_speed),
-            (off <= REACH) & (gap[:, None] <= self.recent),
-        )
-        cost = np.where(
-            allowed, np.where(same, np.minimum(off, REACH + OTHER_ID), off + OTHER_ID), 1e6
-        )
-        for row, column in zip(*linear_sum_assignment(cost)):
+        gap = np.array([[self.stamp - each.stamp] for each in tracks])
+        expected = np.array([[self._expected(each)] for each in tracks])
+        place = np.array([[each.place] for each in tracks])
+        off = np.linalg.norm(xy[waiting] - expected, axis=-1)
+        moved = np.linalg.norm(xy[waiting] - place, axis=-1)
+        same = np.array([[each.id] for each in tracks]) == np.array(ids)[waiting]
+        allowed = np.where(same, ~is_jump(moved, gap), (off <= REACH) & (gap <= self.recent))
+        cost = np.where(same, np.minimum(off, REACH + OTHER_ID), off + OTHER_ID)
+        for row, column in zip(*linear_sum_assignment(np.where(allowed, cost, 1e6))):
             if allowed[row, column]:
                 yield waiting[column], tracks[row]
+
+
+class NearestIds:
+    """Ids, counted from 0, for positions without ids: each continues the nearest expected one."""
+
+    def __init__(self):
+        self._next = 0
+        self._follower = Follower(FORGET, CROWD, recent=FORGET)
+
+    def push(self, stamp: float, xy: ArrayLike) -> np.ndarray:
+        """[N] int64 ids of positions [N, 2] in metres; a clock set back begins anew."""
+        xy = np.asarray(xy, np.float64).reshape(-1, 2)
+        ids = list(range(self._next, self._next + len(xy)))
+        self._next += len(xy)
+        if stamp < self._follower.stamp:
+            self._follower.clear()
+        if np.isfinite(stamp) and stamp > self._follower.stamp:
+            for n, track in enumerate(self._follower.push(stamp, ids, xy)):
+                if track is not None:
+                    track.name = ids[n] = ids[n] if track.name is None else track.name
+        return np.array(ids, np.int64)

@@ -1,159 +1,248 @@
-"""Stitching of a recording: tracks joined across occlusions, swapped ids corrected, gaps filled.
+"""Stitching: tracks that occlusions broke are joined frame by frame, live or in a recording.
 
-`live.OnlineStitcher` does it frame by frame. Tracks whose ids were decided by hand are not joined.
+A lost track is extrapolated forward, a new one backward, both at constant velocity, so that a
+person who left the area is expected outside it; an optimal assignment links the two.
 """
 
+import collections
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import linear_sum_assignment
 
 from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.errors import InputError
-from neurosym_robot.tracking.following import Follower, Track
-from neurosym_robot.tracking.linking import LinkOptions, TrackEnds, assign, link_costs, velocity
-from neurosym_robot.tracking.live import NOBODY
+from neurosym_robot.online.frames import Frame, frames_of_tracks, synchronous
+from neurosym_robot.tracking.following import FAR, RECENT, Follower, Track
 
-__all__ = ["LOOKING_BACK", "Join", "Stitched", "inside", "stitch", "stitched_ids"]
+__all__ = ["NOBODY", "LinkOptions", "OnlineStitcher", "Stitched", "stitch", "stitched_ids"]
 
-# A ghost can be told from a person later than live, where everybody waits.
-LOOKING_BACK = LinkOptions(least=1.0)
+NOBODY = int(np.iinfo(np.int64).min)
+"""Id of a detection that is far away, not finite, or seen too briefly so far."""
+UNLINKED = 1e6  # cost of no link, above that of any allowed one
+FORGET = 60.0  # seconds after which the id of a person not seen means a new person
+MOVED = 0.3  # seconds after which a new track's velocity is known, and every allowed link is made
+SURE = 0.2  # cost of a link that is made at once, before the new track's velocity is known
+PACE = 2.0  # metres per second: nobody who was lost comes back from farther away
+LATELY = 30  # newest tracks of which it is known how many are ghosts
+ENOUGH = 10  # tracks after which that is known
+GHOSTLY = 0.2  # share of brief tracks from which on a tracker has ghosts
+BRIEF = 1.0  # seconds: who is seen for less in a whole recording is a ghost
 
 
-class Join(NamedTuple):
-    """The track `new` continues the track `old` after `gap` seconds."""
+@dataclasses.dataclass(frozen=True)
+class LinkOptions:
+    """When two tracks may belong to one person."""
 
-    old: int
-    new: int
-    gap: float  # seconds
+    max_gap: float = 6.0
+    """Maximum seconds between the end of one track and the start of the other."""
+    reach: float = 0.6
+    """Maximum distance in metres of the start from its expected position, for a gap of 0 s."""
+    drift: float = 0.8
+    """Metres added to --reach for each second of the gap."""
+    turn: float = 0.2
+    """Metres of distance that count as much as a velocity difference of 1 m/s."""
+    memory: float = 1.0
+    """Seconds at an end or a start over which its velocity is estimated."""
+    least: float = 0.3
+    """Minimum duration of a track in seconds; shorter ones are a tracker's ghosts and left out."""
+
+    def __post_init__(self):
+        """Refuse negative and infinite values."""
+        for name, value in dataclasses.asdict(self).items():
+            if not 0 <= value < float("inf"):
+                raise InputError(f"{name} must not be negative, not {value}")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Stitched:
+class OnlineStitcher:
+    """Gives the people of each frame mended ids; a decision is never changed.
+
+    A newcomer goes on with a lost track at once if they are where it is expected, and is somebody
+    new at once if nobody who was lost can have come so far; otherwise, and where the tracker has
+    ghosts, it is decided within `options.least` seconds.
+    """
+
+    def __init__(self, options: LinkOptions | None = None, max_tracks: int = 1024):
+        """Follow up to `max_tracks` people; the others keep their ids."""
+        self.options = LinkOptions() if options is None else options
+        self.joined = 0
+        self._follower = Follower(max(FORGET, self.options.max_gap), max_tracks)
+        self._fresh = 0
+        self._brief: collections.deque[bool] = collections.deque(maxlen=LATELY)
+
+    def mend(self, frame: Frame) -> tuple[Frame, np.ndarray]:
+        """The people of a frame under mended ids, and [N] bool which of them are left."""
+        ids = self.push(*frame)
+        known = ids != NOBODY
+        return Frame(frame.stamp, ids[known], frame.xy[known]), known
+
+    def push(self, stamp: float, ids: ArrayLike, xy: ArrayLike) -> np.ndarray:
+        """[N] int64, mended ids of the people of a frame, or `NOBODY`.
+
+        Frames out of order are named by what is known but change nothing; a clock set back by more
+        than a minute starts anew.
+
+        Args:
+            stamp: seconds.
+            ids: [N] whole numbers.
+            xy: [N, 2] metres.
+        """
+        wanted = np.asarray(ids).astype(np.int64)
+        xy, follower = np.asarray(xy, np.float64).reshape(-1, 2), self._follower
+        if np.isfinite(stamp) and stamp < follower.stamp - follower.forget:
+            follower.clear()
+        if np.isfinite(stamp) and stamp > follower.stamp:
+            found, near = self.follow(float(stamp), wanted, xy), np.all(np.abs(xy) < FAR, axis=1)
+            # People who are not followed for lack of room keep their ids.
+            names = [
+                (id if here else NOBODY) if track is None else track.name
+                for id, track, here in zip(wanted.tolist(), found, near.tolist())
+            ]
+        else:
+            known = {track.id: track.name for track in follower.tracks}
+            names = [known.get(id, id) for id in wanted.tolist()]
+        return np.array([NOBODY if name is None else name for name in names], np.int64)
+
+    def follow(self, stamp: float, ids: np.ndarray, xy: np.ndarray) -> list[Track | None]:
+        """The tracks of a frame's people, which may get their names later; None if not followed."""
+        found = self._follower.push(stamp, ids, xy)
+        for track in self._follower.tracks:
+            settled = track.age >= self.options.least
+            if not track.noted and (settled or stamp - track.stamp > RECENT):
+                track.noted = True
+                self._brief.append(not settled)
+        new = [track for track in found if track is not None and track.name is None]
+        if new:
+            self._name(new)
+        return found
+
+    def _name(self, new: list[Track]) -> None:
+        """Name those new tracks that continue a lost one, cannot, or are old enough."""
+        age = self._follower.stamp - np.array([each.born for each in new]) + 1e-6
+        sure = np.minimum(1.0, age / max(min(MOVED, self.options.least), 1e-6))
+        alone = self._link(new, SURE + (1 - SURE) * sure**2)
+        known = len(self._brief)
+        ghostly = known < ENOUGH or sum(self._brief) > GHOSTLY * known
+        used = {each.name for each in self._follower.tracks}
+        for track, old in zip(new, age):
+            settled = old >= self.options.least
+            if track.name is None and (settled or (track in alone and not ghostly)):
+                track.name = track.id
+                if track.id in used:  # by somebody else
+                    self._fresh += 1
+                    track.name = 2**53 + self._fresh
+                used.add(track.name)
+
+    def _link(self, new: list[Track], most: np.ndarray) -> list[Track]:
+        """Name those that continue a lost track, at a cost of up to `most` [M].
+
+        Return those that cannot continue any.
+        """
+        tracks, now = self._follower.tracks, self._follower.stamp
+        taken = {each.name for each in tracks if each.stamp == now}
+        # The newest of a name: tracks are in order of their start.
+        lost = {each.name: each for each in tracks if each.name is not None}
+        ends = [track for name, track in lost.items() if name not in taken]
+        if not ends:
+            return new
+        cost, can_be = link_costs(ends, new, self.options)
+        cost = np.where(cost <= most, cost, UNLINKED)
+        for end, start in zip(*linear_sum_assignment(cost)):
+            if cost[end, start] < UNLINKED:
+                new[start].name = ends[end].name
+                self.joined += 1
+        return [track for track, some in zip(new, np.any(can_be, axis=0).tolist()) if not some]
+
+
+def link_costs(
+    ends: list[Track], starts: list[Track], options: LinkOptions
+) -> tuple[np.ndarray, np.ndarray]:
+    """[L, M] the distance from the expected position as a share of the distance allowed.
+
+    `UNLINKED` beyond it; and [L, M] bool whether a person can have walked from end to start.
+    """
+    gap = np.array([[start.born - end.stamp for start in starts] for end in ends])
+    moved = np.array([[start.first - end.place for start in starts] for end in ends])
+    before = np.array([each.velocity(options.memory) for each in ends])[:, None]
+    after = np.array([each.velocity(options.memory, at_start=True) for each in starts])[None]
+    unknown = np.isnan(after[..., 0])
+    before, after = np.nan_to_num(before), np.nan_to_num(after)
+    timely = (gap > 0) & (gap <= options.max_gap)
+    gap = np.where(timely, gap, 0.0)
+    ahead = np.linalg.norm(moved - gap[..., None] * before, axis=-1)
+    back = np.linalg.norm(moved - gap[..., None] * after, axis=-1)
+    turned = options.turn * np.linalg.norm(after - before, axis=-1)
+    off = np.where(unknown, ahead, (ahead + back) / 2 + turned)
+    cost = off / np.maximum(options.reach + options.drift * gap, 1e-9)
+    walkable = np.linalg.norm(moved, axis=-1) <= options.reach + PACE * gap
+    return np.where(timely & (cost <= 1), cost, UNLINKED), timely & walkable
+
+
+class Stitched(NamedTuple):
     """A stitched recording and what was done to it."""
 
     tracks: Tracks
     before: int  # ids before
-    joins: list[Join]
-    outside: int  # rows outside the map, dropped
-    ghosts: int  # rows of tracks shorter than `least`, or far away, dropped
+    joined: int  # tracks that continue another
+    ghosts: int  # rows dropped: of people seen for less than a second, or far away
     filled: int  # rows added, by interpolation
 
 
-def stitch(
-    tracks: Tracks,
-    options: LinkOptions = LOOKING_BACK,
-    *,
-    fill: float = 2.0,
-    polygon: ArrayLike | None = None,
-    ids: Mapping[int, int] | None = None,
-) -> Stitched:
+def stitch(tracks: Tracks, options: LinkOptions | None = None, fill: float = 2.0) -> Stitched:
     """Mend a recording.
 
     Args:
-        tracks: of the recording.
+        tracks: of the recording; agents with clocks of their own are resampled to one first.
         options: when two tracks are joined.
         fill: gaps up to this many seconds are filled linearly, at the recording's own rate.
-        polygon: [P, 2] metres, corners of the map; rows outside are dropped first.
-        ids: new id of an old one, decided by hand.
 
     Raises:
-        InputError: if no row is inside the map, for an invalid polygon, or if `ids` gives two
-            people the same id at one time.
+        InputError: if nobody is seen for a second.
     """
-    if not fill >= 0:
-        raise InputError(f"fill must not be negative, not {fill}")
-    before, rows = len(np.unique(tracks.id)), len(tracks.id)
-    if polygon is not None:
-        keep = inside(tracks.position, polygon)
-        if not keep.any():
-            raise InputError(f"{tracks.recording}: nobody is inside the map")
-        tracks = tracks.take(keep)
-    outside = rows - len(tracks.id)
-    pinned: set[int] = set()
-    if ids:
-        pinned = {ids[old] for old in set(tracks.id.tolist()) if old in ids}
-        tracks = tracks.with_ids(np.array([ids.get(id, id) for id in tracks.id.tolist()]))
-    label, joins = stitched_ids(tracks, options, pinned)
-    there = label != NOBODY
+    tracks = synchronous(tracks)
+    ids, joined = stitched_ids(tracks, options)
+    there = ids != NOBODY
     if not there.any():
-        raise InputError(
-            f"{tracks.recording}: nobody is seen for {options.least} s (--links.least)"
-        )
-    tracks = tracks.take(there).with_ids(label[there])
-    mended = _fill(tracks, fill)
-    ghosts = int((~there).sum())
-    return Stitched(mended, before, joins, outside, ghosts, len(mended.id) - len(tracks.id))
+        raise InputError(f"{tracks.recording}: nobody is seen for {BRIEF:g} s")
+    kept = tracks.take(there).with_ids(ids[there])
+    mended = _fill(kept, fill)
+    added = len(mended.id) - len(kept.id)
+    return Stitched(mended, len(np.unique(tracks.id)), joined, int((~there).sum()), added)
 
 
-def stitched_ids(
-    tracks: Tracks, options: LinkOptions = LOOKING_BACK, pinned: Collection[int] = ()
-) -> tuple[np.ndarray, list[Join]]:
-    """Mended ids [R] of the rows, `NOBODY` for ghosts, and the joins; `pinned` ids stay."""
-    label = _follow(tracks, options, pinned)
-    order = np.lexsort((tracks.stamp, label))
-    label, stamp, position = label[order], tracks.stamp[order], tracks.position[order]
-    ids, first, count = np.unique(label, return_index=True, return_counts=True)
-    last = first + count - 1
-    short = (stamp[last] - stamp[first] < options.least - SNAP) | (ids == NOBODY)
-    ghost = short & ~np.isin(ids, list(pinned))
-    free = np.flatnonzero(~short & ~np.isin(ids, list(pinned)))
-    motion = np.zeros((2, len(free), 2))
-    for n, (head, tail) in enumerate(zip(first[free], last[free])):
-        at, xy = stamp[head : tail + 1], position[head : tail + 1]
-        for side, end in enumerate((at[-1], at[0])):
-            near = np.abs(at - end) <= options.memory + SNAP
-            motion[side, n] = velocity(at[near], xy[near])
-    ends = TrackEnds(stamp[last[free]], position[last[free]], motion[0])
-    starts = TrackEnds(stamp[first[free]], position[first[free]], motion[1])
-    links = [
-        (free[end], free[start]) for end, start in zip(*assign(link_costs(ends, starts, options)))
+def stitched_ids(tracks: Tracks, options: LinkOptions | None = None) -> tuple[np.ndarray, int]:
+    """Mended ids [R] of the rows, `NOBODY` for ghosts, and the number of joins.
+
+    As `OnlineStitcher`, but ghosts are left out first, and each track has from its start on the
+    name that it gets later.
+    """
+    options = LinkOptions() if options is None else options
+    follower = Follower(max(FORGET, options.max_gap), len(tracks.id))
+    there = [
+        each is not None and each.age >= BRIEF - SNAP for each in _tracks(tracks, follower.push)
     ]
-    joins = [
-        Join(int(ids[end]), int(ids[start]), float(stamp[first[start]] - stamp[last[end]]))
-        # In order of time, so that the track gone on has its final name already.
-        for end, start in sorted(links, key=lambda link: stamp[first[link[1]]])
-    ]
-    name = {int(id): NOBODY if gone else int(id) for id, gone in zip(ids, ghost)}
-    for join in joins:
-        name[join.new] = name[join.old]
-    mended = np.empty_like(label)
-    mended[order] = [name[id] for id in label.tolist()]
-    return mended, joins
+    given = np.full(len(tracks.id), NOBODY)
+    if not any(there):
+        return given, 0
+    stitcher = OnlineStitcher(options, len(tracks.id))
+    found = _tracks(tracks.take(np.array(there)), stitcher.follow)
+    given[there] = [NOBODY if each is None or each.name is None else each.name for each in found]
+    return given, stitcher.joined
 
 
-def _follow(tracks: Tracks, options: LinkOptions, pinned: Collection[int]) -> np.ndarray:
-    """[R] an id for each unbroken track: the tracker's, or a new one if that is taken."""
-    label, used = tracks.id.copy(), set(tracks.id.tolist())
-    follower = Follower(options.max_gap, len(label))
-    names: dict[Track, int] = {}
-    taken: set[int] = set()
-    rows = np.flatnonzero(~np.isin(tracks.id, list(pinned)))
-    rows = rows[np.lexsort((tracks.id[rows], tracks.stamp[rows]))]
-    for here in np.split(rows, np.flatnonzero(np.diff(tracks.stamp[rows])) + 1):
-        if not len(here):
-            continue
-        ids = tracks.id[here].tolist()
-        found = follower.push(float(tracks.stamp[here[0]]), ids, tracks.position[here])
-        for row, id, track in zip(here, ids, found):
-            if track is None:
-                label[row] = NOBODY
-                continue
-            if track not in names:
-                names[track] = id if id not in taken else max(used) + 1
-                used.add(names[track])
-                taken.add(names[track])
-            label[row] = names[track]
-    return label
+def _tracks(tracks: Tracks, push: Callable[..., list[Track | None]]) -> list[Track | None]:
+    """[R] the track of each row."""
+    found = [each for frame in frames_of_tracks(tracks) for each in push(*frame)]
+    order = np.lexsort((tracks.id, tracks.stamp))
+    return [found[n] for n in np.argsort(order)]
 
 
 def _fill(tracks: Tracks, fill: float) -> Tracks:
     """Fill gaps of up to `fill` seconds at the times of the recording's frames."""
     frames = np.unique(tracks.stamp)
-    if len(frames) < 2:
-        return tracks
     step = float(np.median(np.diff(frames)))
     gap = np.diff(tracks.stamp)
     lost = (np.diff(tracks.id) == 0) & (gap > 1.5 * step) & (gap <= fill + SNAP)
@@ -161,8 +250,7 @@ def _fill(tracks: Tracks, fill: float) -> Tracks:
     pieces = np.rint(gap[row] / step).astype(int)
     row, pieces = np.repeat(row, pieces - 1), np.repeat(pieces, pieces - 1)
     nth = np.arange(len(row)) - np.searchsorted(row, row) + 1
-    weight = nth / pieces
-    stamp = tracks.stamp[row] + weight * gap[row]
+    stamp = tracks.stamp[row] + nth / pieces * gap[row]
     # Snap to existing stamps, so that rounding does not make two frames of one.
     nearest = np.clip(np.searchsorted(frames, stamp), 1, len(frames) - 1)
     nearest -= stamp - frames[nearest - 1] < frames[nearest] - stamp
@@ -178,19 +266,3 @@ def _fill(tracks: Tracks, fill: float) -> Tracks:
         known=None if known is None else np.append(known, known[row + 1]),
     )
     return both.with_ids(both.id)
-
-
-def inside(position: np.ndarray, polygon: ArrayLike) -> np.ndarray:
-    """[R] bool: which of `position [R, 2]` lie inside the polygon with corners `[P, 2]`."""
-    corners = np.asarray(polygon, np.float64)
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise InputError(f"a polygon is at least three corners [P, 2], not {list(corners.shape)}")
-    if not np.isfinite(corners).all():
-        raise InputError("a polygon's corners must be finite")
-    odd = np.zeros(len(position), bool)
-    x, y = position.T
-    # A ray to the right crosses the outline an odd number of times.
-    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0)):
-        if y0 != y1:
-            odd ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-    return odd

@@ -24,7 +24,7 @@ from neurosym_robot.online.replay import replay
 from neurosym_robot.ros.bag_writer import BagWriter
 from neurosym_robot.ros.bags import read_people
 from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
-from neurosym_robot.tracking.live import NOBODY, OnlineStitcher
+from neurosym_robot.tracking.stitching import NOBODY, OnlineStitcher
 from studies.experiment.report import write_report
 from studies.experiment.results import PEOPLE, Recording, Results, score
 

@@ -12,9 +12,12 @@ import numpy as np
 from neurosym_jax.data.tracks import Tracks
 from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.tracking.identity import idf1
-from neurosym_robot.tracking.linking import LinkOptions
-from neurosym_robot.tracking.live import NOBODY, OnlineStitcher
-from neurosym_robot.tracking.stitching import stitched_ids
+from neurosym_robot.tracking.stitching import (
+    NOBODY,
+    LinkOptions,
+    OnlineStitcher,
+    stitched_ids,
+)
 from studies.stitching.peers import greedy, norfair_ids
 from studies.stitching.situations import SITUATIONS
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
 from neurosym_robot.online.frames import frames_of_tracks
-from neurosym_robot.tracking.linking import LinkOptions, velocity
+from neurosym_robot.tracking.following import velocity
+from neurosym_robot.tracking.stitching import LinkOptions
 
 __all__ = ["greedy", "norfair_ids"]
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.tracks import make_tracks, resample
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.window import THIN, Window
+from neurosym_robot.online.window import Window
 
 EMPTY = np.zeros((0, 2))
 
@@ -50,9 +50,9 @@ def test_every_frame_has_a_window_of_what_was_seen_until_it(start):
 
 def test_nothing_later_than_a_frame_is_in_its_window():
     rng = np.random.default_rng(1)
-    stamps, walk = np.cumsum(rng.uniform(0.05, 0.15, 60)), rng.normal(size=(2, 60, 3, 2))
+    stamps, walk = np.cumsum(rng.uniform(0.05, 0.15, 60)), rng.normal(0, 0.1, (2, 60, 3, 2))
     walk[1, :40] = walk[0, :40]  # Two streams that differ from the 40th frame on.
-    one, other = Window(4, 0.4, max_speed=np.inf), Window(4, 0.4, max_speed=np.inf)
+    one, other = Window(4, 0.4), Window(4, 0.4)
     for n, stamp in enumerate(stamps):
         for window, xy in ((one, walk[0]), (other, walk[1])):
             window.push(stamp, [1, 2, 3], xy[n])
@@ -60,18 +60,14 @@ def test_nothing_later_than_a_frame_is_in_its_window():
         assert same == (n < 40), n
 
 
-def test_a_fast_tracker_is_thinned_out_and_its_newest_frame_kept():
+def test_a_fast_tracker_and_people_who_are_not_known():
     window, stamps = Window(8, 0.4, memory=5.0), 6 + np.arange(2400) / 400
     frames(window, stamps)
     _, positions, _ = window.complete()
     assert_allclose(positions[0, :, 0], 1 + stamps[-1] - 0.4 * np.arange(7, -1, -1), atol=1e-9)
-    kept = window._stamps[window._rows[1], : window._count[window._rows[1]]]
-    assert (np.diff(kept)[:-1] >= THIN - 1e-9).all()
-    assert window._stamps.shape[1] < 1000
-    assert_allclose(
-        window.resampled([1, 9], stamps[-1] - [5.0, 0.0])[0, :, 0], 1 + stamps[-1] - [5.0, 0.0]
-    )
-    assert np.isnan(window.resampled([1, 9], [stamps[-1]])[1]).all()
+    known, unknown = window.resampled([1, 9], stamps[-1] - [5.0, 0.0])
+    assert_allclose(known[:, 0], 1 + stamps[-1] - [5.0, 0.0])
+    assert np.isnan(unknown).all()
 
 
 def test_stamps_that_are_refused_change_nothing_and_a_clock_set_back_begins_anew():
@@ -92,7 +88,7 @@ def test_stamps_that_are_refused_change_nothing_and_a_clock_set_back_begins_anew
 
 
 def test_a_pause_breaks_windows_and_a_short_gap_does_not():
-    window = Window(3, 0.4, far=np.inf)
+    window = Window(3, 0.4)
     frames(window, np.arange(13) / 10)
     frames(window, [2.1])
     assert len(window.complete()[0]) == 1
@@ -102,7 +98,7 @@ def test_a_pause_breaks_windows_and_a_short_gap_does_not():
     assert window.incomplete(nobody) == {1: "short"}
     frames(window, 3.6 + np.arange(10) / 10)
     assert len(window.complete()[0]) == 1
-    frames(window, [1e6 + 0.1])
+    frames(window, [1000.0])
     assert window.incomplete(nobody) == {1: "short"}
     assert window.health.forgotten == 1
 
@@ -115,9 +111,6 @@ def test_who_cannot_be_used_is_left_out_and_counted():
     assert (health.bad_positions, health.duplicate_ids, health.bad_ids) == (1, 0, 2)
     assert health.far_positions == 2
     assert window.complete()[0].tolist() == [1]
-    utm = Window(1, 0.4, far=np.inf)
-    utm.push(0.0, [1], [[5e5, 5e6]])
-    assert len(utm.complete()[0]) == 1
 
 
 def test_people_come_and_go_and_say_why_they_are_missing():
@@ -141,8 +134,8 @@ def test_floods_of_ids_are_bounded_and_the_nearest_are_followed():
     assert window.health.refused == 3 * 9950
     for n in range(100):
         window.push(100 + n * 20.0, ids + 10_000 * n, xy)
-    assert len(window._rows) == 50
-    assert len(window._count) <= 64
+    assert window._places.shape[1] == 50
+    assert len(window._stamps) <= 3
 
 
 def test_random_streams_never_crash():
@@ -170,9 +163,6 @@ def test_who_jumps_is_somebody_new():
         assert len(positions) == (8 <= n < 18 or n >= 26), n
         assert len(np.unique(positions[..., 1])) <= 1
     assert window.health.jumps == 1
-    anything = Window(3, 0.4, max_speed=np.inf)
-    frames(anything, np.arange(20) / 10, speed=100.0)
-    assert anything.health.jumps == 0
 
 
 def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
@@ -196,7 +186,6 @@ def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
         ({"period": 0.0}, "period"),
         ({"timeout": 0.5}, "timeout"),
         ({"hold": 20.0}, "hold"),
-        ({"far": 0.0}, "far"),
         ({"max_tracks": 0}, "max_tracks"),
     ],
 )

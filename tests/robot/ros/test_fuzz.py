@@ -19,7 +19,7 @@ from neurosym_robot.ros import messages
 from neurosym_robot.ros.definitions import FORECAST, PEOPLE
 from neurosym_robot.ros.forecasting_node import WAITING
 from neurosym_robot.ros.ros1 import ForecastNode
-from neurosym_robot.tracking.live import OnlineStitcher, mend
+from neurosym_robot.tracking.stitching import OnlineStitcher
 
 FLOOD = 10_000
 STEPS = (0.1, 0.1, 0.1, 0.1, 0.1, 0.0, -0.05, 1.5, -20.0, 50.0, 1e6, -1e6, np.nan, -np.inf)
@@ -51,7 +51,7 @@ def test_random_streams_never_crash_the_chain(model, stitch):
         frame = Frame(stamp, ids, xy)
         if stitcher is not None:  # In messages ids are whole.
             frame = frame._replace(ids=np.nan_to_num(ids).astype(np.int64))
-            frame, _ = mend(stitcher, frame)
+            frame, _ = stitcher.mend(frame)
         forecast = advance([frame], predictor).forecast
         scored = analytics.add(forecast)
         if forecast is None:
@@ -77,7 +77,7 @@ def test_floods_of_ids_leave_memory_as_it_is(model):
     def flood(start: int, length: int) -> int:
         """Everybody is new in every eighth frame; the memory that is held at the end."""
         for n in range(start, start + length):
-            frame, _ = mend(stitcher, Frame(n * 0.4, ids + FLOOD * (n // 8), walk))
+            frame, _ = stitcher.mend(Frame(n * 0.4, ids + FLOOD * (n // 8), walk))
             analytics.add(advance([frame], predictor).forecast)
         gc.collect()
         return tracemalloc.get_traced_memory()[0]

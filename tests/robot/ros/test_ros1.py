@@ -26,7 +26,7 @@ from neurosym_robot.ros.bags import read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, typestore
 from neurosym_robot.ros.people import seconds_of
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
-from neurosym_robot.tracking.live import OnlineStitcher
+from neurosym_robot.tracking.stitching import OnlineStitcher
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from neurosym_jax.simulation.scenarios import simulate_labelled
 from neurosym_robot.online.frames import frames_of_tracks
+from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds
 from neurosym_robot.tracking.identity import idf1
-from neurosym_robot.tracking.nearest import FORGET, MOST, NearestIds
 
 
 def test_ids_follow_people_whatever_their_order():
@@ -40,5 +40,5 @@ def test_nonsense_is_nobody_and_memory_is_bounded():
     for n in range(20):
         ids = nearest.push(0.3 + n / 10, np.random.default_rng(n).uniform(0, 1000, (3000, 2)))
         assert len(np.unique(ids)) == 3000
-    assert len(nearest._follower.tracks) <= MOST
+    assert len(nearest._follower.tracks) <= CROWD
     assert len(nearest.push(np.nan, [[0.0, 0.0]])) == 1
