@@ -167,12 +167,13 @@ class _Clock:
 def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.evaluation.metrics import metric_names
-    from neurosym_jax.evaluation.scoring import chosen, score_futures
+    from neurosym_jax.evaluation.scoring import chosen, score_scenes
     from neurosym_jax.forecasting.batched import (
         decode_agents,
         draw_noises,
         encode_batch,
         pack_agents,
+        unpacked,
     )
 
     forecaster, params = model.forecaster, model.params
@@ -187,6 +188,11 @@ def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     clock.done("encoding and pooling")
     futures = decode_agents(forecaster, params, contexts, agents, noise)
     clock.done("decoding")
-    score_futures(chosen(metric_names(collisions=False)), {"samples": futures}, scenes)
+    metrics, ends = (
+        chosen(metric_names(collisions=False)),
+        np.cumsum([s.valid.sum() for s in scenes]),
+    )
+    for scene, part in zip(scenes, np.split(futures, ends[:-1], axis=1)):
+        score_scenes(metrics, unpacked(part, np.asarray(scene.valid)), scene)
     clock.done("errors")
     return clock.seconds

@@ -8,8 +8,8 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.evaluation.neighbours import MOVED, NEAR, without_neighbours
-from neurosym_jax.evaluation.scoring import chosen, score_futures
-from neurosym_jax.forecasting.batched import draw_noises, forecast_batches
+from neurosym_jax.evaluation.scoring import chosen, score_scenes
+from neurosym_jax.forecasting.batched import draw_noises, forecast_batches, unpacked
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 
@@ -97,7 +97,8 @@ def test_neighbours_do_not_raise_the_error(name, request):
     every = {"univ": 16, "zara2": 4, "zara1": 2}.get(str(model.dataset), 1)
     errors = []
     for scene, _, *both in forecasts(model, batches_of(model, recordings, every)):
-        scores = (score_futures(chosen(["joint_ade"]), {"samples": f}, [scene])[0] for f in both)
+        places = (unpacked(futures, scene.valid) for futures in both)
+        scores = (score_scenes(chosen(["joint_ade"]), each, scene) for each in places)
         errors.append([score["joint_ade"].total.sum() for score in scores])
     company, alone = np.sum(errors, axis=0)
     assert company <= WORSE.get(name, 1) * alone

@@ -16,9 +16,9 @@ from .results import evaluate as evaluate
 from .results import evaluate_tests as evaluate_tests
 from .saved_forecasts import forecasts_of as forecasts_of
 from .saved_forecasts import save_forecasts as save_forecasts
-from .scene_score import score as score
 from .scoring import Evaluation as Evaluation
 from .scoring import Score as Score
+from .scoring import score as score
 from .scoring import score_forecaster as score_forecaster
 from .tables import format_table as format_table
 from .test_sets import TestSet as TestSet

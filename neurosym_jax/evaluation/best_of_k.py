@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.scene import AnyArray, Scene
+from neurosym_jax.scene import Scene
 
 __all__ = ["MISSED", "distances"]
 
@@ -17,26 +17,24 @@ MISSED = 2.0
 """Metres from the last position of an agent's best sample to the true one that are a miss."""
 
 
+@jax.jit  # So that several metrics trace it once.
 def distances(forecast: Array, scene: Scene) -> Array:
     """[k, N, T] metres from the forecast to the truth, zero for agents that are not valid."""
-    return _distances(forecast, scene.known_future, scene.valid)
-
-
-@jax.jit  # So that several metrics trace it once.
-def _distances(forecast: Array, future: AnyArray, valid: AnyArray) -> Array:
-    offset = jnp.square(forecast - future)
-    return jnp.where(valid[:, None], jnp.sqrt(offset[..., 0] + offset[..., 1]), 0)
+    offset = jnp.square(forecast - scene.known_future)
+    return jnp.where(scene.valid[:, None], jnp.sqrt(offset[..., 0] + offset[..., 1]), 0)
 
 
 def joint_ade(forecast: Array, scene: Scene) -> Array:
     """[N] mean errors over steps, in the sample that is best for the whole scene."""
-    errors = distances(forecast, scene).mean(axis=-1)
-    return errors[errors.sum(axis=-1).argmin()]
+    return _best(distances(forecast, scene).mean(axis=-1))
 
 
 def joint_fde(forecast: Array, scene: Scene) -> Array:
     """[N] errors at the last step, in the sample that is best for the whole scene."""
-    errors = distances(forecast, scene)[..., -1]
+    return _best(distances(forecast, scene)[..., -1])
+
+
+def _best(errors: Array) -> Array:
     return errors[errors.sum(axis=-1).argmin()]
 
 

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from neurosym_jax.data.batching import Batch
-from neurosym_jax.evaluation.scoring import chosen, score_group
+from neurosym_jax.evaluation.scoring import chosen, score_batch
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.runtime.environment import cpu_cores
@@ -56,7 +56,7 @@ class CompileAhead:
                 empty.valid[0, 0] = True
                 samples = forecaster.count(self._samples)
                 metrics = chosen(self._metrics)
-                score_group(forecaster, model.params, [empty], samples, 0, metrics)
+                score_batch(forecaster, model.params, empty, samples, 0, metrics)
 
             futures.append(self._begin((forecaster, key), run))
         return futures

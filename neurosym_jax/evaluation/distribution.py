@@ -3,12 +3,10 @@
 The energy score and the CRPS are proper: in expectation nothing scores better than the distribution
 that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the k samples as they are:
 the estimator with 1 / k^2, which also holds for samples that depend on each other, and which for a
-single forecast is its error. The one with 1 / (k (k - 1)) is unbiased, but for independent samples
-only. The price is that scores of different k are not comparable. Samples that
-have probabilities are weighted by them in place of 1 / k.
+single forecast is its error. The price is that scores of different k are not comparable. Samples
+that have probabilities [k] are weighted by them in place of 1 / k.
 """
 
-import functools
 import math
 
 import jax
@@ -18,68 +16,41 @@ from jax import Array
 from neurosym_jax.evaluation.best_of_k import distances
 from neurosym_jax.scene import Scene
 
-__all__ = ["LEAST_LOG_DENSITY", "apart"]
+__all__ = ["LEAST_LOG_DENSITY"]
 
 LEAST_LOG_DENSITY = -20.0
 """Least log density of an agent's step that counts, nats (Trajectron++)."""
 
 
-@jax.jit  # So that several metrics trace it once.
-def apart(forecast: Array, number: Array | None = None) -> Array:
-    """[k, N, T] metres: for each sample `[k, N, T, 2]` the sum of distances to the others.
-
-    Sample i counts `number[i]` times, `number [k, 1, 1]`; None is once.
-    """
-
-    def add(total: Array, one: tuple[Array, Array | None]) -> tuple[Array, None]:
-        sample, times = one
-        offset = jnp.square(forecast - sample)
-        distance = jnp.sqrt(offset[..., 0] + offset[..., 1])
-        return total + (distance if times is None else times * distance), None
-
-    start = jnp.zeros(forecast.shape[:-1], forecast.dtype)
-    return jax.lax.scan(add, start, (forecast, number))[0]
-
-
-def energy_score(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
+def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[] score of the whole scene's joint forecast, one vector of all agents, steps, coordinates.
 
     Divided by the root of agents times steps, so that a single forecast has its root mean square
     displacement error. Gneiting and Raftery, section 4.3.
     """
-    k, future = len(forecast), scene.known_future
+    weight = _numbers(forecast, probability) / len(forecast)
     present = scene.valid[:, None, None]
-    error = jnp.square(jnp.where(present, forecast - future, 0)).sum(axis=(1, 2, 3))
+    error = jnp.square(jnp.where(present, forecast - scene.known_future, 0)).sum(axis=(1, 2, 3))
     # Products of offsets from the mean, which lose nothing where samples lie close together.
-    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0).reshape(k, -1)
+    offset = jnp.where(present, forecast - forecast.mean(axis=0), 0).reshape(len(forecast), -1)
     product = offset @ offset.T
     square = jnp.diag(product)
-    spread = jnp.maximum(square[:, None] + square - 2 * product, 0)
-    scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * future.shape[1])
-    error, spread = jnp.sqrt(error), jnp.sqrt(spread)
-    if probability is None:
-        return (error.mean() - spread.mean() / 2) / scale
-    return (probability @ error - probability @ spread @ probability / 2) / scale
+    spread = jnp.sqrt(jnp.maximum(square[:, None] + square - 2 * product, 0))
+    scale = jnp.sqrt(jnp.maximum(scene.valid.sum(), 1) * forecast.shape[2])
+    return (weight @ jnp.sqrt(error) - weight @ spread @ weight / 2) / scale
 
 
-def crps(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
+def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
-    if probability is not None:
+    weight = _numbers(forecast, probability) / len(forecast)
 
-        def weigh(total: Array, one: tuple[Array, Array]) -> tuple[Array, None]:
-            sample, likely = one
-            return total + likely * mean(jnp.abs(forecast - sample)), None
+    def add(total: Array, one: tuple[Array, Array]) -> tuple[Array, None]:
+        sample, share = one
+        return total + share * jnp.tensordot(weight, jnp.abs(forecast - sample), 1), None
 
-        mean = functools.partial(jnp.tensordot, probability, axes=1)
-        pairs = jax.lax.scan(weigh, jnp.zeros_like(forecast[0]), (forecast, probability))[0]
-        return (mean(jnp.abs(forecast - scene.known_future)) - pairs / 2).mean(axis=(1, 2))
-
-    def add(total: Array, one: Array) -> tuple[Array, None]:
-        return total + jnp.abs(forecast - one).sum(axis=0), None
-
-    spread = jax.lax.scan(add, jnp.zeros_like(forecast[0]), forecast)[0] / len(forecast) ** 2
-    each = jnp.abs(forecast - scene.known_future).mean(axis=0) - spread / 2
-    return each.mean(axis=(1, 2))
+    spread = jax.lax.scan(add, jnp.zeros_like(forecast[0]), (forecast, weight))[0]
+    error = jnp.tensordot(weight, jnp.abs(forecast - scene.known_future), 1)
+    return (error - spread / 2).mean(axis=(1, 2))
 
 
 def kde_nll(forecast: Array, scene: Scene) -> tuple[Array, Array]:
@@ -90,7 +61,7 @@ def kde_nll(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     densities of no less than `LEAST_LOG_DENSITY`. Samples on a line or a point have no density,
     where theirs fails: the least one is taken. Fewer than three samples have no value.
     """
-    k, future = len(forecast), scene.known_future
+    k = len(forecast)
     if k < 3:
         return _no_value(forecast)
     tiny, eps = jnp.finfo(forecast.dtype).tiny, jnp.finfo(forecast.dtype).eps
@@ -104,25 +75,20 @@ def kde_nll(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     rest = yy - b**2
     c = jnp.sqrt(jnp.maximum(rest, tiny))
     flat = (xx <= tiny) | (rest <= 4 * eps * yy)
-    offset = future - forecast
+    offset = scene.known_future - forecast
     u = offset[..., 0] / a
     v = (offset[..., 1] - b * u) / c
     density = jax.nn.logsumexp(-(u**2 + v**2) / 2, axis=0) - jnp.log(a * c)
-    density = density - math.log(2 * math.pi * k)
-    density = jnp.maximum(jnp.where(flat, LEAST_LOG_DENSITY, density), LEAST_LOG_DENSITY)
-    return -density.mean(axis=-1), jnp.asarray(scene.valid)
+    density = jnp.where(flat, LEAST_LOG_DENSITY, density - math.log(2 * math.pi * k))
+    return -jnp.maximum(density, LEAST_LOG_DENSITY).mean(axis=-1), jnp.asarray(scene.valid)
 
 
-def coverage_50(
-    forecast: Array, scene: Scene, probability: Array | None = None
-) -> tuple[Array, Array]:
+def coverage_50(forecast: Array, scene: Scene, probability: Array | None) -> tuple[Array, Array]:
     """[N] see `_coverage`."""
     return _coverage(0.5, forecast, scene, probability)
 
 
-def coverage_90(
-    forecast: Array, scene: Scene, probability: Array | None = None
-) -> tuple[Array, Array]:
+def coverage_90(forecast: Array, scene: Scene, probability: Array | None) -> tuple[Array, Array]:
     """[N] see `_coverage`."""
     return _coverage(0.9, forecast, scene, probability)
 
@@ -142,26 +108,22 @@ def _coverage(
     k = len(forecast)
     if k == 1:
         return _no_value(forecast)
+    number = _numbers(forecast, probability)
     offset = jnp.square(forecast - scene.known_future)
     to_truth = jnp.sqrt(offset[..., 0] + offset[..., 1])
-    if probability is None:
-        samples, truth = apart(forecast) + to_truth, to_truth.sum(axis=0)
-        nearer, equal = (samples < truth).sum(axis=0), 1 + (samples == truth).sum(axis=0)
-    else:
-        number = (k * probability)[:, None, None]
-        samples, truth = apart(forecast, number) + to_truth, (number * to_truth).sum(axis=0)
-        nearer = (number * (samples < truth)).sum(axis=0)
-        equal = 1 + (number * (samples == truth)).sum(axis=0)
+    samples, truth = _apart(forecast, number) + to_truth, jnp.tensordot(number, to_truth, 1)
+    nearer = jnp.tensordot(number, (samples < truth).astype(number.dtype), 1)
+    equal = 1 + jnp.tensordot(number, (samples == truth).astype(number.dtype), 1)
     covered = jnp.clip((level * (k + 1) - nearer) / equal, 0, 1)
     return covered.mean(axis=-1), jnp.asarray(scene.valid)
 
 
-def central_ade(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
+def central_ade(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] mean errors over steps of the most central sample."""
     return _central(forecast, scene, probability).mean(axis=-1)
 
 
-def central_fde(forecast: Array, scene: Scene, probability: Array | None = None) -> Array:
+def central_fde(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] errors at the last step of the most central sample."""
     return _central(forecast, scene, probability)[:, -1]
 
@@ -171,8 +133,28 @@ def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     the least mean distance to the others."""
     if probability is not None:
         return distances(forecast, scene)[probability.argmax()]
-    spread = jnp.where(scene.valid[:, None], apart(forecast), 0).sum(axis=(1, 2))
+    apart = _apart(forecast, _numbers(forecast, None))
+    spread = jnp.where(scene.valid[:, None], apart, 0).sum(axis=(1, 2))
     return distances(forecast, scene)[spread.argmin()]
+
+
+@jax.jit  # So that several metrics trace it once.
+def _apart(forecast: Array, number: Array) -> Array:
+    """[k, N, T] metres: for each sample the sum of distances to the others; one counts `number`."""
+
+    def add(total: Array, one: tuple[Array, Array]) -> tuple[Array, None]:
+        sample, times = one
+        offset = jnp.square(forecast - sample)
+        return total + times * jnp.sqrt(offset[..., 0] + offset[..., 1]), None
+
+    start = jnp.zeros(forecast.shape[:-1], forecast.dtype)
+    return jax.lax.scan(add, start, (forecast, number))[0]
+
+
+def _numbers(forecast: Array, probability: Array | None) -> Array:
+    """[k] how many samples each one counts for."""
+    k = len(forecast)
+    return jnp.ones(k, forecast.dtype) if probability is None else k * probability
 
 
 def _no_value(forecast: Array) -> tuple[Array, Array]:

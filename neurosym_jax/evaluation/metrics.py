@@ -2,25 +2,15 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import best_of_k, collision, distribution, neighbours, symbol_scores
 from neurosym_jax.registry import Registry
 
-__all__ = [
-    "METRICS",
-    "SYMBOLS",
-    "Given",
-    "Metric",
-    "known_metric",
-    "metric_names",
-    "register_metric",
-]
+__all__ = ["METRICS", "SYMBOLS", "Metric", "known_metric", "metric_names", "register_metric"]
 
-Compute = Callable[[Any, Any], Any]
-Given = Literal["samples", "noise_free", "moves"]
-"""What a metric is computed from, see `Metric.given`."""
+Compute = Callable[..., Any]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +37,8 @@ class Metric:
     higher_is_better: bool = False
     by_default: bool = True
     """Whether it is computed without being named (`--metrics`)."""
-    given: Given = "samples"
-    """What `forecast` is: the k samples; "noise_free", [1, N, T, 2] for a noise of zero; "moves",
-    how far each sample moves when an agent's neighbours are there instead of absent."""
+    moves: bool = False
+    """Whether `forecast` is how far each sample moves when an agent's neighbours are there."""
     weighted: bool = False
     """Whether `compute` takes a third argument, the probabilities [k] of the samples; None where
     all are the same. Other metrics take the samples for equally probable."""
@@ -79,15 +68,13 @@ _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
 _MISS = "missed: even the best of k samples of an agent ends more than 2 m from the truth"
 _CENTRAL = "central: the most probable sample of the scene, or else the one nearest to the others"
-_NOISE_FREE = "noise-free: the forecast for a noise of zero"
 _PROPER = "energy score, CRPS: proper scores of the k samples as a distribution; less is better"
 _COVERED = "covered: true positions in the region that should hold this share of them"
 _NEIGHBOURS = (
     "neighbours: people of scenes of two or more whose forecast moves by over 1 mm when the others "
     "are removed, of all or of those with somebody within 2 m; mean move at the last step"
 )
-_STATES = "states: QTC_C1 states of ordered pairs within 8 m, log and Brier score; less is better"
-_EVENTS = "events: of the same pairs, mean over events; less is better"
+_SYMBOLS = "states, events: log scores of those of ordered pairs within 8 m; less is better"
 
 METRICS: Registry[Metric] = Registry(
     "metric",
@@ -122,30 +109,21 @@ METRICS: Registry[Metric] = Registry(
         "central_fde": _further(
             "central FDE", distribution.central_fde, "m", _CENTRAL, weighted=True
         ),
-        # Of a single forecast the central one is that forecast.
-        "noise_free_ade": _further(
-            "noise-free ADE", best_of_k.joint_ade, "m", _NOISE_FREE, given="noise_free"
-        ),
-        "noise_free_fde": _further(
-            "noise-free FDE", best_of_k.joint_fde, "m", _NOISE_FREE, given="noise_free"
-        ),
         "neighbour_share": _further(
-            "changed by neighbours", neighbours.share, "share", _NEIGHBOURS, given="moves"
+            "changed by neighbours", neighbours.share, "share", _NEIGHBOURS, moves=True
         ),
         "neighbour_near": _further(
-            "changed by near neighbours", neighbours.near, "share", _NEIGHBOURS, given="moves"
+            "changed by near neighbours", neighbours.near, "share", _NEIGHBOURS, moves=True
         ),
         "neighbour_move": _further(
-            "moved by neighbours", neighbours.move, "m", _NEIGHBOURS, given="moves"
+            "moved by neighbours", neighbours.move, "m", _NEIGHBOURS, moves=True
         ),
-        "state_log": _further("states log", symbol_scores.state_log, "nats", _STATES),
-        "state_brier": _further("states Brier", symbol_scores.state_brier, "", _STATES),
-        "event_log": _further("events log", symbol_scores.event_log, "nats", _EVENTS),
-        "event_brier": _further("events Brier", symbol_scores.event_brier, "", _EVENTS),
+        "state_log": _further("states log", symbol_scores.state_log, "nats", _SYMBOLS),
+        "event_log": _further("events log", symbol_scores.event_log, "nats", _SYMBOLS),
     },
 )
 
-SYMBOLS = ("state_log", "state_brier", "event_log", "event_brier")
+SYMBOLS = ("state_log", "event_log")
 """Names of the metrics of symbols, which take longer than all others together."""
 
 
@@ -159,9 +137,6 @@ def register_metric(
         title: see `Metric`.
         replace: replace another metric of this name.
         **fields: of `Metric`.
-
-    Raises:
-        InputError: for a name that is no identifier, or that another metric has.
     """
 
     def register(compute: Compute) -> Compute:
@@ -177,9 +152,6 @@ def metric_names(further: Sequence[str] = (), *, collisions: bool = True) -> tup
     Args:
         further: names to add; `all` adds every metric but those of symbols.
         collisions: whether the collision rate is among the defaults.
-
-    Raises:
-        InputError: for an unknown name.
     """
     wanted = {name for name in further if name != "all" and METRICS[name]}
     wanted |= METRICS.keys() - set(SYMBOLS) if "all" in further else set()

@@ -48,10 +48,10 @@ def share(moves: Array, scene: Scene) -> tuple[Array, Array]:
 def near(moves: Array, scene: Scene) -> tuple[Array, Array]:
     """[N] bool, `share` of the agents whose nearest neighbour is within `NEAR`."""
     last = jnp.asarray(scene.observed)[:, -1]
-    distance = _lengths(last[:, None] - last)
     others = jnp.asarray(scene.valid) & ~jnp.eye(len(last), dtype=bool)
-    closest = jnp.where(others, distance, jnp.inf).min(axis=1)
-    return share(moves, scene)[0], _in_company(scene) & (closest <= NEAR)
+    closest = jnp.where(others, _lengths(last[:, None] - last), jnp.inf).min(axis=1)
+    changed, company = share(moves, scene)
+    return changed, company & (closest <= NEAR)
 
 
 def move(moves: Array, scene: Scene) -> tuple[Array, Array]:

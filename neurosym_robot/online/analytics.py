@@ -12,8 +12,7 @@ import numpy as np
 
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.scene_score import score
-from neurosym_jax.evaluation.scoring import Scores
+from neurosym_jax.evaluation.scoring import Scores, score
 from neurosym_robot.online.predictor import GRACE, Forecast, Predictor
 
 __all__ = ["STRAIGHT", "Analytics", "RunningScore", "straight"]

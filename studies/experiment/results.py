@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.scene_score import score as score_scene
+from neurosym_jax.evaluation.scoring import score as score_scene
 from neurosym_jax.simulation.scenarios import Scenario
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.online.analytics import straight

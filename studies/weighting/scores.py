@@ -64,7 +64,7 @@ def score(
             ("all", valid, (*JOINT, "excess_collisions")),
         ):
             counted = batch.scene.replace(valid=who)
-            for name, of in score_scenes(chosen(names), {"samples": places}, counted).items():
+            for name, of in score_scenes(chosen(names), places, counted).items():
                 found[f"{group} {name}"][:, batch.index[there]] = np.stack(of)[:, there]
     totals, counts = np.stack(list(found.values()), axis=-1)
     steps = windows.position.shape[1]

@@ -1,16 +1,11 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import gaussian_kde
 
-from neurosym_jax.data.batching import make_batches
-from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
-from neurosym_jax.evaluation.scene_score import score
-from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
-from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.simulation.scenarios import synthetic_tracks
+from neurosym_jax.evaluation.scoring import score
 
 
 def offsets(errors):
@@ -20,7 +15,16 @@ def offsets(errors):
     return errors[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def test_by_hand():
+def scene(k=20, agents=4, steps=6, seed=0):
+    draw = np.random.default_rng(seed)
+    return draw.normal(size=(k, agents, steps, 2)), draw.normal(size=(agents, steps, 2))
+
+
+def mean(metric, forecast, truth):
+    return score(forecast, truth, metrics=[metric])[metric].mean
+
+
+def test_best_of_k_by_hand():
     """Two samples, two agents, two steps; each minimum lies in a sample of its own."""
     truth = np.array([[[0.0, 0.0], [1.0, 0.0]], [[5.0, 5.0], [5.0, 6.0]]])
     # Sample 0: ADE 1 and 2, FDE 2 and 3; sample 1: ADE 2 and 1.5, FDE 1 and 1.
@@ -38,6 +42,8 @@ def test_by_hand():
     assert found.keys() == wanted.keys()
     for name, total in wanted.items():
         assert_allclose(found[name].total, total, atol=1e-6, err_msg=name)
+    far = offsets([[[0, 2.1], [9, 1.9], [0, 3]], [[0, 2.2], [0, 9], [5, 0.5]]])
+    assert mean("miss_rate", far, np.zeros((3, 2, 2))) == pytest.approx(1 / 3)
 
 
 def test_who_does_not_count_changes_nothing():
@@ -45,25 +51,11 @@ def test_who_does_not_count_changes_nothing():
     forecast, truth = rng.normal(size=(4, 6, 5, 2)), rng.normal(size=(6, 5, 2))
     valid = np.array([True, False, True, True, False, True])
     forecast[:, 1], truth[4] = np.nan, np.nan
-    names = [n for n, m in METRICS.items() if m.given == "samples" and n not in SYMBOLS]
+    names = [n for n, metric in METRICS.items() if not metric.moves and n not in SYMBOLS]
     alone = score(forecast[:, valid] + 5e6, truth[valid] + 5e6, metrics=names)
     for name, each in score(forecast, truth, valid, metrics=names).items():
         assert each.count == 4
         assert_allclose(each.total, alone[name].total, rtol=1e-5, err_msg=name)
-    assert np.isnan(score(forecast, truth, np.zeros(6, bool))["joint_ade"].mean)
-
-
-def test_marginal_is_never_worse_than_joint():
-    rng = np.random.default_rng(1)
-    found = score(rng.normal(size=(20, 6, 5, 2)), rng.normal(size=(6, 5, 2)))
-    assert found["marginal_ade"].mean < found["joint_ade"].mean
-    assert found["marginal_fde"].mean < found["joint_fde"].mean
-
-
-def test_a_miss_is_an_agent_whose_best_sample_ends_two_metres_off():
-    truth = np.zeros((3, 2, 2))
-    forecast = offsets([[[0, 2.1], [9, 1.9], [0, 3]], [[0, 2.2], [0, 9], [5, 0.5]]])
-    assert score(forecast, truth, metrics=["miss_rate"])["miss_rate"].mean == pytest.approx(1 / 3)
 
 
 def test_what_is_not_asked_for_is_not_computed():
@@ -74,48 +66,8 @@ def test_what_is_not_asked_for_is_not_computed():
     assert set(metric_names(["all", *SYMBOLS])) == set(METRICS)
     with pytest.raises(InputError, match="unknown metric 'crsp': did you mean 'crps'"):
         metric_names(["crsp"])
-
-
-BATCHES = make_batches(cut_windows([synthetic_tracks("cross-path", 0)], 8, 8))
-
-
-def scores(forecaster, metrics):
-    return score_forecaster(forecaster, (), BATCHES, samples=5, seed=0, metrics=metrics)
-
-
-def test_the_central_sample_is_the_medoid_of_the_scene():
-    draw = np.random.default_rng(0)
-    forecast, truth = draw.normal(size=(9, 3, 4, 2)), draw.normal(size=(3, 4, 2))
-    apart = np.linalg.norm(forecast[:, None] - forecast, axis=-1).mean(axis=(1, 2, 3))
-    error = np.linalg.norm(forecast[apart.argmin()] - truth, axis=-1)
-    found = score(forecast, truth, metrics=["central_ade", "central_fde"])
-    assert_allclose(found["central_ade"].mean, error.mean(), rtol=1e-5)
-    assert_allclose(found["central_fde"].mean, error[:, -1].mean(), rtol=1e-5)
-
-
-def test_sampled_constant_velocity_without_noise_is_constant_velocity():
-    names = metric_names(["noise_free_ade", "noise_free_fde"])
-    plain, sampled = (
-        scores(ConstantVelocity(Lengths()), names),
-        scores(ConstantVelocitySampled(Lengths()), names),
-    )
-    for error in ("ade", "fde"):
-        wanted = plain.mean(f"joint_{error}")
-        assert plain.mean(f"noise_free_{error}") == pytest.approx(wanted, rel=1e-6)
-        assert sampled.mean(f"noise_free_{error}") == pytest.approx(wanted, rel=1e-5)
-
-
-def test_the_others_do_not_see_the_sample_without_noise():
-    alone = scores(ConstantVelocitySampled(Lengths()), metric_names())
-    beside = scores(ConstantVelocitySampled(Lengths()), metric_names(["noise_free_ade"]))
-    assert beside.samples == alone.samples == 5
-    for name, each in alone.scores.items():
-        assert_allclose(beside.scores[name].total, each.total, rtol=1e-6, err_msg=name)
-
-
-def test_samples_alone_have_no_noise_free_one():
-    with pytest.raises(InputError, match="noise_free_ade: samples alone"):
-        score(np.zeros((2, 1, 3, 2)), np.zeros((1, 3, 2)), metrics=["noise_free_ade"])
+    with pytest.raises(InputError, match="neighbour_share: needs forecasts without neighbours"):
+        mean("neighbour_share", *scene())
 
 
 def test_symbols_by_hand():
@@ -124,18 +76,91 @@ def test_symbols_by_hand():
     paths = np.stack([step - [4, 0], [4, 0] - step, 0 * step + 100])
     observed, future = paths[:, :2], paths[:, 2:]
     standing = np.repeat(observed[:, -1:], 3, axis=1)
-    cases = {
-        (3, 0): (-np.log((3 + 1 / 81) / 4), 1 - 2 * (3 + 1 / 81) / 4),
-        (0, 1): (-np.log((1 / 81) / 2), 1 - 2 * (1 / 81) / 2),
-    }
-    for (right, wrong), (log, brier) in cases.items():
+    for right, wrong in ((3, 0), (0, 1)):
         forecast = np.stack([future] * right + [standing] * wrong)
         found = score(forecast, future, observed=observed, metrics=SYMBOLS)
         assert found["state_log"].count == 2  # Ordered pairs.
-        assert found["state_log"].mean == pytest.approx(log, rel=1e-5)
-        k = right + wrong
-        square = ((k + 1 / 81) ** 2 + 80 / 81**2) / (k + 1) ** 2
-        assert found["state_brier"].mean == pytest.approx(brier + square, rel=1e-5)
+        wanted = -np.log((right + 1 / 81) / (right + wrong + 1))
+        assert found["state_log"].mean == pytest.approx(wanted, rel=1e-5)
     found = score(np.stack([future] * 3), future, observed=observed, metrics=SYMBOLS)
     assert found["event_log"].mean == pytest.approx(-np.log(3.5 / 4), rel=1e-5)
-    assert found["event_brier"].mean == pytest.approx(2 * 0.125**2, rel=1e-5)
+
+
+def test_energy_score_and_crps_are_those_of_scoringrules():
+    rules = pytest.importorskip("scoringrules", reason="scoringrules is not installed")
+    forecast, truth = scene()
+    k, agents, steps, _ = forecast.shape
+    joint = rules.es_ensemble(truth.ravel(), forecast.reshape(k, -1), estimator="nrg")
+    found = mean("energy_score", forecast, truth)
+    assert_allclose(found, joint / np.sqrt(agents * steps), rtol=1e-5)
+    each = rules.crps_ensemble(truth, np.moveaxis(forecast, 0, -1), estimator="nrg")
+    assert_allclose(mean("crps", forecast, truth), each.mean(), rtol=1e-5)
+
+
+def test_proper_scores_and_the_central_sample_by_their_formulas():
+    forecast, truth = scene(k=7, seed=1)
+    apart = np.sqrt(np.square(forecast[:, None] - forecast).sum(axis=(2, 3, 4)))
+    error = np.sqrt(np.square(forecast - truth).sum(axis=(1, 2, 3)))
+    wanted = (error.mean() - apart.mean() / 2) / np.sqrt(4 * 6)
+    assert_allclose(mean("energy_score", forecast, truth), wanted, rtol=1e-5)
+    wanted = np.abs(forecast - truth).mean() - np.abs(forecast[:, None] - forecast).mean() / 2
+    assert_allclose(mean("crps", forecast, truth), wanted, rtol=1e-5)
+    medoid = np.linalg.norm(forecast[:, None] - forecast, axis=-1).mean(axis=(1, 2, 3)).argmin()
+    error = np.linalg.norm(forecast[medoid] - truth, axis=-1)
+    assert_allclose(mean("central_ade", forecast, truth), error.mean(), rtol=1e-5)
+    assert_allclose(mean("central_fde", forecast, truth), error[:, -1].mean(), rtol=1e-5)
+
+
+def test_a_single_forecast_scores_its_error():
+    forecast, truth = scene(k=1)
+    error = forecast[0] - truth
+    wanted = np.sqrt(np.square(error).sum(axis=-1).mean())
+    for k in (1, 5):
+        given = np.repeat(forecast, k, axis=0)
+        assert_allclose(mean("energy_score", given, truth), wanted, rtol=1e-5)
+        assert_allclose(mean("crps", given, truth), np.abs(error).mean(), rtol=1e-5)
+
+
+@pytest.mark.parametrize("metric", ["energy_score", "crps", "kde_nll"])
+def test_nothing_scores_better_than_the_truth_s_distribution(metric):
+    forecast, truth = scene(k=200, agents=64, steps=3, seed=2)
+    right = mean(metric, forecast, truth)
+    for wrong in (forecast * 0.6, forecast * 1.6, forecast + 0.7):
+        assert mean(metric, wrong, truth) > right + 0.01
+
+
+def test_kernel_density_is_scipy_s():
+    forecast, truth = scene(agents=5, seed=3)
+    truth[4] += 30
+    forecast = forecast @ np.array([[1.0, 0.9], [0, 0.3]])
+    densities = [
+        max(gaussian_kde(forecast[:, agent, step].T).logpdf(truth[agent, step])[0], -20)
+        for agent in range(5)
+        for step in range(6)
+    ]
+    assert min(densities) == -20
+    assert_allclose(mean("kde_nll", forecast, truth), -np.mean(densities), rtol=1e-4)
+    still = np.repeat(truth[None], 20, axis=0)
+    on_a_line = still + np.linspace(0, 1, 20)[:, None, None, None]
+    for flat in (still, on_a_line):
+        assert mean("kde_nll", flat, truth) == 20
+    assert np.isnan(mean("kde_nll", still[:2], truth))
+
+
+@pytest.mark.parametrize("k", [2, 5, 20])
+def test_a_calibrated_forecast_covers_what_it_should(k):
+    forecast, truth = scene(k, agents=256, steps=12, seed=4)
+    for level in (50, 90):
+        share = mean(f"coverage_{level}", forecast, truth)
+        assert share == pytest.approx(level / 100, abs=0.03)
+        if k > 2:
+            assert mean(f"coverage_{level}", 0.5 * forecast, truth) < share - 0.1
+            assert mean(f"coverage_{level}", 3 * forecast, truth) > share + 0.05
+
+
+def test_a_region_needs_two_samples_and_holds_its_share_of_equals():
+    _, truth = scene()
+    assert np.isnan(mean("coverage_90", truth[None], truth))
+    still = np.repeat(truth[None], 20, axis=0)
+    assert mean("coverage_90", still, truth) == pytest.approx(0.9)
+    assert mean("coverage_90", still + 0.01, truth) == 0

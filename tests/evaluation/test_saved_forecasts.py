@@ -8,8 +8,7 @@ import pytest
 from neurosym_jax.data.readers.trajnet import read_trajnet
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.evaluation.saved_forecasts import forecasts_of, save_forecasts
-from neurosym_jax.evaluation.scene_score import score
-from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.evaluation.test_sets import TestSet as Case
 from neurosym_jax.evaluation.test_sets import baseline, make_test
 

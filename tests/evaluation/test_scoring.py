@@ -106,37 +106,33 @@ def own_metric():
         yield scored
 
 
-def test_a_metric_of_a_scene_and_one_of_each_step(own_metric):
-    found = own_metric(lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1))
-    assert found.mean == pytest.approx(np.mean(WINDOWS.sizes**2))
-    with pytest.raises(InputError, match="another metric 'own' already"):
-        own_metric(lambda forecast, scene: 0.0)
-
-
-def test_a_metric_that_counts_nothing_here(own_metric):
-    found = own_metric(lambda forecast, scene: (jnp.ones(forecast.shape[1:3]), 0 * scene.valid))
-    assert found.total.shape == (WINDOWS.scenes, 8)
-    assert np.isnan(found.mean).all()
-
-
-def test_values_of_agents_and_of_scenes_weigh_agents(own_metric):
+def test_own_metrics(own_metric):
+    with mock.patch.dict(METRICS):
+        of_scene = own_metric(
+            lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1)
+        )
+        assert of_scene.mean == pytest.approx(np.mean(WINDOWS.sizes**2))
+        with pytest.raises(InputError, match="another metric 'own' already"):
+            own_metric(lambda forecast, scene: 0.0)
+    with mock.patch.dict(METRICS):
+        of_scenes = own_metric(lambda forecast, scene: scene.valid.sum().astype(float))
+        assert of_scenes.mean == pytest.approx(np.sum(WINDOWS.sizes**2) / np.sum(WINDOWS.sizes))
+    with mock.patch.dict(METRICS):
+        nothing = own_metric(lambda forecast, scene: (forecast[0, ..., 0], 0 * scene.valid))
+        assert nothing.total.shape == (WINDOWS.scenes, 8)
+        assert np.isnan(nothing.mean).all()
     # Weights of slots without a person are ignored.
     of_agents = own_metric(
         lambda forecast, scene: (scene.observed[:, 0, 0] + 9, 1 + 0 * forecast[0, :, 0, 0])
     )
     assert of_agents.count.tolist() == WINDOWS.sizes.tolist()
-    with mock.patch.dict(METRICS):
-        del METRICS["own"]
-        of_scenes = own_metric(lambda forecast, scene: scene.valid.sum().astype(float))
-    assert of_scenes.mean == pytest.approx(np.sum(WINDOWS.sizes**2) / np.sum(WINDOWS.sizes))
     firsts = [each.scene.observed[each.scene.valid][:, 0, 0] for each in make_batches(WINDOWS)]
     assert of_agents.mean == pytest.approx(np.concatenate(firsts).mean() + 9, rel=1e-5)
 
 
-def test_a_metric_sees_the_extras(own_metric):
+def test_a_metric_sees_the_extras():
     group = np.arange(WINDOWS.agents) % 3
     batches = make_batches(dataclasses.replace(WINDOWS, extras={"group": group}))
-    own_metric(lambda forecast, scene: 0.0 * scene.observed[:, 0, 0])
     with mock.patch.dict(METRICS):
         register_metric("group", "share of group 2", unit="share")(
             lambda forecast, scene: scene.extras["group"] == 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.evaluation.scene_score import score
+from neurosym_jax.evaluation.scoring import score
 from neurosym_robot.online.analytics import STRAIGHT, Analytics
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.online.window import Window
