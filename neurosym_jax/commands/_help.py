@@ -23,36 +23,24 @@ def short_help(options: type, prog: str) -> str:
     Fields that are dataclasses are groups.
     """
     width = min(shutil.get_terminal_size().columns, 100)
-    ours = {flag: text for group, flag, text in every_option(options) if not group}
-    shown = getattr(options, "SHOWN", None)
-    chosen = list(ours)[:MAIN] if shown is None else [_dashed(name) for name in shown]
-    lines = {
-        flag: re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", text)[0].rstrip(".") + "."
-        for flag, text in sorted(ours.items(), key=lambda item: item[0].startswith("--"))
-        if flag.split(" ")[0] in {each.split(" ")[0] for each in chosen} or flag[0] != "-"
-    }
-    given = [flag for flag in lines if not flag.startswith("--")]
-    head = [
-        " ".join(["usage:", prog, *given, "[OPTIONS]"]),
-        "",
-        inspect.cleandoc(options.__doc__ or ""),
-    ]
-    indent = min(30, max(map(len, lines), default=0) + 4)
-    text = ["\n".join(head), ""]
-    for flag, sentence in lines.items():
-        start = f"  {flag}".ljust(indent)
-        if len(start) > indent:
-            text.append(start)
-            start = " " * indent
-        text += textwrap.wrap(sentence, width, initial_indent=start, subsequent_indent=" " * indent)
-    more: dict[str, list[str]] = {"more": [flag for flag in ours if flag not in lines]}
-    more["more"].append("--plugin")
-    for group, flag, _ in every_option(options):
-        if group:
-            more.setdefault(group, []).append(flag)
-    for name, flags in more.items():
-        names = ", ".join(flag.split(" ")[0] for flag in flags)
-        text += ["", *textwrap.wrap(f"{name}: {names}", width, break_on_hyphens=False)]
+    found = list(every_option(options))
+    names = [flag.split(" ")[0] for group, flag, _ in found if not group]
+    shown = [f"--{name.replace('_', '-')}" for name in getattr(options, "SHOWN", ())]
+    shown = {*(shown or names[:MAIN]), *(name for name in names if name[0] != "-")}
+    positional = [name for name in names if name[0] != "-"]
+    usage = " ".join(["usage:", prog, *positional, "[OPTIONS]"])
+    text = [usage, "", *inspect.cleandoc(options.__doc__ or "").splitlines(), ""]
+    others: dict[str, list[str]] = {"more": ["--plugin"]}
+    for group, flag, meaning in sorted(found, key=lambda option: option[1].startswith("--")):
+        name = flag.split(" ")[0]
+        if name in shown:
+            sentence = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
+            text += textwrap.wrap(f"  {flag:26}  {sentence}.", width, subsequent_indent=" " * 30)
+        else:
+            others.setdefault(group or "more", []).append(name)
+    for group, flags in others.items():
+        line = f"{group}: {', '.join(flags)}"
+        text += ["", *textwrap.wrap(line, width, break_on_hyphens=False)]
     return "\n".join([*text, "", f"`{prog} --help-all` explains every option."])
 
 
@@ -69,28 +57,21 @@ def every_option(
         if dataclasses.is_dataclass(kind):
             flat = any("prefix" in str(mark).lower() for mark in marks)
             yield from every_option(kind, field.name, "" if flat else f"{field.name}.")  # pyright: ignore
-        elif field.name != "plugin":
-            flag = field.name.upper()
-            if not any("positional" in str(mark).lower() for mark in marks):
-                value = next(
-                    (m.metavar for m in marks if getattr(m, "metavar", None)), _value(kind)
-                )
-                flag = f"{_dashed(prefix + field.name)} {value}".rstrip()
-            yield group, flag, meaning.get(field.name, "")
-
-
-def _dashed(name: str) -> str:
-    return "--" + name.replace("_", "-")
+            continue
+        flag = field.name.upper()
+        if not any("positional" in str(mark).lower() for mark in marks):
+            value = next((m.metavar for m in marks if getattr(m, "metavar", None)), _value(kind))
+            flag = f"--{(prefix + field.name).replace('_', '-')} {value}".rstrip()
+        yield group, flag, meaning.get(field.name, "")
 
 
 def _value(kind: Any) -> str:
+    """What stands for a value of this type."""
     if get_origin(kind) is Literal:
         return "|".join(map(str, get_args(kind)))
     inner = [each for each in get_args(kind) if each not in (type(None), Ellipsis)]
-    if get_origin(kind) is tuple:
-        return f"{_value(inner[0])} ..."
     if inner:
-        return _value(inner[0])
+        return _value(inner[0]) + (" ..." if get_origin(kind) is tuple else "")
     names = {bool: "", int: "N", float: "NUMBER", str: "VALUE"}
     return names.get(kind, getattr(kind, "__name__", "").upper())
 

@@ -1,12 +1,13 @@
 """Run a command: options are a dataclass, errors of input are one line without a traceback."""
 
-import dataclasses
+import argparse
 import errno
+import inspect
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Annotated, TypeVar
+from typing import TypeVar
 
 import tyro
 
@@ -15,21 +16,16 @@ from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 
-__all__ = ["run_command", "with_plugins"]
+__all__ = ["load_plugins", "run_command"]
 
 Options = TypeVar("Options")
 
 OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
 """Errors of the disk, not of the code."""
-
 PLUGIN = (
-    "Your own file or module, imported first to register metrics, forecasters, poolings, "
-    "weightings or formats; may be repeated."
+    "--plugin FILE.py|MODULE, which may be repeated, imports your own file or module first, to "
+    "register metrics, forecasters, poolings, weightings or formats."
 )
-Plugins = Annotated[
-    tyro.conf.UseAppendAction[tuple[str, ...]],
-    tyro.conf.arg(metavar="FILE.py|MODULE", help=PLUGIN, help_behavior_hint=""),
-]
 
 
 def run_command(
@@ -51,21 +47,18 @@ def run_command(
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show(warnings.showwarning)
-            arguments = prepare(sys.argv[1:] if arguments is None else arguments)
-            _refuse_empty(arguments)
-            _load_plugins(arguments)
+            arguments = load_plugins(prepare(sys.argv[1:] if arguments is None else arguments))
             if {"-h", "--help"} & set(arguments):
                 print(short_help(options, prog or "neurosym"))
                 sys.exit(0)
-            arguments = ["--help" if each == "--help-all" else each for each in arguments]
             found = tyro.cli(
-                with_plugins(options),
-                args=arguments,
+                options,
+                args=["--help" if each == "--help-all" else each for each in arguments],
                 prog=prog,
+                description=f"{inspect.cleandoc(options.__doc__ or '')}\n\n{PLUGIN}",
                 config=(tyro.conf.DisallowNone,),
             )
-            names = [field.name for field in dataclasses.fields(options)]  # pyright: ignore
-            status = action(options(**{name: getattr(found, name) for name in names}))
+            status = action(found)
     except KeyboardInterrupt:
         # Python waits for compiling threads; a second Ctrl-C ends the process at once.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -79,16 +72,22 @@ def run_command(
     sys.exit(status if isinstance(status, int) else 0)
 
 
-def with_plugins(options: type[Options]) -> type[Options]:
-    """`options` with the option `--plugin`."""
-    field = ("plugin", Plugins, dataclasses.field(default=()))
-    return dataclasses.make_dataclass(
-        options.__name__,
-        [field],
-        bases=(options,),
-        frozen=True,
-        namespace={"__doc__": options.__doc__, "__module__": options.__module__},
-    )
+def load_plugins(arguments: Sequence[str]) -> list[str]:
+    """Import installed plugins and those that `--plugin` names; returns the other arguments.
+
+    Raises:
+        InputError: for an empty argument, which as a path would be the current folder.
+    """
+    for name, value in zip(["the first argument", *arguments], arguments):
+        if not value or (value.startswith("--") and value.endswith("=")):
+            raise InputError(f"{value.removesuffix('=') or name}: is empty")
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--plugin", action="append", default=[])
+    given, others = parser.parse_known_args(arguments)
+    load_entry_points()
+    for plugin in given.plugin:
+        load_plugin(plugin)
+    return others
 
 
 def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
@@ -101,19 +100,3 @@ def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
             otherwise(message, category, *where)
 
     return show
-
-
-def _refuse_empty(arguments: Sequence[str]) -> None:
-    """Refuse an empty value, which as a path would be the current folder."""
-    for name, value in zip(["the first argument", *arguments], arguments):
-        if not value or (value.startswith("--") and value.endswith("=")):
-            raise InputError(f"{value.removesuffix('=') or name}: is empty")
-
-
-def _load_plugins(arguments: Sequence[str]) -> None:
-    """Import the plugins of installed packages and those of `--plugin`."""
-    load_entry_points()
-    for place, argument in enumerate(arguments):
-        name, equals, plugin = argument.partition("=")
-        if name == "--plugin" and (equals or place + 1 < len(arguments)):
-            load_plugin(plugin if equals else arguments[place + 1])

@@ -4,59 +4,108 @@ A kind is a function of a manifest row and the case's arrays that returns `{outp
 theirs)}`; `CASES` has them by name.
 """
 
+import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.data.windows import Windows
-from neurosym_jax.interop.case import Arrays, Compared, GeneratorCase, checked, placed
-from neurosym_jax.interop.train_step import train_step
-from neurosym_jax.models import NeurosymIjcnn
+from neurosym_jax.configuration import from_json
+from neurosym_jax.errors import InputError
+from neurosym_jax.interop.arguments import discriminator_config
+from neurosym_jax.interop.case import (
+    Arrays,
+    Case,
+    Compared,
+    checked,
+    padded,
+    placed,
+    read_case,
+    state_of,
+)
+from neurosym_jax.interop.names import params_from_torch
+from neurosym_jax.models import Discriminator, NeurosymIjcnn
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.cnd import alpha_from_states
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.state_weightings import CndShipped
 from neurosym_jax.symbolic.weightings import make_weighting
+from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
+from neurosym_jax.training.groups import Groups
+from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.training.step import (
+    TrainState,
+    clip_gradient,
+    initial_state,
+    update_discriminator,
+    update_generator,
+)
 
-__all__ = ["CASES", "compared_forecasts"]
+__all__ = ["CASES"]
 
 DECIMALS = 4
 """Of the authors' table as they printed it, and of their coordinates."""
 RELEASED = CndShipped(convention="as_published", decimals=DECIMALS)
+RECIPE = {
+    "g_learning_rate": "g_learning_rate",
+    "d_learning_rate": "d_learning_rate",
+    "best_k": "best_k",
+    "l2_weight": "l2_loss_weight",
+    "clip_norm": "clipping_threshold_g",
+}
+"""Our fields of a training's recipe, and what the manifest calls them."""
+LABELS = ("label_real", "label_fake")
+"""Numbers in the manifest, ranges with us."""
+LOSSES = {
+    "d_loss": "d_loss",
+    "g_l2_loss": "g_variety",
+    "g_adv_loss": "g_adversarial",
+    "g_grad_norm": "g_gradient_norm",
+}
+"""Names of the stored scalars, and of our metrics."""
 
 
 def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
-    """The generator's outputs and, where the row says `d_type`, the discriminator's scores.
+    """The generator's displacements and positions and, with `d_type`, the discriminator's scores.
 
     The discriminator sees torch's forecast, not ours, so that a fault of the generator is not
     reported twice.
     """
-    case = GeneratorCase(row, arrays)
-    compared = compared_forecasts(case)
+    case = read_case(row, arrays)
+    agents, obs_len = case.bounds[-1], case.config.obs_len
+    pred_rel, pred_abs = (
+        checked(arrays, name, agents, case.config.pred_len, 2) for name in ("pred_rel", "pred_abs")
+    )
+    moves, scenes = case.stages()["pred_rel"], case.scenes
+    last = np.asarray(scenes.observed)[case.valid][:, -1:]
+    origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)[:, None]
+    compared: Compared = {
+        "pred_rel": (moves, pred_rel),
+        "pred_abs": (last + np.cumsum(moves, axis=1) + origin, pred_abs),
+    }
     if "d_type" in row:
-        theirs = checked(arrays, "d_scores_fake", case.windows.agents)
-        forecasts = (compared[name][1] for name in ("pred_abs", "pred_rel"))
-        compared["d_scores_fake"] = (case.scores(*forecasts), theirs)
+        state = state_of(arrays, "d_state/")
+        config = discriminator_config(row, state)
+        positions = np.concatenate([arrays["traj"][:, :obs_len], pred_abs], axis=1)
+        moves = np.concatenate([arrays["traj_rel"][:, :obs_len], pred_rel], axis=1)
+        fakes = padded(positions, moves, case.bounds, positions.shape[1])
+        scores = _scores(config, params_from_torch(state, config), fakes.bare())
+        compared["d_scores_fake"] = (
+            np.asarray(scores)[case.valid],
+            checked(arrays, "d_scores_fake", agents),
+        )
     return compared
 
 
-def compared_forecasts(case: GeneratorCase) -> Compared:
-    """Forecasts of a network without symbols, as displacements and as positions.
-
-    Raises:
-        InputError: for an array that is missing or wrong.
-    """
-    outputs = (case.windows.agents, case.config.pred_len, 2)
-    theirs = (checked(case.arrays, name, *outputs) for name in ("pred_rel", "pred_abs"))
-    pred_rel, pred_abs = theirs
-    ours, scenes = case.stages()["pred_rel"], case.scenes
-    last = np.asarray(scenes.observed)[scenes.valid][:, -1:]
-    origin = np.repeat(np.asarray(scenes.origin), case.windows.sizes, axis=0)[:, None]
-    return {
-        "pred_rel": (ours, pred_rel),
-        "pred_abs": (last + np.cumsum(ours, axis=1) + origin, pred_abs),
-    }
+@functools.partial(jax.jit, static_argnums=0)
+def _scores(config: DiscriminatorConfig, params: Any, scenes: Scene) -> Any:
+    """[S, N] scores of whole trajectories, held by `scenes` as what was observed."""
+    score = functools.partial(Discriminator(config).apply, {"params": params})
+    return jax.lax.map(lambda s: score(s.observed, s.displacement, s.valid), scenes)
 
 
 def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -67,21 +116,30 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     the first scene those of other scenes, and its network reads row start + j for agent j, for
     every i: the A agents get the first A rows, which are compared as well.
     """
-    case = GeneratorCase(row, arrays)
-    windows, valid = case.windows, np.asarray(case.scenes.valid)
-    alpha = checked(arrays, "alpha", int((windows.sizes**2).sum()), case.config.obs_len)
+    case = read_case(row, arrays)
+    agents, valid = case.bounds[-1], case.valid
+    alpha = checked(arrays, "alpha", int((np.diff(case.bounds) ** 2).sum()), case.config.obs_len)
     compared: Compared = {}
     if row.get("alpha") != "random":
-        compared["alpha"] = (_shipped_alpha(windows), alpha)
+        compared["alpha"] = _shipped_alpha(case), alpha
     if isinstance(case.config.pooling, NeurosymIjcnn):
-        used = alpha[: windows.agents]
-        theirs = checked(arrays, "alpha_rows_used", windows.agents, case.config.obs_len)
-        compared["alpha_rows_used"] = (used, theirs)
+        used = alpha[:agents]
+        compared["alpha_rows_used"] = used, checked(arrays, "alpha_rows_used", *used.shape)
         given = placed(used, valid)
     else:
         given = placed(alpha, valid[:, :, None] & valid[:, None])
-    theirs = checked(arrays, "pred_rel", windows.agents, case.config.pred_len, 2)
+    theirs = checked(arrays, "pred_rel", agents, case.config.pred_len, 2)
     return compared | {"pred_rel": (case.stages(given)["pred_rel"], theirs)}
+
+
+def _shipped_alpha(case: Case) -> np.ndarray:
+    """[sum of N*N, T] by the authors' table; a scene of one agent has one row, of zeros."""
+    # Stored as float32, but the released code observed its symbols in float64.
+    seen = case.arrays["traj"][:, : case.config.obs_len].astype(np.float64).round(DECIMALS)
+    weigh = jax.jit(make_weighting(RELEASED))
+    with jax.enable_x64(True):
+        scenes = [np.asarray(weigh(part)) for part in np.split(seen, case.bounds[1:-1])]
+    return np.concatenate([alpha.reshape(-1, alpha.shape[-1]) for alpha in scenes])
 
 
 def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -105,25 +163,88 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
         weights = np.asarray(alpha_from_states(released, RELEASED.state_weights()))
     compared: Compared = {}
     for name, states in ours.items():
-        theirs = checked(arrays, name, *steps, 4, kinds="iu")
-        compared[name] = (np.asarray(states), np.where(theirs == 10, 0, theirs))
+        theirs = checked(arrays, name, *steps, 4)
+        compared[name] = np.asarray(states), np.where(theirs == 10, 0, theirs)
     return compared | {"alpha_reference": (weights, checked(arrays, "alpha_reference", *steps))}
+
+
+def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
+    """A discriminator step on one batch, then a generator step that the new discriminator scores.
+
+    Noises, batch and the parameters before are torch's. Losses, gradients and the parameters after
+    are compared, all parameters of a network as one vector.
+    """
+    with jax.enable_x64(False):  # Training is in float32.
+        return _compared_training(row, arrays)
+
+
+def _compared_training(row: Mapping[str, Any], arrays: Arrays) -> Compared:
+    case = read_case(row, arrays, "g0/")
+    generator = case.config
+    if missing := {*RECIPE.values(), *LABELS} - set(row):
+        raise InputError(f"manifest: {min(missing)} is missing")
+    discriminator = discriminator_config(row, state_of(arrays, "d0/"))
+    fields = {
+        **{ours: row[theirs] for ours, theirs in RECIPE.items()},
+        **{name: (row[name], row[name]) for name in LABELS},
+        "adversarial_weight": 1.0,
+        "criterion": "squared_displacement",
+        "ema": 0.0,
+        "schedule": "constant",
+        "weigh_scenes": "equally",
+        "discriminator": dataclasses.asdict(discriminator),
+    }
+    config = from_json(TrainConfig, fields, "manifest")
+    # As one group, `[scenes, slots, ...]`.
+    groups = (case.scenes.replace(origin=None),)
+    shape = (len(case.valid), generator.noise_dim)
+    noises = (
+        [checked(arrays, "noise_d", *shape)[None]],
+        [checked(arrays, "noise_g", config.best_k, *shape)],
+    )
+
+    def stored(prefix: str) -> dict[str, Any]:
+        network = generator if prefix.startswith("g") else discriminator
+        return {"params": params_from_torch(state_of(arrays, prefix), network)}
+
+    example = jax.tree.map(lambda leaf: leaf[0], groups[0])
+    fresh = jax.eval_shape(lambda: initial_state(generator, config, example, jax.random.key(0)))
+    # Adam's state is all zeros before its first step.
+    state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), fresh)._replace(
+        generator=stored("g0/"), discriminator=stored("d0/")
+    )
+    trees, metrics = _two_steps(generator, config, state, groups, noises)
+    compared: Compared = {n: (metrics[of], checked(arrays, n)) for n, of in LOSSES.items()}
+    for name, tree in trees.items():
+        compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(stored(f"{name}/"))[0])
+    return compared
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _two_steps(
+    generator: GeneratorConfig, config: TrainConfig, state: TrainState, groups: Groups, noises: Any
+):
+    """Gradients and parameters after, by the names they are stored under, and metrics."""
+    real, fake = config.label_real[0], config.label_fake[0]
+    batch = state.generator, state.discriminator, groups, noises[0]
+    labels = {"label_real": real, "label_fake": fake}
+    d_gradient, d_metrics = discriminator_gradient(generator, config, *batch, **labels)
+    state = update_discriminator(config, state, d_gradient)
+    batch = state.generator, state.discriminator, groups, noises[1]
+    g_gradient, g_metrics = generator_gradient(generator, config, *batch, label=real)
+    state = update_generator(config, state, g_gradient)
+    ours = {
+        "d_grad": d_gradient,
+        "d1": state.discriminator,
+        "g_grad_clipped": clip_gradient(config, g_gradient),
+        "g1": state.generator,
+    }
+    return ours, d_metrics | g_metrics
 
 
 CASES: dict[str, Callable[[Mapping[str, Any], Arrays], Compared]] = {
     "sgan": sgan,
-    "neurosym_ros": neurosym,
-    "neurosym_ijcnn": neurosym,
+    "neurosym": neurosym,
     "qtc": qtc,
     "train_step": train_step,
 }
-
-
-def _shipped_alpha(windows: Windows) -> np.ndarray:
-    """[sum of N*N, T] by the authors' table; a scene of one agent has one row, of zeros."""
-    # Stored as float32, but the released code observed its symbols in float64.
-    positions = np.round(windows.position[:, : windows.obs_len], DECIMALS)
-    weigh = jax.jit(make_weighting(RELEASED))
-    with jax.enable_x64(True):
-        scenes = [np.asarray(weigh(part)) for part in np.split(positions, windows.bounds[1:-1])]
-    return np.concatenate([alpha.reshape(-1, alpha.shape[-1]) for alpha in scenes])

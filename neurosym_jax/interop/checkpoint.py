@@ -4,23 +4,20 @@
 arguments.
 """
 
-import math
 import os
+import re
 from collections import OrderedDict
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.interop.arguments import (
-    TORCH_POOLING,
-    assumptions,
-    generator_config,
-    refuse_unknown,
-)
-from neurosym_jax.interop.names import params_from_torch, params_to_torch, plain_state
-from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.interop.arguments import TORCH_POOLING, assumptions, generator_config
+from neurosym_jax.interop.names import params_from_torch, params_to_torch
+from neurosym_jax.interop.pickles import StoredTensor, read_torch_file
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.models.social import Social
@@ -46,16 +43,16 @@ EXPORTED = {
     "loader_num_workers": 4,
 }
 SAME = ("obs_len", "pred_len", "embedding_dim", "mlp_dim", "noise_type", "noise_mix_type")
-UNUSED = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
-"""Options of poolings that SGAN's constructor is given even where the pooling has none."""
+OPTIONS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
+"""Of poolings; SGAN's constructor takes all of them, whichever pooling it builds."""
+PERCEPTRON = re.compile(
+    r"((?:.+\.)?(?:mlp_pre_pool|mlp_pool|mlp_decoder_context|mlp|real_classifier))\.3\.(\w+)"
+)
+"""A tensor of a perceptron's second layer where dropout stands between the two."""
 
 
-def load_torch_checkpoint(path: str | os.PathLike, ignore: Collection[str] = ()) -> Model:
+def load_torch_checkpoint(path: str | os.PathLike) -> Model:
     """The generator that SGAN, NeuroSyM or `export_torch_checkpoint` wrote to `path`.
-
-    Args:
-        path: of the file.
-        ignore: arguments that nobody knows and that do not change the network.
 
     Raises:
         InputError: naming `path` and what is missing or wrong: an unreadable, damaged or foreign
@@ -63,14 +60,12 @@ def load_torch_checkpoint(path: str | os.PathLike, ignore: Collection[str] = ())
     """
     contents = read_torch_file(path)
     try:
-        return model_from_torch(contents, ignore, size=os.path.getsize(path))
+        return model_from_torch(contents)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def model_from_torch(
-    contents: Any, ignore: Collection[str] = (), *, size: float = math.inf
-) -> Model:
+def model_from_torch(contents: Any) -> Model:
     """The generator in the dictionary that SGAN's training saves.
 
     Published files hold `g_state` and `args`; those of a training run hold more, which is passed
@@ -79,24 +74,23 @@ def model_from_torch(
     network is inferred from its tensors, and the weighting is the authors' table unless the file
     was exported from here.
 
-    Args:
-        contents: of the file; tensors are anything that numpy makes an array of.
-        ignore: see `load_torch_checkpoint`.
-        size: bytes of the file, which its tensors cannot exceed.
-
     Raises:
         InputError: naming what is missing or wrong.
     """
     if not isinstance(contents, dict):
         raise InputError("holds no dictionary: not a checkpoint of SGAN")
-    given = contents.get("args")
-    if not isinstance(contents.get("g_state"), dict) or not isinstance(given, dict):
-        missing = "args" if isinstance(contents.get("g_state"), dict) else "g_state"
-        raise InputError(f"has no {missing}: not a checkpoint of SGAN, or one without weights")
-    refuse_unknown(given, ignore, ())
-    arguments = {k: v for k, v in given.items() if isinstance(k, str) and _is_plain(v)}
-    state = _plain(contents["g_state"], arguments, size)
-    config = generator_config(arguments, state, "args")
+    for name in ("g_state", "args"):
+        if not isinstance(contents.get(name), dict):
+            raise InputError(f"has no {name}: not a checkpoint of SGAN, or one without weights")
+    arguments = {str(name): value for name, value in contents["args"].items()}
+    state = {}
+    for name, tensor in contents["g_state"].items():
+        if not isinstance(name, str) or not isinstance(tensor, np.ndarray | StoredTensor):
+            raise InputError(f"g_state is not a state dict: {name!r:.80} is no tensor")
+        # Dropout takes a number in a perceptron, and acts in training only.
+        name = PERCEPTRON.sub(r"\1.2.\2", name) if arguments.get("dropout") else name
+        state[name] = np.asarray(tensor)
+    config = generator_config(arguments, state)
     scene = arguments.get("dataset_name")
     dataset = scene if isinstance(scene, str) else None
     params = {"params": params_from_torch(state, config)}
@@ -134,8 +128,7 @@ def torch_contents(
     """`args` and `g_state` as SGAN's code saves them, with arrays for tensors.
 
     The code is SGAN's, or for `neurosym_ros` and `neurosym_ijcnn` the release that each is named
-    after. Their generators declare a second pooling, `pool_net_d`, that they never call; it is
-    zeros, because `load_state_dict` insists on it.
+    after.
 
     Raises:
         InputError: for a parameter that is missing, unexpected or misshapen, a configuration that
@@ -146,7 +139,7 @@ def torch_contents(
         **EXPORTED,
         **{name: getattr(config, name) for name in SAME},
         **{f"{name}_g": getattr(config, name) for name in ("encoder_h_dim", "decoder_h_dim")},
-        **{name: getattr(config.pooling, name, usual) for name, usual in UNUSED.items()},
+        **{name: getattr(config.pooling, name, usual) for name, usual in OPTIONS.items()},
         "pool_every_timestep": config.pool_every_timestep,
         "noise_dim": (config.noise_dim,),
         "pooling_type": TORCH_POOLING.get(POOLINGS.name_of(config.pooling), "pool_net"),
@@ -162,21 +155,3 @@ def torch_contents(
     if (width := getattr(config.pooling, "hidden_dim", 512)) != 512:
         raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {width}")
     return {"g_state": params_to_torch(params, config), "args": arguments}
-
-
-def _plain(state: Mapping[Any, Any], arguments: Mapping[str, Any], size: float) -> dict[str, Any]:
-    if not all(isinstance(name, str) for name in state):
-        raise InputError("g_state is not a state dict")
-    shapes = [getattr(tensor, "shape", None) for tensor in state.values()]
-    # Tensors that lie over each other may ask for any multiple of the file's size.
-    if 2 * sum(math.prod(shape) for shape in shapes if isinstance(shape, tuple)) > size:
-        raise InputError("its tensors have more elements than the file can hold")
-    return plain_state(state, arguments)
-
-
-def _is_plain(value: Any) -> bool:
-    if isinstance(value, tuple | list):
-        return all(not isinstance(part, tuple | list) and _is_plain(part) for part in value)
-    # Python refuses to print integers of thousands of digits, which a damaged file may hold.
-    is_number = isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**63)
-    return value is None or is_number or isinstance(value, str)

@@ -4,138 +4,124 @@ A golden directory holds `manifest.json` with a row for each case, and an `.npz`
 torch's weights, inputs and outputs (`docs/parity.md` says which, and how to make them).
 """
 
+import dataclasses
 import json
 import math
 import subprocess
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from neurosym_jax.configuration import NotNegative, refuse
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.interop import torch_side
-from neurosym_jax.interop.arguments import refuse_unknown
-from neurosym_jax.interop.case import GeneratorCase
-from neurosym_jax.interop.cases import CASES, compared_forecasts
-from neurosym_jax.interop.parity_rows import TOLERANCE, Parity, ParityRow, rows_of
-from neurosym_jax.interop.train_step import RECIPE
+from neurosym_jax.interop.case import Compared, compared_layers, read_case
+from neurosym_jax.interop.cases import CASES
 
-__all__ = ["compare", "run_parity", "run_torch"]
+__all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]
 
-FIELDS = {"file", "model", "variant", "alpha", "layers", *RECIPE.values()}
-"""Of a manifest row, besides the arguments of the networks."""
-SCRIPT = Path(torch_side.__file__)
+TOLERANCE = 1e-5
+"""Largest absolute difference that passes, in the output's own unit."""
+NO_RELU = {"Linear", "ReLU", "Dropout", "Sequential"}
+"""Classes in a perceptron of SGAN's that are no other activation."""
 
 
-def run_parity(
-    directory: Path,
-    tolerance: float = TOLERANCE,
-    *,
-    ignore: Collection[str] = (),
-    assumed: tuple[str, ...] = (),
-) -> Parity:
+@dataclasses.dataclass(frozen=True)
+class ParityRow:
+    """One output of one case."""
+
+    case: str
+    output: str
+    shape: tuple[int, ...]
+    max_abs: float
+    """Largest absolute difference, in the output's own unit; NaN where one is not finite. A layer
+    passes with the tolerance times torch's largest magnitude, if that is above 1."""
+    max_rel: float
+    """`max_abs` over torch's largest magnitude; single elements may be next to nothing."""
+    ok: bool
+    reason: str | None = None
+    """Why it differs, of the first layer of a case that does."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Parity:
+    """All rows of a comparison; as text a table with a verdict."""
+
+    rows: tuple[ParityRow, ...]
+    tolerance: float = TOLERANCE
+
+    @property
+    def ok(self) -> bool:
+        """Whether all outputs are within the tolerance."""
+        return all(row.ok for row in self.rows)
+
+    def __str__(self) -> str:
+        """An aligned table and the verdict."""
+        table = [("case", "output", "shape", "max abs", "max rel", "")]
+        for row in self.rows:
+            shape = "x".join(map(str, row.shape)) or "scalar"
+            numbers = f"{row.max_abs:.1e}", f"{row.max_rel:.1e}"
+            table.append((row.case, row.output, shape, *numbers, "ok" if row.ok else "MISS"))
+        lines = [aligned_table(table), ""]
+        for row in self.rows:
+            if row.reason is not None:
+                lines += [f"first difference of {row.case}: {row.output}: {row.reason}"]
+        within = sum(row.ok for row in self.rows)
+        return "\n".join(
+            [*lines, f"{within} of {len(self.rows)} outputs within {self.tolerance:g}"]
+        )
+
+
+def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
     """Each output of each case of `directory`, in the manifest's order.
 
     Args:
         directory: of the cases.
         tolerance: largest absolute difference that passes.
-        ignore: fields of rows that nobody knows and that change no network.
-        assumed: for the verdict.
 
     Raises:
         InputError: naming the file, and the field or the array that is missing or wrong.
     """
-    _check(tolerance)
+    refuse(NotNegative, {"tolerance": tolerance})
     rows = []
-    manifest = _read_manifest(directory)
-    for row in manifest:
-        if not (directory / row["file"]).is_file():
-            raise InputError(f"{directory / row['file']}: is in the manifest and does not exist")
-    for row in manifest:
+    for row in _read_manifest(directory / "manifest.json"):
         path = directory / row["file"]
         # The name of a row's kind of case: its model's, else its file's.
-        kind = str(row.get("variant", row.get("model", path.stem)))
-        if kind not in CASES:
-            reason = f"this version compares no {kind!r} cases"
-            rows.append(ParityRow(row["file"], skipped=reason))
-            continue
+        kind, classes = row.get("model", path.stem), row.get("layers", {})
         try:
-            refuse_unknown(row, set(ignore) & row.keys(), FIELDS)
+            if kind not in CASES:
+                raise InputError(f"{kind!r} is none of the cases {', '.join(CASES)}")
             arrays = _read_arrays(path)
-            compared = CASES[kind](row, arrays)
-            case = GeneratorCase(row, arrays) if "layers" in row else None
-            rows += rows_of(row["file"], tolerance, compared, case)
+            layers = compared_layers(read_case(row, arrays), classes) if classes else {}
+            rows += compare(path.name, tolerance, CASES[kind](row, arrays), layers, classes)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-    return Parity(tuple(rows), tolerance, assumed)
+    return Parity(tuple(rows), tolerance)
 
 
-def compare(
-    torch_module: Any,
-    model: Model,
-    scenes: Sequence[ArrayLike] | None = None,
-    *,
-    tolerance: float = TOLERANCE,
-    seed: int = 0,
-) -> Parity:
-    """Compare a torch generator with SGAN's interface and `model`, layer by layer.
-
-    Args:
-        torch_module: of SGAN's code or a change of it, with its weights. It is copied, and runs on
-            the CPU after `eval()`; the noise is given to it as `user_noise`.
-        model: one of a torch checkpoint.
-        scenes: [N, obs_len, 2] metres each, N may differ; default: people who walk at random.
-        tolerance: largest absolute difference that passes.
-        seed: of the noise and the default scenes.
-
-    Raises:
-        InputError: for another model, scenes of other lengths, or a module that fails.
-    """
-    import torch  # pyright: ignore[reportMissingImports]
-
-    _check(tolerance)
-    config = model.config
-    if model.kind != "generator" or config.symbolic or "alpha_rows" in config.pooling.inputs:
-        raise InputError(f"{model.name}: only SGAN's networks run in torch from here")
-    row = {name: getattr(config, name) for name in ("obs_len", "pred_len", "noise_mix_type")}
-    row["noise_dim"] = config.noise_dim
-    given = torch_side.random_scenes(row, np.random.RandomState(seed))
-    if scenes is not None:
-        given = _given_scenes([np.asarray(scene, np.float64) for scene in scenes], row, seed)
-    try:
-        arrays, layers = torch_side.forecast(torch, torch_module, given)
-    except Exception as error:
-        raise InputError(f"the torch module fails: {type(error).__name__}: {error}") from None
-    case = GeneratorCase({"layers": layers}, arrays, of=(config, model.params["params"]))
-    name = type(torch_module).__name__
-    rows = rows_of(name, tolerance, compared_forecasts(case), case)
-    return Parity(tuple(rows), tolerance, model.assumed)
-
-
-def run_torch(
-    module: str, checkpoints: Sequence[Path], out: Path, *, python: str, seed: int
-) -> None:
-    """Let the module `FILE.py:CLASS` forecast with each checkpoint, and store cases in `out`.
+def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: int) -> None:
+    """Let the module `FILE.py:CLASS` forecast with a checkpoint, and store the case in `out`.
 
     Raises:
         InputError: for a file that is not there, and whatever the module says when it fails.
     """
-    file, colon, name = module.rpartition(":")
-    if not colon or not name.isidentifier() or not Path(file).is_file():
+    file, _, name = module.rpartition(":")
+    if not name.isidentifier() or not Path(file).is_file():
         raise InputError(f"--torch-module {module}: must be FILE.py:CLASS")
     given = {
         "module": f"{Path(file).resolve()}:{name}",
-        "checkpoints": [str(path.resolve()) for path in checkpoints],
+        "checkpoint": str(checkpoint.resolve()),
         "out": str(out.resolve()),
         "seed": seed,
     }
+    # As text: the folder of a file that is run comes first where Python looks for modules.
+    script = Path(torch_side.__file__).read_text(encoding="utf-8")
     try:
-        # As text: the folder of a file that is run comes first where Python looks for modules.
         done = subprocess.run(
-            [python, "-c", SCRIPT.read_text(encoding="utf-8"), json.dumps(given)],
+            [python, "-c", script, json.dumps(given)],
             cwd=Path(file).resolve().parent,
             capture_output=True,
             text=True,
@@ -151,38 +137,60 @@ def run_torch(
         raise InputError(f"--python {python}: {module} failed: {said}")
 
 
-def _check(tolerance: float) -> None:
-    if not (math.isfinite(tolerance) and tolerance >= 0):
-        raise InputError(f"tolerance must be a number of at least 0, not {tolerance}")
+def compare(
+    name: str, tolerance: float, compared: Compared, layers: Compared, classes: Mapping[str, str]
+) -> list[ParityRow]:
+    """The rows of a case `name`, its layers first; the first that misses has the reason.
+
+    Args:
+        name: of the case.
+        tolerance: largest absolute difference that passes.
+        compared: outputs.
+        layers: see `compared_layers`.
+        classes: of torch's submodules, by name.
+    """
+    rows: list[ParityRow] = []
+    for output, (ours, theirs) in (layers | compared).items():
+        ours, theirs = np.asarray(ours), np.asarray(theirs)
+        same = ours.shape == theirs.shape
+        max_abs = float(np.abs(ours.astype(np.float64) - theirs).max()) if same else math.nan
+        scale = float(np.abs(theirs).max())
+        # Against an output that is all zeros, any difference is infinitely large, and none is none.
+        max_rel = max_abs / scale if scale else (math.inf if max_abs else 0.0)
+        # A layer's numbers may be of any size, and so is their rounding.
+        ok = max_abs <= tolerance * (max(1.0, scale) if output in layers else 1.0)
+        first = layers and not ok and all(row.ok for row in rows)
+        reason = _likely_reason(output, ours, theirs, classes) if first else None
+        rows.append(ParityRow(name, output, theirs.shape, max_abs, max_rel, ok, reason))
+    return rows
 
 
-def _given_scenes(
-    scenes: Sequence[np.ndarray], row: Mapping[str, Any], seed: int
-) -> dict[str, np.ndarray]:
-    """The arrays of `torch_side.random_scenes`, of these scenes."""
-    steps = row["obs_len"]
-    for number, scene in enumerate(scenes):
-        if scene.ndim != 3 or scene.shape[1:] != (steps, 2) or not len(scene):
-            raise InputError(f"scene {number} is {list(scene.shape)}, not [agents, {steps}, 2]")
-    if not scenes:
-        raise InputError("scenes must be at least one")
-    # The future is not looked at.
-    traj = np.pad(np.concatenate(scenes), [(0, 0), (0, row["pred_len"]), (0, 0)], "edge")
-    ends = np.cumsum([len(scene) for scene in scenes])
-    rows = len(scenes) if row["noise_mix_type"] == "global" else len(traj)
-    noise = np.random.default_rng(seed).normal(size=(rows, row["noise_dim"])).astype(np.float32)
-    return {
-        "traj": traj,
-        "traj_rel": np.diff(traj, axis=1, prepend=traj[:, :1]),
-        "scene_start_end": np.stack([np.append(0, ends[:-1]), ends], axis=1),
-        "noise": noise,
-    }
+def _likely_reason(
+    output: str, ours: np.ndarray, theirs: np.ndarray, classes: Mapping[str, str]
+) -> str:
+    """Why the first row that differs does."""
+    if np.isnan(theirs).all():
+        return "the checkpoint has it and the module never calls it"
+    if theirs.shape != ours.shape:
+        return f"its shape is {list(theirs.shape)}, ours {list(ours.shape)}"
+    if output.endswith("(alone)"):
+        within = output.removesuffix(" (alone)") + "."
+        kinds = [kind for name, kind in classes.items() if name.startswith(within)]
+        if others := [kind for kind in kinds if kind not in NO_RELU]:
+            return f"activation {others[0]}, ours is ReLU"
+        if kinds and np.abs(np.maximum(theirs, 0) - ours).max() < TOLERANCE:
+            return "no ReLU after its last layer, ours has one"
+        return "it computes something else with the same weights"
+    for decimals in range(1, 5):
+        if np.abs(theirs - np.round(theirs, decimals)).max() < 1e-7 < np.abs(theirs).max():
+            return f"it is rounded to {decimals} decimals, ours is not"
+    return (
+        "its layers agree alone, the module's forward puts them together in another way (order of "
+        "concatenation, scene boundaries, noise)"
+    )
 
 
-def _read_manifest(directory: Path) -> list[dict[str, Any]]:
-    path = directory / "manifest.json"
-    if not directory.is_dir():
-        raise InputError(f"{directory}: no such directory")
+def _read_manifest(path: Path) -> list[dict[str, Any]]:
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -193,7 +201,7 @@ def _read_manifest(directory: Path) -> list[dict[str, Any]]:
         raise InputError(f"{path}: must be a list of at least one case")
     for index, row in enumerate(rows):
         file = row.get("file") if isinstance(row, dict) else None
-        if not isinstance(file, str) or not file or Path(file).name != file:
+        if not isinstance(file, str) or Path(file).name != file:
             raise InputError(f"{path}: row {index} needs 'file', a name in the same directory")
     return rows
 

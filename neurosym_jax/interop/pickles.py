@@ -3,11 +3,8 @@
 Both forms are read: today's zip archive and the legacy stream of pickles (2018, the published SGAN
 checkpoints). A pickle is a program, so it is scanned for opcodes that a checkpoint has no use for,
 and then run by an unpickler that knows the handful of names a state dict needs and refuses every
-other by name: a file can fail to load, but it can run no code. Nor can it ask for much more memory
-than its own size: no opcode or name copies what is there already, programs are short, and storages
-are read once it is known that the file has them.
-
-It is not a loader of models: what the tensors mean is for `interop.checkpoint` to say.
+other by name: a file can fail to load, but it can run no code. What stands for a name runs nothing
+and keeps no state of the pickle's own choice.
 """
 
 import io
@@ -16,41 +13,119 @@ import pickle
 import pickletools
 import struct
 import zipfile
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.stand_ins import KNOWN_GLOBALS, STORAGE_DTYPES, Namespace, Storage
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 
-__all__ = ["read_torch_file"]
+__all__ = ["StoredTensor", "read_torch_file"]
 
 LEGACY_MAGIC = 0x1950A86A20F9469CFC6C
 LEGACY_PROTOCOL = 1001
-LARGEST_PROGRAM = 2**24
-"""Bytes of a pickle; those of the published checkpoints have some thousands."""
-OPCODE_LIMIT = 300_000
-"""Of one pickle; each may make an object of some hundred bytes."""
-# No EXT*, INST or OBJ: they reach classes past `find_class`. No protocol 0: torch never wrote it.
-# fmt: off
-OPCODES = frozenset((
-    "PROTO", "FRAME", "STOP", "MARK", "NONE", "NEWTRUE", "NEWFALSE", "BININT", "BININT1", "BININT2",
-    "LONG1", "LONG4", "BINFLOAT", "BINUNICODE", "SHORT_BINUNICODE", "EMPTY_TUPLE", "TUPLE",
-    "TUPLE1", "TUPLE2", "TUPLE3", "EMPTY_LIST", "APPEND", "APPENDS", "EMPTY_DICT", "SETITEM",
-    "SETITEMS", "GLOBAL", "STACK_GLOBAL", "REDUCE", "BUILD", "NEWOBJ", "BINPERSID", "BINPUT",
-    "LONG_BINPUT", "BINGET", "LONG_BINGET", "MEMOIZE",
-))
-# fmt: on
+STORAGE_DTYPES = {
+    "FloatStorage": "<f4",
+    "DoubleStorage": "<f8",
+    "HalfStorage": "<f2",
+    "LongStorage": "<i8",
+    "IntStorage": "<i4",
+    "ShortStorage": "<i2",
+    "CharStorage": "|i1",
+    "ByteStorage": "|u1",
+    "BoolStorage": "|b1",
+}
+OPCODES = (
+    "PROTO FRAME STOP MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 LONG1 LONG4 BINFLOAT "
+    "BINUNICODE SHORT_BINUNICODE EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 EMPTY_LIST APPEND APPENDS "
+    "EMPTY_DICT SETITEM SETITEMS GLOBAL STACK_GLOBAL REDUCE BUILD NEWOBJ BINPERSID BINPUT "
+    "LONG_BINPUT BINGET LONG_BINGET MEMOIZE"
+)
+"""No EXT*, INST or OBJ: they reach classes past `find_class`. Torch never wrote protocol 0."""
+
+
+class Stateless:
+    """What torch never gives a state: a pickle could put anything into it."""
+
+    __slots__ = ()
+
+    def __setstate__(self, state):
+        raise InputError("a tensor or a part of it carries a state, which torch's never does")
+
+
+class Storage(Stateless):
+    """Numbers of a file, whose `values` are read after the pickle."""
+
+    __slots__ = ("dtype", "numel", "values")
+
+    def __init__(self, dtype: str, numel: int):
+        self.dtype, self.numel = np.dtype(dtype), numel
+        self.values: np.ndarray | None = None
+
+
+class StoredTensor(Stateless):
+    """A tensor of a file, `numpy.asarray` has its values."""
+
+    __slots__ = ("_offset", "_shape", "_storage", "_strides")
+
+    # `__new__`, because a pickle can make an object without calling `__init__`.
+    def __new__(cls, storage, offset, shape, strides, *_requires_grad_and_hooks):
+        """Check that the tensor lies in its storage, whose values may not have been read yet."""
+        counts = (offset, *shape, *strides)
+        whole = all(type(n) is int and 0 <= n < 2**48 for n in counts)
+        if not isinstance(storage, Storage) or len(shape) != len(strides) or not whole:
+            raise InputError("a tensor is described in a way torch does not")
+        elements = int(np.prod(shape, dtype=object))
+        last = offset + sum((n - 1) * step for n, step in zip(shape, strides))
+        # A tensor larger than its storage repeats values (stride 0): weights never do, and a
+        # corrupted shape would ask for any amount of memory.
+        if elements > storage.numel or (elements and last >= storage.numel):
+            raise InputError(
+                f"a tensor of shape {list(shape)} reaches outside its storage of {storage.numel}"
+            )
+        self = super().__new__(cls)
+        self._storage, self._offset = storage, offset
+        self._shape, self._strides = tuple(shape), tuple(strides)
+        return self
+
+    def __array__(self, dtype=None, copy=None):
+        """The values, a view of the file's bytes."""
+        values = self._storage.values[self._offset :]
+        strides = [step * values.itemsize for step in self._strides]
+        view = np.lib.stride_tricks.as_strided(values, self._shape, strides, writeable=False)
+        return view if dtype is None else view.astype(dtype)
+
+
+class PlainDict(dict):
+    """Stands for an empty OrderedDict, and a defaultdict of lists (in which SGAN keeps losses)."""
+
+    def __init__(self, factory="list"):
+        super().__init__()
+        if factory != "list":
+            raise InputError("a dictionary is made in a way torch does not")
+
+    def __setstate__(self, state):
+        """Pass over the versions of modules that torch hangs on a state dict."""
+
+
+# A name stands for itself where it is only ever passed on, never called.
+KNOWN_GLOBALS: dict[str, Any] = {
+    "collections.OrderedDict": PlainDict,
+    "collections.defaultdict": PlainDict,
+    "builtins.list": "list",
+    "__builtin__.list": "list",
+    "torch._utils._rebuild_tensor": StoredTensor,
+    "torch._utils._rebuild_tensor_v2": StoredTensor,
+    **{f"torch.{name}": name for name in STORAGE_DTYPES},
+}
 
 
 class _Unpickler(pickle.Unpickler):
-    """Knows `KNOWN_GLOBALS` and storages; `declared` gathers {key: (dtype, numel)}."""
+    """Knows `KNOWN_GLOBALS`, and gathers the storages that it meets."""
 
-    def __init__(self, data: bytes):
+    def __init__(self, data: bytes, storages: dict[str, Storage]):
         super().__init__(io.BytesIO(data))
-        self.declared: dict[str, tuple[np.dtype, int]] = {}
-        self.found: dict[str, np.ndarray] = {}
+        self.storages = storages
 
     def find_class(self, module: str, name: str) -> Any:
         full = f"{module}.{name}"
@@ -59,20 +134,15 @@ class _Unpickler(pickle.Unpickler):
         return KNOWN_GLOBALS[full]
 
     def persistent_load(self, pid: Any) -> Storage:
-        tag, kind, key, _location, numel = pid[:5]
-        view = pid[5] if len(pid) > 5 else None
-        if tag != "storage" or kind not in STORAGE_DTYPES or type(key) is not str:
+        tag, kind, key, _location, numel, *view = pid
+        if tag != "storage" or kind not in STORAGE_DTYPES or view not in ([], [None]):
             raise InputError("it refers to something other than a tensor's storage")
-        if type(numel) is not int or not 0 <= numel < 2**48:
+        if type(key) is not str or type(numel) is not int or not 0 <= numel < 2**48:
             raise InputError(f"storage {key!r} has no sensible size")
-        declared = (np.dtype(STORAGE_DTYPES[kind]), numel)
-        if self.declared.setdefault(key, declared) != declared:
+        storage = self.storages.setdefault(key, Storage(STORAGE_DTYPES[kind], numel))
+        if (storage.dtype, storage.numel) != (np.dtype(STORAGE_DTYPES[kind]), numel):
             raise InputError(f"storage {key!r} is described twice, differently")
-        _, first, length = view or (None, 0, numel)
-        whole = type(first) is int and type(length) is int
-        if not whole or not 0 <= first <= first + length <= numel:
-            raise InputError(f"a view reaches outside storage {key!r} of {numel}")
-        return Storage(self.found, key, first, length)
+        return storage
 
 
 def read_torch_file(path: str | os.PathLike) -> Any:
@@ -85,14 +155,15 @@ def read_torch_file(path: str | os.PathLike) -> Any:
     """
     try:
         with open(path, "rb") as file:
-            head, size = file.read(64), os.fstat(file.fileno()).st_size
             # Someone may name a film or a bag of many gigabytes.
+            head = file.read(64)
             legacy = LEGACY_MAGIC.to_bytes(10, "little") in head
             if not legacy and not head.startswith(b"PK\x03\x04"):
                 what = "not a file of torch.save" if head else "an empty file"
                 raise InputError(f"{what}; a .pt checkpoint was expected")
-            refuse_beyond_memory("reading it", 4.0 * size, "free some")
-            return (_read_legacy if legacy else _read_zip)(file, size)
+            refuse_beyond_memory("reading it", 4.0 * os.fstat(file.fileno()).st_size, "free some")
+            stream = io.BytesIO(head + file.read())
+        return (_read_legacy if legacy else _read_zip)(stream)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except InputError as error:
@@ -103,82 +174,61 @@ def read_torch_file(path: str | os.PathLike) -> Any:
         raise InputError(f"{path}: damaged or cut short ({reason})") from None
 
 
-def _read_legacy(file: BinaryIO, size: int) -> Any:
-    file.seek(0)
-    stream = io.BytesIO(file.read(LARGEST_PROGRAM))
-    magic, protocol, system = (_Unpickler(_next_pickle(stream)).load() for _ in range(3))
+def _read_legacy(stream: io.BytesIO) -> Any:
+    storages: dict[str, Storage] = {}
+    magic, protocol, system = (_load(stream, storages) for _ in range(3))
     if magic != LEGACY_MAGIC or protocol != LEGACY_PROTOCOL:
         raise InputError(f"legacy torch format {protocol!r:.20} is not {LEGACY_PROTOCOL}")
-    if system.get("little_endian") is not True:
-        raise InputError("written on a big-endian machine, which is not supported")
-    unpickler = _Unpickler(_next_pickle(stream))
-    contents = unpickler.load()
-    keys = _Unpickler(_next_pickle(stream)).load()
-    end = stream.tell()
-    file.seek(end)
+    _refuse_big_endian(system.get("little_endian") is True)
+    contents, keys = _load(stream, storages), _load(stream, storages)
+    if missing := storages.keys() - set(keys):
+        raise InputError(f"storage {min(missing)!r} is missing")
     for key in keys:
-        if key not in unpickler.declared:
-            raise InputError(f"holds a storage {key!r:.40} that no tensor uses")
-        dtype, numel = unpickler.declared[key]
-        end += 8 + numel * dtype.itemsize
-        if end > size:
-            raise InputError(f"cut short: {end - size} bytes of storage {key!r} are missing")
-    if end != size:
-        raise InputError(f"{size - end} bytes follow the last storage")
-    for key in keys:
-        dtype, numel = unpickler.declared[key]
-        (written,) = struct.unpack("<q", file.read(8))
-        if written != numel:
-            raise InputError(f"storage {key!r} has {written} elements where {numel} are declared")
-        unpickler.found[key] = np.frombuffer(file.read(numel * dtype.itemsize), dtype)
-    return _complete(contents, unpickler)
+        storage = storages[key]
+        (numel,) = struct.unpack("<q", stream.read(8))
+        if numel != storage.numel:
+            raise InputError(f"storage {key!r} has {numel} elements, not {storage.numel}")
+        _fill(storage, stream.read(numel * storage.dtype.itemsize))
+    if after := len(stream.read()):
+        raise InputError(f"{after} bytes follow the last storage")
+    return contents
 
 
-def _read_zip(file: BinaryIO, size: int) -> Any:
-    with zipfile.ZipFile(file) as archive:
-        entries = {info.filename: info for info in archive.infolist()}
-        roots = [name[: -len("data.pkl")] for name in entries if name.endswith("/data.pkl")]
+def _read_zip(stream: io.BytesIO) -> Any:
+    storages: dict[str, Storage] = {}
+    with zipfile.ZipFile(stream) as archive:
+        entries = archive.namelist()
+        roots = [name.removesuffix("data.pkl") for name in entries if name.endswith("/data.pkl")]
         if len(roots) != 1:
             raise InputError("a zip archive, but not one of torch.save: it has no data.pkl")
-        if any(info.compress_type != zipfile.ZIP_STORED for info in entries.values()):
+        if any(info.compress_type != zipfile.ZIP_STORED for info in archive.infolist()):
             raise InputError("a compressed archive, which torch.save never writes")
-        if sum(info.file_size for info in archive.infolist()) > size:
-            raise InputError("damaged: its parts overlap, for they are larger than the file")
-        order, program = f"{roots[0]}byteorder", f"{roots[0]}data.pkl"
-        if order in entries and archive.read(order) != b"little":
-            raise InputError("written on a big-endian machine, which is not supported")
-        if entries[program].file_size > LARGEST_PROGRAM:
-            raise InputError(f"its pickle is larger than {LARGEST_PROGRAM} bytes")
-        unpickler = _Unpickler(_next_pickle(io.BytesIO(archive.read(program))))
-        contents = unpickler.load()
-        for key, (dtype, numel) in unpickler.declared.items():
-            name = f"{roots[0]}data/{key}"
-            if name not in entries:
-                raise InputError(f"storage {key!r} is missing")
-            if (there := entries[name].file_size) != numel * dtype.itemsize:
-                raise InputError(f"storage {key!r} has {there} bytes, not {numel * dtype.itemsize}")
-            unpickler.found[key] = np.frombuffer(archive.read(name), dtype)
-    return _complete(contents, unpickler)
+        order = f"{roots[0]}byteorder"
+        _refuse_big_endian(order not in entries or archive.read(order) == b"little")
+        contents = _load(io.BytesIO(archive.read(f"{roots[0]}data.pkl")), storages)
+        for key, storage in storages.items():
+            _fill(storage, archive.read(f"{roots[0]}data/{key}"))
+    return contents
 
 
-def _complete(contents: Any, unpickler: _Unpickler) -> Any:
-    if missing := sorted(unpickler.declared.keys() - unpickler.found.keys()):
-        raise InputError(f"{len(missing)} storages are missing, the first {missing[0]!r}")
-    if not isinstance(contents, dict):
-        return contents
-    spaces = {k: v.attributes for k, v in contents.items() if isinstance(v, Namespace)}
-    return {**contents, **spaces}
+def _fill(storage: Storage, data: bytes) -> None:
+    if len(data) != storage.numel * storage.dtype.itemsize:
+        raise InputError(f"{len(data)} bytes for a storage of {storage.numel} {storage.dtype}")
+    storage.values = np.frombuffer(data, storage.dtype)
 
 
-def _next_pickle(stream: io.BytesIO) -> bytes:
-    """The bytes of the pickle that starts here, once its opcodes are found harmless."""
-    start = stream.tell()
+def _refuse_big_endian(little: bool) -> None:
+    if not little:
+        raise InputError("written on a big-endian machine, which is not supported")
+
+
+def _load(stream: io.BytesIO, storages: dict[str, Storage]) -> Any:
+    """Run the pickle that starts here, once its opcodes are found harmless."""
+    start, known = stream.tell(), set(OPCODES.split())
     for count, (opcode, argument, _) in enumerate(pickletools.genops(stream)):
-        if opcode.name not in OPCODES:
+        if opcode.name not in known:
             raise InputError(f"refused: the pickle opcode {opcode.name} has no use in a checkpoint")
-        if count == OPCODE_LIMIT:
-            raise InputError(f"refused: a pickle of more than {OPCODE_LIMIT} opcodes")
         # The unpickler allocates as many memo slots as the index says; picklers count from 0 up.
         if opcode.name == "LONG_BINPUT" and (argument or 0) > count:
             raise InputError("damaged: a memo index is larger than the pickle")
-    return stream.getvalue()[start : stream.tell()]
+    return _Unpickler(stream.getvalue()[start : stream.tell()], storages).load()

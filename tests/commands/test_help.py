@@ -8,7 +8,6 @@ import tyro
 
 from neurosym_jax.__main__ import commands, main
 from neurosym_jax.commands._help import short_help
-from neurosym_jax.commands._running import with_plugins
 
 NAMES = re.compile(r"--[a-z][a-z0-9.-]*")
 
@@ -22,7 +21,7 @@ def test_help_fits_a_screen_and_names_every_option(name, capsys, monkeypatch):
     assert len(lines) <= 36
     assert max(map(len, lines)) <= 90
     with pytest.raises(SystemExit):
-        tyro.cli(with_plugins(options), args=["--help"])
+        tyro.cli(options, args=["--help"])
     every = set(re.findall(r"^│ (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE))
     assert every - set(NAMES.findall(text)) == set()
     assert set(NAMES.findall(text)) >= {"--plugin", "--help-all"}

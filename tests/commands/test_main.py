@@ -1,4 +1,4 @@
-"""`neurosym`: the list of commands costs nothing, a wrong name gets a hint, shells complete it."""
+"""`neurosym`: the list of commands costs nothing, a wrong name gets a hint."""
 
 import importlib
 import os
@@ -86,18 +86,3 @@ def test_who_reads_may_stop_reading():
 def test_a_wrong_name_gets_a_hint():
     with pytest.raises(SystemExit, match="no command 'evalute': did you mean evaluate"):
         main(["evalute"])
-
-
-@pytest.mark.slow
-def test_bash_completes(tmp_path):
-    path = tmp_path / "completion.bash"
-    command = [sys.executable, "-m", "neurosym_jax", "completion", "bash"]
-    environment = os.environ | {"NEUROSYM_NO_CACHE": "1"}
-    path.write_bytes(
-        subprocess.run(command, capture_output=True, check=True, env=environment).stdout
-    )
-    for words, found in {"ev": "evaluate", "evaluate --plu": "--plugin"}.items():
-        words = f"COMP_WORDS=(neurosym {words}); COMP_CWORD={len(words.split())}"
-        script = f"source {path}; {words}; _tyro_neurosym; echo ${{COMPREPLY[@]}}"
-        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
-        assert found in done.stdout.split()

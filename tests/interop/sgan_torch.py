@@ -9,12 +9,10 @@ import torch
 from torch import nn
 
 
-def make_mlp(sizes, activation="relu", batch_norm=True, dropout=0.0):
+def make_mlp(sizes, activation="relu", dropout=0.0):
     layers = []
     for inputs, outputs in pairwise(sizes):
         layers.append(nn.Linear(inputs, outputs))
-        if batch_norm:
-            layers.append(nn.BatchNorm1d(outputs))
         layers.append({"relu": nn.ReLU, "leakyrelu": nn.LeakyReLU}[activation]())
         if dropout > 0:
             layers.append(nn.Dropout(dropout))
@@ -100,13 +98,13 @@ class TrajectoryGenerator(nn.Module):
         decoder_h_dim=128, mlp_dim=1024, num_layers=1, noise_dim=(0,),
         noise_type="gaussian", noise_mix_type="ped", pooling_type=None,
         pool_every_timestep=True, dropout=0.0, bottleneck_dim=1024,
-        activation="relu", batch_norm=True, neighborhood_size=2.0, grid_size=8,
+        activation="relu", neighborhood_size=2.0, grid_size=8,
     ):  # fmt: skip
         super().__init__()
         self.obs_len, self.pred_len = obs_len, pred_len
         self.noise_mix_type, self.noise_dim = noise_mix_type, noise_dim[0]
         pooling_type = None if pooling_type == "none" else pooling_type
-        options = {"activation": activation, "batch_norm": batch_norm}
+        options = {"activation": activation}
         self.encoder = Encoder(embedding_dim, encoder_h_dim, num_layers, dropout)
 
         def pooling(h_dim, **more):
@@ -148,23 +146,3 @@ class TrajectoryGenerator(nn.Module):
         layers = self.decoder.decoder.num_layers
         state = (start.repeat(layers, 1, 1), torch.zeros_like(start).repeat(layers, 1, 1))
         return self.decoder(obs_traj[-1], obs_traj_rel[-1], state, seq_start_end)
-
-
-class TrajectoryDiscriminator(nn.Module):
-    def __init__(
-        self, obs_len, pred_len, embedding_dim=64, h_dim=64, mlp_dim=1024, num_layers=1,
-        activation="relu", batch_norm=True, dropout=0.0, d_type="local",
-    ):  # fmt: skip
-        super().__init__()
-        options = {"activation": activation, "batch_norm": batch_norm}
-        self.encoder = Encoder(embedding_dim, h_dim, num_layers, dropout)
-        self.real_classifier = make_mlp([h_dim, mlp_dim, 1], dropout=dropout, **options)
-        self.pool_net = (
-            PoolHiddenNet(embedding_dim, h_dim, h_dim, **options) if d_type == "global" else None
-        )
-
-    def forward(self, traj, traj_rel, seq_start_end=None):
-        hidden = self.encoder(traj_rel)[-1]
-        if self.pool_net is not None:
-            hidden = self.pool_net(hidden, seq_start_end, traj[0])
-        return self.real_classifier(hidden)

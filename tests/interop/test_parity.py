@@ -9,8 +9,7 @@ import pytest
 
 from neurosym_jax.commands.parity import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.interop.parity import run_parity
-from neurosym_jax.interop.parity_rows import Parity, ParityRow
+from neurosym_jax.interop.parity import Parity, ParityRow, run_parity
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
@@ -56,9 +55,6 @@ def golden(shared):
     return directory
 
 
-# What is stored agrees
-
-
 @pytest.mark.rounding
 @pytest.mark.parametrize("folder", ["published", "fresh"])
 def test_stored_cases(folder):
@@ -68,15 +64,12 @@ def test_stored_cases(folder):
     assert {row.output for row in parity.rows} == {"pred_rel", "pred_abs"} | scores
 
 
-def test_the_stored_cases_are_small_and_prove_something():
-    assert sum(path.stat().st_size for path in GOLDEN.rglob("*") if path.is_file()) < 1_000_000
+def test_the_stored_cases_prove_something():
     for path in GOLDEN.glob("[pf]*/*.npz"):
         with np.load(path) as arrays:
             assert np.abs(arrays["pred_rel"]).max() > 0.01
             # A score of zero is a ReLU that is shut, and would agree with anything.
             assert "d_scores_fake" not in arrays or arrays["d_scores_fake"].min() > 0
-            assert {array.dtype.kind for array in arrays.values()} <= {"f", "i"}
-            assert all(a.dtype == np.float32 for a in arrays.values() if a.dtype.kind == "f")
 
 
 @pytest.mark.parametrize("x64", [pytest.param(False, marks=pytest.mark.rounding), True])
@@ -115,9 +108,6 @@ def test_far_from_the_origin(tmp_path):
 
     parity = run_parity(copied(tmp_path, GOLDEN / "fresh", POOLED, move), 2e-6)
     assert parity.ok, parity
-
-
-# A difference is a miss
 
 
 @pytest.mark.parametrize(
@@ -182,61 +172,22 @@ def test_one_element_decides_and_tolerance_is_inclusive(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
-def test_what_is_not_finite_is_a_miss_and_null(tmp_path):
+def test_what_is_not_finite_is_a_miss(tmp_path):
     broken = replaced("g_state/decoder.hidden2pos.bias", lambda a: np.full_like(a, 3e38))
     copied(tmp_path, GOLDEN / "fresh", NONE, broken)
     with jax.debug_nans(False):
         parity = run_parity(tmp_path)
     assert [row.ok for row in parity.rows] == [False, False, True]
-    assert json.dumps(parity.to_json(), allow_nan=False)
-
-
-# Verdict and report
-
-
-def test_unknown_kinds_are_skipped_and_prove_nothing(tmp_path, capsys):
-    copied(tmp_path, GOLDEN / "fresh", NONE)
-    manifest = tmp_path / "manifest.json"
-    others = [{"file": "qtcx.npz"}, {"file": "m.npz", "model": "neurosym", "variant": "other"}]
-    for other in others:
-        (tmp_path / other["file"]).write_bytes(b"")
-    manifest.write_text(json.dumps([*json.loads(manifest.read_text()), *others]))
-    assert [row.skipped for row in run_parity(tmp_path).rows[3:]] == [
-        "this version compares no 'qtcx' cases",
-        "this version compares no 'other' cases",
-    ]
-    assert run(Options(tmp_path)) == 0
-    assert "3 of 3 outputs within 1e-05; 2 cases skipped" in capsys.readouterr().out
-    manifest.write_text(json.dumps(others))
-    assert run(Options(tmp_path)) == 1
-    assert "nothing was compared" in capsys.readouterr().out
-
-
-def test_json_report(tmp_path):
-    options = Options(copied(tmp_path, GOLDEN / "fresh", NONE), json=tmp_path / "out.json")
-    for _ in range(2):  # The second run replaces the report of the first.
-        assert run(options) == 0
-    report = json.loads((tmp_path / "out.json").read_text())
-    assert (report["format"], report["tolerance"], len(report["rows"])) == (1, 1e-5, 3)
-    assert report["rows"][0]["output"] == "pred_rel"
-    (tmp_path / "out.json").write_text("my notes")
-    with pytest.raises(InputError, match=r"out\.json"):
-        run(options)
-    assert (tmp_path / "out.json").read_text() == "my notes"
 
 
 def test_table_is_aligned():
     rows = (
         ParityRow("a.npz", "pred_rel", (3, 2), 1e-7, 1e-6, True),
         ParityRow("longer.npz", "loss", (), 2e-5, 1e-3, False),
-        ParityRow("b.npz", skipped="unknown"),
     )
-    head, *lines = str(Parity(rows)).splitlines()[:4]
-    assert len({line.index(word) for line, word in zip(lines, ["ok", "MISS", "skipped"])}) == 1
+    head, *lines = str(Parity(rows)).splitlines()[:3]
+    assert len({line.index(word) for line, word in zip(lines, ["ok", "MISS"])}) == 1
     assert head.index("shape") == lines[0].index("3x2") == lines[1].index("scalar")
-
-
-# What is wrong is named
 
 
 @pytest.mark.parametrize(
@@ -244,11 +195,10 @@ def test_table_is_aligned():
     [
         ("{", "not JSON"),
         ("[]", "at least one case"),
-        ('{"file": "case.npz"}', "list"),
         ("[3]", "row 0 needs 'file'"),
-        ('[{"model": "sgan"}]', "row 0 needs 'file'"),
         ('[{"file": "../case.npz"}]', "row 0 needs 'file'"),
-        ('[{"file": "absent.npz"}]', r"absent\.npz: is in the manifest and does not exist"),
+        ('[{"file": "absent.npz"}]', "'absent' is none of the cases sgan"),
+        ('[{"file": "qtc.npz"}]', r"qtc\.npz: cannot be read"),
     ],
 )
 def test_bad_manifests(tmp_path, text, reason):
@@ -261,14 +211,12 @@ def test_bad_manifests(tmp_path, text, reason):
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"directory": Path("absent")}, "no such directory"),
         ({"directory": GOLDEN}, r"manifest\.json: cannot be read"),
         ({"directory": GOLDEN / "fresh", "tolerance": -1.0}, "tolerance"),
         ({"directory": GOLDEN / "fresh", "tolerance": float("nan")}, "tolerance"),
         ({}, "give either"),
         ({"directory": GOLDEN, "torch_module": "a.py:B"}, "give either"),
-        ({"directory": GOLDEN, "seed": 3}, "--seed needs --torch-module"),
-        ({"torch_module": "a.py:B"}, "--torch-module needs --checkpoint"),
+        ({"torch_module": "a.py:B"}, "give either"),
     ],
 )
 def test_bad_options(options, reason):
@@ -277,73 +225,45 @@ def test_bad_options(options, reason):
 
 
 @pytest.mark.parametrize(
-    ("changes", "reason"),
+    ("change", "row", "reason"),
     [
-        ({"pooling_type": "hidden"}, "pooling_type"),
-        ({"pooling_type": "spool"}, "mlp_pool"),
-        ({"pooling_type": DROP}, "manifest: pooling_type is missing"),
-        ({"noise_dim": [2, 2]}, "noise_dim"),
-        ({"batch_norm": True}, "batch_norm is True"),
-        ({"num_layers": 2}, "num_layers is 2"),
-        ({"heads": 2}, "unknown argument 'heads'"),
-        ({"d_type": "both"}, "kind"),
-        ({"pred_len": 4}, r"'traj' has the shape \[11, 16, 2\], not \[any, 12, 2\]"),
+        (None, {"pooling_type": "hidden"}, "pooling_type"),
+        (None, {"pooling_type": DROP}, "args: pooling_type is missing"),
+        (None, {"batch_norm": True}, "batch_norm is True"),
+        (None, {"d_type": "both"}, "kind"),
+        (None, {"pred_len": 4}, r"'traj' has the shape \[11, 16, 2\], not \[any, 12, 2\]"),
+        (without("noise"), {}, "'noise' is missing"),
+        (without("d_state/encoder.encoder.bias_hh_l0"), {}, "'encoder.encoder.bias_hh_l0' is miss"),
+        (replaced("noise", lambda a: a[:, :1]), {}, r"\[4, 1\], not \[4, 2\]"),
+        (replaced("d_scores_fake", lambda a: a[:, None]), {}, r"\[11, 1\], not \[11\]"),
+        (replaced("traj", lambda a: a * np.nan), {}, "not a finite number"),
+        (replaced("scene_start_end", lambda a: a[1:]), {}, "scenes one after another"),
+        (replaced("scene_start_end", lambda a: a[:-1]), {}, "scenes one after another"),
+        (replaced("scene_start_end", lambda a: a[[0, 0, 1, 2, 3]]), {}, "scenes one after another"),
     ],
 )
-def test_bad_rows(tmp_path, changes, reason):
+def test_bad_cases_of_sgan(tmp_path, change, row, reason):
     with pytest.raises(InputError, match=reason) as caught:
-        run_parity(copied(tmp_path, GOLDEN / "fresh", NONE, row_changes=changes))
+        run_parity(copied(tmp_path, GOLDEN / "fresh", NONE, change, row))
     assert str(caught.value).startswith(str(tmp_path / NONE))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "reason"),
-    [
-        ("noise", lambda a: a[:, :1], r"\[4, 1\], not \[4, 2\]"),
-        ("pred_rel", lambda a: a[:, 0], "pred_rel"),
-        ("d_scores_fake", lambda a: a[:, None], r"\[11, 1\], not \[11\]"),
-        ("traj_rel", lambda a: a[1:], "traj_rel"),
-        ("traj", lambda a: a.astype(int), "not floating point"),
-        ("traj", lambda a: a * np.nan, "not finite"),
-        ("scene_start_end", lambda a: a[1:], "scenes one after another"),
-        ("scene_start_end", lambda a: a[:-1], "scenes one after another"),
-        ("scene_start_end", lambda a: a[[0, 0, 1, 2, 3]], "scenes one after another"),
-        ("scene_start_end", lambda a: a * 1.0, "whole numbers"),
-        ("scene_start_end", lambda a: a[:0], "at least one scene"),
-    ],
-)
-def test_bad_arrays(tmp_path, name, change, reason):
-    with pytest.raises(InputError, match=reason):
-        run_parity(copied(tmp_path, GOLDEN / "fresh", NONE, replaced(name, change)))
-
-
-def test_missing_arrays(tmp_path):
-    with np.load(GOLDEN / "fresh" / NONE) as archive:
-        names = archive.files
-    for name in names:
-        with pytest.raises(InputError, match=name.partition("/")[2] or name):
-            run_parity(copied(tmp_path, GOLDEN / "fresh", NONE, without(name)))
 
 
 @pytest.mark.parametrize(
     ("file", "change", "row", "message"),
     [
         ("qtc.npz", replaced("k", lambda a: a[1:]), {}, r"'l' has the shape"),
-        ("qtc.npz", replaced("qtc_signed", lambda a: a * 1.0), {}, "qtc_signed.*whole numbers"),
         ("qtc.npz", without("qtc_signed"), {}, "'qtc_signed' is mis"),
         ("neurosym_ros_0.npz", replaced("alpha", lambda a: a[1:]), {}, r"'alpha' has the shape"),
         ("neurosym_ijcnn_1.npz", without("alpha_rows_used"), {}, "'alpha_rows_used' is missing"),
         ("neurosym_ros_1.npz", None, {"pooling_type": "spool"}, "one of 'pool_net', not 'spool'"),
-        ("train_step.npz", None, {"noise_mix_type": "ped"}, "noise_mix_type global"),
         ("train_step.npz", None, {"best_k": 3}, r"\[5, 4, 8\], not \[3, 4, 8\]"),
         ("train_step.npz", None, {"label_fake": DROP}, "label_fake is missing"),
         ("train_step.npz", without("d_loss"), {}, "'d_loss' is missing"),
-        ("train_step.npz", without("g0/decoder.hidden2pos.bias"), {}, "decoder.hidden2pos.bias"),
         ("train_step.npz", without("d1/encoder"), {}, "encoder"),
     ],
 )
-def test_bad_cases(golden, tmp_path, file, change, row, message):
+def test_bad_cases_of_released_code(golden, tmp_path, file, change, row, message):
     with pytest.raises(InputError, match=message):
         run_parity(copied(tmp_path, golden, file, change, row))
 
@@ -356,9 +276,5 @@ def test_files_that_are_no_archives(tmp_path):
         with pytest.raises(InputError, match=NONE):
             run_parity(tmp_path)
     np.savez(path, traj=np.array([{}], dtype=object))
-    with pytest.raises(InputError, match="plain arrays"):
-        run_parity(tmp_path)
-    with path.open("wb") as file:
-        np.save(file, np.zeros(3))
     with pytest.raises(InputError, match="plain arrays"):
         run_parity(tmp_path)

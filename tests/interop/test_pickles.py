@@ -1,11 +1,9 @@
 """Files of torch.save, damaged, foreign and hostile: one line each, and no code is run."""
 
-import argparse
 import io
 import os
 import pickle
 import struct
-import tracemalloc
 import zipfile
 from pathlib import Path
 
@@ -44,6 +42,7 @@ def zip_file(program):
 
 
 FORMS = {"zip": SMALL, "legacy": as_legacy(SMALL)}
+EMPTY = pickle.dumps({}, 2)
 
 
 def test_legacy_form_reads_the_same(tmp_path):
@@ -63,9 +62,10 @@ def test_legacy_form_reads_the_same(tmp_path):
         (b"\x80\x02}.", "not a file of torch.save"),
         (zip_file(b"")[:4], "damaged or cut short"),
         (zip_file(b"").replace(b"data.pkl", b"data.jpg"), "not one of torch"),
-        (legacy_file(pickle.dumps({}, 2), little_endian=False), "big-endian"),
-        (legacy_file(pickle.dumps({}, 2), protocol=1000), "is not 1001"),
-        (legacy_file(pickle.dumps({}, 2)) + b"more", "4 bytes follow"),
+        (legacy_file(EMPTY, little_endian=False), "big-endian"),
+        (legacy_file(EMPTY, protocol=1000), "is not 1001"),
+        (legacy_file(EMPTY) + b"more", "4 bytes follow"),
+        (zip_file(b"\x80\x02X\x00\x10\x00\x00" + b" " * 4096 + b"r\x00\x08\x00\x00."), "memo"),
     ],
 )
 def test_foreign_files(tmp_path, data, message):
@@ -75,10 +75,14 @@ def test_foreign_files(tmp_path, data, message):
         load_torch_checkpoint(path)
 
 
-def test_not_a_file(tmp_path):
+def test_not_a_file(tmp_path, monkeypatch):
     for path in (tmp_path, tmp_path / "absent.pt"):
         with pytest.raises(InputError, match=str(path)):
             load_torch_checkpoint(path)
+    (tmp_path / "a.pt").write_bytes(SMALL)
+    monkeypatch.setattr("neurosym_jax.runtime.memory.available_memory", lambda: 1e3)
+    with pytest.raises(InputError, match="GB of memory"):
+        load_torch_checkpoint(tmp_path / "a.pt")
 
 
 class Hostile:
@@ -111,10 +115,12 @@ def test_code_is_refused_by_name(tmp_path, wrap, protocol):
         (b"ctorch.nn\nLinear\n.", r"'torch\.nn\.Linear'"),
         # Each of these would write into a class or an object of ours.
         (b"ctorch._utils\n_rebuild_tensor_v2\n}X\x01\x00\x00\x00aK\x01sb.", "damaged"),
-        (b"ctorch\nSize\nN}X\x01\x00\x00\x00aK\x01s\x86b.", "damaged"),
+        (b"ccollections\nOrderedDict\nN}X\x01\x00\x00\x00aK\x01s\x86b.", "damaged"),
         (b"ctorch\nFloatStorage\nN}X\x01\x00\x00\x00aK\x01s\x86b.", "damaged"),
         (b"ctorch._utils\n_rebuild_tensor_v2\n)\x81.", "damaged"),
-        (b"(X\x06\x00\x00\x00modulectorch\nSize\nX\x01\x00\x00\x000NK\x01tQ.", "other than"),
+        (b"(X\x06\x00\x00\x00modulectorch\nSize\nX\x01\x00\x00\x000NK\x01tQ.", "refused"),
+        # A dictionary that begins with something would be lost.
+        (b"ccollections\nOrderedDict\n]\x85R.", "made in a way torch does not"),
     ],
 )
 @pytest.mark.parametrize("wrap", [zip_file, legacy_file])
@@ -151,8 +157,6 @@ def tensor_program(offset=0, shape=(2, 2), strides=(2, 1), numel=4, view=None):
         {"shape": (4,)},
         {"numel": -1},
         {"view": ("v", 1, 3)},
-        {"view": ("v", 1, 4)},
-        {"view": ("v", 0.0, 4)},
         {"numel": 5},
         {"numel": 3},
     ],
@@ -167,112 +171,15 @@ def test_tensors_stay_within_their_storage(tmp_path, description):
         read_torch_file(path)
 
 
-def test_a_view_of_a_storage(tmp_path):
-    """Until 2018 a storage could be a part of another."""
-    path, values = tmp_path / "a.pt", np.arange(6, dtype=np.float32)
-    program = tensor_program(numel=6, view=("v", 2, 4))
-    path.write_bytes(legacy_file(program, ["0"], [values.tobytes()]))
-    np.testing.assert_array_equal(read_torch_file(path), values[2:].reshape(2, 2))
-
-
-def test_a_namespace_of_arguments(tmp_path):
-    """As some training scripts save them."""
-    path = tmp_path / "a.pt"
-    space = argparse.Namespace(obs_len=8, noise_dim=(1,))
-    path.write_bytes(zip_file(pickle.dumps({"args": space}, 2)))
-    assert read_torch_file(path) == {"args": vars(space)}
-
-
-def repeated(once, again, times):
-    """A pickle that keeps `once` in its memo and then does `again` to it so often."""
-    return b"\x80\x02(" + once + b"q\x00" + again * times + b"t."
-
-
-def overlapping_zip(size, entries):
-    """A zip whose many entries all hold the same bytes."""
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("archive/data.pkl", pickle.dumps({}, 2))
-        archive.writestr("archive/data/0", bytes(size))
-        first = archive.infolist()[1]
-        for i in range(1, entries):
-            info = zipfile.ZipInfo(f"archive/data/{i}")
-            for name in ("CRC", "compress_size", "file_size", "header_offset"):
-                setattr(info, name, getattr(first, name))
-            archive.filelist.append(info)
-    return file.getvalue()
-
-
-BIG_LIST = b"](" + b"N" * 100_000 + b"e"
-BIG_DICT = b"}(" + b"".join(b"J" + i.to_bytes(4, "little") + b"N" for i in range(50_000)) + b"u"
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (zip_file(repeated(BIG_LIST, b"ctorch\nSize\nh\x00\x85R", 20_000)), "made of a tuple"),
-        (
-            zip_file(repeated(BIG_DICT, b"ccollections\nOrderedDict\nh\x00\x85R", 20_000)),
-            "damaged",
-        ),
-        (zip_file(b"\x80\x02" + b"]" * 1_000_000 + b"."), "more than 300000 opcodes"),
-        (zip_file(b"\x80\x02U\x00" + b"\x00" * 2**24 + b"."), "larger than"),
-        (legacy_file(b"\x80\x02X\xff\xff\xff\x01" + b" " * (2**25 - 1) + b"."), "damaged"),
-        (zip_file(b"\x80\x02X\x00\x10\x00\x00" + b" " * 4096 + b"r\x00\x08\x00\x00."), "memo"),
-        (overlapping_zip(2**20, 1000), "overlap"),
-    ],
-    ids=["sizes", "dictionaries", "opcodes", "long", "long legacy", "memo", "overlapping"],
-)
-def test_no_more_memory_than_the_file_has_bytes(tmp_path, data, message):
-    path = tmp_path / "a.pt"
-    path.write_bytes(data)
-    tracemalloc.start()
-    try:
-        with pytest.raises(InputError, match=message):
-            load_torch_checkpoint(path)
-        assert tracemalloc.get_traced_memory()[1] < 10 * len(data) + 2e8
-    finally:
-        tracemalloc.stop()
-
-
-def test_namespaces_share_their_attributes(tmp_path):
-    path = tmp_path / "a.pt"
-    program = repeated(BIG_DICT, b"cargparse\nNamespace\n)\x81h\x00b", 20_000)
-    path.write_bytes(zip_file(program))
-    tracemalloc.start()
-    read_torch_file(path)
-    assert tracemalloc.get_traced_memory()[1] < 1e8
-    tracemalloc.stop()
-
-
-def test_a_sparse_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
-    path = tmp_path / "a.pt"
-    path.write_bytes(legacy_file(tensor_program(), ["0"], [bytes(16)]))
-    os.truncate(path, 2**28)
-    tracemalloc.start()
-    with pytest.raises(InputError, match="bytes follow the last storage"):
-        read_torch_file(path)
-    assert tracemalloc.get_traced_memory()[1] < 2**26
-    tracemalloc.stop()
-    monkeypatch.setattr("neurosym_jax.runtime.memory.available_memory", lambda: 1e9)
-    with pytest.raises(InputError, match="GB of memory"):
-        read_torch_file(path)
-
-
-@pytest.mark.parametrize("form", ["zip", "legacy"])
-def test_truncated_anywhere(tmp_path, form):
-    data, path = FORMS[form], tmp_path / "a.pt"
-    for length in [*range(0, len(data), 61), len(data) - 1]:
-        path.write_bytes(data[:length])
-        with pytest.raises(InputError, match=r"a\.pt: [^\n]+$"):
-            load_torch_checkpoint(path)
-
-
 @pytest.mark.filterwarnings("ignore:invalid escape sequence")
 @pytest.mark.parametrize("form", ["zip", "legacy"])
-def test_flipped_bytes(tmp_path, form):
+def test_cut_short_or_a_byte_flipped_anywhere(tmp_path, form):
     """A flip in a weight goes unnoticed (legacy files carry no checksum); none does worse."""
     original, path, rng = FORMS[form], tmp_path / "a.pt", np.random.default_rng(0)
+    for length in [*range(0, len(original), 61), len(original) - 1]:
+        path.write_bytes(original[:length])
+        with pytest.raises(InputError, match=r"a\.pt: [^\n]+$"):
+            load_torch_checkpoint(path)
     messages = []
     for position in range(0, len(original), 17):
         data = bytearray(original)
@@ -307,10 +214,8 @@ def test_published_checkpoint_damaged(shared, tmp_path):
 @pytest.mark.parametrize("zip_form", [False, True])
 def test_dtypes_written_by_torch(tmp_path, torch, zip_form, dtype):
     tensor = torch.arange(6).reshape(2, 3).to(getattr(torch, dtype)).T
-    scalar = torch.tensor(3)
-    contents = {"a": tensor, "b": scalar, "c": tensor.shape}
+    contents = {"a": tensor, "b": torch.tensor(3)}
     torch.save(contents, tmp_path / "a.pt", _use_new_zipfile_serialization=zip_form)
     read = read_torch_file(tmp_path / "a.pt")
     np.testing.assert_array_equal(np.asarray(read["a"]), tensor.numpy(), strict=True)
     assert np.asarray(read["b"]) == 3
-    assert read["c"] == (3, 2)

@@ -9,7 +9,6 @@ import pytest
 import tyro
 
 from neurosym_jax.__main__ import commands
-from neurosym_jax.commands._running import with_plugins
 from studies.check_docs import commands as named_commands
 from studies.check_docs import lacking, plain
 
@@ -21,8 +20,8 @@ def options(name: str) -> set[str]:
     module = importlib.import_module(commands()[name])
     text = io.StringIO()
     with redirect_stdout(text), pytest.raises(SystemExit):
-        tyro.cli(with_plugins(module.Options), args=["--help"])
-    return set(re.findall(r"--[a-z][a-z0-9.-]*", text.getvalue()))
+        tyro.cli(module.Options, args=["--help"])
+    return {"--plugin", "--help-all", *re.findall(r"--[a-z][a-z0-9.-]*", text.getvalue())}
 
 
 def test_what_is_named_is_there():

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import tyro
 
-from neurosym_jax.commands._running import with_plugins
+from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError
 from neurosym_jax.training.sweep import run_sweep
@@ -43,12 +43,14 @@ def test_runs(tmp_path):
 
 def test_a_run_is_what_its_command_trains(tmp_path, monkeypatch):
     """Its process is told of everything that makes the run, plugins included."""
+    plugins = []
     monkeypatch.setattr("neurosym_jax.training.sweep_plan.loaded", lambda: ["mine.py"])
+    monkeypatch.setattr("neurosym_jax.commands._running.load_plugin", plugins.append)
     models = ("sgan", "social", "neurosym", "neurosym_ros")
     changes = {"changes": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
     for run in plan_runs(tmp_path, **{**CHOSEN, "models": models, **changes}, steps=10):
-        options = tyro.cli(with_plugins(Options), args=run.arguments)
-        assert options.plugin == ("mine.py",)
+        options = tyro.cli(Options, args=load_plugins(run.arguments))
+        assert plugins.pop() == "mine.py"
         assert (options.out, options.resume) == (run.folder, True)
         described = make_run(options)
         assert (described.network, described.recipe) == (run.network, run.recipe)
