@@ -107,8 +107,7 @@ def _training_costs() -> dict[str, float]:
         batches = 2 if recipe.adversarial_weight else 1
         stream = SceneStream(_windows(), recipe.batch_scenes, recipe.seed, recipe.max_agents)
         groups = stream.steps(0, batches)
-        scene = jax.tree.map(lambda leaf: leaf[0, 0], groups[0])
-        state = jax.eval_shape(lambda key: initial_state(config, recipe, scene, key), key)  # noqa: B023
+        state = jax.eval_shape(lambda key: initial_state(config, recipe, key), key)  # noqa: B023
         step = jax.tree.map(lambda leaf: leaf[None], groups)
         pooling = POOLINGS.name_of(config.pooling)
         cost: Any = train_steps.lower(config, recipe, key, state, step).cost_analysis()

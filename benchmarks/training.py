@@ -96,9 +96,8 @@ def ours(batches) -> Callable[[], None]:
 
     generator, config = GeneratorConfig(), RECIPES["sgan"]
     batches = jax.device_put(batches)
-    example = jax.tree.map(lambda leaf: leaf[0, 0], batches[0])
     key = jax.random.key(0)
-    state = jax.jit(lambda: initial_state(generator, config, example, key))()
+    state = jax.jit(lambda: initial_state(generator, config, key))()
     step = jax.jit(
         lambda state, key: train_step(generator, config, state, batches, key), donate_argnums=0
     )

@@ -23,8 +23,7 @@ from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.symbolic import Learned, alpha_table
 from neurosym_jax.symbolic.description import state_texts
 from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.training.dead_pooling import warn_if_no_gradient
-from neurosym_jax.training.gradients import generator_gradient
+from neurosym_jax.training.gradients import generator_gradient, warn_if_no_gradient
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.rollout import draw_group_noise
 from neurosym_jax.training.stream import SceneStream

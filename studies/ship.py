@@ -13,7 +13,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.training.card import write_card
+from neurosym_jax.forecasting.model_folder import replace_card
+from neurosym_jax.training.card import model_card
 
 CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"
 FIRST = "_seed0"
@@ -33,7 +34,8 @@ def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
             for row in rows
             if row["checkpoint"] is None and (row["dataset"], row["pred_len"]) in tests
         ]
-        write_card(folder, json.loads((run / "run.json").read_text()), [*tested, *baselines])
+        facts = json.loads((run / "run.json").read_text())
+        replace_card(folder, model_card(facts, [*tested, *baselines]))
         print(f"{folder.name}: {len(tested)} test sets")
 
 

@@ -29,7 +29,7 @@ ROOMS = (
 LATER = {
     ("data/sources.py", "simulation"),
     ("forecasting/model_folder.py", "interop"),
-    ("training/finish.py", "plotting"),
+    ("training/loop.py", "plotting"),
     ("training/sweep_report.py", "plotting"),
 }
 """Files that use a room to their right all the same."""

@@ -21,7 +21,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene
-from neurosym_jax.training import generator_objective, loop
+from neurosym_jax.training import loop
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.run import Run
 from neurosym_jax.training.step import TrainState
@@ -71,20 +71,19 @@ def run_of(params, monkeypatch):
         obs_len=2,
     )
 
-    def advance(generator, recipe, key, state, groups):
-        count = len(groups[0].valid)
+    def advance(state, done, count):
         return state._replace(step=np.int32(state.step + count)), {"g_loss": np.ones(count)}
 
-    state = TrainState(np.int32(0), params, (), (), (), ())
-    monkeypatch.setattr(generator_objective, "initial_state", lambda *_: state)
-    monkeypatch.setattr(generator_objective, "train_steps", advance)
+    monkeypatch.setattr(loop, "start_of", lambda _: TrainState(np.int32(0), params, (), ()))
+    monkeypatch.setattr(loop, "rounds_of", lambda _: advance)
     values = {"val_ade": 1.0, "val_fde": 1.0, "val_score": 2.0}
     monkeypatch.setattr(loop, "_validate", lambda *_: dict(values))
     # As figures are written, but drawn in no time.
-    curves = lambda folder, rows: write_text(folder / "curves.png", "drawn" * 100)  # noqa: E731
-    monkeypatch.setattr(loop, "write_curves", curves)
-    monkeypatch.setattr("neurosym_jax.training.finish.code_version", lambda: "1")
-    monkeypatch.setattr(loop, "run_environment", functools.cache(loop.run_environment))
+    draw = lambda figure, path: write_text(path, "drawn" * 100)  # noqa: E731
+    monkeypatch.setattr("neurosym_jax.plotting.save_figure", draw)
+    monkeypatch.setattr("neurosym_jax.plotting.plot_training", lambda *_: None)
+    monkeypatch.setattr(loop, "code_version", lambda: "1")
+    monkeypatch.setattr(loop, "record_of", functools.cache(loop.record_of))
     return Run(NETWORK, RECIPE, windows, windows, "zara1")
 
 

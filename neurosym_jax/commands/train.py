@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import shared_shapes
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, describe_readings
@@ -15,8 +16,10 @@ from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic, open_s
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.evaluation.test_sets import baselines_of
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.plugins import loaded
-from neurosym_jax.training.finish import outcome
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.network import model_name, named_network, usual_recipe
 from neurosym_jax.training.recipe import make_recipe
@@ -29,15 +32,7 @@ __all__ = ["Options", "make_run", "run"]
 class Options:
     """Train a model: `python train.py` alone does so on the embedded simulations."""
 
-    SHOWN: ClassVar = (
-        "model",
-        "data",
-        "dataset",
-        "pred_len",
-        "weighting",
-        "steps",
-        "out",
-    )
+    SHOWN: ClassVar = ("model", "data", "dataset", "pred_len", "weighting", "steps", "out")
 
     model: Literal["sgan", "neurosym", "anchors", "anchor_table"] = "sgan"
     """Network to train: SGAN, NeuroSyM (weights pairs of people by symbols), anchors (learned
@@ -102,7 +97,21 @@ def run(options: Options) -> None:
     if text := describe_readings([*run.training.reading, *run.validation.reading]):
         print(text)
     model = train_run(run, folder, resume=options.resume)
-    print(f"{outcome(run, model)}\nmodel: {folder / 'model'}\ntest it: {_test_of(options, folder)}")
+    _print_errors(run, model)
+    print(f"model: {folder / 'model'}\ntest it: {_test_of(options, folder)}")
+
+
+def _print_errors(run: Run, model: Model) -> None:
+    """Print the validation errors of the model, which they chose, and of the baselines."""
+    config, samples = run.network, run.samples
+    batches = make_batches(run.validation)
+    print(f"on the {run.validation.scenes} validation scenes, joint best of {samples}, metres:")
+    of = baselines_of(None, config.obs_len, config.pred_len, run.dataset, samples)
+    for each in (model, *(baseline for _, baseline in of)):
+        how = {"samples": samples, "seed": run.recipe.seed, "metrics": ("joint_ade", "joint_fde")}
+        found = score_forecaster(each.forecaster, each.params, batches, **how)
+        ade, fde = found.mean("joint_ade"), found.mean("joint_fde")
+        print(f"  {each.name:26}  ADE {ade:.3f}  FDE {fde:.3f}")
 
 
 def _test_of(options: Options, folder: Path) -> str:
@@ -122,12 +131,13 @@ def make_run(options: Options) -> Run:
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
+    obs_len, pred_len = options.obs_len, options.pred_len
     network = named_network(
         options.model,
         pooling=options.pooling,
         weighting=options.weighting,
-        obs_len=options.obs_len,
-        pred_len=options.pred_len,
+        obs_len=obs_len,
+        pred_len=pred_len,
         changes=options.network,
     )
     recipe = make_recipe(
@@ -140,19 +150,25 @@ def make_run(options: Options) -> Run:
         for place in options.train_also
         for tracks in recordings_in(place, options.read)
     ]
-    training, validation = (
-        cut_windows(tracks, options.obs_len, options.pred_len, min_agents=least)
-        for tracks, least in ((learned, recipe.min_agents), (validated, 2))
-    )
-    _refuse_seen(options, source, training, validation)
+    training = cut_windows(learned, obs_len, pred_len, min_agents=recipe.min_agents)
+    validation = cut_windows(validated, obs_len, pred_len)
+    parts = {"validated": validation}
+    if options.dataset in source.scenes and not isinstance(source, Synthetic):
+        with contextlib.suppress(InputError):  # It may be too short for a window.
+            tested = source.recordings(str(options.dataset))
+            parts["tested"] = cut_windows(tested, obs_len, pred_len)
+    _refuse_seen(parts, training)
+    if isinstance(source, EthUcy):
+        first = "ETH/UCY"
+    else:
+        first = source.name or (options.data.stem if options.data else "recordings")
     return Run(
         network=dataclasses.replace(network, period=training.period),
         recipe=recipe,
         training=training,
         validation=validation,
         dataset=None if options.train_on else options.dataset or source.name or None,
-        data_name=_data_name(options, source),
-        data=_data_sets(options, source),
+        data=(first, *(place.stem for place in options.train_also)),
     )
 
 
@@ -176,15 +192,9 @@ def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
     ]
 
 
-def _refuse_seen(options: Options, source: Source, training: Windows, validation: Windows) -> None:
-    """Refuse to train on what the model is to be validated or tested on, by what is in it."""
-    parts = {}
-    if options.dataset in source.scenes and not isinstance(source, Synthetic):
-        with contextlib.suppress(InputError):  # It may be too short for a window.
-            parts["tested"] = cut_windows(
-                source.recordings(str(options.dataset)), options.obs_len, options.pred_len
-            )
-    for use, windows in {**parts, "validated": validation}.items():
+def _refuse_seen(parts: dict[str, Windows], training: Windows) -> None:
+    """Refuse to train on what the model is tested or validated on, by what is in it."""
+    for use, windows in reversed(parts.items()):
         found, all_ = shared_shapes(windows, training)
         if found > 0.01 * all_:
             names = ", ".join(dict.fromkeys(how.recording for how in windows.reading))
@@ -192,25 +202,3 @@ def _refuse_seen(options: Options, source: Source, training: Windows, validation
                 f"the training data has {found} of the {all_} shapes of windows in {names}, and "
                 f"that is what the model is {use} on"
             )
-
-
-def _data_sets(options: Options, source: Source) -> tuple[str, ...]:
-    """Names of the data sets to learn from, for their licences."""
-    if isinstance(source, EthUcy):
-        first = "ETH/UCY"
-    else:
-        first = source.name or (options.data.stem if options.data else "recordings")
-    return (first, *(place.stem for place in options.train_also))
-
-
-def _data_name(options: Options, source: Source) -> str:
-    besides = " and ".join(place.stem for place in options.train_also)
-    also = f", and on {besides}" if besides else ""
-    if options.train_on:
-        return f"trained on {', '.join(Path(name).stem for name in options.train_on)}{also}"
-    if options.dataset == GENERAL:
-        of = "ETH/UCY" if isinstance(source, EthUcy) else str(options.data)
-        return f"trained on all of {of}{also}"
-    if isinstance(source, Synthetic):
-        return f"trained on simulations ({options.dataset or 'all'}){also}"
-    return f"trained without {options.dataset}{also}"

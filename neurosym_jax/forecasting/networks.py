@@ -23,6 +23,7 @@ __all__ = [
     "GeneratorForecaster",
     "decode_scene",
     "encode_scene",
+    "initial_generator",
     "interact_scene",
 ]
 
@@ -48,7 +49,7 @@ class GeneratorForecaster(TwoStageForecaster):
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """See `Forecaster.shapes`."""
-        params: Any = _fresh.eval_shape(self.config, jax.random.key(0))
+        params: Any = initial_generator.eval_shape(self.config, jax.random.key(0))
         if parameters := initial_parameters(self.config.weighting):
             params = {**params, "weighting": parameters}
         leaves = jax.tree_util.tree_leaves_with_path(params)
@@ -101,8 +102,8 @@ class GeneratorForecaster(TwoStageForecaster):
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _fresh(config: GeneratorConfig, key: jax.Array) -> Any:
-    """New parameters; compiled only so that its shapes are traced once a configuration."""
+def initial_generator(config: GeneratorConfig, key: jax.Array) -> Any:
+    """New parameters of a generator, without those of its weighting; `key` [] is consumed."""
     scene = make_scene(np.zeros((1, config.obs_len, 2)))
     pairs = (1,) if "alpha_rows" in config.pooling.inputs else (1, 1)
     alpha = np.zeros((*pairs, config.obs_len))

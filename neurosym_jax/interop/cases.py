@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import numpy as np
+import optax
 from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.configuration import from_json
@@ -39,10 +40,10 @@ from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.step import (
     TrainState,
-    clip_gradient,
+    clipping,
     initial_state,
+    update,
     update_discriminator,
-    update_generator,
 )
 
 __all__ = ["CASES"]
@@ -51,10 +52,9 @@ DECIMALS = 4
 """Of the authors' table as they printed it, and of their coordinates."""
 RELEASED = CndShipped(convention="as_published", decimals=DECIMALS)
 RECIPE = {
-    "g_learning_rate": "g_learning_rate",
+    "learning_rate": "g_learning_rate",
     "d_learning_rate": "d_learning_rate",
     "best_k": "best_k",
-    "l2_weight": "l2_loss_weight",
     "clip_norm": "clipping_threshold_g",
 }
 """Our fields of a training's recipe, and what the manifest calls them."""
@@ -191,7 +191,6 @@ def _compared_training(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         "criterion": "squared_displacement",
         "ema": 0.0,
         "schedule": "constant",
-        "weigh_scenes": "equally",
         "discriminator": dataclasses.asdict(discriminator),
     }
     config = from_json(TrainConfig, fields, "manifest")
@@ -207,11 +206,10 @@ def _compared_training(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         network = generator if prefix.startswith("g") else discriminator
         return {"params": params_from_torch(state_of(arrays, prefix), network)}
 
-    example = jax.tree.map(lambda leaf: leaf[0], groups[0])
-    fresh = jax.eval_shape(lambda: initial_state(generator, config, example, jax.random.key(0)))
+    fresh = jax.eval_shape(lambda: initial_state(generator, config, jax.random.key(0)))
     # Adam's state is all zeros before its first step.
     state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), fresh)._replace(
-        generator=stored("g0/"), discriminator=stored("d0/")
+        params=stored("g0/"), discriminator=stored("d0/")
     )
     trees, metrics = _two_steps(generator, config, state, groups, noises)
     compared: Compared = {n: (metrics[of], checked(arrays, n)) for n, of in LOSSES.items()}
@@ -226,18 +224,18 @@ def _two_steps(
 ):
     """Gradients and parameters after, by the names they are stored under, and metrics."""
     real, fake = config.label_real[0], config.label_fake[0]
-    batch = state.generator, state.discriminator, groups, noises[0]
+    batch = state.params, state.discriminator, groups, noises[0]
     labels = {"label_real": real, "label_fake": fake}
     d_gradient, d_metrics = discriminator_gradient(generator, config, *batch, **labels)
     state = update_discriminator(config, state, d_gradient)
-    batch = state.generator, state.discriminator, groups, noises[1]
+    batch = state.params, state.discriminator, groups, noises[1]
     g_gradient, g_metrics = generator_gradient(generator, config, *batch, label=real)
-    state = update_generator(config, state, g_gradient)
+    state = update(config, state, g_gradient)
     ours = {
         "d_grad": d_gradient,
         "d1": state.discriminator,
-        "g_grad_clipped": clip_gradient(config, g_gradient),
-        "g1": state.generator,
+        "g_grad_clipped": clipping(config).update(g_gradient, optax.EmptyState())[0],
+        "g1": state.params,
     }
     return ours, d_metrics | g_metrics
 

@@ -1,6 +1,6 @@
-from .dead_pooling import warn_if_no_gradient as warn_if_no_gradient
 from .gradients import discriminator_gradient as discriminator_gradient
 from .gradients import generator_gradient as generator_gradient
+from .gradients import warn_if_no_gradient as warn_if_no_gradient
 from .loop import train as train
 from .loop import train_run as train_run
 from .network import named_network as named_network

@@ -15,10 +15,8 @@ import jax.numpy as jnp
 
 __all__ = ["slowed", "started", "with_leak"]
 
-SCALE = 0.3
-"""Factor of the initial weights of the bottleneck's layer."""
-BIAS = 0.5
-"""Its initial biases."""
+SCALE, BIAS = 0.3, 0.5
+"""Factor of the initial weights of the bottleneck's layer, and its initial biases."""
 RATE = 0.05
 """Factor of the learning rate of the pooling's parameters."""
 LEAK = 0.1

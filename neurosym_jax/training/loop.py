@@ -1,11 +1,12 @@
-"""The training loop: rounds of compiled steps, validation, checkpoints, and the files of a run.
+"""The training loop: rounds of compiled steps, validation, saved states, and the files of a run.
 
 A run is a folder: `checkpoints/` (to resume from), `metrics.jsonl`, and at its end `curves.png`,
 `run.json` (all facts of the run) and `model/`, the best state by validation and its card.
-Everything random follows from (seed, step), so a resumed run continues bit for bit.
 """
 
 import dataclasses
+import json
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,30 +24,26 @@ from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.environment import run_environment
-from neurosym_jax.training.anchor_objective import AnchorObjective
-from neurosym_jax.training.checkpoints import TrainingCheckpoints
-from neurosym_jax.training.dead_pooling import EFFECT, neighbour_effect, warn_if_dead
-from neurosym_jax.training.finish import best_of, write_curves, write_model
-from neurosym_jax.training.generator_objective import GeneratorObjective
-from neurosym_jax.training.lock import sole_writer
-from neurosym_jax.training.metrics_log import MetricsLog
-from neurosym_jax.training.objective import CHUNK, Objective
+from neurosym_jax.runtime.environment import code_version
+from neurosym_jax.runtime.files import append_text, write_json, write_text
+from neurosym_jax.training.card import model_card
+from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
 from neurosym_jax.training.recipe import RECIPES, Recipe
-from neurosym_jax.training.run import Run, refuse_other_run
+from neurosym_jax.training.rounds import ROUND, rounds_of, start_of
+from neurosym_jax.training.run import Run, record_of, refuse_other_run
+from neurosym_jax.training.step import TrainState
 
 __all__ = ["train", "train_run"]
 
 Row = dict[str, Any]
 
-OBJECTIVES: dict[str, Callable[[Run], Objective]] = {
-    "generator": GeneratorObjective,
-    "anchors": AnchorObjective,
-    "anchor_table": AnchorObjective,
-}
-"""How each kind of forecaster is trained."""
+EFFECT = ("neighbour_share", "neighbour_near", "neighbour_move")
+"""The metrics of a validation by which a pooling is judged."""
+LEAST = 0.5
+"""Least share of people with somebody within 2 m whom a living pooling changes."""
 
 
 def train(
@@ -57,7 +54,6 @@ def train(
     network: Any = None,
     recipe: Recipe | None = None,
     dataset: str | None = None,
-    data_name: str = "data not named",
     data: Sequence[str] = (),
     resume: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
@@ -72,8 +68,7 @@ def train(
             period becomes that of the data.
         recipe: how the network is trained; default: `ours`, or `anchors` for one.
         dataset: the data set that was left out, to be tested on; recorded with the model.
-        data_name: of the training data, for people.
-        data: names of the data sets learned from, for their licences.
+        data: names of the data sets learned from, for the card and licences.
         resume: continue the run in `folder`.
         on_row: called with each row of `metrics.jsonl`, for a dashboard of one's own.
 
@@ -93,7 +88,7 @@ def train(
         for part, least in ((training, recipe.min_agents), (validation, 2))
     )
     network = dataclasses.replace(network, period=learned.period)
-    run = Run(network, recipe, learned, validated, dataset, data_name, tuple(data))
+    run = Run(network, recipe, learned, validated, dataset, tuple(data))
     return train_run(run, Path(folder), resume=resume, on_row=on_row)
 
 
@@ -104,106 +99,138 @@ def train_run(
     resume: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
-    """Train from the start, or from the newest good checkpoint in `folder`; see `train`.
+    """Train from the start, or from the newest good state in `folder`; see `train`.
 
     Raises:
         InputError: when `folder` holds a run already (and `resume` is not given), or another run.
-        TrainingError: when a loss or metric is not finite; the last good step stays on disk.
+        TrainingError: when a loss or metric is not finite; the last good state stays on disk.
     """
     with sole_writer(folder):
         return _train(run, folder, resume, on_row)
 
 
 def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]) -> Model:
-    config = run.recipe
-    objective = OBJECTIVES[run.kind](run)
-    batches = make_batches(run.validation)
-    state = objective.start()
-    best = _copy(objective.params(state))
-    validations: list[Row] = []
-    record = {**run.describe(), "environment": run_environment()}
-
-    checkpoints = TrainingCheckpoints(folder / "checkpoints")
-    if (found := checkpoints.restore((state, best))) is not None:
-        step, (state, best), before = found
+    recipe, record = run.recipe, record_of(run)
+    batches, advance, state = make_batches(run.validation), rounds_of(run), start_of(run)
+    best = _kept(run, state)
+    rows: list[Row] = []
+    if (found := restore_state(folder / "checkpoints", (state, best))) is not None:
+        (state, best), before = found
         if not resume:
-            raise InputError(f"{folder}: holds a run at step {step}; --resume continues it")
+            raise InputError(f"{folder}: holds a run at step {state.step}; --resume continues it")
         refuse_other_run(before, record, folder)
-        validations = [row for row in before["history"] if "val_score" in row]
+        rows = before["rows"]
     elif (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
-    done = int(state.step)
-    log = MetricsLog(folder / "metrics.jsonl", done)
+    log, done = folder / "metrics.jsonl", int(state.step)
+    write_text(log, "".join(map(_line, rows)))
     # tqdm's None shows the bar in a terminal only.
-    with tqdm(total=config.steps, initial=done, unit="step", disable=None) as bar:
-        while done < config.steps:
-            to_validation = config.validate_every - done % config.validate_every
-            count = min(CHUNK, to_validation, config.steps - done)
-            state, metrics = objective.advance(state, done, count)
+    with tqdm(total=recipe.steps, initial=done, unit="step", disable=None) as bar:
+        while done < recipe.steps:
+            to_validation = recipe.validate_every - done % recipe.validate_every
+            count = min(ROUND, to_validation, recipe.steps - done)
+            state, metrics = advance(state, done, count)
             row: Row = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
-            _refuse_not_finite(row, folder, done, validations)
-            if validated := count == to_validation or row["step"] == config.steps:
-                row |= _validate(run, objective.params(state), batches)
-                _refuse_not_finite(row, folder, done, validations)
-                if row["val_score"] <= min(
-                    (old["val_score"] for old in validations), default=np.inf
-                ):
-                    best = _copy(objective.params(state))
-                validations.append(row)
-                warn_if_dead(row)
-            log.append(row)
+            _refuse_not_finite(row, folder, done)
+            due = count == to_validation or row["step"] == recipe.steps
+            if due:
+                row |= _validate(run, state, batches)
+                _refuse_not_finite(row, folder, done)
+                _warn_if_dead(row)
+            rows.append(row)
+            if _best(rows) is row:
+                best = _kept(run, state)
+            append_text(log, _line(row))
             on_row(row)
-            if validated:
-                saved = {**record, "history": validations}
-                checkpoints.save(row["step"], (state, best), saved, row["val_score"])
+            if due:
+                saved = {**record, "rows": rows}
+                save_state(folder / "checkpoints", row["step"], (state, best), saved)
             done += count
-            bar.set_postfix(_progress(row, validations), refresh=False)
+            shown = {name: f"{row[name]:.3f}" for name in row if name.endswith(("loss", "ade"))}
+            bar.set_postfix(shown, refresh=False)
             bar.update(count)
-    kept = best_of(validations)
-    warn_if_dead(kept)
-    about: dict[str, Any] = {
-        "plugins": names(loaded()),
-        "neighbours": kept.get("val_neighbour_near"),
+    return _finish(run, folder, best, rows, record)
+
+
+def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str, Any]) -> Model:
+    """Write what a finished run leaves, unless it is there."""
+    from neurosym_jax.plotting import plot_training, save_figure
+
+    kept = _best(rows)
+    _warn_if_dead(kept)
+    model = Model(
+        run.network,
+        best,
+        run.dataset,
+        run.kind,
+        plugins=names(loaded()),
+        neighbours=kept.get("val_neighbour_near"),
+        seen=fingerprint(run.training),
+        data=licences_of(run.data),
+    )
+    if (folder / "model").exists():
+        return model
+    parts = {"training": run.training, "validation": run.validation}
+    facts = {
+        **record,
+        "samples": run.samples,
+        "licences": model.data,
+        "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts.items()},
+        "recordings": {name: [how.to_json() for how in w.reading] for name, w in parts.items()},
+        "parameters": sum(leaf.size for leaf in jax.tree.leaves(best)),
+        "code": code_version(),
+        "plugins": list(model.plugins),
+        "validation": kept,
     }
-    about |= {"seen": fingerprint(run.training), "data": licences_of(run.data)}
-    model = Model(run.network, best, run.dataset, run.kind, **about)
-    write_curves(folder, log.rows())
-    write_model(folder, model, {**record, **run.data_facts()}, validations)
+
+    def curves(*wanted: str) -> dict[str, Any]:
+        of = {name: [row for row in rows if name in row] for name in wanted}
+        return {
+            name: ([row["step"] for row in known], [row[name] for row in known])
+            for name, known in of.items()
+            if known
+        }
+
+    losses = curves("loss", "g_loss", "g_adversarial", "d_loss")
+    figure = plot_training(losses, curves("val_ade", "val_fde"), "training")
+    save_figure(figure, folder / "curves.png")
+    write_json(folder / "run.json", facts)
+    # Last: a run that has a model is whole, whatever kills the process.
+    save_model(folder / "model", model, model_card(facts))
     return model
 
 
-def _copy(params: Any) -> Any:
-    """A copy on the host: the next step takes over the buffers of `params`."""
-    return jax.tree.map(np.array, params)
+def _kept(run: Run, state: TrainState) -> Any:
+    """The parameters that are validated and kept, on the host: a step takes over their buffers."""
+    return jax.tree.map(np.array, state.average if run.recipe.ema else state.params)
 
 
-def _refuse_not_finite(row: Row, folder: Path, done: int, validations: list[Row]) -> None:
+def _best(rows: list[Row]) -> Row:
+    """The row of the best validation, of equals the newest; an empty one before the first."""
+    validated = [row for row in rows if "val_score" in row]
+    return min(reversed(validated), key=lambda row: row["val_score"], default={})
+
+
+def _line(row: Row) -> str:
+    return json.dumps(row, allow_nan=False) + "\n"
+
+
+def _refuse_not_finite(row: Row, folder: Path, done: int) -> None:
     bad = [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]
     if bad:
-        kept = "no step had been saved"
-        if validations:
-            kept = f"step {validations[-1]['step']} is kept in {folder / 'checkpoints'}"
         raise TrainingError(
             f"{folder}: between step {done} and step {row['step']} training came to numbers that "
-            f"are not finite: {', '.join(bad)}; {kept}"
+            f"are not finite: {', '.join(bad)}; what was saved before is kept"
         )
 
 
-def _progress(row: Row, validations: list[Row]) -> dict[str, str]:
-    """Values beside the progress bar."""
-    short = {"loss": "loss", "g_variety": "loss", "g_adversarial": "g_adv", "d_loss": "d"}
-    values = {short[name]: row[name] for name in short if name in row}
-    values |= {name: row[name] for row in validations[-1:] for name in ("val_ade", "val_fde")}
-    return {name: f"{value:.3f}" for name, value in values.items()}
-
-
-def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
+def _validate(run: Run, state: TrainState, batches: list[Batch]) -> Row:
     """Joint best-of-k errors on the validation windows; `val_score` chooses the best state."""
     forecaster = FORECASTERS[run.kind](run.network)
     result = score_forecaster(
         forecaster,
-        params,
+        _kept(run, state),
         batches,
         samples=run.samples,
         seed=run.recipe.seed,
@@ -211,5 +238,16 @@ def _validate(run: Run, params: Any, batches: list[Batch]) -> dict[str, float]:
     )
     ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
     score = ade + fde if run.recipe.select_by == "ade_fde" else ade
+    effect = {f"val_{name}": result.mean(name) for name in EFFECT if name in result.scores}
     row = {"val_ade": ade, "val_fde": fde, "val_score": score}
-    return row | neighbour_effect(result, run.network, params, batches)
+    return row | {name: value for name, value in effect.items() if np.isfinite(value)}
+
+
+def _warn_if_dead(row: Row) -> None:
+    if row.get("val_neighbour_near", 1.0) < LEAST:
+        share = 100 * row["val_neighbour_share"]
+        print(
+            f"warning: dead pooling at step {row['step']}: {share:.0f} % of people are changed by "
+            "their neighbours",
+            file=sys.stderr,
+        )

@@ -1,15 +1,15 @@
-"""Recipes: the hyper-parameters of training."""
+"""Recipes: the hyper-parameters of training, of its augmentations and of its losses."""
 
-import abc
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 from neurosym_jax.configuration import (
     AtLeastOne,
     BelowOne,
     Checked,
     Count,
+    Interval,
     NotNegative,
     Positive,
     Seed,
@@ -18,22 +18,24 @@ from neurosym_jax.configuration import (
     changed,
 )
 from neurosym_jax.models.config import DiscriminatorConfig
-from neurosym_jax.training.anchor_loss import AnchorLossOptions
-from neurosym_jax.training.augmentation import AugmentationOptions
-from neurosym_jax.training.losses import LossOptions, refuse_no_loss
 
 __all__ = ["RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Recipe(AugmentationOptions, Checked, abc.ABC):
-    """What all recipes have; the options of losses and augmentations stand in their files."""
+class Recipe(Checked):
+    """What all recipes have."""
 
     seed: Seed = 0
     steps: Count = 3000
     """Steps of training; of a generator where there is a discriminator."""
+    batch_scenes: Count = 64
+    """Scenes in a batch: approximately, with fixed proportions of sizes; of anchors at most."""
     min_agents: Count = 2
     """Training scenes with fewer people are left out."""
+    learning_rate: Positive = 1e-2
+    """Of Adam; of the generator where there is a discriminator."""
+    schedule: Literal["constant", "cosine"] = "cosine"
     warmup_steps: Whole = 100
     clip_norm: NotNegative = 2.0
     """Largest norm of the gradient, of a generator's; 0 for no clipping."""
@@ -43,67 +45,82 @@ class Recipe(AugmentationOptions, Checked, abc.ABC):
     """Steps between validations; the best state by validation is kept."""
     select_by: Literal["ade", "ade_fde"] = "ade_fde"
     """Joint validation error that chooses the best state."""
+    fde_weight: NotNegative = 0.5
+    """Weight of the FDE beside the ADE in the loss."""
 
-    @abc.abstractmethod
-    def samples(self, network: Any) -> int:
-        """Number of samples of which validation takes the best."""
+    rotate: Share = 1.0
+    """Probability that a training scene is rotated by a random angle, and then mirrored with
+    probability 1/2."""
+    scale: BelowOne = 0.0
+    """Each training scene is scaled by a random factor within 1 ± scale."""
+    stretch: AtLeastOne = 1.0
+    """In place of `scale`: the factor is log-uniform from 1 / stretch to stretch."""
+    jitter: NotNegative = 0.0
+    """Largest standard deviation of noise added to a scene's observed positions, m."""
+    clean_share: BelowOne = 0.0
+    """Probability that a training scene gets no such noise. Recordings differ in their noise."""
+    single_agent_share: Share = 0.0
+    """Probability that a training scene is reduced to one random person."""
 
 
 @dataclasses.dataclass(frozen=True)
-class TrainConfig(LossOptions, Recipe):
+class TrainConfig(Recipe):
     """A recipe of SGAN and NeuroSyM."""
 
-    batch_scenes: Count = 64
-    """Approximate number of scenes in a batch; the proportions of sizes are fixed."""
     max_agents: Count | None = 16
     """Larger scenes are cropped to a random agent and its nearest neighbours, drawn each time."""
     best_k: Count = 20
     """Samples of the variety loss, which learns from the best one."""
-    g_learning_rate: Positive = 1e-2
+    criterion: Literal["squared_displacement", "distance"] = "distance"
+    """The variety loss and what is best by it: SGAN's squared displacements, a sum over scenes; or
+    ADE and FDE, each with its own best, a mean over people as in the test."""
+    adversarial_weight: NotNegative = 0.0
+    """Weight of the adversarial loss; 0 trains no discriminator."""
+    label_real: Interval = (0.7, 1.2)
+    """Range of the smoothed label of real trajectories, drawn once a step."""
+    label_fake: Interval = (0.0, 0.3)
+    """Range of the label of forecasts, drawn once a step."""
     d_learning_rate: Positive = 1e-3
-    schedule: Literal["constant", "cosine"] = "cosine"
+    """Of the discriminator."""
     gentle_pooling: bool = False
     """Train the pooling slowly, from a small start, so that its units do not die: see
     `training.gentle_pooling`."""
     discriminator: DiscriminatorConfig = dataclasses.field(default_factory=DiscriminatorConfig)
 
-    def __post_init__(self):
-        """Refuse, before any step, what would fail late or train nothing."""
-        super().__post_init__()
-        refuse_no_loss(self)
-
-    def samples(self, network: Any) -> int:
-        """See `Recipe.samples`."""
-        return self.best_k
-
 
 @dataclasses.dataclass(frozen=True)
-class AnchorRecipe(AnchorLossOptions, Recipe):
+class AnchorRecipe(Recipe):
     """A recipe of anchors and anchor tables; a batch has scenes of one size class."""
 
     steps: Count = 2500
+    batch_scenes: Count = 128
     min_agents: Count = 1
-    rotate: bool | Share = 1.0
+    learning_rate: Positive = 4e-3
+    ema: BelowOne = 0.99
     stretch: AtLeastOne = 1.6
     jitter: NotNegative = 0.04
     clean_share: BelowOne = 0.5
     single_agent_share: Share = 0.2
-    learning_rate: Positive = 4e-3
-    ema: BelowOne = 0.99
     batch_people: Count = 640
-    """People in a batch, padding included."""
-    batch_scenes: Count = 128
-    """Most scenes in a batch."""
+    """Most people in a batch, padding included."""
     crowd_tilt: float = 1.0
     """A size class is drawn in proportion to its scenes times their mean size to this power."""
     crowd_share: Share = 0.7
-    """Probability that the scenes of a batch are merged into crowds, see `anchor_loss`."""
+    """Probability that the scenes of a batch are merged into crowds, see `training.anchors`."""
     crowd_people: Count = 40
     """People in the largest crowds; their size is drawn log-uniformly."""
-
-    def samples(self, network: Any) -> int:
-        """See `Recipe.samples`."""
-        return network.samples
+    joint_weight: NotNegative = 1.0
+    """Weight in the loss of the best sample of each crowd."""
+    marginal_weight: NotNegative = 0.75
+    """Weight of the best sample of each person."""
+    mean_weight: NotNegative = 0.01
+    """Weight of the mean ADE over samples, by which every sample learns."""
+    likely_weight: NotNegative = 0.05
+    """Weight of the most probable sample of each crowd."""
+    probability_weight: NotNegative = 0.05
+    """Weight of the cross-entropy between the probabilities and a softmax of the joint errors."""
+    temperature: Positive = 0.1
+    """Of that softmax, metres of error for a person."""
 
 
 RECIPES: dict[str, Recipe] = {
@@ -113,18 +130,17 @@ RECIPES: dict[str, Recipe] = {
         max_agents=None,
         steps=8400,
         criterion="squared_displacement",
-        weigh_scenes="equally",
         adversarial_weight=1.0,
         # The released code smooths zeros by multiplying them by the random number: they stay 0.
         label_fake=(0.0, 0.0),
-        g_learning_rate=1e-4,
+        learning_rate=1e-4,
         schedule="constant",
         warmup_steps=0,
         rotate=0.0,
         select_by="ade",
     ),
 }
-"""`sgan` is the published procedure; `ours` and `anchors` are justified in docs/training.md."""
+"""`sgan` is the published procedure; `ours` and `anchors` are justified in docs/recipe.md."""
 
 
 def make_recipe(

@@ -17,7 +17,7 @@ from neurosym_jax.forecasting.networks import decode_scene, interact_scene
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import AnyArray
-from neurosym_jax.training.groups import Groups, cuts
+from neurosym_jax.training.groups import Groups, merge, split
 
 __all__ = ["decode_groups", "draw_group_noise", "encode_groups", "over_slots"]
 
@@ -26,19 +26,15 @@ def draw_group_noise(
     config: GeneratorConfig, groups: Groups, key: Array, samples: int
 ) -> list[Array]:
     """Noise of each group [k, scenes, dim], per agent [k, scenes, slots, dim]; consumes `key`."""
-    per_agent = config.noise_mix_type == "ped"
-    shapes = [scene.valid.shape if per_agent else scene.valid.shape[:1] for scene in groups]
-    sizes = [math.prod(shape) for shape in shapes]
-    shape = (samples, sum(sizes), config.noise_dim)
+    axes = 2 if config.noise_mix_type == "ped" else 1
+    shapes = [scene.valid.shape[:axes] for scene in groups]
+    shape = (samples, sum(map(math.prod, shapes)), config.noise_dim)
     # One draw for all groups: each draw adds a second of compiling to the step.
     if config.noise_type == "gaussian":
         noise = jax.random.normal(key, shape)
     else:
         noise = jax.random.uniform(key, shape, minval=-1.0, maxval=1.0)
-    return [
-        part.reshape(samples, *shape, config.noise_dim)
-        for part, shape in zip(jnp.split(noise, cuts(sizes), axis=1), shapes)
-    ]
+    return split(noise, shapes, axis=1)
 
 
 def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[Array]:
@@ -52,12 +48,7 @@ def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[
 
 def over_slots(function: Callable[[Array], Any], parts: Sequence[AnyArray]) -> list[Array]:
     """Apply `function`, of all slots together `[A, ...]`, to parts `[scenes, slots, ...]`."""
-    shapes = [part.shape[:2] for part in parts]
-    out = function(jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts]))
-    ends = cuts([math.prod(shape) for shape in shapes])
-    return [
-        part.reshape(*shape, *part.shape[1:]) for part, shape in zip(jnp.split(out, ends), shapes)
-    ]
+    return split(function(merge(parts)), [part.shape[:2] for part in parts])
 
 
 def decode_groups(
@@ -71,29 +62,16 @@ def decode_groups(
     futureless = [scene.replace(future=None) for scene in groups]
     if config.pool_every_timestep:
         over_scenes = jax.vmap(
-            lambda context, scene, noise: decode_scene(config, params, context, scene, noise),
-            in_axes=(0, 0, 1),
-            out_axes=1,
+            functools.partial(decode_scene, config, params), in_axes=(0, 0, 1), out_axes=1
         )
         return [over_scenes(*group) for group in zip(contexts, futureless, noises)]
     shapes = [scene.valid.shape for scene in groups]
-    samples = noises[0].shape[0]
-    slots = [
-        jnp.broadcast_to(
-            noise if config.noise_mix_type == "ped" else noise[:, :, None],
-            (samples, *shape, config.noise_dim),
-        ).reshape(samples, math.prod(shape), config.noise_dim)
-        for noise, shape in zip(noises, shapes)
-    ]
-    merged = jax.tree.map(
-        lambda *parts: jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts]),
-        *futureless,
-    )
-    context = jnp.concatenate([context.reshape(-1, context.shape[-1]) for context in contexts])
-    noise = jnp.concatenate(slots, axis=1)
-    future = decode_scene(config, params, context, merged, noise)
-    ends = cuts([math.prod(shape) for shape in shapes])
-    return [
-        part.reshape(samples, *shape, *part.shape[2:])
-        for part, shape in zip(jnp.split(future, ends, axis=1), shapes)
-    ]
+    if config.noise_mix_type == "global":
+        noises = [
+            jnp.broadcast_to(noise[:, :, None], (len(noise), *shape, config.noise_dim))
+            for noise, shape in zip(noises, shapes)
+        ]
+    of_slots = [noise.reshape(len(noise), -1, config.noise_dim) for noise in noises]
+    scene = jax.tree.map(lambda *parts: merge(parts), *futureless)
+    noise = jnp.concatenate(of_slots, axis=1)
+    return split(decode_scene(config, params, merge(contexts), scene, noise), shapes, axis=1)

@@ -1,4 +1,4 @@
-"""A training run: a generator, a recipe and windows; and the record by which it is resumed."""
+"""A training run: what is trained on what, and the record by which it is resumed."""
 
 import dataclasses
 import hashlib
@@ -10,16 +10,14 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.configuration import to_json
-from neurosym_jax.data.licences import licences_of
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.runtime.environment import run_environment
 from neurosym_jax.training.recipe import RECIPES, AnchorRecipe, TrainConfig
 
-__all__ = ["KINDS", "Run", "data_digest", "refuse_other_run"]
-
-KINDS = {"generator": TrainConfig, "anchors": AnchorRecipe, "anchor_table": AnchorRecipe}
-"""The type of recipe for each forecaster that can be trained."""
+__all__ = ["Run", "record_of", "refuse_other_run"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,53 +32,40 @@ class Run:
     validation: Windows
     dataset: str | None = None
     """The data set that was left out, to be tested on; recorded with the model."""
-    data_name: str = "data not named"
-    """Name of the training data, for people."""
     data: tuple[str, ...] = ()
-    """Names of the data sets learned from, for their licences."""
+    """Names of the data sets learned from."""
 
     def __post_init__(self):
         """Refuse a recipe of another kind of network."""
-        if not isinstance(self.recipe, wanted := KINDS[self.kind]):
-            names = ", ".join(name for name, of in RECIPES.items() if isinstance(of, wanted))
-            raise InputError(f"the recipe is not one of {self.kind}: --recipe {names}")
+        wanted = TrainConfig if isinstance(self.network, GeneratorConfig) else AnchorRecipe
+        if not isinstance(self.recipe, wanted):
+            fits = ", ".join(name for name, of in RECIPES.items() if isinstance(of, wanted))
+            raise InputError(f"the recipe is not one of {self.kind}: --recipe {fits}")
 
     @property
     def kind(self) -> str:
         """The name of the forecaster that is trained."""
-        return next(kind for kind in KINDS if FORECASTERS[kind].Config is type(self.network))
+        return next(kind for kind, of in FORECASTERS.items() if of.Config is type(self.network))
 
     @property
     def samples(self) -> int:
         """Number of samples of which validation takes the best."""
-        return self.recipe.samples(self.network)
-
-    def describe(self) -> dict[str, Any]:
-        """The facts that must be equal for a run to be resumed; JSON-able."""
-        return {
-            "forecaster": self.kind,
-            "network": to_json(self.network),
-            "training": to_json(self.recipe),
-            "scene": self.dataset,
-            "data": {name: data_digest(windows) for name, windows in self._windows().items()},
-        }
-
-    def data_facts(self) -> dict[str, Any]:
-        """Further facts of the data; JSON-able."""
-        parts = self._windows().items()
-        return {
-            "data_name": self.data_name,
-            "licences": licences_of(self.data),
-            "samples": self.samples,
-            "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts},
-            "recordings": {name: [how.to_json() for how in w.reading] for name, w in parts},
-        }
-
-    def _windows(self) -> dict[str, Windows]:
-        return {"training": self.training, "validation": self.validation}
+        return self.recipe.best_k if self.kind == "generator" else self.network.samples
 
 
-def data_digest(windows: Windows) -> str:
+def record_of(run: Run) -> dict[str, Any]:
+    """What must be equal for a run to be resumed with the same bits; JSON-able."""
+    return {
+        "forecaster": run.kind,
+        "network": to_json(run.network),
+        "training": to_json(run.recipe),
+        "scene": run.dataset,
+        "data": {"training": _digest(run.training), "validation": _digest(run.validation)},
+        "environment": run_environment(),
+    }
+
+
+def _digest(windows: Windows) -> str:
     """SHA-256 of the windows themselves, whatever files they came from."""
     sha = hashlib.sha256()
     for array in (windows.position, windows.bounds, windows.identity):
@@ -90,11 +75,6 @@ def data_digest(windows: Windows) -> str:
 
 def refuse_other_run(record: dict[str, Any], ours: dict[str, Any], folder: Path) -> None:
     """Refuse to resume the run of `record` as `ours` if they differ; warn of another environment.
-
-    Args:
-        record: of the run in `folder`.
-        ours: `Run.describe`, and `environment`.
-        folder: for messages.
 
     Raises:
         InputError: naming the part that differs.

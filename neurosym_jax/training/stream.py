@@ -13,9 +13,12 @@ import numpy as np
 from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import Scene
-from neurosym_jax.training.size_classes import quota, size_classes
+from neurosym_jax.training.groups import Groups
 
-__all__ = ["SceneStream", "cropped"]
+__all__ = ["SceneStream", "gather_cropped", "quota", "size_classes"]
+
+COST_OF_A_CLASS = 1000
+"""Pairs that another class must save: each class is compiled and looped over separately."""
 
 
 class SceneStream:
@@ -28,7 +31,7 @@ class SceneStream:
     def __init__(
         self, windows: Windows, batch_scenes: int, seed: int, max_agents: int | None = None
     ):
-        self.windows, self.seed, self.max_agents = windows, seed, max_agents
+        self._windows, self._seed = windows, seed
         sizes = windows.sizes if max_agents is None else np.minimum(windows.sizes, max_agents)
         classes = size_classes(sizes, batch_scenes)
         class_of = np.searchsorted(classes, sizes)
@@ -37,44 +40,76 @@ class SceneStream:
         counts = np.array([len(members) for members in self._members])
         self._quotas = quota(counts, len(sizes), batch_scenes).tolist()
 
-    @property
-    def shapes(self) -> list[tuple[int, int]]:
-        """(scenes in a batch, slots of each) for every size class."""
-        return list(zip(self._quotas, self._slots))
-
-    def steps(self, first: int, count: int) -> tuple[Scene, ...]:
+    def steps(self, first: int, count: int) -> Groups:
         """`count` batches from step `first`: a Scene `[count, quota, slots, ...]` of each class."""
         return tuple(self._of_class(index, first, count) for index in range(len(self._slots)))
 
     def _of_class(self, index: int, first: int, count: int) -> Scene:
-        members, quota, slots = self._members[index], self._quotas[index], self._slots[index]
+        members, quota, seed = self._members[index], self._quotas[index], self._seed
         place = np.arange(first * quota, (first + count) * quota)
         epoch, within = np.divmod(place, len(members))
         chosen = np.empty(len(place), int)
         for number in np.unique(epoch):
-            order = np.random.default_rng([self.seed, index, number]).permutation(members)
+            order = np.random.default_rng([seed, index, number]).permutation(members)
             chosen[epoch == number] = order[within[epoch == number]]
-        windows = self.windows
-        if self.max_agents is not None and windows.sizes[chosen].max() > self.max_agents:
-            # Drawn step by step: the result does not depend on how many steps a call asks for.
-            focus = np.concatenate(
-                [
-                    np.random.default_rng([self.seed, index, step, 1]).random(quota)
-                    for step in range(first, first + count)
-                ]
-            )
-            windows, chosen = cropped(windows, chosen, self.max_agents, focus)
-        scenes = gather_scenes(windows, chosen, slots).replace(origin=None, identity=None)
+        # Drawn step by step: the result does not depend on how many steps a call asks for.
+        focus = [
+            np.random.default_rng([seed, index, step, 1]).random(quota)
+            for step in range(first, first + count)
+        ]
+        scenes = gather_cropped(self._windows, chosen, self._slots[index], np.concatenate(focus))
         return jax.tree.map(lambda array: array.reshape(count, quota, *array.shape[1:]), scenes)
 
 
-def cropped(
-    windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarray
-) -> tuple[Windows, np.ndarray]:
-    """The chosen scenes as new windows, those of more than `agents` cropped around one agent.
+def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
+    """The padded sizes, ascending; a scene takes the smallest one that holds it.
 
-    `focus` [S] in [0, 1) chooses the agent of each scene, as a share of its agents.
+    A batch has a `quota` of every class, and pooling costs the square of each padded size. The
+    classes minimise the sum of costs (dynamic programming over the sizes).
+
+    Args:
+        sizes: [S] agents of each scene.
+        batch_scenes: approximate number of scenes in a batch.
+
+    Returns:
+        [C] int64; the last is the largest size.
     """
+    values, counts = np.unique(sizes, return_counts=True)
+    below = np.concatenate([[0], np.cumsum(counts)])
+    best, cut = np.zeros(len(values) + 1), np.zeros(len(values) + 1, int)
+    for end in range(1, len(values) + 1):
+        # One class from each possible beginning to `end`, after the best classes before it.
+        members = below[end] - below[:end]
+        pairs = quota(members, len(sizes), batch_scenes) * float(values[end - 1]) ** 2
+        costs = best[:end] + pairs + COST_OF_A_CLASS
+        cut[end] = costs.argmin()
+        best[end] = costs[cut[end]]
+    classes, end = [], len(values)
+    while end:
+        classes.append(values[end - 1])
+        end = cut[end]
+    return np.array(classes[::-1], np.int64)
+
+
+def quota(members: np.ndarray, scenes: int, batch_scenes: int) -> np.ndarray:
+    """[C] scenes of each class in a batch, in proportion to `members` [C], and at least one."""
+    return np.maximum(1, np.rint(members * batch_scenes / scenes)).astype(int)
+
+
+def gather_cropped(windows: Windows, chosen: np.ndarray, slots: int, focus: np.ndarray) -> Scene:
+    """The scenes `chosen` [S] as one Scene `[S, slots, ...]`, without what a network does not see.
+
+    Of more than `slots` agents one is kept with its nearest neighbours; `focus` [S] in [0, 1)
+    chooses it, as a share of the scene's agents.
+    """
+    if windows.sizes[chosen].max() > slots:
+        windows = _cropped(windows, chosen, slots, focus)
+        chosen = np.arange(len(chosen))
+    scenes = gather_scenes(windows, chosen, slots)
+    return scenes.replace(origin=None, identity=None, extras={})
+
+
+def _cropped(windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarray) -> Windows:
     rows = []
     for scene, share in zip(chosen, focus):
         member = np.arange(*windows.bounds[scene : scene + 2])
@@ -86,12 +121,11 @@ def cropped(
             member = member[np.sort(np.argpartition(distance, agents - 1)[:agents])]
         rows.append(member)
     kept = np.concatenate(rows)
-    bounds = np.concatenate([[0], np.cumsum([len(member) for member in rows])])
-    cropped = dataclasses.replace(
+    return dataclasses.replace(
         windows,
         position=windows.position[kept],
         agent=windows.agent[kept],
-        bounds=bounds,
+        bounds=np.concatenate([[0], np.cumsum([len(member) for member in rows])]),
         identity=windows.identity[chosen],
+        extras={},
     )
-    return cropped, np.arange(len(chosen))

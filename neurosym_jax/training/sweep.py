@@ -22,12 +22,12 @@ from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.results import Settings, evaluate_tests, rows_frame
 from neurosym_jax.evaluation.tables import format_table
-from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.progress import Progress
 from neurosym_jax.runtime.provenance import provenance
-from neurosym_jax.training.card import write_card
+from neurosym_jax.training.card import model_card
 from neurosym_jax.training.sweep_plan import SweepRun
 from neurosym_jax.training.sweep_report import ARRAYS, ERRORS
 
@@ -109,7 +109,8 @@ def _test(runs: Sequence[SweepRun], out: Path, data: Path | None) -> list[dict[s
     for name, run in of_path.items():
         lengths = (run.dataset, run.network.obs_len, run.network.pred_len)
         alike = [row for row in rows if lengths == tuple(row[part] for part in _TEST)]
-        write_card(run.model, run.facts(), [r for r in alike if r["checkpoint"] in (None, name)])
+        own = [row for row in alike if row["checkpoint"] in (None, name)]
+        replace_card(run.model, model_card(run.facts(), own))
     return rows
 
 

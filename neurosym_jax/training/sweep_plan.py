@@ -12,7 +12,6 @@ from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded
-from neurosym_jax.training.finish import RUN
 from neurosym_jax.training.network import (
     ANCHORS,
     POOLING_OF,
@@ -22,6 +21,7 @@ from neurosym_jax.training.network import (
 )
 from neurosym_jax.training.recipe import Recipe, make_recipe
 
+RUN = "run.json"
 __all__ = ["SweepRun", "plan_runs"]
 
 

@@ -36,12 +36,11 @@ def train(generator: GeneratorConfig, recipe: TrainConfig, windows: Windows, see
     recipe = dataclasses.replace(recipe, seed=0)  # So that seeds share a program.
     stream = SceneStream(windows, recipe.batch_scenes, seed, recipe.max_agents)
     key = jax.random.key(seed)
-    example = jax.tree.map(lambda leaf: leaf[0, 0], stream.steps(0, 1)[0])
     scenes = ((batch.scene.observed, batch.scene.valid) for batch in make_batches(windows))
     weighting = initial_parameters(generator.weighting, scenes)
-    state = initial_state(generator, recipe, example, jax.random.fold_in(key, 0), weighting)
+    state = initial_state(generator, recipe, jax.random.fold_in(key, 0), weighting)
     of_steps = jax.random.fold_in(key, 1)
     for done in range(0, recipe.steps, CHUNK):
         groups = jax.tree.map(lambda leaf: leaf[:, None], stream.steps(done, CHUNK))
         state, _ = train_steps(generator, recipe, of_steps, state, groups)
-    return state.generator
+    return state.params

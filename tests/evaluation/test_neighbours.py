@@ -35,8 +35,7 @@ BATCHES = make_batches(WINDOWS)
 
 def effect(bias: float, **changes):
     config = GeneratorConfig(obs_len=OBS, pred_len=PRED, **changes)
-    example = jax.tree.map(lambda leaf: leaf[0], BATCHES[0].scene)
-    params = initial_state(config, TrainConfig(), example, jax.random.key(0)).generator
+    params = initial_state(config, TrainConfig(), jax.random.key(0)).params
     layer = params["params"]["pooling"]["mlp"]["layer_1"]
     layer["bias"] = layer["bias"] + bias
     forecaster = GeneratorForecaster(config)

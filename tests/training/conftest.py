@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.run import Run
+from neurosym_jax.training.stream import SceneStream
 
 OBS, PRED = 4, 3
 GENERATOR = GeneratorConfig(
@@ -52,7 +54,7 @@ def make_windows():
 def cheap_classes():
     """Lets these few small scenes have several size classes, as real ones have."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("neurosym_jax.training.size_classes.COST_OF_A_CLASS", 20)
+        patch.setattr("neurosym_jax.training.stream.COST_OF_A_CLASS", 20)
         yield
 
 
@@ -62,8 +64,19 @@ def windows(cheap_classes) -> Windows:
 
 
 @pytest.fixture(scope="session")
+def batch(windows):
+    """`batch(n)`: the groups of one batch of n scenes."""
+
+    def groups(scenes):
+        steps = SceneStream(windows, scenes, seed=0).steps(0, 1)
+        return jax.tree.map(lambda leaf: leaf[0], steps)
+
+    return groups
+
+
+@pytest.fixture(scope="session")
 def run(windows) -> Run:
-    return Run(GENERATOR, RECIPE, windows, random_walks([2, 3, 5], seed=1), "zara1", "walks")
+    return Run(GENERATOR, RECIPE, windows, random_walks([2, 3, 5], seed=1), "zara1", ("walks",))
 
 
 @pytest.fixture

@@ -4,30 +4,29 @@ import pytest
 
 from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.recipe import TrainConfig
-from neurosym_jax.training.stream import SceneStream
 
 
 @pytest.fixture
-def groups(windows):
-    return jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
+def groups(batch):
+    return batch(20)
+
+
+def augmented(groups, **recipe):
+    return augment(groups, jax.random.key(0), TrainConfig(**{"rotate": 0.0, **recipe}))
 
 
 def test_scenes_are_turned_and_mirrored(groups):
-    turned = augment(groups, jax.random.key(0), TrainConfig(rotate=1.0))
     mirrored = []
-    for before, after in zip(groups, turned):
+    for before, after in zip(groups, augmented(groups, rotate=1.0)):
         np.testing.assert_array_equal(before.valid, after.valid)
-        for name in ("observed", "displacement", "future"):
-            old, new = np.asarray(getattr(before, name)), np.asarray(getattr(after, name))
-            np.testing.assert_allclose(
-                np.linalg.norm(old, axis=-1), np.linalg.norm(new, axis=-1), atol=1e-5
-            )
-            assert np.abs(old - new).max() > 0.1
-        # Between agents too, and from what was observed to what followed.
+        assert np.abs(before.displacement - after.displacement).max() > 0.1
+        # Distances stay, between agents too, and from what was observed to what followed.
         track = [np.concatenate([s.observed, s.future], axis=2) for s in (before, after)]
         flat = [t.reshape(len(t), -1, 2) for t in track]
         apart = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
         np.testing.assert_allclose(*apart, atol=1e-5)
+        moves = np.diff(after.observed, axis=2, prepend=after.observed[:, :, :1])
+        np.testing.assert_allclose(after.displacement, moves, atol=1e-5)
         cross = [f[:, :-1, 0] * f[:, 1:, 1] - f[:, :-1, 1] * f[:, 1:, 0] for f in flat]
         ratio = (cross[0] * cross[1]).sum(axis=1) / (cross[0] ** 2).sum(axis=1)
         np.testing.assert_allclose(np.abs(ratio), 1, atol=1e-4)
@@ -36,20 +35,14 @@ def test_scenes_are_turned_and_mirrored(groups):
 
 
 def test_a_share_of_the_scenes_is_turned(groups):
-    turned = augment(groups, jax.random.key(0), TrainConfig(rotate=0.5))
-    same = np.concatenate(
-        [(a.future == b.future).all(axis=(1, 2, 3)) for a, b in zip(groups, turned)]
-    )
-    assert 0.25 < same.mean() < 0.75
+    turned = augmented(groups, rotate=0.5)
+    same = [(a.future == b.future).all(axis=(1, 2, 3)) for a, b in zip(groups, turned)]
+    assert 0.25 < np.concatenate(same).mean() < 0.75
+    assert augmented(groups) is groups
 
 
-def test_without_augmentation_scenes_are_as_recorded(groups):
-    assert augment(groups, jax.random.key(0), TrainConfig(rotate=0.0)) is groups
-
-
-def test_scenes_are_stretched(groups):
-    stretched = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, scale=0.2))
-    for before, after in zip(groups, stretched):
+def test_scenes_are_scaled(groups):
+    for before, after in zip(groups, augmented(groups, scale=0.2)):
         size = [(np.asarray(s.observed) ** 2).sum(axis=(1, 2, 3)) for s in (before, after)]
         factor = np.sqrt(size[1] / size[0])
         assert ((factor > 0.8) & (factor < 1.2)).all()
@@ -59,9 +52,8 @@ def test_scenes_are_stretched(groups):
 
 
 def test_observed_positions_err_by_as_much_as_their_scene_does(groups):
-    erring = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, jitter=0.1))
     deviations = []
-    for before, after in zip(groups, erring):
+    for before, after in zip(groups, augmented(groups, jitter=0.1)):
         np.testing.assert_array_equal(before.future, after.future)
         np.testing.assert_array_equal(before.valid, after.valid)
         observed = np.asarray(after.observed)
@@ -77,9 +69,8 @@ def test_observed_positions_err_by_as_much_as_their_scene_does(groups):
 
 
 def test_a_share_of_the_scenes_is_one_persons(groups):
-    alone = augment(groups, jax.random.key(0), TrainConfig(rotate=0.0, single_agent_share=0.5))
     kept, first = [], []
-    for before, after in zip(groups, alone):
+    for before, after in zip(groups, augmented(groups, single_agent_share=0.5)):
         np.testing.assert_array_equal(before.observed, after.observed)
         left = np.asarray(after.valid)
         assert not (left & ~np.asarray(before.valid)).any()
@@ -89,9 +80,6 @@ def test_a_share_of_the_scenes_is_one_persons(groups):
         first += list(left[one, 0])
     assert 0.25 < np.mean(kept) < 0.75
     assert 0 < np.mean(first) < 1  # It is not always the same person.
-
-
-def test_nobody_is_made_up_where_there_is_nobody(groups):
     empty = tuple(scene.replace(valid=np.zeros_like(scene.valid)) for scene in groups)
-    alone = augment(empty, jax.random.key(0), TrainConfig(rotate=0.0, single_agent_share=1.0))
-    assert not any(np.asarray(scene.valid).any() for scene in alone)
+    for scene in augmented(empty, single_agent_share=1.0):
+        assert not np.asarray(scene.valid).any()

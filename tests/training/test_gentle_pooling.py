@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.training.dead_pooling import warn_if_no_gradient
 from neurosym_jax.training.gentle_pooling import slowed, started, with_leak
+from neurosym_jax.training.gradients import warn_if_no_gradient
 
 
 def generator(layers=2):

@@ -29,20 +29,14 @@ def test_adversarial_loss_is_binary_cross_entropy():
     assert adversarial_loss(scores[3:], 1.2, valid[:1]) == pytest.approx(40 - 48, rel=1e-6)
 
 
-def test_squared_displacement_errors_by_hand(scene):
+def test_errors_by_hand(scene):
     forecast, truth, valid = scene
-    wanted = [((forecast[k, :3] - truth[:3]) ** 2).sum() / (3 * T) for k in range(K)]
-    errors = squared_displacement_errors(jnp.array(forecast), jnp.array(truth), valid)
-    assert errors.shape == (1, K)
-    np.testing.assert_allclose(errors[0], wanted, rtol=1e-5)
-
-
-def test_distance_errors_by_hand(scene):
-    forecast, truth, valid = scene
-    distance = np.linalg.norm(forecast[:, :3] - truth[:3], axis=-1)
-    errors = distance_errors(jnp.array(forecast), jnp.array(truth), valid)
-    np.testing.assert_allclose(errors[0], distance.mean(axis=(1, 2)), rtol=1e-5)
-    np.testing.assert_allclose(errors[1], distance[:, :, -1].mean(axis=1), rtol=1e-5)
+    apart = np.linalg.norm(forecast[:, :3] - truth[:3], axis=-1)
+    ade, fde = distance_errors(jnp.array(forecast), jnp.array(truth), valid)
+    np.testing.assert_allclose(ade, apart.mean(axis=(1, 2)), rtol=1e-5)
+    np.testing.assert_allclose(fde, apart[:, :, -1].mean(axis=1), rtol=1e-5)
+    (squared,) = squared_displacement_errors(jnp.array(forecast), jnp.array(truth), valid)
+    np.testing.assert_allclose(squared, (apart**2).mean(axis=(1, 2)), rtol=1e-5)
 
 
 @pytest.mark.parametrize("criterion", [squared_displacement_errors, distance_errors])

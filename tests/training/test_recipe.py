@@ -1,26 +1,30 @@
+"""Recipes and networks by name, and changes to them."""
+
 import pytest
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.models import AsDescribed, Social
+from neurosym_jax.symbolic.state_weightings import Cnd, Learned
+from neurosym_jax.symbolic.weightings import Ones
+from neurosym_jax.training.network import model_name, named_network, named_weighting
 from neurosym_jax.training.recipe import RECIPES, make_recipe
 
 
 @pytest.mark.parametrize(
-    ("steps", "change", "reason"),
+    ("change", "reason"),
     [
-        (None, "emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
-        (None, "ema", "--set ema: must be NAME=VALUE"),
-        (None, "format=2", "must be NAME=VALUE"),
-        (None, "ema=fast", "ema must be a finite number, not 'fast'"),
-        (None, "best_k=2.5", r"best_k must be a whole number, not 2\.5"),
-        (None, "criterion=best", "criterion must be one of squared_displacement, distance"),
-        (None, 'discriminator={"kind": "big"}', "kind must be one of global, local, not 'big'"),
-        (0, "ema=0.9", "recipe ours: steps must be at least 1, not 0"),
-        (None, "steps=-25", "steps must be at least 1, not -25"),
+        ("emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
+        ("ema", "--set ema: must be NAME=VALUE"),
+        ("ema=fast", "ema must be a finite number, not 'fast'"),
+        ("best_k=2.5", r"best_k must be a whole number, not 2\.5"),
+        ("criterion=best", "criterion must be one of squared_displacement, distance"),
+        ('discriminator={"kind": "big"}', "kind must be one of global, local, not 'big'"),
+        ("steps=-25", "recipe ours: steps must be at least 1, not -25"),
     ],
 )
-def test_recipes_that_cannot_be(steps, change, reason):
+def test_recipes_that_cannot_be(change, reason):
     with pytest.raises(InputError, match=reason) as caught:
-        make_recipe("ours", steps=steps, changes=[change])
+        make_recipe("ours", changes=[change])
     assert "\n" not in str(caught.value)
 
 
@@ -30,4 +34,59 @@ def test_recipes():
     changed = make_recipe("sgan", seed=3, steps=30, changes=changes)
     assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, 0.5, None)
     assert (changed.label_real, changed.schedule) == ((0.9, 1), "cosine")
-    assert changed.g_learning_rate == RECIPES["sgan"].g_learning_rate
+    assert changed.learning_rate == RECIPES["sgan"].learning_rate
+
+
+def test_networks():
+    assert named_network(pred_len=12).pred_len == 12
+    assert named_network(pooling="social").pooling == Social()
+    symbolic = named_network("neurosym", weighting="ones")
+    assert (symbolic.pooling, symbolic.weighting) == (AsDescribed(), Ones())
+    changed = named_network("neurosym", changes=["noise_type=uniform", "encoder_h_dim=48"])
+    assert (changed.noise_type, changed.encoder_h_dim) == ("uniform", 48)
+    assert (changed.pooling, changed.weighting) == (AsDescribed(), Cnd())
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ({"weighting": "cnd"}, "--weighting cnd: sgan weights no pairs; neurosym does"),
+        ({"pooling": "encounter"}, "--pooling encounter: sgan has none, pool_net, social"),
+        ({"model": "neurosym", "pooling": "none"}, "--pooling none: neurosym has as_described"),
+        ({"changes": ["noise_dim=99"]}, "network: noise_dim must lie in"),
+        ({"changes": ["noise=uniform"]}, "--network noise=uniform: must be NAME=VALUE"),
+    ],
+)
+def test_networks_that_cannot_be(named, message):
+    with pytest.raises(InputError, match=message):
+        named_network(**named)
+
+
+def test_names():
+    assert model_name(named_network(pooling="none")) == "sgan_none"
+    coarse = named_network("neurosym", weighting="quantised,quantisation_factor=0.05")
+    assert model_name(coarse) == "neurosym_as_described_quantised"
+    assert model_name(named_network("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
+    anchors = named_network("anchors", changes=["hidden=32"], pred_len=12)
+    assert model_name(anchors) == "anchors_hidden_32"
+
+
+def test_weightings(tmp_path, monkeypatch):
+    coarse = named_weighting("learned,quantisation_factor=0.1,table=cnd_shipped")
+    assert coarse == Learned(table="cnd_shipped", quantisation_factor=0.1)
+    assert named_weighting(coarse.name) == coarse
+    for text, reason in (
+        ("cdn", "weighting cdn: unknown weighting 'cdn'"),
+        ("cnd,tabel=cnd", "unknown field 'tabel'"),
+        ("no_such_module:mine", "plugin no_such_module: cannot be imported"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            named_weighting(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    # Else the runs of later tests would be told to load it, too.
+    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})
+    (tmp_path / "weightings_of_mine.py").write_text(
+        "from neurosym_jax.symbolic import register_weighting\n"
+        "register_weighting('all_alike')(lambda positions, valid: 0 * positions[:, None, :, 0])\n"
+    )
+    assert named_weighting("weightings_of_mine:all_alike").name == "all_alike"

@@ -1,11 +1,13 @@
 import dataclasses
+import itertools
 
 import jax
 import numpy as np
 import pytest
 
+from neurosym_jax.training import stream
 from neurosym_jax.training.rollout import draw_group_noise
-from neurosym_jax.training.stream import SceneStream
+from neurosym_jax.training.stream import SceneStream, quota, size_classes
 
 
 def sums(scene):
@@ -13,27 +15,38 @@ def sums(scene):
     return np.asarray(scene.displacement).sum(axis=(-3, -2, -1)).round(4)
 
 
+def cost(classes, sizes, batch_scenes):
+    members = np.bincount(np.searchsorted(classes, sizes), minlength=len(classes))
+    pairs = quota(members, len(sizes), batch_scenes) * np.square(classes)
+    return pairs.sum() + stream.COST_OF_A_CLASS * len(classes)
+
+
+def test_no_other_classes_cost_less():
+    sizes = np.random.default_rng(0).choice([2, 3, 9, 14, 40, 65], 300)
+    values = np.unique(sizes)
+    found = size_classes(sizes, 64)
+    assert found[-1] == values[-1]
+    subsets = itertools.chain.from_iterable(
+        itertools.combinations(values[:-1], count) for count in range(len(values))
+    )
+    costs = [cost(np.array([*subset, values[-1]]), sizes, 64) for subset in subsets]
+    assert cost(found, sizes, 64) == min(costs)
+
+
 def test_every_scene_once_an_epoch_of_its_class(windows):
-    stream = SceneStream(windows, batch_scenes=6, seed=3)
-    groups = stream.steps(0, 60)
+    groups = SceneStream(windows, batch_scenes=6, seed=3).steps(0, 60)
+    assert [group.valid.shape[1] for group in groups] == [3, 1, 1]  # By the share of sizes.
     classes = [group.valid.shape[2] for group in groups]
-    assert len(classes) > 1
     for low, slots, group in zip([0, *classes], classes, groups):
         members = np.flatnonzero((windows.sizes > low) & (windows.sizes <= slots))
         identities = sums(group).reshape(-1)
         epochs = len(identities) // len(members)
-        drawn = np.sort(identities[: epochs * len(members)].reshape(epochs, -1), axis=1)
+        orders = identities[: epochs * len(members)].reshape(epochs, -1)
+        drawn = np.sort(orders, axis=1)
         assert epochs > 1
         assert (drawn == drawn[0]).all()
         assert len(np.unique(drawn[0])) == len(members)
-        orders = identities[: epochs * len(members)].reshape(epochs, -1)
         assert len(members) < 3 or len(np.unique(orders, axis=0)) > 1
-
-
-def test_batches_follow_the_share_of_sizes(windows):
-    stream = SceneStream(windows, batch_scenes=6, seed=0)
-    quotas = [group.valid.shape[1] for group in stream.steps(0, 1)]
-    assert quotas == [3, 1, 1]
 
 
 @pytest.mark.parametrize("max_agents", [None, 4])
@@ -63,22 +76,20 @@ def test_large_scenes_are_cropped_to_an_agent_and_its_nearest(make_windows):
         moves = scene[:6, 1:]
         nearest = np.abs(moves[:, None] - step).max(axis=(2, 3))
         seen.add(frozenset(nearest.argmin(axis=1)))
-        assert len(frozenset(nearest.argmin(axis=1))) == 6
     assert seen <= neighbourhoods
     assert len(seen) > len(neighbourhoods) / 2
 
 
 def test_a_crowd_on_one_spot_keeps_the_focal_agent(make_windows):
     windows = make_windows([9], seed=5)
-    obs_len = windows.obs_len
-    windows.position[:, obs_len - 1] = 1.0
+    windows.position[:, windows.obs_len - 1] = 1.0
     (group,) = SceneStream(windows, 1, seed=0, max_agents=3).steps(0, 50)
-    agents = {row.tobytes() for row in group.displacement.reshape(-1, obs_len, 2)}
+    agents = {row.tobytes() for row in group.displacement.reshape(-1, windows.obs_len, 2)}
     assert len(agents) == 9
 
 
-def test_noise_has_the_kind_and_shape_asked_for(windows, run):
-    groups = jax.tree.map(lambda leaf: leaf[0], SceneStream(windows, 20, seed=0).steps(0, 1))
+def test_noise_has_the_kind_and_shape_asked_for(batch, run):
+    groups = batch(20)
     per_agent = dataclasses.replace(run.network, noise_mix_type="ped", noise_type="uniform")
     for config in (run.network, per_agent):
         noises = draw_group_noise(config, groups, jax.random.key(0), 5)

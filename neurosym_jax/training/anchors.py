@@ -1,0 +1,138 @@
+"""The training of anchors and anchor tables, by batches in which scenes are merged into crowds.
+
+The best of k joint forecasts of two people may be bold; that of forty must be near the mean. Small
+recordings have few crowds, so several scenes of a batch are scored as one: their people do not see
+each other, but are counted, and one sample must fit all of them.
+"""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.forecasting.anchors import apply_anchors
+from neurosym_jax.scene import Scene
+from neurosym_jax.training.augmentation import augment
+from neurosym_jax.training.recipe import AnchorRecipe
+from neurosym_jax.training.step import TrainState, update
+from neurosym_jax.training.stream import gather_cropped
+
+__all__ = ["CLASSES", "AnchorStream", "anchor_loss", "anchor_step", "company"]
+
+CLASSES = (3, 9, 24)
+"""Padded sizes of scenes; larger ones are cropped to a random agent and its nearest neighbours."""
+
+
+class AnchorStream:
+    """Batches of `windows` of one size class each, by the recipe's seed and the step only."""
+
+    def __init__(self, windows: Windows, recipe: AnchorRecipe):
+        self._windows, self._recipe = windows, recipe
+        sizes = np.minimum(windows.sizes, CLASSES[-1])
+        class_of = np.searchsorted(CLASSES, sizes)
+        self._classes = [(slots, np.flatnonzero(class_of == i)) for i, slots in enumerate(CLASSES)]
+        self._classes = [each for each in self._classes if len(each[1])]
+        shares = [len(of) * sizes[of].mean() ** recipe.crowd_tilt for _, of in self._classes]
+        self._shares = np.array(shares) / sum(shares)
+
+    def batch(self, step: int) -> tuple[Scene, np.ndarray]:
+        """Scenes `[B, slots, ...]`, and the index [B] of the crowd that each is merged into."""
+        recipe, rng = self._recipe, np.random.default_rng([self._recipe.seed, step])
+        slots, members = self._classes[rng.choice(len(self._classes), p=self._shares)]
+        count = max(1, min(recipe.batch_scenes, recipe.batch_people // slots))
+        chosen, focus = rng.choice(members, count), np.zeros(count)
+        sizes = self._windows.sizes[chosen]
+        if sizes.max() > slots:
+            focus = rng.random(count)
+        merged = 1
+        if rng.random() < recipe.crowd_share:
+            most = np.log(max(1, recipe.crowd_people / np.minimum(sizes, slots).mean()))
+            merged = round(np.exp(rng.uniform(0, most)))
+        scenes = gather_cropped(self._windows, chosen, slots, focus)
+        return scenes, np.arange(count) // merged
+
+
+def company(valid: Array, crowd: Array) -> Array:
+    """[B] number of people in the other scenes of each scene's crowd.
+
+    Args:
+        valid: [B, N] bool.
+        crowd: [B] index of each scene's crowd, below B.
+    """
+    own = valid.sum(1)
+    return (jax.ops.segment_sum(own, crowd, len(valid))[crowd] - own).astype(jnp.float32)
+
+
+def anchor_loss(
+    forecast: Array,
+    log_probability: Array,
+    future: Array,
+    valid: Array,
+    crowd: Array,
+    recipe: AnchorRecipe,
+) -> Array:
+    """[] loss of a batch, per person.
+
+    Args:
+        forecast: [B, k, N, T, 2] metres.
+        log_probability: [B, k].
+        future: [B, N, T, 2] metres.
+        valid: [B, N] bool.
+        crowd: [B] index of each scene's crowd, below B.
+        recipe: weights of the terms.
+    """
+
+    def of_crowds(values: Array) -> Array:
+        return jax.ops.segment_sum(values, crowd, len(valid))
+
+    people = of_crowds(valid.sum(1))
+    n = jnp.maximum(people, 1)
+    square = jnp.square(forecast - future[:, None]).sum(-1)
+    # Smooth at 0, where a sample meets the truth.
+    distance = jnp.where(valid[:, None, :, None], jnp.sqrt(square + 1e-9), 0)
+    ade = distance.mean(-1)
+    error = ade + recipe.fde_weight * distance[..., -1]  # [B, k, N]
+    joint = of_crowds(error.sum(2))  # [crowds, k]
+    total = recipe.joint_weight * joint.min(1).sum()
+    total += recipe.marginal_weight * error.min(1).sum()
+    total += recipe.mean_weight * ade.mean(1).sum()
+
+    log_probability = of_crowds(log_probability * valid.sum(1)[:, None]) / n[:, None]
+    target = jax.lax.stop_gradient(jax.nn.softmax(-joint / n[:, None] / recipe.temperature))
+    total -= recipe.probability_weight * ((target * log_probability).sum(1) * people).sum()
+    likely = log_probability.argmax(1)[:, None]
+    total += recipe.likely_weight * jnp.take_along_axis(joint, likely, 1).sum()
+    return total / valid.sum()
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
+def anchor_step(
+    network: Any, recipe: AnchorRecipe, key: Array, state: TrainState, scenes: Scene, crowd: Array
+) -> tuple[TrainState, Array]:
+    """The state after one step on a batch, and its loss.
+
+    Args:
+        network: configuration of the network or the table.
+        recipe: of the training.
+        key: of the run, the same for all steps and not consumed.
+        state: before the step; its buffers are donated.
+        scenes: `[B, N, ...]`, before augmentation.
+        crowd: [B] index of each scene's crowd.
+    """
+    (scenes,) = augment((scenes,), jax.random.fold_in(key, state.step), recipe)
+    observed, valid = jnp.asarray(scenes.observed), jnp.asarray(scenes.valid)
+
+    def loss(params: Any) -> Array:
+        apply = functools.partial(apply_anchors, network, params)
+        forecast, log_probability = jax.vmap(
+            lambda observed, valid, company: apply(observed, valid, company=company)
+        )(observed, valid, company(valid, crowd))
+        future = jnp.asarray(scenes.known_future)
+        return anchor_loss(forecast, log_probability, future, valid, crowd, recipe)
+
+    value, gradient = jax.value_and_grad(loss)(state.params)
+    return update(recipe, state, gradient), value
