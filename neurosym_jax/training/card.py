@@ -43,7 +43,10 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     yield "protocol); marginal: each agent's own best. The two are not comparable."
     names = metrics_of(test_rows[0]) if test_rows else ["joint_ade", "joint_fde"]
     metrics = {name: known_metric(name) for name in names}
-    chosen = {"joint_ade": validation["val_ade"], "joint_fde": validation["val_fde"]}
+    chosen: Mapping[str, Any] = {
+        "joint_ade": validation["val_ade"],
+        "joint_fde": validation["val_fde"],
+    }
     rows = [(f"validation, which chose step {validation['step']}", facts["samples"], chosen)]
     for row in test_rows:
         model = "this model" if row["checkpoint"] else row["model"]
