@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from neurosym_jax.commands import inspect
-from neurosym_jax.data.download import download
-from neurosym_jax.data.published import HOME, data_folder
+from neurosym_jax.data.published import HOME, data_folder, download
 
 __all__ = ["Options", "run"]
 

@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from neurosym_jax.data.evidence import measure, steps_of
-from neurosym_jax.data.formats import FORMATS, files_below, is_folder, read_any
+from neurosym_jax.data.evidence import pace_of, steps_of
+from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import GAP, Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
@@ -40,7 +40,7 @@ def run(options: Options) -> int:
         InputError: for a single file that cannot be read, or a folder without files.
     """
     folder = is_folder(options.path)
-    paths = files_below(options.path) if folder else [options.path]
+    paths = files_in(options.path, "**/*") if folder else [options.path]
     recordings: list[Tracks] = []
     for path in paths:
         with warnings.catch_warnings():
@@ -74,7 +74,6 @@ def describe(tracks: Tracks) -> str:
     rate = f", {1 / usual:.4g} points a second" if usual > 0 else ""
     longest = f", the longest {step[gap].max():.2f} s" if gap.any() else ""
     middle, top = np.quantile(speed[~gap], (0.5, 1)) if len(step) else (np.nan, np.nan)
-    found = {name: f"{value:.2f}" for name, value in measure(tracks).items() if name != "steps"}
     width, height = np.ptp(tracks.position, axis=0)
     scenes = []
     for obs_len, pred_len in WINDOWS:
@@ -89,7 +88,7 @@ def describe(tracks: Tracks) -> str:
         f"    people {len(np.unique(tracks.id))}, points {len(tracks.id)}, duration "
         f"{np.ptp(tracks.stamp):.1f} s{rate}, {gap.sum()} gaps{longest}",
         f"    area {width:.1f} x {height:.1f} m, speeds median {middle:.2f}, fastest {top:.2f} m/s",
-        f"    evidence {', '.join(f'{name} {value}' for name, value in found.items()) or 'none'}",
+        f"    one step in twenty is faster than {pace_of(tracks)[1]:.2f} m/s",
         f"    scenes {', '.join(scenes)}",
     ]
     warned = tracks.reading.warnings if tracks.reading else ()

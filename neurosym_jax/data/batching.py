@@ -1,8 +1,7 @@
 """Padded batches of scenes in a few static shapes, so that compilation stays cheap.
 
-Scenes are sorted into buckets by number of agents. A batch is a `Scene` with a leading axis of
-scenes of one bucket, about `slots` agent slots altogether. The last batch of a bucket is filled up
-with empty scenes (no valid agent).
+A batch is a `Scene` with a leading axis of scenes of one bucket of sizes. The last batch of a
+bucket is filled up with empty scenes (no valid agent).
 """
 
 import dataclasses
@@ -13,15 +12,7 @@ import numpy as np
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import Scene, displacements, model_dtype, relative_positions
 
-__all__ = [
-    "BUCKETS",
-    "SLOTS",
-    "Batch",
-    "bucket_of",
-    "gather_scenes",
-    "make_batches",
-    "single_scene",
-]
+__all__ = ["Batch", "bucket_of", "gather_scenes", "make_batches", "single_scene"]
 
 BUCKETS = (4, 8, 16, 32, 64)
 """Sizes of padded scenes, in agents; beyond the last, powers of two."""
@@ -75,7 +66,8 @@ def gather_scenes(
     """The scenes `chosen` ([S] indices, repeats allowed), each padded to `slots` agent slots.
 
     Returns:
-        A Scene with a leading axis of `count` scenes (default: S); those beyond S are empty.
+        A Scene with a leading axis of `count` scenes (default: S), of which those beyond S are
+        empty.
     """
     count = len(chosen) if count is None else count
     sizes = windows.sizes[chosen]
@@ -85,7 +77,9 @@ def gather_scenes(
     position = windows.position[rows]
     last = position[:, windows.obs_len - 1]
     origin = np.zeros((count, 2))
-    origin[: len(chosen)] = _origins(last, sizes)
+    first = np.cumsum(sizes) - sizes
+    low, high = np.minimum.reduceat(last, first), np.maximum.reduceat(last, first)
+    origin[: len(chosen)] = (low + high) / 2  # As `make_scene`.
     step = displacements(position[:, : windows.obs_len])
     position = relative_positions(position, origin[scene, None])
 
@@ -107,9 +101,3 @@ def gather_scenes(
         future=padded(position[:, windows.obs_len :]),
         extras={name: padded(of[rows], of.dtype) for name, of in windows.extras.items()},
     )
-
-
-def _origins(last: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """[S, 2] centres of the scenes' last observed positions `last [A, 2]`, as `make_scene`'s."""
-    first = np.cumsum(sizes) - sizes
-    return (np.minimum.reduceat(last, first) + np.maximum.reduceat(last, first)) / 2

@@ -1,8 +1,7 @@
 """Whether windows were among those that a model was trained on, by their shapes.
 
-A model keeps hashes of the shapes of some of its training windows: the rounded moves of eight
-steps, of windows that go more than a metre and are not straight. So a copy is found whatever its
-name, its ids, its frame numbers or its origin are, and other recordings give no match.
+A model keeps hashes of some of its training windows: the rounded moves of eight steps that go more
+than a metre and are not straight. A copy is found whatever its name, ids, frames or origin are.
 """
 
 import base64
@@ -14,19 +13,11 @@ from neurosym_jax.data.windows import Windows
 
 __all__ = ["fingerprint", "is_fingerprint", "seen_before", "shared_shapes"]
 
-STEPS = 8
-"""Observed and predicted steps that a shape has; models of all horizons share it."""
-
-CELL = 0.01
-"""Metres to which moves are rounded."""
-
-OFFSET = 0.337
-"""Of the cells' bounds, so that no position in whole tenths of millimetres lies on one."""
-
-KEPT = 512
-"""Hashes that a model keeps: the smallest. A test looks for its own that are as small."""
-
-BYTES = 6
+STEPS = 8  # observed and predicted steps of a shape; models of all horizons share it
+CELL = 0.01  # metres to which moves are rounded
+OFFSET = 0.337  # of the cells' bounds, so that no position in tenths of millimetres lies on one
+KEPT = 512  # hashes that a model keeps: the smallest
+BYTES = 6  # of a hash
 
 
 def fingerprint(windows: Windows) -> str:

@@ -1,16 +1,22 @@
-"""Published collections that this project reads, and where they lie on this computer.
+"""Published collections that this project reads: fetching, their place here, their licences.
 
-`published.tsv` pins every file: collection, path in it, address below `HOME`, bytes, SHA-256.
+`published.tsv` pins every file. A collection appears in its folder whole; until then it grows in
+`NAME.part` beside it, and the next call fetches the files that are still missing.
 """
 
-import contextlib
 import csv
 import os
+from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-__all__ = ["COLLECTIONS", "HOME", "PublishedFile", "data_folder", "find", "published_files"]
+from tqdm import tqdm
+
+from neurosym_jax.errors import InputError, printable
+
+__all__ = ["COLLECTIONS", "HOME", "data_folder", "download", "find", "licences_of"]
+__all__ += ["published_files"]
 
 HOME = (
     "https://raw.githubusercontent.com/sariahmghames/NeuroSyM-prediction/"
@@ -21,27 +27,70 @@ HOME = (
 COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")
 """Folders in `data_folder()`."""
 
-
-class PublishedFile(NamedTuple):
-    """One file."""
-
-    path: Path
-    """Below the collection's folder."""
-    address: str
-    """Below `HOME`, or a mirror of it."""
-    size: int
-    """Bytes."""
-    sha256: str
+_LICENCES = {"sdd": ("SDD", "CC BY-NC-SA 3.0"), "simulations": ("simulations", "MIT")}
 
 
-def published_files(collection: str) -> list[PublishedFile]:
-    """The files of a collection, in order of path; none of one that is fetched by hand."""
+def licences_of(names: Iterable[str]) -> dict[str, str]:
+    """The licence of each data set, "unstated" where its publisher states none or it is unknown."""
+    return dict(_LICENCES.get(name.casefold(), (name, "unstated")) for name in names)
+
+
+def published_files(collection: str) -> dict[str, dict[str, str]]:
+    """Address, bytes and SHA-256 of each file of a collection, by path below its folder."""
     with files("neurosym_jax.data").joinpath("published.tsv").open(encoding="utf-8") as table:
-        return [
-            PublishedFile(Path(row["path"]), row["address"], int(row["bytes"]), row["sha256"])
-            for row in csv.DictReader(table, delimiter="\t")
-            if row["collection"] == collection
-        ]
+        rows = csv.DictReader(table, delimiter="\t")
+        return {row["path"]: row for row in rows if row["collection"] == collection}
+
+
+def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0) -> tuple[int, int]:
+    """Fetch the files of a collection that `folder` lacks; existing files are never overwritten.
+
+    Args:
+        what: name of the collection, see `COLLECTIONS`.
+        folder: the collection's own.
+        mirror: address of a copy of the files, with the same paths below it.
+        timeout: seconds without an answer after which a connection is given up.
+
+    Returns:
+        Number of files, and of those fetched now.
+
+    Raises:
+        InputError: naming the file or address and what is wrong with it.
+    """
+    import pooch
+    import requests
+
+    pooch.get_logger().setLevel("WARNING")
+    base = mirror.rstrip("/") + "/"
+    wanted = published_files(what)
+    into = folder if folder.exists() else folder.with_name(f"{folder.name}.part")
+    collection = pooch.create(
+        into,
+        base_url=base,
+        registry={name: f"sha256:{row['sha256']}" for name, row in wanted.items()},
+        urls={name: base + row["address"] for name, row in wanted.items()},
+        retry_if_failed=2,
+    )
+    receive: Any = pooch.HTTPDownloader(timeout=timeout)
+    try:
+        there = {name for name in wanted if (into / name).exists()}
+        for name in there:
+            if pooch.file_hash(str(into / name)) != wanted[name]["sha256"]:
+                raise InputError(f"{into / name}: is not the published file; move it away")
+        for name in tqdm(wanted.keys() - there, desc=folder.name, unit=" files", disable=None):
+            collection.fetch(name, downloader=receive)
+        if into != folder:
+            into.rename(folder)
+    except (requests.RequestException, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"{base}: {printable(str(error))[:300]} (what has arrived is kept: run this again, or "
+            "name another place with --mirror)"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror or error}") from None
+    return len(wanted), len(wanted) - len(there)
 
 
 def data_folder() -> Path:
@@ -49,11 +98,8 @@ def data_folder() -> Path:
     (default `~/.local/share`)."""
     if own := os.environ.get("NEUROSYM_DATA"):
         return Path(own)
-    try:
-        base = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share")
-    except RuntimeError:  # A user without a home, as in containers.
-        base = Path()
-    return base / "neurosym_jax"
+    base = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
+    return Path(base) / "neurosym_jax"
 
 
 def find(path: Path) -> Path:
@@ -63,7 +109,6 @@ def find(path: Path) -> Path:
     """
     base = data_folder()
     for candidate in (path, base / path, *(base / name / path for name in COLLECTIONS)):
-        with contextlib.suppress(OSError):  # A name that is too long is nowhere.
-            if candidate.exists():
-                return candidate
+        if os.path.exists(candidate):
+            return candidate
     return path

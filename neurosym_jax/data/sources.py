@@ -19,16 +19,8 @@ from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 
-__all__ = [
-    "GENERAL",
-    "EthUcy",
-    "Files",
-    "Source",
-    "Split",
-    "Synthetic",
-    "open_source",
-    "windows_from",
-]
+__all__ = ["GENERAL", "EthUcy", "Files", "Source", "Split", "Synthetic", "open_source"]
+__all__ += ["windows_from"]
 
 Split = Literal["train", "val", "test"]
 
@@ -43,27 +35,22 @@ TRAIN_SHARE = 0.8
 class Source(abc.ABC):
     """Named data sets and their recordings."""
 
-    scenes: tuple[str, ...]
-    """Names of the data sets."""
+    scenes: tuple[str, ...]  # names of the data sets
     read: ReadOptions = AS_IT_SAYS
-    """How files are read."""
-    period: float = PERIOD
-    """Seconds between steps; recordings are resampled to it."""
-    name: ClassVar[str] = ""
-    """Name of all data sets together, where one model may be tested on every one of them."""
-    about: ClassVar[str] = ""
-    """What it contains, for people who did not ask for it by name."""
+    period: float = PERIOD  # seconds between steps, to which recordings are resampled
+    paths: tuple[Path, ...] = ()  # all files
+    name: ClassVar[str] = ""  # of all data sets together, if a model may be tested on all of them
+    about: ClassVar[str] = ""  # what it contains, for people who did not ask for it by name
 
     def recordings(self, scene: str, split: Split = "test") -> list[Tracks]:
         """Recordings of one split of `scene`, or of all data sets for `GENERAL`.
 
         Raises:
-            InputError: for an unknown data set, the test split of `GENERAL`, or files that cannot
-                be read.
+            InputError: for an unknown data set, or files that cannot be read.
         """
         if scene not in self.scenes and (scene != GENERAL or split == "test"):
             raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
-        return self._on_grid(self._read(scene, split))
+        return [self._on_grid(tracks) for tracks in self._read(scene, split)]
 
     def files(self, names: Sequence[str]) -> list[Tracks]:
         """Recordings by path, or by the name without ending of one of the source's files.
@@ -71,25 +58,22 @@ class Source(abc.ABC):
         Raises:
             InputError: for an unknown name.
         """
-        known = {recording_name(path): path for path in self._paths()}
-        paths = [Path(name) if Path(name).is_file() else known.get(name) for name in names]
-        for name, path in zip(names, paths):
-            if path is None:
+        known = {recording_name(path): path for path in self.paths}
+        for name in names:
+            if name not in known and not os.path.isfile(name):
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        return self._on_grid(self._read_files(path for path in paths if path))
+        found = self._read_files(known.get(name, Path(name)) for name in names)
+        return [self._on_grid(tracks) for tracks in found]
 
     @abc.abstractmethod
     def _read(self, scene: str, split: Split) -> list[Tracks]: ...
 
-    def _paths(self) -> Iterable[Path]:
-        return ()
-
     def _read_files(self, paths: Iterable[Path]) -> list[Tracks]:
         return [tracks for path in paths for tracks in formats.read_any(path, self.read)]
 
-    def _on_grid(self, recordings: Sequence[Tracks]) -> list[Tracks]:
-        return [on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings]
+    def _on_grid(self, tracks: Tracks) -> Tracks:
+        return on_grid(tracks, self.period, self.read.max_gap)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,24 +104,19 @@ class EthUcy(Source):
         own = None if scene == GENERAL else scene
         return self._read_files(eth_ucy.split_files(self.folder, own, split))
 
-    def _paths(self) -> Iterable[Path]:
-        return sorted(self.folder.glob("*/*.txt"))
-
 
 @dataclasses.dataclass(frozen=True)
 class Files(Source):
     """A user's files of any known format; each is a data set named after the file.
 
-    A data set is tested on its whole file and left out of training. Of every recording in the other
-    files, the first `TRAIN_SHARE` of its duration is for training, the rest for validation.
+    Of every recording but the one under test, the first `TRAIN_SHARE` of its duration is for
+    training, the rest for validation.
     """
-
-    paths: tuple[Path, ...] = ()
 
     def _read(self, scene: str, split: Split) -> list[Tracks]:
         own = [path for path in self.paths if recording_name(path) == scene]
         if split == "test":
-            return self._read_files(own[:1])
+            return self._read_files(own)
         others = [path for path in self.paths if path not in own]
         if not others:
             raise InputError(f"{scene}: the only recording, so nothing is left to train on")
@@ -148,9 +127,6 @@ class Files(Source):
             early = tracks.stamp < first + TRAIN_SHARE * (last - first)
             parts.append(tracks.take(early if split == "train" else ~early))
         return [part for part in parts if len(part.id)]
-
-    def _paths(self) -> Iterable[Path]:
-        return self.paths
 
 
 def open_source(
@@ -163,8 +139,8 @@ def open_source(
     """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of recordings.
 
     Args:
-        data: path, also below the folder of downloaded data (see `published.find`); default: the
-            downloaded collection that has `scene`, else the simulations.
+        data: path, also below the folder of downloaded data; default: the downloaded collection
+            that has `scene`, else the simulations.
         scene: name of the data set that is asked for.
         model_scene: held-out data set of the model, used if no `scene` is asked for.
         read: how files are read.
@@ -173,39 +149,29 @@ def open_source(
     Raises:
         InputError: if nothing is there.
     """
-    if data is None:
-        data = _downloaded(scene or model_scene)
-        if not data and scene in eth_ucy.SCENES:
-            raise InputError(
-                f"scene {scene} is of ETH/UCY: say with --data where that is, or fetch it once: "
-                "python -m neurosym_jax download eth-ucy"
-            )
     how: Any = {"read": read, "period": period}
     if data is None:
-        return Synthetic(**how)
-    data = data if os.path.exists(data) else find(data)
-    if str(data) in COLLECTIONS and not data.exists():
-        raise InputError(f"{data}: not here yet: `neurosym download {data}` fetches it")
-    try:
-        folder = formats.is_folder(data) or not data.exists()
-    except OSError as error:
-        raise InputError(f"{data}: cannot be read ({error.strerror})") from None
-    if folder and (data / "all").is_dir():
-        return EthUcy(folder=data, **how)
-    paths = tuple(formats.data_files(data, read)) if folder else (data,)
+        wanted = scene or model_scene
+        data = data_folder() / ("eth-ucy" if wanted in eth_ucy.SCENES else "thor")
+        known = wanted in (*eth_ucy.SCENES, *(path.stem for path in data.glob("*")))
+        if not known or not data.is_dir():
+            if scene in eth_ucy.SCENES:
+                raise InputError(
+                    f"scene {scene} is of ETH/UCY: say with --data where that is, or fetch it "
+                    "once: python -m neurosym_jax download eth-ucy"
+                )
+            return Synthetic(**how)
+    data = find(data)
+    if not os.path.exists(data):
+        hint = f": `neurosym download {data}` fetches it" * (str(data) in COLLECTIONS)
+        raise InputError(f"{data}: no such file or folder{hint}")
+    if (data / "all").is_dir():
+        return EthUcy(folder=data, paths=tuple(sorted(data.glob("*/*.txt"))), **how)
+    paths = formats.data_files(data, read) if formats.is_folder(data) else [data]
     names = [recording_name(path) for path in paths]
-    if len(set(names)) < len(names):
-        raise InputError(f"{data}: two files differ only in their ending; rename one")
-    if GENERAL in names:
-        raise InputError(f"{data}: no recording can be called {GENERAL}: it means none of them")
-    return Files(scenes=tuple(names), paths=paths, **how)
-
-
-def _downloaded(scene: str | None) -> Path | None:
-    """The downloaded collection that has this data set, if there is one."""
-    folder = data_folder() / ("eth-ucy" if scene in eth_ucy.SCENES else "thor")
-    known = scene in eth_ucy.SCENES or scene in {path.stem for path in folder.glob("*")}
-    return folder if known and folder.is_dir() else None
+    if len({*names, GENERAL}) <= len(names):
+        raise InputError(f"{data}: two files are called alike, or one {GENERAL}; rename it")
+    return Files(tuple(names), paths=tuple(paths), **how)
 
 
 def windows_from(
@@ -227,11 +193,8 @@ def windows_from(
         pred_len: steps to forecast.
         period: seconds between steps.
         read: how files are read.
-        skip: a window starts at every `skip`-th step.
-        min_agents: scenes with fewer agents are dropped.
-
-    Returns:
-        Windows; their `reading` describes each recording and its gaps.
+        skip: see `cut_windows`.
+        min_agents: see `cut_windows`.
 
     Raises:
         InputError: for files that cannot be read, or if there is no window.

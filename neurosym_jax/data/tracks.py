@@ -1,13 +1,12 @@
 """The track table: where each agent was at each time, between the readers and the windows.
 
-Every reader, the simulation and the robot's recorder produce `Tracks`. The table keeps the
-recording's own clock in seconds and its own world frame in metres; it knows no observation length.
+The table keeps the recording's own clock in seconds and its own world frame in metres.
 """
 
 import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +15,8 @@ from neurosym_jax.data.reading import Reading
 from neurosym_jax.errors import InputError
 
 __all__ = [
+    "GAP",
     "LATE",
-    "MAX_METRES",
     "PERIOD",
     "SNAP",
     "Tracks",
@@ -30,53 +29,38 @@ __all__ = [
 PERIOD = 0.4
 """Seconds between the steps of the ETH/UCY benchmark and of every shipped model."""
 
-MAX_METRES = 1e8
-"""Largest coordinate accepted, metres; UTM and web maps stay below."""
-
 LATE = 1e11
 """Latest time accepted, seconds; a float64 of this size still resolves 20 microseconds."""
 
 SNAP = 1e-6
-"""Seconds within which a stamp counts as a grid point, so that clocks written in decimals,
-accumulated, or counted from 1970 meet the grid in spite of rounding."""
+"""Seconds within which a stamp counts as a grid point, in spite of the rounding of clocks."""
 
 GAP = 1.5
 """A step of a person longer than this many usual ones is a gap."""
 
-DENSE = 100
-"""Largest ratio of grid points to source points; a larger one is taken for a mistyped period."""
+MAX_METRES = 1e8  # largest coordinate accepted; UTM and web maps stay below
+DENSE = 100  # largest ratio of grid points to source points; beyond, a mistyped period
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tracks:
     """The points of one recording: R rows sorted by (id, stamp). Build with `make_tracks`."""
 
-    recording: str
-    """Name, used in messages and in the identity of its scenes."""
-    stamp: np.ndarray
-    """[R] float64 seconds on the recording's clock."""
-    id: np.ndarray
-    """[R] int64 agent."""
-    position: np.ndarray
-    """[R, 2] float64 metres in the recording's frame."""
+    recording: str  # name, used in messages and in the identity of its scenes
+    stamp: np.ndarray  # [R] float64 seconds on the recording's clock
+    id: np.ndarray  # [R] int64 agent
+    position: np.ndarray  # [R, 2] float64 metres in the recording's frame
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     """name: [R, ...] further numbers of each row, as a group, a class or a heading."""
     known: np.ndarray | None = None
-    """[R] seconds: stamp of the last observation that the point depends on, see `resample`; None
-    where every point was observed at its own stamp."""
+    """[R] seconds: stamp of the last observation that the point depends on, see `resample`."""
     foreseen: np.ndarray | None = None
-    """[R, 2] metres: the point as extrapolated from observations before `known`; None as there."""
-    period: float | None = None
-    """Seconds between the points of the grid that all stamps lie on; None without a grid."""
-    reading: Reading | None = None
-    """How the recording was read from a file; None for tracks made otherwise."""
+    """[R, 2] metres: the point as extrapolated from observations before `known`."""
+    period: float | None = None  # seconds between points of the grid that all stamps lie on
+    reading: Reading | None = None  # how the recording was read from a file
 
     def take(self, rows: np.ndarray | slice) -> Self:
-        """Select rows, with everything that belongs to them.
-
-        Args:
-            rows: [R] bool mask, [R'] ascending indices, or a slice.
-        """
+        """Select rows ([R] bool mask, [R'] ascending indices, or a slice) with all their fields."""
         return dataclasses.replace(
             self,
             stamp=self.stamp[rows],
@@ -93,8 +77,7 @@ class Tracks:
         Raises:
             InputError: if an agent would be seen twice at one stamp.
         """
-        order = _order(self.recording, self.stamp, id)
-        return dataclasses.replace(self, id=id).take(order)
+        return dataclasses.replace(self, id=id).take(_order(self.recording, self.stamp, id))
 
 
 def make_tracks(
@@ -103,6 +86,9 @@ def make_tracks(
     id: ArrayLike,
     position: ArrayLike,
     extras: Mapping[str, ArrayLike] = MappingProxyType({}),
+    *,
+    reading: Reading | None = None,
+    row: np.ndarray | None = None,
 ) -> Tracks:
     """Check and sort rows given in any order; the arrays are copied.
 
@@ -112,51 +98,49 @@ def make_tracks(
         id: [R] whole numbers.
         position: [R, 2] metres.
         extras: name: [R, ...] numbers.
+        reading: how the rows were read; messages name its file instead of the recording.
+        row: [R] numbers of the rows in messages; default: from 0.
 
     Raises:
-        InputError: naming the recording, the first wrong row (from 0, in the caller's order) and
-            the reason.
+        InputError: naming the recording, the first wrong row and the reason.
     """
-    times = np.asarray(stamp, np.float64)
-    points = np.asarray(position, np.float64)
-    ids = np.asarray(id)
-    others = {name: np.asarray(values) for name, values in extras.items()}
-    rows = times.shape[0] if times.ndim == 1 else -1
-    shapes = {name: (rows, *values.shape[1:]) for name, values in others.items()}
-    shapes |= {"stamp": (rows,), "id": (rows,), "position": (rows, 2)}
-    for name, array in (("stamp", times), ("id", ids), ("position", points), *others.items()):
-        shape = shapes[name]
-        if array.shape != shape:
-            wanted = "[rows]" if rows < 0 else list(shape)
-            raise InputError(f"{recording}: {name} must be {wanted}, not {list(array.shape)}")
-    if rows == 0:
-        raise InputError(f"{recording}: no rows")
-    for name, values in {"id": ids, **others}.items():
-        if values.dtype.kind not in ("iuf" if name == "id" else "biuf"):
-            raise InputError(f"{recording}: {name} must be numbers, not {values.dtype}")
+    where = reading.file if reading and reading.file else recording
+    times, points = np.asarray(stamp, np.float64), np.asarray(position, np.float64)
+    ids, others = np.asarray(id), {name: np.asarray(values) for name, values in extras.items()}
+    rows = times.size
+    shapes = {"stamp": (rows,), "id": (rows,), "position": (rows, 2)}
+    for name, array in {"stamp": times, "id": ids, "position": points, **others}.items():
+        shape = shapes.get(name, (rows, *array.shape[1:]))
+        if not rows or array.shape != shape or array.dtype.kind not in "biuf":
+            what = f"{list(array.shape)} {array.dtype}"
+            raise InputError(f"{where}: {name} must be numbers {list(shape)}, not {what}")
     # Above 2**53 neighbouring ids share one float.
     whole = ids.dtype.kind != "f" or (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
-    for right, reason in (
-        (np.isfinite(times), "the stamp is not finite"),
-        (np.isfinite(points).all(axis=1), "the position is not finite"),
-        (whole, "the id is not a whole number"),
+    for name, values, usable in (
+        ("time", times, np.abs(times) <= LATE),
+        ("position", points, (np.abs(points) <= MAX_METRES).all(axis=1)),
+        ("id", ids, whole),
     ):
-        if not np.all(right):
-            raise InputError(f"{recording}: row {np.argmin(right)}: {reason}")
+        if not np.all(usable):
+            at = int(np.argmin(usable))
+            raise InputError(
+                f"{where}: row {at if row is None else row[at]}: {name} {values[at]} is not a "
+                f"usable number{' of seconds (--time-unit?)' * (name == 'time')}"
+            )
     ids = ids.astype(np.int64)
-    return Tracks(recording, times, ids, points, others).take(_order(recording, times, ids))
+    tracks = Tracks(recording, times, ids, points, others, reading=reading)
+    return tracks.take(_order(where, times, ids, row))
 
 
-def _order(recording: str, stamp: np.ndarray, id: np.ndarray) -> np.ndarray:
+def _order(where: str, stamp: np.ndarray, id: np.ndarray, row: Any = None) -> np.ndarray:
     """[R] indices that sort the rows by (id, stamp)."""
     order = np.lexsort((stamp, id))
-    ids, times = id[order], stamp[order]
-    again = np.flatnonzero((ids[1:] == ids[:-1]) & (times[1:] == times[:-1]))
+    again = np.flatnonzero((np.diff(id[order]) == 0) & (np.diff(stamp[order]) == 0))
     if len(again):
-        first, second = order[again[0]], order[again[0] + 1]
+        at = order[again[0] + 1]
         raise InputError(
-            f"{recording}: row {second}: agent {ids[again[0]]} is seen at {times[again[0]]} s "
-            f"in row {first} already"
+            f"{where}: row {at if row is None else row[at]}: repeats agent {id[at]} at "
+            f"{stamp[at]:.12g} s"
         )
     return order
 
@@ -167,35 +151,31 @@ def resample(
     """Interpolate every track linearly onto the grid `start + n * period`, n = 0, 1, ...
 
     A grid point within `SNAP` of a source point takes its position bit for bit. Any other lies
-    between two source points of the agent at most `max_gap` apart: nothing is extrapolated, and a
-    longer gap splits a track in two under the same id. Extras are those of the last source point.
+    between two source points of the agent at most `max_gap` apart; a longer gap splits a track in
+    two under the same id. Extras are those of the last source point.
 
-    An interpolated point depends on the later source point (its stamp is `known`), which is not
-    observed yet at the grid point's own time. `foreseen` is the position extrapolated from the
-    earlier source points alone, at their mean velocity over the last `period`; `windows` uses it
-    where `known` lies after the observation.
+    An interpolated point depends on the later source point (its stamp is `known`). `foreseen` is
+    extrapolated from the earlier ones alone, at their mean velocity over the last `period`;
+    `windows` uses it where `known` lies after the observation.
 
     Args:
         tracks: R rows.
         period: seconds between grid points.
         max_gap: longest gap that is filled, seconds.
-        start: first point of the grid, seconds; default: the recording's first stamp. Earlier
-            points are dropped.
+        start: first point of the grid, seconds; default: the recording's first stamp.
 
     Raises:
-        InputError: for a period, gap or start that is not a usable number, or does not suit the
-            recording.
+        InputError: for a period, gap or start that does not suit the recording.
     """
-    name = tracks.recording
     start = float(tracks.stamp.min()) if start is None else float(start)
     if not (np.isfinite([period, start]).all() and period > 2 * SNAP and max_gap >= 0):
         raise InputError(
-            f"{name}: no usable grid: period {period}, start {start}, longest gap {max_gap} s"
+            f"{tracks.recording}: no usable grid: period {period}, start {start}, longest gap "
+            f"{max_gap} s"
         )
-
     stamp, position = tracks.stamp, tracks.position
-    joined = (np.diff(tracks.id) == 0) & (np.diff(stamp) <= max_gap + 2 * SNAP)
-    joined = np.append(joined, False)
+    same = np.diff(tracks.id) == 0
+    joined = np.append(same & (np.diff(stamp) <= max_gap + 2 * SNAP), False)
     row, grid, exact = _grid_points(tracks, period, start, joined)
     grid_stamp = start + grid * period
     after = np.where(exact, row, row + 1)
@@ -206,8 +186,7 @@ def resample(
     ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
     reading = tracks.reading
     if reading is not None:
-        steps = np.diff(stamp)[np.diff(tracks.id) == 0]
-        usual = max(float(np.median(steps)), period) if len(steps) else period
+        usual = max(float(np.median(np.diff(stamp)[same])), period) if same.any() else period
         filled = int(np.sum(stamp[after] - stamp[row] > GAP * usual))
         reading = dataclasses.replace(reading, filled=filled)
     return dataclasses.replace(
@@ -226,10 +205,10 @@ def _grid_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For each of G grid points its source row, its number n, and whether it lies on that row.
 
-    Row i serves the grid points from its own stamp up to, but excluding, the next row's. A row
-    without a successor (`joined [R]` is False) serves only the point that it lies on.
+    A row serves the grid points before the next row's or, if it is not `joined` [R] to that, the
+    point that it lies on.
     """
-    name, stamp = tracks.recording, tracks.stamp
+    stamp = tracks.stamp
     nearest = np.rint((stamp - start) / period)
     snaps = np.abs(stamp - (start + nearest * period)) <= SNAP
     place = np.where(snaps, nearest, (stamp - start) / period)
@@ -237,13 +216,11 @@ def _grid_points(
     last = np.where(joined, np.append(first[1:], 0.0), np.floor(place) + 1)
     first, last = np.maximum(first, 0), np.maximum(last, 0)
     wanted = float(np.sum(last - first))
-    if wanted > DENSE * len(stamp):
+    if not 0 < wanted <= DENSE * len(stamp):
         raise InputError(
-            f"{name}: a period of {period:g} s makes {wanted:,.0f} points of {len(stamp):,}, more "
-            f"than {DENSE} of each: a longer one does"
+            f"{tracks.recording}: a period of {period:g} s makes {wanted:,.0f} points of "
+            f"{len(stamp):,}"
         )
-    if not wanted:
-        raise InputError(f"{name}: no point lies on or between the points of the grid")
     count = (last - first).astype(np.int64)
     row = np.repeat(np.arange(len(stamp)), count)
     before = np.cumsum(count) - count
@@ -254,34 +231,21 @@ def _grid_points(
 def on_grid(tracks: Tracks, period: float = PERIOD, max_gap: float = 1.0) -> Tracks:
     """`tracks` unchanged if they lie on one grid of `period` seconds without a gap, else resampled.
 
-    A gap is a longer step of a person than the usual; those of at most `max_gap` seconds are
-    filled, and counted in `reading`.
-
     Raises:
         InputError: for a period or gap that is not a usable number, see `resample`.
     """
     if not 0 < period < np.inf:
         raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
     place = (tracks.stamp - tracks.stamp.min()) / period
-    # Stamps of large frame numbers are rounded by more than SNAP.
-    tolerance = SNAP / period + 4 * np.finfo(float).eps * np.abs(tracks.stamp).max() / period
-    nearest = np.rint(place)
-    steps = np.diff(np.unique(nearest))
-    counts = np.diff(nearest)[np.diff(tracks.id) == 0]
-    usual = len(steps) == 0 or common(steps) == 1.0
-    gaps = (counts > 1) & (counts * period <= max_gap + 2 * SNAP)
-    on = usual and np.all(counts > 0) and np.all(np.abs(place - nearest) <= tolerance)
-    if on and not np.any(gaps):
+    steps = np.diff(np.rint(place))[np.diff(tracks.id) == 0]
+    if np.all(steps == 1) and np.all(np.abs(place - np.rint(place)) <= SNAP / period):
         return dataclasses.replace(tracks, period=period)
     return resample(tracks, period, max_gap)
 
 
 def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
-    """[R, 2] m/s: mean velocity over at least the last `period` seconds before each row.
-
-    Uses no row before a gap (`joined [R]`: the next row continues this one). A track shorter than
-    `period` uses what there is; its first row has velocity zero.
-    """
+    """[R, 2] m/s: mean velocity over the last `period` seconds before each row, since the last gap
+    (`joined [R]`: the next row continues this one); zero at the first row."""
     step = np.where(joined[:-1], np.diff(tracks.stamp), 2 * period)
     clock = np.concatenate([[0.0], np.cumsum(step)])  # ascending over all agents
     first = np.maximum.accumulate(np.where(np.append(True, ~joined[:-1]), np.arange(len(clock)), 0))

@@ -1,13 +1,13 @@
 """Cut recordings into windows of people who are present together: SGAN's windows, exactly.
 
 A window spans `obs_len + pred_len` consecutive steps of its recording and holds the agents seen at
-every one of them. It never crosses a gap in time, a step longer than the recording's own. (SGAN's
-loader would cross one, but no window of ETH/UCY does.) Its observed part depends on nothing
-recorded later. Windows are stored agent by agent; `data.batching` pads scenes.
+every one of them. It never crosses a step longer than the recording's own, which no window of
+SGAN's on ETH/UCY does. Its observed part depends on nothing recorded later. Windows are stored
+agent by agent; `data.batching` pads scenes.
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy as np
 from neurosym_jax.data.reading import Reading
 from neurosym_jax.data.tracks import PERIOD, SNAP, Tracks, common
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.scene import scene_identity
 
 __all__ = ["Windows", "cut_windows"]
@@ -25,20 +24,15 @@ __all__ = ["Windows", "cut_windows"]
 class Windows:
     """Windows of one or more recordings: A agent windows, grouped into S scenes."""
 
-    position: np.ndarray
-    """[A, obs_len + pred_len, 2] float64 metres in the recording's frame."""
-    agent: np.ndarray
-    """[A] int64 agent ids."""
+    position: np.ndarray  # [A, obs_len + pred_len, 2] float64 metres in the recording's frame
+    agent: np.ndarray  # [A] int64 agent ids
     bounds: np.ndarray
     """[S + 1] int64; scene s holds the agent windows `bounds[s]:bounds[s + 1]`."""
-    identity: np.ndarray
-    """[S, 2] uint32 (recording digest, index of the first stamp)."""
-    obs_len: int
-    """Observed steps; the others are the future."""
-    period: float = PERIOD
-    """Seconds between steps."""
+    identity: np.ndarray  # [S, 2] uint32 (recording digest, index of the first stamp)
+    obs_len: int  # observed steps; the others are the future
+    period: float = PERIOD  # seconds between steps
     reading: tuple[Reading, ...] = ()
-    """How each recording was read, and its runs and gaps in time."""
+    """How each recording was read."""
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     """name: [A, ...] further numbers of each agent window, at the last observed step."""
 
@@ -64,11 +58,7 @@ class Windows:
         return np.repeat(self.bounds[scenes] - before, sizes) + np.arange(sizes.sum())
 
     def take(self, scenes: np.ndarray | slice) -> Self:
-        """Select scenes, with everything that belongs to them.
-
-        Args:
-            scenes: [S] bool mask, [S'] indices (in any order, repeats allowed), or a slice.
-        """
+        """Select scenes: [S] bool mask, [S'] indices (any order, repeats allowed), or a slice."""
         chosen = np.arange(self.scenes)[scenes]
         rows = self.rows(chosen)
         return dataclasses.replace(
@@ -96,7 +86,7 @@ def cut_windows(
         obs_len: observed steps.
         pred_len: steps to forecast.
         skip: a window starts at every `skip`-th step at which anybody is seen.
-        min_agents: scenes with fewer agents are dropped; SGAN keeps scenes of at least 2.
+        min_agents: scenes with fewer agents are dropped.
 
     Raises:
         InputError: if there is no window, a recording is on no grid, or the recordings differ in
@@ -104,20 +94,23 @@ def cut_windows(
     """
     recordings = list(recordings)
     clocks = [_clock(tracks) for tracks in recordings]
-    periods = [clock.period for clock in clocks if clock.period is not None]
+    names = ", ".join(tracks.recording for tracks in recordings[:3])
+    periods = [clock.period for clock in clocks if clock.period < np.inf]
     if periods and max(periods) - min(periods) > 0.01 * min(periods):
-        unlike = ", ".join(f"{period:g}" for period in sorted(set(periods))[:4])
-        raise InputError(f"recordings with steps of {unlike} s: bring them to one period first")
-    for tracks in recordings:
-        if odd := tracks.extras.keys() ^ recordings[0].extras.keys():
-            names = f"{recordings[0].recording}, {tracks.recording}"
-            raise InputError(f"{names}: only one of them has the extra {min(odd)!r}")
+        raise InputError(f"{names}: steps of {min(periods):g} to {max(periods):g} s: choose one")
+    if len({frozenset(tracks.extras) for tracks in recordings}) > 1:
+        raise InputError(f"{names}: their extras differ")
     parts = [
         _cut(tracks, clock, obs_len, pred_len, skip, min_agents)
         for tracks, clock in zip(recordings, clocks)
     ]
     if not any(part.scenes for part in parts):
-        raise InputError(_why_none(recordings, clocks, obs_len + pred_len, min_agents))
+        longest = max((int(np.bincount(clock.run).max()) for clock in clocks), default=0)
+        raise InputError(
+            f"{names or 'no recordings'}: no {obs_len + pred_len} consecutive steps have at least "
+            f"{min_agents} people throughout; the longest part without a gap (see --max-gap) has "
+            f"{longest}"
+        )
     sizes = np.concatenate([part.sizes for part in parts])
     return Windows(
         position=np.concatenate([part.position for part in parts]),
@@ -133,39 +126,29 @@ def cut_windows(
     )
 
 
-class Clock(NamedTuple):
+class _Clock(NamedTuple):
     """The steps of a recording at which anybody is seen."""
 
-    step: np.ndarray
-    """[R] index of each row's step."""
-    run: np.ndarray
-    """[K] run of each step; a gap in time begins a new run."""
-    period: float | None
-    """Seconds of one step; None if there is only one."""
+    step: np.ndarray  # [R] index of each row's step
+    run: np.ndarray  # [K] run of each step; a gap in time begins a new run
+    period: float  # seconds of one step; infinite if there is only one
 
 
-def _clock(tracks: Tracks) -> Clock:
-    if tracks.period is not None:
-        # Two agents' stamps may be rounded differently on one grid.
-        place = np.rint((tracks.stamp - tracks.stamp.min()) / tracks.period)
-        places, step = np.unique(place, return_inverse=True)
-        return Clock(step, np.append(0, np.cumsum(np.diff(places) > 1)), tracks.period)
-    stamps, step = np.unique(tracks.stamp, return_inverse=True)
-    steps = np.diff(stamps)
-    if not len(steps):
-        return Clock(step, np.zeros(1, int), None)
-    period = common(steps.round(6))
-    count = steps / period if period else np.zeros(len(steps))
-    if np.any((np.abs(count - np.rint(count)) > 0.01) | (count < 0.5)):
-        raise InputError(
-            f"{tracks.recording}: its stamps are on no one grid: resample it first, with "
-            "data.on_grid or data.windows_from"
-        )
-    return Clock(step, np.append(0, np.cumsum(count > 1.5)), period)
+def _clock(tracks: Tracks) -> _Clock:
+    period = tracks.period
+    if period is None:
+        steps = np.diff(np.unique(tracks.stamp)).round(6)
+        period = common(steps) if len(steps) else np.inf
+    place = (tracks.stamp - tracks.stamp.min()) / max(period, SNAP)
+    # Two agents' stamps may be rounded differently on one grid.
+    places, step = np.unique(np.rint(place), return_inverse=True)
+    if np.any(np.abs(place - np.rint(place)) > 0.05):
+        raise InputError(f"{tracks.recording}: its stamps are on no one grid: use data.on_grid")
+    return _Clock(step, np.append(0, np.cumsum(np.diff(places) > 1)), period)
 
 
 def _cut(
-    tracks: Tracks, clock: Clock, obs_len: int, pred_len: int, skip: int, min_agents: int
+    tracks: Tracks, clock: _Clock, obs_len: int, pred_len: int, skip: int, min_agents: int
 ) -> Windows:
     """The windows of one recording, possibly none."""
     length = obs_len + pred_len
@@ -182,9 +165,6 @@ def _cut(
     starts, sizes = np.unique(step[first], return_counts=True)
     enough = sizes >= min_agents
     first = first[np.repeat(enough, sizes)]
-    refuse_beyond_memory(
-        f"{tracks.recording}: windows of {length} steps", 64.0 * len(first) * length, "shorten them"
-    )
     rows = first[:, None] + np.arange(length)
     position = tracks.position[rows]
     if tracks.known is not None and tracks.foreseen is not None:
@@ -200,29 +180,6 @@ def _cut(
         bounds=np.append(0, np.cumsum(sizes[enough])),
         identity=scene_identity(tracks.recording, starts[enough]),
         obs_len=obs_len,
-        reading=(dataclasses.replace(reading, runs=gaps + 1, gaps=gaps),),
+        reading=(dataclasses.replace(reading, gaps=gaps),),
         extras={name: values[first + obs_len - 1] for name, values in tracks.extras.items()},
     )
-
-
-def _why_none(
-    recordings: Sequence[Tracks], clocks: Sequence[Clock], length: int, min_agents: int
-) -> str:
-    if not recordings:
-        return "no recordings to cut windows from"
-    names = ", ".join(tracks.recording for tracks in recordings[:3])
-    longest = max(int(np.bincount(clock.run).max()) for clock in clocks)
-    if longest >= length:
-        return (
-            f"{names}: no {length} consecutive frames have at least {min_agents} people throughout"
-        )
-    for tracks, clock in zip(recordings, clocks):
-        steps = np.diff(np.unique(tracks.stamp))
-        if clock.period is not None and len(steps) and np.median(steps) > 1.5 * clock.period:
-            return (
-                f"{tracks.recording}: its points are {np.median(steps):g} s apart, and gaps longer "
-                f"than --max-gap are not filled: ask for that --period, or say the times' unit"
-            )
-    gaps = sum(int(clock.run[-1]) for clock in clocks)
-    between = f" between {gaps} gaps in time" if gaps else ""
-    return f"{names}: too few frames: {longest}{between} where a window needs {length}"

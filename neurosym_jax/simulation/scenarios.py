@@ -1,33 +1,25 @@
 """Embedded default data: two people in a 5 m x 8.2 m room for two minutes, simulated from a seed.
 
 The scenarios are those of the NeuroSyM robot experiment: in `all-forward` people walk side by side
-to the room's end and back, in `cross-path` they cross each other's way and avoid each other. Both
-are walks of a social-force model (`social_force`), seen by a 10 Hz tracker with optional faults
-(`tracker`). They are not recordings, and results on them do not rank methods for real people; with
-them everything runs, and can be tested, without a download.
+to the room's end and back, in `cross-path` they cross each other's way. Both are walks of a
+social-force model, seen by a 10 Hz tracker with optional faults. Results on them do not rank
+methods for real people; with them everything runs without a download.
 """
 
 import functools
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.configuration import Seed, refuse
+from neurosym_jax.configuration import Count, Positive, Seed, refuse
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, resample
-from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.simulation.social_force import ABREAST, Plan, walk
 from neurosym_jax.simulation.tracker import TrackerFaults, track
 
-__all__ = [
-    "ROOM",
-    "Scenario",
-    "simulate",
-    "simulate_labelled",
-    "synthetic_tracks",
-]
+__all__ = ["ROOM", "Scenario", "simulate", "simulate_labelled", "synthetic_tracks"]
 
 Scenario = Literal["all-forward", "cross-path"]
 
@@ -42,16 +34,9 @@ def synthetic_tracks(scenario: Scenario, seed: int = 0) -> Tracks:
     return resample(simulate(scenario, seed), PERIOD)
 
 
-def simulate(
-    scenario: Scenario,
-    seed: int = 0,
-    duration: float = 120.0,
-    people: int = 2,
-    faults: TrackerFaults | None = None,
-    rate: float = 10.0,
-) -> Tracks:
+def simulate(scenario: Scenario, seed: int = 0, duration: float = 120.0, **options: Any) -> Tracks:
     """Tracks of a simulated walk, see `simulate_labelled`."""
-    return simulate_labelled(scenario, seed, duration, people, faults, rate)[0]
+    return simulate_labelled(scenario, seed, duration, **options)[0]
 
 
 def simulate_labelled(
@@ -79,27 +64,17 @@ def simulate_labelled(
     Raises:
         InputError: for an argument out of range.
     """
-    path, stamp = _walk(scenario, seed, duration, people, rate)
+    refuse(Scenario, {"scenario": scenario})
+    refuse(Seed, {"seed": seed})
+    refuse(Count, {"people": people})
+    refuse(Positive, {"rate": rate, "duration": duration})
+    frames = int(duration * rate + 1e-6) + 1
+    walked = _walk_frames(_key(seed, 0), scenario, people, frames, float(rate))
+    path, stamp = np.asarray(walked, np.float64), np.arange(frames) / rate
     keys = _key(seed, 1), _key(seed, 2)
     frame, person, ids, position = track(path, faults or TrackerFaults(), rate, *keys)
     tracks = make_tracks(f"synthetic/{scenario}/{seed}", stamp[frame], ids, position)
     return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
-
-
-def _walk(
-    scenario: str, seed: int, duration: float, people: int, rate: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Path [F, P, 2] metres and timestamps [F] seconds, float64."""
-    if scenario not in _PLANS:
-        raise InputError(f"scenario must be one of {sorted(_PLANS)}, not {scenario!r}")
-    refuse(Seed, {"seed": seed})
-    if people < 1:
-        raise InputError(f"people must be at least 1, not {people}")
-    if not (0 < rate < float("inf") and 0 <= duration < float("inf")):
-        raise InputError(f"rate and duration must be positive, not {rate} and {duration}")
-    frames = int(duration * rate + 1e-6) + 1
-    path = _walk_frames(_key(seed, 0), scenario, people, frames, float(rate))
-    return np.asarray(path, np.float64), np.arange(frames) / rate
 
 
 def _key(seed: int, purpose: int) -> jax.Array:

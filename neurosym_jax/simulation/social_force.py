@@ -1,20 +1,14 @@
 """People walking in a room: a social-force model, integrated in `lax.scan`.
 
 The forces are those of D. Helbing and P. Molnár, "Social force model for pedestrian dynamics",
-Phys. Rev. E 51, 4282 (1995): relaxation to a desired velocity in 0.5 s, elliptical exponential
-repulsion between people (their V0 = 2.1 m^2/s^2 and sigma = 0.3 m, half effect outside a view of
-200 degrees), exponential repulsion from walls, speed limited to 1.3 times the desired. The ellipse
-follows the relative velocity, as in A. Johansson, D. Helbing and P. Shukla, "Specification of the
-social force pedestrian model by evolutionary adjustment to video tracking data", Adv. Complex
-Syst. 10, 271 (2007): with the other's velocity alone, people in a room this small jump back.
+Phys. Rev. E 51, 4282 (1995): relaxation to a desired velocity, elliptical exponential repulsion
+between people (half effect out of view), repulsion from walls, limited speed. The ellipse follows
+the relative velocity, as in A. Johansson, D. Helbing and P. Shukla, Adv. Complex Syst. 10, 271
+(2007): with the other's velocity alone, people in a room this small jump back.
 
-No source fixes the following, so we assume: the anticipation of 1 s, a body of 0.2 m inside the
-repulsion and a contact force below 0.5 m, a softer wall, a heading that turns at most 2.5 rad/s,
+Our assumptions: anticipation of 1 s, bodies and contact, a softer wall, a limited turning rate,
 braking before the goal and pausing there for the partner, slow random changes of pace and heading,
-and, in place of an attraction, a spring that keeps a pair 0.8 m abreast. Gait sway, bystanders and
-the robot are left out.
-
-The goals of the people are a `Plan`, made by `simulation.scenarios`.
+and, in place of an attraction, a spring that keeps a pair 0.8 m abreast.
 """
 
 from typing import NamedTuple

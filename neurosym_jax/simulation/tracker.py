@@ -1,7 +1,6 @@
 """Faults of a 10 Hz people tracker: noise, drop-outs, and ids that change.
 
-From complete and exact paths it makes the rows that a tracker would report, with the true person of
-each row. Broken tracks are mended elsewhere (stitching).
+From exact paths it makes the rows that a tracker would report, with the true person of each row.
 """
 
 import dataclasses
@@ -42,17 +41,10 @@ def track(
     identity_key: jax.Array,
     noise_key: jax.Array,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The R rows that a tracker reports, frame by frame.
+    """The R rows that a tracker reports, frame by frame: [R] frame and [R] person, which index
+    `path` [F, P, 2] (metres), [R] the tracker's id, and [R, 2] the position.
 
-    Args:
-        path: [F, P, 2] true positions of P people, metres.
-        faults: of the tracker.
-        rate: frames per second.
-        identity_key: of drop-outs and ids; consumed.
-        noise_key: of the noise; consumed.
-
-    Returns:
-        frame [R] and person [R], which index `path`; the tracker's id [R]; position [R, 2] metres.
+    Frames come at `rate` a second; the keys are consumed.
     """
     lost, label = _identities(identity_key, path, faults, rate)
     frame, person = np.nonzero(~lost)

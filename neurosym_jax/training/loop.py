@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.leakage import fingerprint
-from neurosym_jax.data.licences import licences_of
+from neurosym_jax.data.published import licences_of
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, TrainingError

@@ -10,6 +10,8 @@ from neurosym_jax.data.leakage import fingerprint, is_fingerprint, seen_before, 
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation import test_sets
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*needs --eth-stride 6")
+
 
 @pytest.fixture(scope="module")
 def benchmark(shared):

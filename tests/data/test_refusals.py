@@ -1,91 +1,66 @@
 """What cannot be read ends in one line that names the file, the row and the reason."""
 
+import gzip
+import os
+import time
+from pathlib import Path
+
 import pytest
 
-from neurosym_jax.data import ReadOptions, read_any
+from neurosym_jax.data import ReadOptions, open_source, read_any, windows_from
 from neurosym_jax.errors import InputError
 
-QTM = "NO_OF_FRAMES\t3\n" * 9 + "X\nFrame\tTime"  # the rows begin with row 12
-HELMET = f"{QTM}\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"
+HELMET = "X\n" * 10 + "Frame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"  # Rows begin with 12.
 TRACKLETS = "Time,x,y,ag_id,tracklet_id\n"
 POINT = '{"track": {"f": 1, "p": 1, "x": 1, "y": 0}}\n'
+TABLE = "t,id,x,y\n"
 
 REFUSALS = [
     ("text", "", "the file has no rows"),
-    ("text", "\n # nothing \n", "the file has no rows"),
+    ("text", "\n# nothing \n", "the file has no rows"),
     ("text", "0 1 2 3\n1 1 2\n", r"row 2: 3 columns, not 4: '1 1 2'"),
-    ("text", "0 1 2 3\n1 1 2 3 4\n", "row 2: 5 columns, not 4"),
-    ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4 \(--format, or --columns time=1"),
+    ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4: '0 1 2' \(--format, or --columns time=1"),
     ("text", "0,1,,3\n", "row 1: x is not a number: ''"),
-    ("text", "# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 2: y is not a number: 'x4'"),
-    ("text", "frame ped x y\n0 1 2 3\n", "row 1: x is not a number: 'x'"),
-    ("text", "0 1 nan 3\n1 1 2 3\n", "row 1: x is not finite"),
-    ("text", "0 1 2 3\n1 1 2 -inf\n", "row 2: y is not finite"),
-    ("text", "0 1 2 3\ninf 1 2 3\n", "row 2: frame is not finite"),
-    ("text", "0 1 2 3\n1 2 2 3\n0 1 5 5\n", r"row 3: repeats \(time 0, id 1\)"),
-    ("text", "0 1 2 3\n0.5 1 2 3\n", "row 2: frame 0.5 is not whole"),
-    ("text", "0 1 2 3\n1 1.5 2 3\n", "row 2: ped 1.5 is not whole"),
-    ("text", "0 1 2 3\n1 1e30 2 3\n", r"row 2: ped 1e\+30 is too large"),
-    ("text", "0 1 2 3\n1 1 2 1e300\n", r"row 2: position 2, 1e\+300 is not a usable number"),
-    ("text", "0 1 2 3\n1 1 2 3,4\n", r"row 2: y is not a number: '3,4' \(use a decimal point\)"),
-    ("text", "780 1 8,46 3,59\n", "row 1: 3 columns, not 4"),
+    ("text", "# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 4: y is not a number: 'x4'"),
+    ("text", "0 1 nan 3\n1 1 2 3\n", "row 1: x is not a number: 'nan'"),
+    ("text", "0 1 2 3\n1 2 2 3\n0 1 5 5\n", "row 3: repeats agent 1 at 0 s"),
+    ("text", "0 1 2 3\n0.5 1 2 3\n", "row 2: frame 0.5 is not a whole number"),
+    ("text", "0 1 2 3\n1 1e30 2 3\n", r"row 2: ped 1e\+30 is not a whole number"),
+    ("text", "0 1 2 3\n1 1 2 1e300\n", r"row 2: position .* is not a usable number"),
     ("text", "780;1;8,46;3,59\n", r"row 1: x is not a number: '8,46' \(use a decimal point\)"),
     ("text", "0 1 2 3\n1 1_0 2 3\n", "row 2: ped is not a number: '1_0'"),
     ("text", "0 1 2 3\n1 01 2 3\n", "the ids '1' and '01' are one number"),
-    ("cliff", "1e12,1,0,0,0,0\n", r"row 1: time 1e\+12 is not a usable number"),
-    ("cliff", "0.1,1.5,0,0,0,0\n", "row 1: id 1.5 is not whole"),
+    ("text", "0 1 2 3\n3 1 2 3\n", r"its frames are 3 apart, .*\(--fps 25\)"),
+    ("cliff", "1e12,1,0,0,0,0\n", r"row 1: time .* is not a usable number of seconds"),
     ("columns", "t,id,x\n1,2,3\n", "which column is y"),
     ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),
-    ("columns", "t,id,x,x,y\n1,2,3,4,5\n", "which column is x, 'x' or 'x'?"),
-    ("columns", "t,id,x,y\n1,2,3\n", "row 1: 3 columns, not 4"),
-    ("columns", "t,id,x,y\n1,2,3,q\n", "row 1: y is not a number: 'q'"),
-    ("columns", "t,id,x,y\n1,2,3,1\n1,n/a,3,1\n", r"row 2: the id is missing \('n/a'\)"),
-    ("columns", "t,id,x,y\n1,2,3,inf\n", "row 1: y is not finite"),
-    ("columns", "t,id,x,y\n1,2,3,1e99\n", r"row 1: position 3, 1e\+99 is not a usable number"),
-    ("columns", "t,id,x,y\n1e99,2,3,1\n", r"row 1: time 1e\+99 is not .*: say --time-unit ms"),
-    ("columns", "t,id,x,y\n", "the file has no rows"),
-    ("columns", "t,id,x,y\n1,2,3,4\n1,2,3,5\n", r"row 2: repeats \(time 1, id 2\)"),
-    ("columns", "t,id,x,y\n2024-05-01,1,0,0\n2024-13-01,1,0,0\n", "row 2: '2024-13-01' is not a d"),
-    ("columns", "{}", "which column is id"),
-    ("columns", "[]", "a table in JSON has an object a line"),
-    ("columns", "[1]", "row 1: not an object"),
-    ("columns", '{"t": 1, "id": 1, "x": 0, "y": 0}\n1', "row 2: not an object"),
-    ("columns", '{"t": 1, "id": 1, "x": 0, "y": 0}\n{"t": 1', "row 2: not JSON"),
-    ("columns", "[" * 100_000, "row 1: not JSON"),
-    ("columns", '{"t": [1], "id": [], "x": [], "y": []}', "row 1: t is not a number"),
-    ("columns", '{"t": 1, "id": 1, "t": 1}', "the key 't' is there twice"),
-    ("columns", '{"t": {}}', "which column is id"),
-    ("columns", '{"t": 1, "id": 1, "x": [], "y": 0}', "row 1: x is not a number"),
-    ("columns", '{"t": 1, "id": null, "x": 1, "y": 0}', "row 1: the id is missing"),
+    ("columns", "t,id,x,x,y\n1,2,3,4,5\n", "which column is x"),
+    ("columns", f"{TABLE}1,2,3\n", "row 2: 3 columns, not 4"),
+    ("columns", f"{TABLE}1,2,3,q\n", "row 2: y is not a number: 'q'"),
+    ("columns", f"{TABLE}1,2,3,1\n1,n/a,3,1\n", r"row 3: the id is missing \('n/a'\)"),
+    ("columns", TABLE, "the file has no rows"),
+    ("columns", f"{TABLE}2024-05-01,1,0,0\n2024-13-01,1,0,0\n", "row 3: '2024-13-01' is not a d"),
+    ("columns", f'{TABLE}0,"7\n",1,2\n', "wrong quotes .*goes on in the next line"),
     ("trajnet", "", "the file has no track rows"),
-    ("trajnet", '{"track": {"f": 1', "row 1: not JSON"),
+    ("trajnet", '{"track": {"f": 1', "row 1: neither a track nor a scene"),
     ("trajnet", "[1]", "row 1: neither a track nor a scene"),
     ("trajnet", '{"track": {"f": 1, "p": 1, "x": 0}}', "row 1: y is not a number"),
-    ("trajnet", "\n" + POINT.replace('"f": 1', '"f": 1.5'), "row 2: f 1.5 is not whole"),
-    ("trajnet", POINT.replace('"x": 1', '"x": NaN'), "row 1: not JSON .NaN is not"),
-    ("trajnet", POINT.replace('"x": 1', '"x": 1e12'), "row 1: position"),
-    ("trajnet", '{"scene": {"id": 1, "p": 1, "s": 0, "e": 1, "fps": 0}}', "row 1: fps is 0"),
-    ("trajnet", '{"scene": {"fps": 2}}\n{"scene": {"fps": 3}}', "row 2: fps 3, and 2 before"),
+    ("trajnet", "\n" + POINT.replace('"f": 1', '"f": 1.5'), "row 2: f 1.5 is not a whole number"),
+    ("trajnet", POINT.replace('"x": 1', '"x": NaN'), "row 1: x is not a number: 'nan'"),
+    ("trajnet", '{"scene": {"fps": 2}}\n{"scene": {"fps": 3}}\n' + POINT, "fps 2.0, 3.0"),
     ("trajnet", POINT * 2, "row 2: repeats"),
-    ("trajnet", POINT.replace("1", "9" * 5000, 1), "row 1: f is not finite"),
-    ("qtm", "Fame\n", "no header that begins with `Frame`"),
-    ("qtm", f"FREQUENCY\tfast\n{HELMET}", "row 1: FREQUENCY is 'fast'"),
-    ("qtm", f"{QTM}\tCiti_1 X\tCiti_1 Y\n", r"no body fits .*; the header has Citi_1"),
-    ("qtm", HELMET, "no rows follow the header"),
+    ("qtm", "Fame\n", "no header 'Frame"),
+    ("qtm", "Frame\tTime\tCiti_1 X\tCiti_1 Y\n1\t1\t1\t1", "no `Helmet_1 X`"),
+    ("qtm", HELMET, "the file has no rows"),
     ("qtm", f"{HELMET}1\t2\t3\n", "row 12: 3 columns, not 5"),
     ("qtm", f"{HELMET}1\t0\t1\t7\t0\n2\t1\t1\t7\t0\t0\n", "row 13: 6 columns, not 5"),
-    ("qtm", f"{HELMET}1\t0\t1\t7\t0\t0\n", "row 12: 6 columns, not 5"),
     ("qtm", f"{HELMET}1\t2\t3\tx\t4\n", "row 12: Helmet_1 Y is not a number: 'x'"),
     ("qtm", f"{HELMET}1\t\t3\t4\t4\n", "row 12: Time is not a number: ''"),
-    ("qtm", f"{HELMET}\n1\t0\t0\t0\t0\n", "none of its 1 bodies is ever visible"),
-    ("qtm", f"{HELMET}\n1\t0\t1e300\t0\t0\n", "row 13: position 1e.297, 0 is not a usable number"),
+    ("qtm", f"{HELMET}\n1\t0\t0\t0\t0\n", "none of its 1 helmets is ever visible"),
     ("qtm", HELMET + "1\t0\t1\t0\t0\n" * 2, "row 13: repeats"),
-    ("qtm", f"{HELMET[:-1]}\tHelmet_1 X\n", "the header names Helmet_1  X twice"),
-    ("tracklets", "Time,x,y,ag_id\n1,2,3,Helmet_1\n", "the header lacks tracklet_id"),
-    ("tracklets", "Time,x,x,y,ag_id,tracklet_id\n1,1,2,3,4,5\n", "the header repeats x"),
-    ("tracklets", f"{TRACKLETS}1,2,3\n", "row 1: 3 columns, not 5"),
-    ("tracklets", f"{TRACKLETS}1,2,3,4,5\n2,2,3,6,5\n", "row 2: tracklet 5 is of two helmets"),
-    ("tracklets", f"{TRACKLETS}1,2,3,4,5\n1,9,3,4,5\n", "row 2: repeats a moment of tracklet 5"),
+    ("qtm", f"{HELMET[:-1]}\tHelmet_1 X\n1\t0\t1\t0\t0\t0\n", "the header names Helmet_1 X twice"),
+    ("tracklets", "Time,x,y,ag_id\n1,2,3,Helmet_1\n", "the header has not one tracklet_id"),
+    ("tracklets", f"{TRACKLETS}1,2,3,4,5\n1,9,3,4,5\n", "row 3: repeats"),
 ]
 
 
@@ -100,13 +75,32 @@ def test_refusals(tmp_path, kind, text, message):
 
 
 @pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"columns": ("x=px",)}, "no column 'px': which column is x. There are 't', 'id', 'x'"),
+        ({"columns": ("time",)}, "columns are given as time="),
+        ({"columns": ("x=x", "x=y")}, "columns are given as time="),
+        ({"unit": "ft"}, "the unit is one of m, cm, mm, or metres as a number, not 'ft'"),
+        ({"fps": 25.0}, "--fps counts frames, and 't' is a time"),
+        ({"format": "pipes"}, "unknown format 'pipes': "),
+        ({"format": "qtm", "unit": "cm"}, "--unit is of no use for QTM export"),
+        ({"format": "text", "time_unit": "ms"}, "--time-unit is of no use for rows of"),
+    ],
+)
+def test_options(tmp_path, options, message):
+    (tmp_path / "a.csv").write_text(f"{TABLE}1,2,3,4\n")
+    with pytest.raises(InputError, match=message):
+        read_any(tmp_path / "a.csv", ReadOptions(**options))
+
+
+@pytest.mark.parametrize(
     ("content", "message"),
     [
         (b"\x00\x01\x02\xff" * 999, "not text"),
         (b"PK\x03\x04" + b"ab" * 9999, ""),
-        (b"PAR1" + b"\xff" * 99, "cannot be read"),
-        (b"ARROW1\0\0" + b"\xff" * 99, "cannot be read"),
+        ("0 1 2 3\n".encode("utf-16"), "not text"),
         (b"\x1f\x8b\x08\x00" + b"\xff" * 99, "gzip|cannot be read"),
+        (gzip.compress(b"0 1 2 3\n" * 99)[:-9], "gzip"),
     ],
 )
 def test_other_content(tmp_path, content, message):
@@ -118,6 +112,24 @@ def test_other_content(tmp_path, content, message):
     assert len(str(caught.value)) < len(str(path)) + 200
 
 
-def test_missing_file(tmp_path):
-    with pytest.raises(InputError, match=r"no\.txt: cannot be read"):
-        read_any(tmp_path / "no.txt")
+def test_what_is_no_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    with (tmp_path / "sparse.csv").open("wb") as file:
+        file.truncate(10**12)
+    start = time.monotonic()
+    for place, message in (
+        (tmp_path / "pipe.csv", "is a folder, pipe or device, not a file"),
+        (tmp_path / "folder.csv", "is a folder, pipe or device, not a file"),
+        (Path("/dev/zero"), "is a folder, pipe or device, not a file"),
+        (tmp_path / "sparse.csv", "reading it needs some 12000"),
+        (tmp_path / "absent", "cannot be read"),
+        (tmp_path / ("a" * 300), "File name too long"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_any(place)
+    with pytest.raises(InputError, match=r"pipe\.csv: is a folder, pipe"):
+        open_source(tmp_path / "pipe.csv").recordings("pipe")
+    with pytest.raises(InputError, match="not a file"):
+        windows_from(tmp_path, 2, 2)
+    assert time.monotonic() - start < 5

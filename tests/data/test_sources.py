@@ -41,7 +41,7 @@ def test_one_file(tmp_path):
 
 def test_leave_one_recording_out(tmp_path):
     for name, first in (("a", 0), ("b", 100), ("c", 200)):
-        rows = [f"{first + n} {who} {first + n} {who}" for n in range(10) for who in (1, 2)]
+        rows = [f"{first + n} {who} {first + n / 2} {who}" for n in range(10) for who in (1, 2)]
         (tmp_path / f"{name}.txt").write_text("\n".join(rows))
     (tmp_path / "d.txt").write_text("0 1 2 3\n")  # One point can only be validated on.
     source = open_source(tmp_path)
@@ -53,9 +53,9 @@ def test_leave_one_recording_out(tmp_path):
         for split in ("train", "val", "test")
     }
     assert found == {
-        "train": {"a": list(range(8)), "c": list(range(200, 208))},
-        "val": {"a": [8, 9], "c": [208, 209], "d": [2]},
-        "test": {"b": list(range(100, 110))},
+        "train": {"a": [n / 2 for n in range(8)], "c": [200 + n / 2 for n in range(8)]},
+        "val": {"a": [4, 4.5], "c": [204, 204.5], "d": [2]},
+        "test": {"b": [100 + n / 2 for n in range(10)]},
     }
 
 
@@ -78,8 +78,8 @@ def test_real_folds_of_thor(shared):
 def test_refused(tmp_path):
     for names, message in (
         ((), r"no \.txt, \.csv.* file in it"),
-        (("general.txt",), "no recording can be called general"),
-        (("a.txt", "a.csv"), "differ only in their ending"),
+        (("general.txt",), "called alike, or one general"),
+        (("a.txt", "a.csv"), "two files are called alike"),
     ):
         for name in names:
             (tmp_path / name).write_text("0 1 2 3\n")

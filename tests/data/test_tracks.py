@@ -59,30 +59,31 @@ def test_rows_are_sorted_by_agent_then_time_and_owned():
 
 
 @pytest.mark.parametrize(
-    ("stamp", "id", "position", "message"),
+    ("stamp", "id", "position", "extra", "message"),
     [
-        ([0, 1], [1, 1], [[0, 0], [0, np.nan]], "hall: row 1: the position is not finite"),
-        ([0, np.inf], [1, 1], [[0, 0], [0, 0]], "hall: row 1: the stamp is not finite"),
-        ([3, 0, 3], [1, 1, 1], np.zeros((3, 2)), "hall: row 2: agent 1 is seen at 3.0 s in row 0"),
-        ([0, 1], [1, 1.5], np.zeros((2, 2)), "hall: row 1: the id is not a whole number"),
-        ([0, 1], [1, np.nan], np.zeros((2, 2)), "hall: row 1: the id is not a whole number"),
-        ([0, 1], ["a", "b"], np.zeros((2, 2)), "hall: id must be numbers, not <U1"),
-        ([0, 1], [1], np.zeros((2, 2)), r"hall: id must be \[2\], not \[1\]"),
-        ([0, 1], [1, 1], np.zeros((2, 3)), r"hall: position must be \[2, 2\], not \[2, 3\]"),
-        ([[0, 1]], [1, 1], np.zeros((2, 2)), r"hall: stamp must be \[rows\], not \[1, 2\]"),
-        ([], [], np.zeros((0, 2)), "hall: no rows"),
+        ([0, 1], [1, 1], [[0, 0], [0, np.nan]], [0, 0], "row 1: position .* is not a usable"),
+        ([0, np.inf], [1, 1], [[0, 0], [0, 0]], [0, 0], "row 1: time inf is not a usable number"),
+        ([3, 0, 3], [1, 1, 1], np.zeros((3, 2)), [0, 0, 0], "row 2: repeats agent 1 at 3 s"),
+        ([0, 1], [1, 1.5], np.zeros((2, 2)), [0, 0], "row 1: id 1.5 is not a usable number"),
+        ([0, 1], [1, np.nan], np.zeros((2, 2)), [0, 0], "row 1: id nan is not a usable number"),
+        ([0, 1], ["a", "b"], np.zeros((2, 2)), [0, 0], r"id must be numbers \[2\], not \[2\] <U1"),
+        ([0, 1], [1], np.zeros((2, 2)), [0, 0], r"id must be numbers \[2\], not \[1\]"),
+        (
+            [0, 1],
+            [1, 1],
+            np.zeros((2, 3)),
+            [0, 0],
+            r"position must be numbers \[2, 2\], not \[2, 3",
+        ),
+        ([[0, 1]], [1, 1], np.zeros((2, 2)), [0, 0], r"stamp must be numbers \[2\], not \[1, 2\]"),
+        ([], [], np.zeros((0, 2)), [], r"stamp must be numbers \[0\]"),
+        ([0, 1], [1, 1], np.zeros((2, 2)), [1], r"group must be numbers \[2\], not \[1\]"),
+        ([0, 1], [1, 1], np.zeros((2, 2)), ["a", "b"], r"group must be numbers \[2\], not .* <U1"),
     ],
 )
-def test_refusals_name_recording_row_and_reason(stamp, id, position, message):
-    with pytest.raises(InputError, match=message):
-        make_tracks("hall", stamp, id, position)
-
-
-def test_extras_are_one_number_a_row():
-    with pytest.raises(InputError, match=r"r: group must be \[2\], not \[1\]"):
-        one([0, 1], extras={"group": [1]})
-    with pytest.raises(InputError, match="r: group must be numbers, not <U1"):
-        one([0, 1], extras={"group": ["a", "b"]})
+def test_refusals_name_recording_row_and_reason(stamp, id, position, extra, message):
+    with pytest.raises(InputError, match=f"hall: {message}"):
+        make_tracks("hall", stamp, id, position, {"group": extra})
 
 
 def test_a_selection_forgets_nothing():
@@ -102,7 +103,7 @@ def test_a_selection_forgets_nothing():
     assert_array_equal(swapped.id, np.sort(3 - grid.id))
     assert_array_equal(swapped.extras["group"], np.where(swapped.id == 1, 8, 7))
     assert_same(Tracks(**vars(swapped)).with_ids(3 - swapped.id), grid, "group")
-    with pytest.raises(InputError, match=r"agent 1 is seen at 0\.4 s in row"):
+    with pytest.raises(InputError, match=r"repeats agent 1 at 0\.4 s"):
         grid.with_ids(np.ones_like(grid.id))
 
 

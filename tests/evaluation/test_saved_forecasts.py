@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from neurosym_jax.data.readers.trajnet import read_trajnet
+from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.evaluation.saved_forecasts import forecasts_of, save_forecasts
 from neurosym_jax.evaluation.scoring import score, score_forecaster
@@ -61,7 +62,7 @@ def test_a_file_for_each_model(test_set, tmp_path):
 
 def test_trajnet_reads_what_happened_and_skips_forecasts(test_set, tmp_path):
     (_, sampled) = save_forecasts(tmp_path / "out.ndjson", [test_set], 3, 0)
-    tracks = read_trajnet(sampled)
+    (tracks,) = read_any(sampled, ReadOptions(yes_really=True))
     assert len(np.unique(tracks.id)) == 7
     assert len(tracks.id) == 7 * 14
     rows = [json.loads(line) for line in sampled.read_text().splitlines()]

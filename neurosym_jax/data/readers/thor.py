@@ -1,93 +1,145 @@
-"""Tracks made of THÖR and THÖR-MAGNI, in the forms in which they are distributed.
+"""THÖR and THÖR-MAGNI, in the forms in which they are distributed.
 
+- QTM exports: tab-separated (THÖR, 6D) or comma-separated (THÖR-MAGNI) metadata rows, a header
+  `Frame Time ...`, one row per frame, millimetres.
 - Tracklets of THÖR-MAGNI: `Time,...,x,y,...,ag_id,...,tracklet_id` in metres.
 - Tracks of CLiFF-LHMP: `time,id,x,y,speed,heading` in metres, no header. Every agent has a clock of
   its own, so `tracks.resample` must bring them to one grid before they are a scene.
 
-Nothing is smoothed or filled in. Sources: T. Schreiter et al., "THÖR-MAGNI", IJRR 2024; Y. Zhu et
+People wear helmets, whose numbers are their ids. Nothing is smoothed or filled in. Sources: A.
+Rudenko et al., "THÖR", RA-L 5(2), 2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024; Y. Zhu et
 al., "CLiFF-LHMP", IROS 2023.
 """
 
+import itertools
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.rows import assemble
-from neurosym_jax.data.tables import read_table
-from neurosym_jax.data.text import recording_name
+from neurosym_jax.data.reading import Format, ReadOptions
+from neurosym_jax.data.table import assemble, read_table
+from neurosym_jax.data.text import Head, recording_name
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["TRACKLET_COLUMNS", "read_cliff", "read_tracklets"]
+__all__ = ["Cliff", "Qtm", "Tracklets"]
 
-TRACKLET_COLUMNS = ("Time", "x", "y", "tracklet_id", "ag_id")
-
-
-def read_tracklets(path: Path, *_: object) -> list[Tracks]:
-    """The runs in a file of THÖR-MAGNI tracklets.
-
-    A tracklet is a part of the way of one helmet in one run. Tracklets are numbered run by run;
-    nothing else tells the runs apart: the next run begins where a helmet comes back at an earlier
-    time. Tracklets of a helmet in one run are one track. The order of the rows does not matter.
-
-    Raises:
-        InputError: naming file, row and reason.
-    """
-    table = read_table(path)
-    for name in TRACKLET_COLUMNS:
-        if table.names.count(name) != 1:
-            times = "lacks" if name not in table.names else "repeats"
-            raise InputError(f"{path}: the header {times} {name}")
-    *places, helmet = (table.names.index(name) for name in TRACKLET_COLUMNS)
-    values, ids = table.numbers(*places), table.ids(helmet, prefix="Helmet_")
-    rows = np.arange(1, len(ids) + 1)
-    order = np.lexsort((values[:, 0], values[:, 3]))
-    values, ids, rows = values[order], ids[order], rows[order]
-    same = np.diff(values[:, 3]) == 0
-    for wrong, reason in (
-        (same & (np.diff(ids) != 0), "tracklet {:g} is of two helmets"),
-        (same & (np.diff(values[:, 0]) == 0), "repeats a moment of tracklet {:g}"),
-    ):
-        if wrong.any():
-            at = int(np.argmax(wrong))
-            row = max(rows[at], rows[at + 1])
-            raise InputError(f"{path}: row {row}: {reason.format(values[at, 3])}")
-    runs = _runs(values[:, 3], ids, values[:, 0])
-    return [
-        assemble(
-            path,
-            values[at, 0],
-            ids[at],
-            values[at, 1:3],
-            recording=f"{recording_name(path)}_{run + 1}",
-            row=rows[at],
-        )
-        for run in range(runs[-1] + 1)
-        for at in [runs == run]
-    ]
+_TRACKLET = ("Time", "x", "y", "tracklet_id", "ag_id")
+_CLIFF = ("time", "id", "x", "y", "speed", "heading")
+_HELMET = re.compile(r"Helmet_(\d{1,18})\s+(?:Centroid_)?X")
 
 
-def _runs(tracklet: np.ndarray, ids: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """[R] number of the run, from 0, of rows in order of (tracklet, time)."""
-    begins = np.flatnonzero(np.diff(tracklet, prepend=np.nan) != 0)
-    ends = np.append(begins[1:], len(ids)) - 1
-    run, latest, runs = 0, {}, np.empty(len(ids), int)
-    for begin, end in zip(begins.tolist(), ends.tolist()):
-        agent = int(ids[begin])
-        if time[begin] <= latest.get(agent, -np.inf):
-            run, latest = run + 1, {}
-        latest[agent] = time[end]
-        runs[begin : end + 1] = run
-    return runs
+class Cliff(Format):
+    """Tracks that CLiFF-LHMP made of THÖR."""
+
+    title = "CLiFF-LHMP tracks (`time,id,x,y,speed,heading`)"
+
+    def knows(self, head: Head) -> bool:
+        """Six numbers a row: times that are no frame numbers, and the last speed and heading."""
+        if head.rows.shape[1] != 6 or not np.any(head.rows[:, 0] % 1):
+            return False
+        return head.rows[:, 4].min() >= 0 and np.abs(head.rows[:, 5]).max() <= np.pi + 1e-3
+
+    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+        """The tracks, on their own clocks."""
+        table = read_table(path, _CLIFF)
+        table.whole_numbers(1)
+        values = table.numbers(0, 2, 3, 4, 5)
+        return [assemble(path, table.row, values[:, 0], table.ids(1), values[:, 1:3])]
 
 
-def read_cliff(path: Path, *_: object) -> Tracks:
-    """Tracks of CLiFF-LHMP: rows `time,id,x,y,speed,heading`, metres.
+class Tracklets(Format):
+    """Tracklets of THÖR-MAGNI."""
 
-    Raises:
-        InputError: naming file, row and reason.
-    """
-    table = read_table(path, ("time", "id", "x", "y", "speed", "heading"))
-    table.whole_numbers(1)
-    values = table.numbers(0, 2, 3, 4, 5)
-    return assemble(table.path, values[:, 0], table.ids(1), values[:, 1:3])
+    title = "THÖR-MAGNI tracklets"
+
+    def knows(self, head: Head) -> bool:
+        """By five names of columns."""
+        return set(_TRACKLET) <= set(head.names)
+
+    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+        """The runs in a file.
+
+        A tracklet is a part of the way of one helmet in one run. Tracklets are numbered run by run:
+        the next run begins where a helmet comes back at an earlier time.
+
+        Raises:
+            InputError: naming file, row and reason.
+        """
+        table = read_table(path)
+        for name in _TRACKLET:
+            if table.names.count(name) != 1:
+                raise InputError(f"{path}: the header has not one {name}")
+        *places, helmet = (table.names.index(name) for name in _TRACKLET)
+        values, ids = table.numbers(*places), table.ids(helmet, prefix="Helmet_")
+        order = np.lexsort((values[:, 0], values[:, 3]))
+        time, tracklet, ids, row = *values[order][:, [0, 3]].T, ids[order], table.row[order]
+        run, latest, runs = 0, dict[int, float](), np.zeros(len(ids), int)
+        bounds = np.flatnonzero(np.diff(tracklet, prepend=np.nan)).tolist()
+        for begin, end in itertools.pairwise([*bounds, len(ids)]):
+            if time[begin] <= latest.get(ids[begin], -np.inf):
+                run, latest = run + 1, {}
+            latest[ids[begin]] = time[end - 1]
+            runs[begin:end] = run
+        return [
+            assemble(
+                path,
+                row[at],
+                time[at],
+                ids[at],
+                values[order[at], 1:3],
+                recording=f"{recording_name(path)}_{number + 1}",
+            )
+            for number in range(run + 1)
+            for at in [runs == number]
+        ]
+
+
+class Qtm(Format):
+    """Motion capture of THÖR and THÖR-MAGNI."""
+
+    title = "QTM export (THÖR, THÖR-MAGNI)"
+
+    def knows(self, head: Head) -> bool:
+        """A header that begins with `Frame` and names a helmet."""
+        starts = ("Frame\t", "Frame,")
+        return any(line.startswith(starts) and "Helmet" in line for line in head.lines)
+
+    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
+        """The people with helmets.
+
+        A helmet is not visible in a frame where its coordinates are all zero, or any is empty.
+
+        Raises:
+            InputError: naming file, row and reason.
+        """
+        table = read_table(path, header=r"Frame[\t,]")
+        places = _helmets(path, table.names)
+        stamp = table.numbers(table.names.index("Time"))[:, 0]
+        columns = np.array(list(places.values())).ravel().tolist()
+        points = table.numbers(*columns, missing=True).reshape(len(stamp), -1, 3) / 1000
+        seen = ~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1)
+        frame, body = np.nonzero(seen)
+        if not len(frame):
+            raise InputError(f"{path}: none of its {len(places)} helmets is ever visible")
+        ids = np.array(list(places))[body]
+        return [assemble(path, table.row[frame], stamp[frame], ids, points[frame, body, :2])]
+
+
+def _helmets(path: Path, names: Sequence[str]) -> dict[int, list[int]]:
+    """Columns of X, Y and Z of each helmet, or of its centroid where there are markers too."""
+    found: dict[int, list[int]] = {}
+    for column, name in enumerate(names):
+        match = _HELMET.fullmatch(name)
+        if match:
+            if int(match[1]) in found:
+                raise InputError(f"{path}: the header names {name} twice")
+            found[int(match[1])] = [column, column + 1, column + 2]
+            # In 6D exports only X carries the helmet's name.
+            if [other[-1:] for other in names[column : column + 3]] != ["X", "Y", "Z"]:
+                raise InputError(f"{path}: Y and Z do not follow {name}")
+    if not found or "Time" not in names:
+        raise InputError(f"{path}: the header names no Time, or no `Helmet_1 X` (6D or centroids)")
+    return found

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.formats import data_files, files_below, is_folder, read_any
+from neurosym_jax.data.formats import data_files, files_in, is_folder, read_any
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.simulation.scenarios import simulate
@@ -175,7 +175,7 @@ def test_whatever_reads_tracks_reads_bags(tmp_path):
     assert_array_equal(tracks.position, wanted.position)
     # The folder of ROS 2 is one recording, a folder of bags is several.
     assert not is_folder(second)
-    assert data_files(tmp_path) == files_below(tmp_path) == [first, second]
+    assert data_files(tmp_path) == files_in(tmp_path) == [first, second]
 
 
 def test_which_topic_is_said_by_an_option(tmp_path):

@@ -1,0 +1,226 @@
+"""Tables: the fields of a file of rows, which become numbers or ids when a reader asks for them.
+
+So the first field that does not fit is reported with its row (the line of the file), its column and
+its text. The last step of every reader is `assemble`.
+"""
+
+import csv
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike
+
+from neurosym_jax.data.reading import Reading, ReadOptions
+from neurosym_jax.data.text import numbers_in, read_text_file, recording_name, separator_of
+from neurosym_jax.data.tracks import Tracks, common, make_tracks
+from neurosym_jax.errors import InputError, printable
+
+__all__ = ["Table", "assemble", "read_table"]
+
+STEPS = (1, 6, 10, 12)
+"""Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table of R rows whose fields are still text."""
+
+    path: Path
+    names: Sequence[str]  # of the C columns; 1, 2, ... without a header
+    fields: pl.Series  # [R] lists of C texts
+    row: np.ndarray  # [R] lines of the file
+
+    def refuse(self, wrong: ArrayLike, reason: Callable[[int], str]) -> None:
+        """Refuse the first row of the mask `wrong` [R], if any; `reason` takes its index.
+
+        Raises:
+            InputError: naming file, row and reason.
+        """
+        if np.any(wrong):
+            at = int(np.argmax(wrong))
+            raise InputError(f"{self.path}: row {self.row[at]}: {reason(at)}")
+
+    def column(self, place: int) -> pl.Series:
+        """[R] texts of a column, without blanks and quotes around them."""
+        return _stripped(self.fields.list.get(place))
+
+    def numbers(self, *places: int, missing: bool = False) -> np.ndarray:
+        """[R, columns] float64; where fields may be `missing`, empty ones and nan are NaN.
+
+        Raises:
+            InputError: for the first row with a field that is not a finite number.
+        """
+        texts = _stripped(self.fields.list.gather(list(places)).explode())
+        found = texts.cast(pl.Float64, strict=False)
+        usable = found.is_finite().fill_null(False) | (missing & texts.is_in(("", "nan", "NaN")))
+        wrong = ~usable.to_numpy().reshape(-1, len(places))
+
+        def shown(at: int) -> str:
+            which = int(np.argmax(wrong[at]))
+            text = str(texts[at * len(places) + which])
+            hint = " (use a decimal point)" if "," in text else ""
+            return f"{self.names[places[which]][:30]} is not a number: {text[:60]!r}{hint}"
+
+        self.refuse(wrong.any(axis=1), shown)
+        return found.fill_null(np.nan).to_numpy().reshape(wrong.shape)
+
+    def whole_numbers(self, place: int) -> np.ndarray:
+        """[R] float64 whole numbers of a column.
+
+        Raises:
+            InputError: as `numbers`, and for a number that is not whole or beyond 2^53.
+        """
+        values = self.numbers(place)[:, 0]
+        self.refuse(
+            (np.abs(values) > 2.0**53) | (values != np.rint(values)),
+            lambda at: f"{self.names[place][:30]} {values[at]} is not a whole number",
+        )
+        return values
+
+    def times(self, place: int, options: ReadOptions, period: float) -> np.ndarray:
+        """[R] seconds of the frame numbers in a column.
+
+        As in SGAN, their most common step is taken for `period` seconds where `options` do not say.
+
+        Raises:
+            InputError: for a frame that is not a whole number, and where that step is unusual.
+        """
+        frame = self.whole_numbers(place)
+        stride = options.stride_of(self.path, period)
+        if stride is None:
+            steps = np.diff(np.unique(frame))
+            stride = common(steps) if len(steps) else 1.0
+            if stride not in STEPS:
+                raise InputError(
+                    f"{self.path}: its frames are {stride:g} apart, at 25 a second "
+                    f"{stride / 25:.2f} s: say how many make a second (--fps 25)"
+                )
+        return frame / stride * period
+
+    def ids(self, place: int, prefix: str = "") -> np.ndarray:
+        """[R] int64 ids: the numbers if all are whole, else 0, 1, ... in order of text.
+
+        A `prefix` is removed first.
+
+        Raises:
+            InputError: for a missing id, and where two texts are one number (1, 01, 1.0).
+        """
+        texts = self.column(place).str.strip_prefix(prefix)
+        self.refuse(_missing(texts).to_numpy(), lambda at: f"the id is missing ({texts[at]!r})")
+        unique = texts.unique(maintain_order=True)
+        real = unique.cast(pl.Float64, strict=False)
+        if ((real.round() == real) & (real.abs() <= 2.0**53)).fill_null(False).all():
+            number = real.cast(pl.Int64)
+        else:
+            number = unique.rank("ordinal").cast(pl.Int64) - 1
+        if number.is_duplicated().any():
+            first, second, *_ = unique.filter(number == number.filter(number.is_duplicated())[0])
+            raise InputError(
+                f"{self.path}: the ids {first[:40]!r} and {second[:40]!r} are one number: one "
+                "person or two? Write them alike"
+            )
+        return texts.replace_strict(unique, number, return_dtype=pl.Int64).to_numpy()
+
+    def extra(self, place: int) -> np.ndarray:
+        """[R] float64 numbers, else 0, 1, ... in order of text; NaN where a field is missing."""
+        texts = self.column(place)
+        texts = texts.set(_missing(texts), None)
+        values = texts.cast(pl.Float64, strict=False)
+        if values.null_count() > texts.null_count():
+            values = (texts.rank("dense") - 1).cast(pl.Float64)
+        return values.fill_null(np.nan).to_numpy()
+
+
+def _stripped(texts: pl.Series) -> pl.Series:
+    return texts.str.strip_chars(' "\t\r')
+
+
+def _missing(texts: pl.Series) -> pl.Series:
+    return texts.str.to_lowercase().is_in(("", "nan", "null", "none", "n/a", "<na>"))
+
+
+def read_table(path: Path, names: Sequence[str] | None = None, header: str = "") -> Table:
+    """The table in a file of delimited text; lines that begin with # are left out.
+
+    Columns without `names` have those of the header, else 1, 2, ... The header is the first line
+    that begins with the regular expression `header`, among the first 200.
+
+    Raises:
+        InputError: naming file, row and reason.
+    """
+    lines = pl.Series([read_text_file(path)]).str.split("\n").explode().str.strip_chars(" \r")
+    kept = ((lines != "") & ~lines.str.starts_with("#")).to_numpy()
+    lines, row = lines.filter(kept), 1 + np.flatnonzero(kept)
+    starts = lines[:200].str.contains(f"^{header}").arg_true()
+    if not len(starts):
+        raise InputError(
+            f"{path}: the file has no rows" + f", or no header {header!r}" * bool(header)
+        )
+    lines, row = lines[starts[0] :], row[starts[0] :]
+    mark = separator_of(lines[0])
+    if mark == " ":
+        lines = lines.str.replace_all(r"\s+", " ")
+    if names is None:
+        names = [name.strip() for name in _split(path, lines[:1].str.strip_suffix(mark), mark)[0]]
+        if numbers_in(lines[0]):
+            names = [str(place) for place in range(1, len(names) + 1)]
+        else:
+            lines, row = lines[1:], row[1:]
+    if not len(lines):
+        raise InputError(f"{path}: the file has no rows")
+    fields = _split(path, lines, mark)
+    if len(fields[0]) == len(names) + 1 and lines[0].endswith(mark):
+        names = [*names, ""]  # The rows end in a separator.
+    table = Table(path, names, fields, row)
+    found = fields.list.len().to_numpy()
+    table.refuse(
+        found != len(names),
+        lambda at: (
+            f"{found[at]} columns, not {len(names)}: {lines[at][:60]!r} (--format, or --columns "
+            "time=1 id=2 x=3 y=4, says what they are)"
+        ),
+    )
+    return table
+
+
+def _split(path: Path, lines: pl.Series, mark: str) -> pl.Series:
+    """[R] lists of the fields of `lines` [R], which may be quoted."""
+    if not lines.str.contains('"', literal=True).any():
+        return lines.str.split(mark)
+    try:
+        quoted = list(csv.reader(lines, delimiter=mark, skipinitialspace=True, strict=True))
+        if len(quoted) < len(lines):
+            raise csv.Error("a field goes on in the next line")
+    except csv.Error as error:
+        raise InputError(f"{path}: wrong quotes ({error})") from None
+    return pl.Series(quoted, dtype=pl.List(pl.String))
+
+
+def assemble(
+    path: Path,
+    row: np.ndarray,
+    stamp: np.ndarray,
+    id: np.ndarray,
+    position: np.ndarray,
+    extras: Mapping[str, np.ndarray] = MappingProxyType({}),
+    *,
+    recording: str | None = None,
+) -> Tracks:
+    """Tracks of the lines `row` [R] of a file, in any order: see `make_tracks`.
+
+    `recording` is by default the file's name without its ending.
+    """
+    order = np.argsort(id, kind="stable")
+    back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
+    warnings = [
+        f"row {row[first]}: time runs backward for agent {id[first]} ({len(back)} times in all); "
+        "the rows are sorted"
+        for first in back[:1]
+    ]
+    name = recording or recording_name(path)
+    how = Reading(name, printable(str(path)), rows=len(id), warnings=tuple(warnings))
+    return make_tracks(name, stamp, id, position, extras, reading=how, row=row)
