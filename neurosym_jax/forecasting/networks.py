@@ -12,10 +12,10 @@ from jax import Array
 
 from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.decoder import Weigh
 from neurosym_jax.models.generator import Generator
-from neurosym_jax.models.lstm import LSTM
 from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 

@@ -18,9 +18,9 @@ from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.interop.arguments import generator_config
 from neurosym_jax.interop.names import params_from_torch, torch_names
 from neurosym_jax.models import Generator
+from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.models.lstm import LSTM
 from neurosym_jax.scene import Scene, model_dtype
 
 __all__ = [

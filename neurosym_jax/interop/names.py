@@ -19,9 +19,9 @@ from neurosym_jax.forecasting.parameters import (
     nested_parameters,
     refuse_not_finite,
 )
+from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.discriminator import Discriminator
-from neurosym_jax.models.lstm import LSTM
 from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NoPooling

@@ -1,11 +1,11 @@
+from .cell import LSTM as LSTM
 from .cell import Cell as Cell
-from .cells import register_cell as register_cell
+from .cell import register_cell as register_cell
 from .config import DiscriminatorConfig as DiscriminatorConfig
 from .config import GeneratorConfig as GeneratorConfig
 from .discriminator import Discriminator as Discriminator
 from .encounter import Encounter as Encounter
 from .generator import Generator as Generator
-from .lstm import LSTM as LSTM
 from .neurosym import AsDescribed as AsDescribed
 from .neurosym import NeurosymIjcnn as NeurosymIjcnn
 from .neurosym import NeurosymRos as NeurosymRos

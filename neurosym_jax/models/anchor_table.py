@@ -15,14 +15,14 @@ from neurosym_jax.configuration import Checked, Count, Positive
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.frames import heading_of, length, turned
 
-__all__ = ["SLOW", "AnchorTable", "AnchorTableConfig", "FixedSamples"]
+__all__ = ["SLOW", "AnchorTable", "AnchorTableConfig"]
 
 SLOW = 0.125
 """Speed at which a heading has faded to 0.7, m/s; symbols take slower movement for none."""
 
 
 @dataclasses.dataclass(frozen=True)
-class FixedSamples(Checked):
+class AnchorTableConfig(Checked):
     """Lengths and number of samples of a table or a network of anchors."""
 
     obs_len: Count = 8
@@ -39,11 +39,6 @@ class FixedSamples(Checked):
         super().__post_init__()
         if self.obs_len < 4:
             raise InputError(f"obs_len must be at least 4, not {self.obs_len}")
-
-
-@dataclasses.dataclass(frozen=True)
-class AnchorTableConfig(FixedSamples):
-    """Lengths and number of samples of an anchor table."""
 
 
 class AnchorTable(nn.Module):

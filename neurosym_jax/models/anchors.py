@@ -17,7 +17,7 @@ from jax import Array
 
 from neurosym_jax.configuration import Count, Positive
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchor_table import SLOW, FixedSamples
+from neurosym_jax.models.anchor_table import SLOW, AnchorTableConfig
 from neurosym_jax.models.frames import heading_of, length, turned
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import Weighting
@@ -39,7 +39,7 @@ ROUGHNESS = 0.003
 
 
 @dataclasses.dataclass(frozen=True)
-class AnchorConfig(FixedSamples):
+class AnchorConfig(AnchorTableConfig):
     """Architecture of the anchors network."""
 
     hidden: Count = 96
@@ -56,7 +56,7 @@ class AnchorConfig(FixedSamples):
     """Weights of pairs, alpha, by which the attention is multiplied; None for 1."""
 
     def __post_init__(self):
-        """Refuse values from which no network can be built."""
+        """Refuse a weighting of nobody."""
         super().__post_init__()
         if self.weighting is not None and not self.interacts:
             raise InputError("weighting: without geometry and symbols there are no pairs to weight")

@@ -9,9 +9,7 @@ from typing import Annotated, Literal
 
 from neurosym_jax.configuration import Checked, Count, Positive, Whole
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.cell import Cell
-from neurosym_jax.models.cells import CELLS
-from neurosym_jax.models.lstm import LSTM
+from neurosym_jax.models.cell import CELLS, LSTM, Cell
 from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NoPooling, Pooling
 from neurosym_jax.models.poolings import POOLINGS

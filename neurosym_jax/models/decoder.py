@@ -49,7 +49,7 @@ class Decoder(nn.Module):
         valid: Array,
         weigh: Weigh | None = None,
     ) -> Array:
-        """Forecast displacements.
+        """Forecast displacements [N, pred_len, 2] in metres.
 
         Args:
             hidden: [N, decoder_h_dim] first hidden state; the cell state starts at zero.
@@ -58,13 +58,19 @@ class Decoder(nn.Module):
             valid: [N] bool.
             weigh: if NeuroSyM pools at predicted steps, the alpha of the last `obs_len` positions,
                 observed or predicted, up to a step.
-
-        Returns:
-            [N, pred_len, 2] displacements, metres.
         """
-        if self.config.pool_every_timestep:
-            return self._pooled(hidden, observed, displacement, valid, weigh)
-        return self._folded(hidden, displacement)
+        if not self.config.pool_every_timestep:
+            return self._folded(hidden, displacement)
+        unroll = nn.scan(
+            lambda decoder, state, valid: decoder._pooled_step(state, valid, weigh),
+            variable_broadcast=("params", "training"),
+            split_rngs={"params": False},
+            in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
+            length=self.config.pred_len,
+        )
+        state = (self.config.cell.start(hidden), observed, displacement)
+        _, displacements = unroll(self, state, valid)
+        return jnp.moveaxis(displacements, 0, 1)
 
     def _folded(self, hidden: Array, displacement: Array) -> Array:
         cell = self.config.cell
@@ -83,25 +89,6 @@ class Decoder(nn.Module):
         gates = displacement @ kernel + bias + hidden @ recurrent
         carry = (gates, cell.start(hidden))
         _, displacements = jax.lax.scan(step, carry, length=self.config.pred_len)
-        return jnp.moveaxis(displacements, 0, 1)
-
-    def _pooled(
-        self,
-        hidden: Array,
-        observed: Array,
-        displacement: Array,
-        valid: Array,
-        weigh: Weigh | None,
-    ) -> Array:
-        unroll = nn.scan(
-            lambda decoder, state, valid: decoder._pooled_step(state, valid, weigh),
-            variable_broadcast=("params", "training"),
-            split_rngs={"params": False},
-            in_axes=nn.broadcast,  # pyright: ignore[reportArgumentType]
-            length=self.config.pred_len,
-        )
-        state = (self.config.cell.start(hidden), observed, displacement)
-        _, displacements = unroll(self, state, valid)
         return jnp.moveaxis(displacements, 0, 1)
 
     def _pooled_step(self, carry: Any, valid: Array, weigh: Weigh | None):

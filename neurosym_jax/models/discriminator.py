@@ -4,10 +4,9 @@ import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.models.cell import Encoder
+from neurosym_jax.models.cell import LSTM, Encoder
 from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.models.layers import Perceptron
-from neurosym_jax.models.lstm import LSTM
 from neurosym_jax.models.pool_net import PoolNetwork
 
 __all__ = ["Discriminator"]
@@ -29,13 +28,7 @@ class Discriminator(nn.Module):
         self.classifier = Perceptron((config.h_dim, config.mlp_dim, 1))
 
     def __call__(self, positions: Array, displacement: Array, valid: Array) -> Array:
-        """Scores `[N]`, at least 0 because the last layer too ends in ReLU.
-
-        Args:
-            positions: [N, T, 2] metres, observation and future.
-            displacement: [N, T, 2] metres, the first step zero.
-            valid: [N] bool.
-        """
+        """Scores `[N]`, at least 0, of `positions [N, T, 2]` and their steps, the first zero."""
         return self.score(self.observe(displacement), positions, valid)
 
     def observe(self, displacement: Array) -> Array:

@@ -6,6 +6,7 @@ and scalars, so a rotated scene gives rotated vectors and the same scalars.
 """
 
 import dataclasses
+import functools
 from typing import Annotated, ClassVar
 
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from flax import linen as nn
 from jax import Array, lax
 
 from neurosym_jax.configuration import Count, Rule
+from neurosym_jax.models.frames import length, turned
 from neurosym_jax.models.layers import Affine
 from neurosym_jax.models.pooling import Pooling
 
@@ -41,11 +43,6 @@ class Encounter(Pooling):
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
         """See `Pooling.network`."""
         return _EncounterNetwork(self.hidden_dim, self.bottleneck_dim)
-
-    @property
-    def pair_numbers(self) -> float:
-        """The features, the hidden layer before and after its ReLU."""
-        return 3.0 * self.hidden_dim
 
 
 class _EncounterNetwork(nn.Module):
@@ -78,8 +75,8 @@ class _EncounterNetwork(nn.Module):
         speed = _length(velocity)
         heading = velocity / jnp.hypot(speed, STEPS * SLOW)[:, None]
 
-        there = _turned(position - position[:, None], heading[:, None], -1)
-        motion = _turned(velocity - velocity[:, None], heading[:, None], -1)
+        there = turned(position - position[:, None], heading[:, None], -1)
+        motion = turned(velocity - velocity[:, None], heading[:, None], -1)
         distance = _length(there)
         said = nn.relu(self.pair(_features(there, motion, distance, speed[:, None])))
 
@@ -96,7 +93,7 @@ class _EncounterNetwork(nn.Module):
         message = self.message(said).reshape(*share.shape, -1)
         pooled = (share[..., None] * message).sum(axis=1).reshape(valid.shape[0], -1)
         pushes, numbers = jnp.split(pooled, 2, axis=-1)
-        pushes = _turned(pushes.reshape(valid.shape[0], -1, 2), heading[:, None], 1)
+        pushes = turned(pushes.reshape(valid.shape[0], -1, 2), heading[:, None], 1)
         return jnp.concatenate([pushes.reshape(numbers.shape), numbers], axis=-1)
 
 
@@ -120,13 +117,4 @@ def _features(there: Array, motion: Array, distance: Array, speed: Array) -> Arr
     return jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)
 
 
-def _turned(vector: Array, heading: Array, sign: int) -> Array:
-    """`vector [..., 2]` turned by the angle of `heading [..., 2]`, or back by it."""
-    (x, y), (cos, sin) = jnp.moveaxis(vector, -1, 0), jnp.moveaxis(heading, -1, 0)
-    sin = sign * sin
-    return jnp.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
-
-
-def _length(vector: Array) -> Array:
-    """Of `vector [..., 2]`, with a gradient where it is 0."""
-    return jnp.sqrt(jnp.square(vector).sum(axis=-1) + 1e-4)
+_length = functools.partial(length, smooth=0.01)

@@ -21,6 +21,6 @@ def turned(vector: Array, heading: Array, sign: int) -> Array:
     return jnp.stack([x * cos - y * sin, x * sin + y * cos], axis=-1)
 
 
-def length(vector: Array) -> Array:
-    """[...] length of `vector [..., 2]`, smooth below 1 mm so that 0 has a gradient."""
-    return jnp.sqrt(jnp.square(vector).sum(axis=-1) + 1e-6)
+def length(vector: Array, smooth: float = 1e-3) -> Array:
+    """[...] length of `vector [..., 2]`, smooth below `smooth` metres so that 0 has a gradient."""
+    return jnp.sqrt(jnp.square(vector).sum(axis=-1) + smooth**2)

@@ -41,8 +41,7 @@ class Generator(nn.Module):
         """One forecast of `scene`: `[N, pred_len, 2]` displacements in metres.
 
         `noise` is `[noise_dim]`, or `[N, noise_dim]` if drawn per agent. NeuroSyM needs the weights
-        `alpha [N, N, obs_len]`, and `weigh`, which computes them at predicted steps, if the config
-        pools there (see `Decoder`).
+        `alpha [N, N, obs_len]`, and `weigh` if it pools at predicted steps (see `Decoder`).
         """
         return self.decode(self.encode(scene, alpha), scene, noise, weigh)
 
@@ -69,13 +68,8 @@ class Generator(nn.Module):
     def decode(
         self, context: Array, scene: Scene, noise: Array, weigh: Weigh | None = None
     ) -> Array:
-        """Forecast displacements `[N, pred_len, 2]` from `context` and one noise.
-
-        `weigh` is the weighting of predicted steps, see `Decoder`.
-        """
+        """Forecast displacements `[N, pred_len, 2]` from `context` and one noise, see `Decoder`."""
         noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
         hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
-        observed, step, valid = map(
-            jnp.asarray, (scene.observed, scene.displacement[:, -1], scene.valid)
-        )
-        return self.decoder(hidden, observed, step, valid, weigh)
+        inputs = map(jnp.asarray, (scene.observed, scene.displacement[:, -1], scene.valid))
+        return self.decoder(hidden, *inputs, weigh)

@@ -29,11 +29,13 @@ class _HistoryNetwork(nn.Module):
     h_dim: int
     hidden_dim: int
     bottleneck_dim: int
+    whole_history: ClassVar[bool] = False
 
-    def declare(self, inputs: int, outputs: int) -> None:
-        """Declare the embedding `inputs -> outputs` and the perceptron of a pair."""
-        self.spatial_embedding = Affine(inputs, outputs)
-        width = self.obs_len * self.embedding_dim
+    def setup(self):
+        """Declare the embedding, of each step unless `whole_history`, and the pair perceptron."""
+        steps, width = self.obs_len, self.obs_len * self.embedding_dim
+        embedding = (2 * steps, width) if self.whole_history else (2, self.embedding_dim)
+        self.spatial_embedding = Affine(*embedding)
         self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
 
 
@@ -43,10 +45,6 @@ class _DescribedNetwork(_HistoryNetwork):
     The first layer of the pair perceptron is linear in `[alpha dx, alpha dy, alpha]` of each step,
     so the embedding folds into it: 3 inputs a step instead of `embedding_dim`.
     """
-
-    def setup(self):
-        """Declare the embedding, shared over time, and the pair perceptron."""
-        self.declare(2, self.embedding_dim)
 
     def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`.
@@ -86,9 +84,7 @@ class _RosNetwork(_HistoryNetwork):
     steps. The Linear splits into per-agent parts because the history is a difference.
     """
 
-    def setup(self):
-        """Declare the embedding of the history and the pair perceptron."""
-        self.declare(2 * self.obs_len, self.obs_len * self.embedding_dim)
+    whole_history: ClassVar[bool] = True
 
     def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`; arguments as in `_DescribedNetwork`."""
@@ -118,10 +114,6 @@ class _IjcnnNetwork(_HistoryNetwork):
     Of the embedding only the bias acts, times a row of alpha that the released collation picked for
     agent j; all agents get the same maximum over j.
     """
-
-    def setup(self):
-        """Declare the embedding (of which only the bias acts) and the perceptron."""
-        self.declare(2, self.embedding_dim)
 
     def __call__(self, hidden: Array, valid: Array, alpha_rows: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`, all rows equal; an InputError for other alpha."""

@@ -38,22 +38,13 @@ class Pooling(Checked, abc.ABC):
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> Any:
         """The Flax module from `inputs` to [N, `width(h_dim)`].
 
-        It returns finite vectors for every slot; only valid agents contribute.
-
-        Args:
-            h_dim: size of a hidden state.
-            obs_len: steps of a track.
-            embedding_dim: size of an embedded position in the generator.
+        It returns finite vectors for every slot; only valid agents contribute. Sizes are those of
+        a hidden state, a track, and an embedded position in the generator.
         """
 
     def width(self, h_dim: int) -> int:
         """Size of a pooled vector, by default the option `bottleneck_dim`."""
         return getattr(self, "bottleneck_dim")  # noqa: B009 (a subclass has it)
-
-    @property
-    def pair_numbers(self) -> float:
-        """About how many numbers one call keeps for each pair of slots, for the size of batches."""
-        return 0.0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -34,11 +34,6 @@ class Social(Pooling):
         """That of a hidden state."""
         return h_dim
 
-    @property
-    def pair_numbers(self) -> float:
-        """One number for each cell of the grid, and its comparison."""
-        return 2.0 * self.grid_size**2
-
 
 class _GridNetwork(nn.Module):
     h_dim: int

@@ -2,8 +2,7 @@ import jax
 import numpy as np
 from numpy.testing import assert_allclose
 
-from neurosym_jax.models.cell import Encoder
-from neurosym_jax.models.lstm import LSTM, LSTMNetwork
+from neurosym_jax.models.cell import LSTM, Encoder, LSTMNetwork
 
 
 def sigmoid(x):

@@ -15,8 +15,7 @@ from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.parameters import nested_parameters
 from neurosym_jax.models import GeneratorConfig, PoolNet, register_pooling
-from neurosym_jax.models.cell import Encoder
-from neurosym_jax.models.cells import CELLS
+from neurosym_jax.models.cell import CELLS, Encoder
 from neurosym_jax.models.poolings import POOLINGS, pooling_names
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training.network import named_network
