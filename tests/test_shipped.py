@@ -34,7 +34,7 @@ def forecasts(model, batches):
         noise = draw_noises(forecaster.noise, [batch.scene], 20, 0)[0]
 
         def forecast(scene, noise=noise):
-            return forecast_batches(forecaster, params, [scene], [noise])
+            return forecast_batches(forecaster, params, [scene], [noise])[0]
 
         alone = forecast(*without_neighbours(batch.scene, noise))
         yield batch.scene, forecast, forecast(batch.scene), alone

@@ -14,7 +14,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.test_sets import Test
-from neurosym_jax.forecasting.batched import forecast_distribution
+from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
@@ -99,7 +99,7 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts
     numbers = 2.0 * samples * windows.agents * forecaster.pred_len
     refuse_beyond_memory("saving forecasts", 24 * numbers, "ask for fewer samples")
     with ThreadPoolExecutor(cpu_cores()) as pool:
-        found, likely = forecast_distribution(model, windows, test.batches, samples, seed, pool.map)
+        found, likely = forecast_windows(model, windows, test.batches, samples, seed, pool.map)
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     names = {int(scene_identity(how.recording, 0)[0]): how.recording for how in windows.reading}
     recording = np.array([names[int(digest)] for digest in windows.identity[:, 0]])

@@ -17,7 +17,6 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.evaluation.neighbours import without_neighbours
 from neurosym_jax.forecasting.batched import (
-    distribution_batches,
     draw_noises,
     forecast_batches,
     unpacked,
@@ -128,11 +127,11 @@ def score_batch(
     """Scores of `forecaster` on a batch of padded scenes."""
     valid = np.asarray(scenes.valid)
     noises = draw_noises(forecaster.noise, [scenes], samples, seed)
-    futures, probability = distribution_batches(forecaster, params, [scenes], noises)
+    futures, probability = forecast_batches(forecaster, params, [scenes], noises)
     moves = None
     if any(metric.moves for _, metric in metrics):
         people, noise = without_neighbours(scenes, noises[0])
-        alone = forecast_batches(forecaster, params, [people], [noise])
+        alone, _ = forecast_batches(forecaster, params, [people], [noise])
         moves = unpacked(futures - alone, valid)
     return score_scenes(metrics, unpacked(futures, valid), scenes, probability, moves)
 

@@ -11,6 +11,7 @@ from jax import Array
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.parameters import shapes_of
 from neurosym_jax.models.anchor_table import AnchorTable, AnchorTableConfig
 from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
 from neurosym_jax.scene import Scene
@@ -45,11 +46,8 @@ class AnchorTableForecaster(Forecaster):
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """See `Forecaster.shapes`."""
-        params = jax.eval_shape(functools.partial(initial_anchors, self.config), jax.random.key(0))
-        return {
-            jax.tree_util.keystr(path, simple=True, separator="/"): leaf.shape
-            for path, leaf in jax.tree_util.tree_leaves_with_path(params)
-        }
+        initial = functools.partial(initial_anchors, self.config)
+        return shapes_of(jax.eval_shape(initial, jax.random.key(0)))
 
     def count(self, samples: int) -> int:
         """See `Forecaster.count`.
@@ -107,10 +105,6 @@ class AnchorsForecaster(AnchorTableForecaster):
         """Whether the attention has inputs."""
         return self.config.interacts
 
-    def scene_bytes(self, samples: int, slots: int) -> float:
-        """See `Forecaster.scene_bytes`; pairs have 32 features, their inputs and messages."""
-        return super().scene_bytes(self.config.samples, slots) + 4.0 * 128 * slots**2
-
 
 def apply_anchors(
     config: Any,
@@ -130,14 +124,11 @@ def apply_anchors(
         alpha: [N, N, obs_len] replaces the weighting's; its last step counts.
         company: see `AnchorNetwork`.
     """
-    if isinstance(config, AnchorTableConfig):
-        table: Any = AnchorTable(config).apply({"params": params["params"]}, observed, valid)
-        return table
-    if alpha is None and config.weighting is not None:
-        alpha = config.weighting.alpha(params.get("weighting", {}), observed, valid)
+    weighting = getattr(config, "weighting", None)
+    if alpha is None and weighting is not None:
+        alpha = weighting.alpha(params.get("weighting", {}), observed, valid)
     last = None if alpha is None else alpha[..., -1]
-    network: Any = AnchorNetwork(config)
-    return network.apply({"params": params["params"]}, observed, valid, last, company)
+    return _network(config).apply({"params": params["params"]}, observed, valid, last, company)
 
 
 def initial_anchors(config: Any, key: Array, weighting: Any = None) -> Any:
@@ -145,13 +136,14 @@ def initial_anchors(config: Any, key: Array, weighting: Any = None) -> Any:
 
     `key` [] is consumed.
     """
-    network = (
-        AnchorTable(config) if isinstance(config, AnchorTableConfig) else AnchorNetwork(config)
-    )
-    params: Any = network.init(key, jnp.zeros((1, config.obs_len, 2)), jnp.ones(1, bool))
+    params = _network(config).init(key, jnp.zeros((1, config.obs_len, 2)), jnp.ones(1, bool))
     if weighting is None:
         weighting = initial_parameters(getattr(config, "weighting", None))
     return {**params, "weighting": jax.tree.map(jnp.asarray, weighting)} if weighting else params
+
+
+def _network(config: Any) -> Any:
+    return AnchorNetwork(config) if isinstance(config, AnchorConfig) else AnchorTable(config)
 
 
 def spread_of(samples: Array, probability: Array, valid: Array, count: int) -> Array:

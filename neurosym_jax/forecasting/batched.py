@@ -20,17 +20,14 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
 from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
-from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
 __all__ = [
     "Map",
     "decode_agents",
-    "distribution_batches",
     "draw_noises",
     "encode_batch",
     "forecast_batches",
-    "forecast_distribution",
     "forecast_windows",
     "pack_agents",
     "predict_scenes",
@@ -72,7 +69,7 @@ def predict_scenes(
 
     Raises:
         InputError: naming the scene that `predict` would refuse; for another number of frames than
-            scenes; for more than fits into memory.
+            scenes.
     """
     refuse(Count, {"samples": samples})
     frames = range(len(observed)) if frames is None else frames
@@ -84,16 +81,10 @@ def predict_scenes(
     for number, scene in enumerate(scenes):
         refuse_other_length(model, scene, f"observed[{number}]")
     bounds = np.cumsum([0, *map(len, scenes)])
-    samples = model.forecaster.count(samples)
-    refuse_beyond_memory(
-        f"forecasting {bounds[-1]} people with {samples} samples",
-        16.0 * bounds[-1] * samples * model.config.pred_len,
-        "pass the scenes in parts, or ask for fewer samples",
-    )
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
     windows = Windows(np.concatenate(scenes), agents, bounds, identity, model.config.obs_len)
-    futures = forecast_windows(model, windows, make_batches(windows), samples, seed)
+    futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
     return np.split(futures, bounds[1:-1], axis=1)
 
 
@@ -104,30 +95,27 @@ def forecast_windows(
     samples: int,
     seed: int,
     run: Map = map,
-) -> np.ndarray:
-    """Futures [k, A, pred_len, 2] of the A agents of `windows`, float64 world metres.
-
-    `batches` are made of the windows; a deterministic model makes one sample.
-    """
-    return forecast_distribution(model, windows, batches, samples, seed, run)[0]
-
-
-def forecast_distribution(
-    model: Model,
-    windows: Windows,
-    batches: Sequence[Batch],
-    samples: int,
-    seed: int,
-    run: Map = map,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """`forecast_windows`, and probabilities [k, S] of the scenes; None where all are the same."""
+    """Futures of the A agents and probabilities of the S scenes of `windows`.
+
+    Args:
+        model: a deterministic one makes one sample.
+        windows: what is forecast.
+        batches: of all windows.
+        samples: k.
+        seed: of the noise.
+        run: applies a function to independent pieces of work.
+
+    Returns:
+        [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the same.
+    """
     forecaster, params = model.forecaster, jax.device_put(model.params)
     likely: np.ndarray | None = None
     samples = forecaster.count(samples)
     found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
     for batch in batches:
         noises = draw_noises(forecaster.noise, [batch.scene], samples, seed)
-        futures, some = distribution_batches(forecaster, params, [batch.scene], noises, run)
+        futures, some = forecast_batches(forecaster, params, [batch.scene], noises, run)
         there = batch.index >= 0
         scenes = batch.index[there]
         if some is not None:
@@ -144,8 +132,8 @@ def forecast_batches(
     scenes: Sequence[Scene],
     noises: Sequence[np.ndarray],
     run: Map = map,
-) -> np.ndarray:
-    """Futures of all valid agents of some batches, batch after batch, scene after scene.
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Futures of the A valid agents of some batches, and probabilities of their S scenes.
 
     Args:
         forecaster: of the model.
@@ -155,26 +143,8 @@ def forecast_batches(
         run: applies a function to independent pieces of work.
 
     Returns:
-        [k, A, pred_len, 2] metres relative to each scene's origin.
-    """
-    return distribution_batches(forecaster, params, scenes, noises, run)[0]
-
-
-def distribution_batches(
-    forecaster: Forecaster,
-    params: Any,
-    scenes: Sequence[Scene],
-    noises: Sequence[np.ndarray],
-    run: Map = map,
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """`forecast_batches`, and probabilities [k, S] of all scenes, those without an agent included.
-
-    Args:
-        forecaster: see `forecast_batches`, as the other arguments.
-        params: of the model.
-        scenes: batches.
-        noises: [k, B, dim] or [k, B, N, dim] of each.
-        run: applies a function to independent pieces of work.
+        [k, A, pred_len, 2] metres relative to each scene's origin, and [k, S] of all scenes, those
+        without an agent included; None where all are the same.
     """
     if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:
         contexts = list(run(lambda batch: encode_batch(forecaster, params, batch), scenes))
@@ -243,18 +213,18 @@ def decode_agents(
     count = noise.shape[1]
 
     def of_part(at: int) -> np.ndarray:
-        short = max(0, at + PART - count)
-
-        def part(leaf: np.ndarray, axis: int) -> np.ndarray:
-            taken = leaf[(slice(None),) * axis + (slice(at, at + PART),)]
-            widths = [(0, short if dim == axis else 0) for dim in range(leaf.ndim)]
-            return np.pad(taken, widths) if short else taken
-
-        inputs = jax.tree.map(lambda leaf: part(leaf, 0), (context, agents))
-        futures = _decode(forecaster, params, *inputs, part(noise, 1))
-        return np.asarray(futures)[:, : PART - short]
+        rows = slice(at, at + PART)
+        inputs = jax.tree.map(lambda leaf: _filled(leaf[rows], 0), (context, agents))
+        futures = _decode(forecaster, params, *inputs, _filled(noise[:, rows], 1))
+        return np.asarray(futures)[:, : count - at]
 
     return np.concatenate(list(run(of_part, range(0, count, PART))), axis=1)
+
+
+def _filled(rows: np.ndarray, axis: int) -> np.ndarray:
+    """`rows` with zeros up to `PART` of them along `axis`."""
+    widths = [(0, PART - size if dim == axis else 0) for dim, size in enumerate(rows.shape)]
+    return np.pad(rows, widths)
 
 
 def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:

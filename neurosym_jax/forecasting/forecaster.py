@@ -93,10 +93,6 @@ class Forecaster(abc.ABC):
         """
         return samples if self.noise.dim else 1
 
-    def scene_bytes(self, samples: int, slots: int) -> float:
-        """About the memory that one scene takes: futures, and states of its agents."""
-        return 4.0 * samples * slots * (8 * self.pred_len + 256)
-
 
 class TwoStageForecaster(Forecaster):
     """A forecaster that encodes a scene once and decodes it for each noise.

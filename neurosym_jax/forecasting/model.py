@@ -98,8 +98,7 @@ def predict(
     Raises:
         InputError: for a wrong shape, an unusable coordinate, or a number out of range.
     """
-    how: Any = {"samples": samples, "seed": seed, "recording": recording, "frame": frame}
-    return predict_distribution(model, observed, **how)[0]
+    return _forecast(model, observed, samples, seed, recording, frame)[0]
 
 
 def predict_distribution(
@@ -121,18 +120,24 @@ def predict_distribution(
         model: see `predict`, as the other arguments.
         observed: [N, obs_len, 2] metres.
         samples: k.
-        seed: of the noise.
-        recording: name of the recording.
-        frame: index of the first observed step in the recording.
+        seed: see `predict`.
+        recording: see `predict`.
+        frame: see `predict`.
 
     Raises:
         InputError: as `predict`, and for more samples than the model has.
     """
+    futures, probability = _forecast(model, observed, samples, seed, recording, frame)
+    return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
+
+
+def _forecast(
+    model: Model, observed: ArrayLike, samples: int, seed: int, recording: str, frame: int
+) -> tuple[np.ndarray, np.ndarray | None]:
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
     forecaster = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
-    futures, probability = forecaster.finish(forecaster.start(scene), scene)
-    return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
+    return forecaster.finish(forecaster.start(scene), scene)
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:

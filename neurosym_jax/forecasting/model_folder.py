@@ -18,8 +18,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from neurosym_jax.configuration import from_json, parse_json, to_json
 from neurosym_jax.data.leakage import is_fingerprint
 from neurosym_jax.errors import InputError
@@ -34,16 +32,14 @@ from neurosym_jax.forecasting.parameters import (
 )
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder
-from neurosym_jax.runtime.memory import refuse_beyond_memory
 
-__all__ = ["load_model", "mark_seen", "replace_card", "save_model"]
+__all__ = ["load_model", "replace_card", "save_model"]
 
 CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
 FIELDS = {"format", "forecaster", "config", "dataset", "plugins"}
+OPTIONAL = {"seen", "neighbours", "data"}
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
-LARGEST_TEXT = 2**20
-"""Most bytes of a configuration, and of the names and shapes of all parameters."""
 
 
 def save_model(folder: Path | str, model: Model, card: str | None = None) -> None:
@@ -68,15 +64,10 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         "dataset": model.dataset,
         "plugins": list(model.plugins),
         **({"seen": model.seen} if model.seen else {}),
+        **({} if model.neighbours is None else {"neighbours": model.neighbours}),
+        **({"data": dict(model.data)} if model.data else {}),
     }
-    if model.neighbours is not None:
-        fields["neighbours"] = model.neighbours
-    if model.data:
-        fields["data"] = dict(model.data)
-    try:
-        text = json.dumps(fields, indent=2, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"the configuration of {model.name} is not JSON ({error})") from None
+    text = json.dumps(fields, indent=2, allow_nan=False)
     if _config(model.kind, json.loads(text)["config"]) != model.config:
         raise InputError(f"the configuration of {model.name} does not come back from JSON")
     with new_folder(folder) as beside:
@@ -86,27 +77,12 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
 
 
 def replace_card(folder: Path, card: str) -> None:
-    """Replace the card of the model in `folder`, whose digest follows.
-
-    Raises:
-        InputError: for a folder that is not a model's, or cannot be written.
-    """
+    """Replace the card of the model in `folder`, whose digest follows."""
     _, rest = _read_config(folder)
     with new_file(folder / CARD) as beside:
         beside.write_text(card, encoding="utf-8")
     with new_file(folder / CONFIG) as beside:
         _write_config(beside, folder, rest)
-
-
-def mark_seen(folder: Path, seen: str) -> None:
-    """Write the fingerprint of its training windows into the model in `folder`.
-
-    Raises:
-        InputError: for a folder that is not a model's, or cannot be written.
-    """
-    fields = {**parse_json(b"{" + _read_config(folder)[1], CONFIG), "seen": seen}
-    with new_file(folder / CONFIG) as beside:
-        _write_config(beside, folder, f"{json.dumps(fields, indent=2)[2:]}\n".encode())
 
 
 def load_model(
@@ -143,10 +119,9 @@ def _read_config(folder: Path) -> tuple[str, bytes]:
     """The digest in `config.json`, and the text after it."""
     if not (folder / CONFIG).is_file():
         raise InputError(f"not a model's folder: it has no {CONFIG}")
-    with (folder / CONFIG).open("rb") as file:
-        config = file.read(LARGEST_TEXT + 1)
+    config = (folder / CONFIG).read_bytes()
     head = HEAD.match(config)
-    if head is None or len(config) > LARGEST_TEXT:
+    if head is None:
         raise InputError(f"not a model's {CONFIG}, or a damaged one")
     return head[1].decode(), config[head.end() :]
 
@@ -161,67 +136,41 @@ def _digest(folder: Path, rest: bytes) -> str:
     for name in (CARD, PARAMS):
         if not (folder / name).is_file():
             raise InputError(f"it has no {name}")
-        with (folder / name).open("rb") as file:
-            hashlib.file_digest(file, lambda: digest)
+        digest.update((folder / name).read_bytes())
     return digest.hexdigest()
 
 
 def _read(folder: Path) -> Model:
+    from safetensors import SafetensorError
+    from safetensors.numpy import load_file
+
     digest, rest = _read_config(folder)
     if _digest(folder, rest) != digest:
         raise InputError("damaged: its files do not match the digest")
-    params = folder / PARAMS
-    with params.open("rb") as file:
-        size = int.from_bytes(file.read(8), "little")
-    if size > LARGEST_TEXT:
-        raise InputError(f"{PARAMS}: {size} bytes of names are more than {LARGEST_TEXT}")
-    refuse_beyond_memory(PARAMS, 3 * params.stat().st_size, "free some")
     fields = parse_json(b"{" + rest, CONFIG)
-    if type(fields.get("format")) is not int or fields["format"] != FORMAT:
+    if fields.get("format") != FORMAT:
         raise InputError(
             f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
         )
-    neighbours, seen = fields.pop("neighbours", None), fields.pop("seen", "")
-    data = fields.pop("data", {})
-    if fields.keys() != FIELDS:
-        raise InputError(
-            f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))} and no others"
-        )
-    kind, values, dataset = (fields[name] for name in ("forecaster", "config", "dataset"))
-    plugins = fields["plugins"]
-    if not isinstance(kind, str) or not isinstance(values, dict):
-        raise InputError(f"{CONFIG}: forecaster must be a name, and config an object")
-    if not isinstance(dataset, str | None):
-        raise InputError(f"{CONFIG}: dataset = {dataset!r} is not a name")
-    if not isinstance(plugins, list) or not all(isinstance(name, str) for name in plugins):
-        raise InputError(f"{CONFIG}: plugins = {plugins!r} are not names")
-    if neighbours is not None and not isinstance(neighbours, int | float):
-        raise InputError(f"{CONFIG}: neighbours = {neighbours!r} is not a number")
-    if not is_fingerprint(seen):
+    if fields.keys() - OPTIONAL != FIELDS:
+        raise InputError(f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))}")
+    kind, plugins = str(fields["forecaster"]), tuple(map(str, fields["plugins"]))
+    about = {name: fields[name] for name in OPTIONAL & fields.keys()}
+    if not is_fingerprint(about.get("seen", "")):
         raise InputError(f"{CONFIG}: seen is not a fingerprint of windows")
-    if not isinstance(data, dict) or not all(isinstance(text, str) for text in data.values()):
-        raise InputError(f"{CONFIG}: data = {data!r} are not names with licences")
     try:
-        of_kind = _config(kind, values)
+        config = _config(kind, fields["config"])
     except InputError as error:
         absent = [f" --plugin {name}" for name in plugins if name not in names(loaded())]
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
         raise InputError(f"{error}{hint}") from None
-    about: Any = {"neighbours": neighbours, "seen": seen, "data": data}
-    parameters = nested_parameters(_arrays(params))
-    model = Model(of_kind, parameters, dataset, kind, tuple(plugins), **about)
+    try:
+        parameters = nested_parameters(load_file(folder / PARAMS))
+    except (SafetensorError, AttributeError, KeyError, ValueError, TypeError) as error:
+        raise InputError(f"{PARAMS}: cannot be read ({error})") from None
+    model = Model(config, parameters, fields["dataset"], kind, plugins, **about)
     _refuse_misfit(model)
     return model
-
-
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    from safetensors import SafetensorError
-    from safetensors.numpy import load_file
-
-    try:
-        return load_file(path)
-    except (SafetensorError, KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path.name}: cannot be read ({error})") from None
 
 
 def _config(kind: str, values: dict[str, Any]) -> Any:

@@ -14,7 +14,6 @@ __all__ = [
     "RECOMMENDED",
     "find_checkpoints",
     "find_model",
-    "held_out",
     "models_at_hand",
     "shipped_models",
     "shipped_name",
@@ -30,14 +29,9 @@ DOWNLOADED = {
 """SGAN's published checkpoints, without pooling and with it: folders in the data folder."""
 
 
-def held_out(dataset: str | None) -> str:
-    """The data set of ETH/UCY that a model for `dataset` must not have learned from, or general."""
-    return dataset if dataset in SCENES else GENERAL
-
-
 def shipped_name(model: str, dataset: str | None, pred_len: int) -> str:
-    """The name of the shipped model that may be tested on `dataset`: `anchors_zara1_12`."""
-    return f"{model}_{held_out(dataset)}_{pred_len}"
+    """The shipped model that has not learned from `dataset`: `anchors_zara1_12`, or `general`."""
+    return f"{model}_{dataset if dataset in SCENES else GENERAL}_{pred_len}"
 
 
 def find_model(path: Path | str, dataset: str | None = None, pred_len: int | None = None) -> Path:
@@ -72,8 +66,7 @@ def find_checkpoints(
     found: list[str] = []
     for name in map(str, names):
         if name == RECOMMENDED and not os.path.exists(name):
-            known = [find_model(name, dataset, pred_len).name for dataset in datasets]
-            found += dict.fromkeys(known)
+            found += dict.fromkeys(find_model(name, each, pred_len).name for each in datasets)
             continue
         folder = find_model(name)
         if name in DOWNLOADED and not os.path.exists(folder):

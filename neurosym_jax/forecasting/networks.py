@@ -12,6 +12,7 @@ from jax import Array
 
 from neurosym_jax.forecasting.forecaster import TwoStageForecaster
 from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.forecasting.parameters import shapes_of
 from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.decoder import Weigh
@@ -52,11 +53,7 @@ class GeneratorForecaster(TwoStageForecaster):
         params: Any = initial_generator.eval_shape(self.config, jax.random.key(0))
         if parameters := initial_parameters(self.config.weighting):
             params = {**params, "weighting": parameters}
-        leaves = jax.tree_util.tree_leaves_with_path(params)
-        return {
-            jax.tree_util.keystr(path, simple=True, separator="/"): leaf.shape
-            for path, leaf in leaves
-        }
+        return shapes_of(params)
 
     @property
     def noise(self) -> NoiseSpec:
@@ -64,14 +61,6 @@ class GeneratorForecaster(TwoStageForecaster):
         config = self.config
         per_agent = config.noise_mix_type == "ped"
         return NoiseSpec(config.noise_dim, per_agent, config.noise_type)
-
-    def scene_bytes(self, samples: int, slots: int) -> float:
-        """See `Forecaster.scene_bytes`; symbols and what a pooling keeps are counted by pairs."""
-        config = self.config
-        pairs = config.pooling.pair_numbers
-        if config.symbolic:
-            pairs += 16.0 * config.obs_len
-        return super().scene_bytes(samples, slots) + 4 * pairs * slots**2
 
     @property
     def sees_neighbours(self) -> bool:

@@ -38,10 +38,9 @@ def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agen
 
     `key` is the run's, the same for every scene, and is not consumed; `identity` is `Scene`'s.
     """
-    if not spec.per_agent:
-        return _stream(spec, key, identity, jnp.uint32(0), samples)
-    slots = jnp.arange(agents, dtype=jnp.uint32)
-    return jax.vmap(lambda slot: _stream(spec, key, identity, slot, samples), out_axes=1)(slots)
+    slots = jnp.arange(agents, dtype=jnp.uint32) if spec.per_agent else jnp.uint32(0)
+    draw = functools.partial(_stream, spec, key, identity, samples=samples)
+    return jax.vmap(draw, out_axes=1)(slots) if spec.per_agent else draw(slots)
 
 
 def draw_noise(
@@ -53,22 +52,19 @@ def draw_noise(
         InputError: for a seed outside [0, 2**32), which JAX would silently wrap.
     """
     refuse(Seed, {"seed": seed})
-    scenes = len(identity)
-    slots = agents if spec.per_agent else 1
-    shape = (samples, scenes, agents, spec.dim) if spec.per_agent else (samples, scenes, spec.dim)
+    slots = (agents,) if spec.per_agent else ()
+    shape = (samples, len(identity), *slots, spec.dim)
     if spec.dim == 0:
         return np.zeros(shape, np.float32)
-    identity = np.repeat(identity, slots, axis=0)
-    slot = np.tile(np.arange(slots, dtype=np.uint32), scenes)
+    each = slots[0] if slots else 1
+    slot = np.tile(np.arange(each, dtype=np.uint32), len(identity))
+    identity = np.repeat(identity, each, axis=0)
     padding = -len(slot) % CHUNK
-    identity, slot = np.pad(identity, [(0, padding), (0, 0)]), np.pad(slot, (0, padding))
+    whole = np.pad(identity, [(0, padding), (0, 0)]), np.pad(slot, (0, padding))
+    chunks = zip(*(np.split(part, len(part) // CHUNK) for part in whole))
     key = jax.random.key(seed)
-    parts = [
-        _streams(spec, key, identity[at : at + CHUNK], slot[at : at + CHUNK], samples)
-        for at in range(0, len(slot), CHUNK)
-    ]
-    noise = np.concatenate([np.asarray(part) for part in parts], axis=1)[:, : scenes * slots]
-    return noise.reshape(shape)
+    parts = [np.asarray(_streams(spec, key, *chunk, samples)) for chunk in chunks]
+    return np.concatenate(parts, axis=1)[:, : len(slot)].reshape(shape)
 
 
 def _stream(spec: NoiseSpec, key: Array, identity: Array, slot: Array, samples: int) -> Array:

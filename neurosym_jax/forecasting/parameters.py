@@ -8,7 +8,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["flat_parameters", "listed", "nested_parameters", "refuse_not_finite"]
+__all__ = ["flat_parameters", "listed", "nested_parameters", "refuse_not_finite", "shapes_of"]
 
 
 def flat_parameters(params: Any) -> dict[str, np.ndarray]:
@@ -18,10 +18,7 @@ def flat_parameters(params: Any) -> dict[str, np.ndarray]:
         InputError: for a tree that would not come back: not dictionaries, empty ones, names with a
             `/`, leaves that are not arrays of numbers.
     """
-    flat = {
-        jax.tree_util.keystr(path, simple=True, separator="/"): np.asarray(leaf, order="C")
-        for path, leaf in jax.tree_util.tree_leaves_with_path(params)
-    }
+    flat = {name: np.asarray(leaf, order="C") for name, leaf in _leaves(params)}
     if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
         raise InputError("parameters must be nested dictionaries of arrays, by names without a '/'")
     for name, array in flat.items():
@@ -31,23 +28,20 @@ def flat_parameters(params: Any) -> dict[str, np.ndarray]:
 
 
 def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """The inverse of `flat_parameters`.
-
-    Raises:
-        InputError: for a path within another's.
-    """
+    """The inverse of `flat_parameters`."""
     params: dict[str, Any] = {}
     for path, value in flat.items():
         *scope, name = path.split("/")
         node = params
         for part in scope:
             node = node.setdefault(part, {})
-            if not isinstance(node, dict):
-                break
-        if not isinstance(node, dict) or name in node:
-            raise InputError(f"the parameter {path} lies within another one")
         node[name] = value
     return params
+
+
+def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays [...] of nested dictionaries by path."""
+    return {name: leaf.shape for name, leaf in _leaves(params)}
 
 
 def refuse_not_finite(flat: Mapping[str, np.ndarray]) -> None:
@@ -65,3 +59,8 @@ def listed(names: Sequence[str], most: int = 6) -> str:
     """Names for a message: the first `most`, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def _leaves(params: Any) -> list[tuple[str, Any]]:
+    leaves = jax.tree_util.tree_leaves_with_path(params)
+    return [(jax.tree_util.keystr(path, simple=True, separator="/"), leaf) for path, leaf in leaves]

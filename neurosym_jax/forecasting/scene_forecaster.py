@@ -13,7 +13,6 @@ from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.forecasting.forecaster import Distribution, Forecaster
 from neurosym_jax.forecasting.noise import scene_noise
-from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene, pad_scene, to_world
 
@@ -41,19 +40,14 @@ class SceneForecaster:
         self.samples = forecaster.count(samples)
         self._params = jax.device_put(params)
         self._key = jax.random.key(seed)
-        self._fits = 0
 
     def __call__(self, scene: Scene) -> np.ndarray:
         """Futures [k, N, pred_len, 2], float64 metres in the world's frame."""
         return self.finish(self.start(scene), scene)[0]
 
     def start(self, scene: Scene) -> Distribution:
-        """Begin the forecast of `scene`, of N slots, without waiting for it.
-
-        Raises:
-            InputError: for more samples or people than there is memory for.
-        """
-        slots = self.fit(len(scene.valid))
+        """Begin the forecast of `scene`, of N slots, without waiting for it."""
+        slots = int(bucket_of(len(scene.valid)))
         padded = pad_scene(scene.bare(), slots)
         spec = self.forecaster.noise
         noise: Any = np.zeros((self.samples, 0), np.float32)
@@ -61,22 +55,6 @@ class SceneForecaster:
             agents = slots if spec.per_agent else 1
             noise = _noise(spec, self._key, padded.identity, self.samples, agents)
         return forecast_scene(self.forecaster, self._params, padded, noise)
-
-    def fit(self, people: int) -> int:
-        """Number of slots of the program for so many people.
-
-        Raises:
-            InputError: for more samples or people than there is memory for.
-        """
-        slots = int(bucket_of(people))
-        if slots > self._fits:
-            refuse_beyond_memory(
-                f"a forecast of {people} people with {self.samples} samples",
-                self.forecaster.scene_bytes(self.samples, slots),
-                "ask for fewer samples, or forecast fewer people at once",
-            )
-            self._fits = slots
-        return slots
 
     @staticmethod
     def finish(started: Distribution, scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:

@@ -18,7 +18,6 @@ __all__ = [
     "LSTM",
     "Cell",
     "Encoder",
-    "LSTMNetwork",
     "cell_network",
     "embed",
     "register_cell",

@@ -120,7 +120,7 @@ def pool(
     Raises:
         InputError: without the alpha that the pooling takes.
     """
-    if alpha is None and pooling.inputs & {"alpha", "alpha_rows"}:
+    if alpha is None and "alpha" in pooling.inputs:
         raise InputError(
             f"{pooling.title} needs alpha [N, N, obs_len]: config.weighting.alpha({{}}, observed), "
             "or call nj.forecast, which computes it"

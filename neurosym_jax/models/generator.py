@@ -71,5 +71,5 @@ class Generator(nn.Module):
         """Forecast displacements `[N, pred_len, 2]` from `context` and one noise, see `Decoder`."""
         noise = jnp.broadcast_to(noise, (context.shape[0], self.config.noise_dim))
         hidden = jnp.concatenate([context, noise.astype(context.dtype)], axis=-1)
-        inputs = map(jnp.asarray, (scene.observed, scene.displacement[:, -1], scene.valid))
-        return self.decoder(hidden, *inputs, weigh)
+        observed, step = jnp.asarray(scene.observed), jnp.asarray(scene.displacement)[:, -1]
+        return self.decoder(hidden, observed, step, jnp.asarray(scene.valid), weigh)

@@ -128,8 +128,6 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
-        for forecaster in self._forecasters.values():
-            forecaster.fit(max_people)
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
         alone = np.zeros((1, self.window.steps, 2))
         self.programs = Programs(

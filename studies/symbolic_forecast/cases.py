@@ -103,7 +103,7 @@ def counted(cases: Cases, samples: np.ndarray, events: np.ndarray) -> Answer:
 def model_answer(cases: Cases, model: Model, *, samples: int, seed: int) -> Answer:
     """The answer of k `samples` of a model of the windows' lengths."""
     windows = cases.windows
-    futures = forecast_windows(model, windows, make_batches(windows), samples, seed)
+    futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
     last = windows.position[None, :, windows.obs_len - 1, None]
     whole = np.concatenate([np.broadcast_to(last, (*futures.shape[:2], 1, 2)), futures], axis=2)
     return counted(cases, *_observed(cases.settings, cases.events, whole, cases.rows))

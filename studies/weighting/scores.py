@@ -52,7 +52,7 @@ def score(
     forecaster, batches = GeneratorForecaster(generator), make_batches(windows)
     scenes = [batch.scene for batch in batches]
     noises = draw_noises(forecaster.noise, scenes, samples, seed)
-    futures = forecast_batches(forecaster, jax.device_put(params), scenes, noises)
+    futures, _ = forecast_batches(forecaster, jax.device_put(params), scenes, noises)
     ends = np.cumsum([scene.valid.sum() for scene in scenes])[:-1]
     found: dict[str, np.ndarray] = defaultdict(lambda: np.zeros((2, windows.scenes)))
     for batch, piece in zip(batches, np.split(futures, ends, axis=1)):

@@ -12,7 +12,7 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.forecasting.anchors import initial_anchors, spread_of
-from neurosym_jax.forecasting.batched import forecast_distribution, predict_scenes
+from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
 from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.model import Model, predict, predict_distribution
 from neurosym_jax.forecasting.model_folder import load_model, save_model
@@ -43,7 +43,7 @@ def windows():
 
 def test_every_way_gives_the_same_samples_and_probabilities(model, windows):
     observed = np.split(windows.position[:, :8], windows.bounds[1:-1])
-    futures, likely = forecast_distribution(model, windows, make_batches(windows), 5, 0)
+    futures, likely = forecast_windows(model, windows, make_batches(windows), 5, 0)
     assert likely is not None
     np.testing.assert_allclose(likely.sum(axis=0), 1, rtol=1e-5)
     assert np.ptp(likely, axis=0).min() > 0.01

@@ -79,7 +79,7 @@ def forecasts(model: Model, windows: Windows, slots: int = 256, samples: int = K
         noise = draw_noise(
             model.forecaster.noise, 0, scenes.identity, samples, scenes.valid.shape[1]
         )
-        futures = forecast_batches(model.forecaster, model.params, [scenes], [noise])
+        futures, _ = forecast_batches(model.forecaster, model.params, [scenes], [noise])
         forecast = unpacked(futures, scenes.valid)
         assert np.isfinite(forecast).all()
         for row, number in enumerate(batch.index):
@@ -171,10 +171,9 @@ def test_what_many_scenes_refuse():
         ([good, np.full((1, 4, 2), np.inf)], None, r"observed\[1\]: agent 0, step 0"),
         ([good, good[:0]], None, r"observed\[1\]: a scene needs at least one agent"),
         ([good, good], [0], "1 frames are given for 2 scenes"),
-        ([np.zeros((10**6, 4, 2))], None, "pass the scenes in parts"),
     ):
         with pytest.raises(InputError, match=message):
-            predict_scenes(model, scenes, samples=10**6, frames=frames)
+            predict_scenes(model, scenes, frames=frames)
 
 
 @pytest.mark.parametrize("name", ["none", "social", "every step", "noise of agents"])
@@ -188,7 +187,7 @@ def test_padding_and_permutation(name):
         scene = pad_scene(make_scene(positions, recording="r"), slots).replace(origin=None)
         scenes = jax.tree.map(lambda array: array[None], scene)
         noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
-        return forecast_batches(model.forecaster, model.params, [scenes], [noise])
+        return forecast_batches(model.forecaster, model.params, [scenes], [noise])[0]
 
     plain = forecast(observed, 3)
     assert_allclose(forecast(observed, 64), plain, rtol=0, atol=1e-5)
@@ -229,8 +228,6 @@ def test_seed_and_identity_act():
         (np.zeros((2, 8, 2)), "observed has 8 steps; the model observes 4"),
         (np.full((2, 4, 2), np.nan), "agent 0, step 0 is not finite"),
         (np.zeros((4, 2)), "observed must be"),
-        (np.full((2, 4, 2), 1e200), "agent 0, step 0 is more than 1e.09 m away"),
-        (np.ma.masked_equal(np.zeros((2, 4, 2)), 0), "some coordinates are masked"),
     ],
 )
 def test_predict_refuses(observed, message):
@@ -250,15 +247,12 @@ def test_predict_refuses(observed, message):
 def test_numbers_that_are_refused(how, message):
     with pytest.raises(InputError, match=message):
         predict(random_model("pool_net"), np.zeros((2, 4, 2)), **how)
-    with pytest.raises(InputError, match=message):
-        predict_scenes(random_model("pool_net"), [np.zeros((2, 4, 2))], **how)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["sgan-models/zara1_8", "sgan-p-models/zara1_8"])
-def test_published_checkpoint_on_real_people(shared, kind):
+def test_published_checkpoint_on_real_people(shared):
     """All at once, with weights that people use: batches, company, the map, padding, x64."""
-    model = load_model(shared / f"checkpoints/{kind}_model.pt")
+    model = load_model(shared / "checkpoints/sgan-p-models/zara1_8_model.pt")
     (tracks,) = read_split(shared / "data/eth_ucy", "zara1", "test")
     early = tracks.stamp <= np.unique(tracks.stamp)[80]
 

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.commands.convert import Options, run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model, mark_seen, save_model
+from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.parameters import flat_parameters, nested_parameters
 from neurosym_jax.models.config import GeneratorConfig
 
@@ -61,14 +60,6 @@ def test_round_trip(saved):
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
 
 
-def test_a_model_keeps_a_fingerprint(copy):
-    mark_seen(copy, "A" * 16)
-    assert load_model(copy).seen == "A" * 16
-    assert load_model(copy).config == MODEL.config
-    mark_seen(copy, "A" * 15)
-    assert "seen is not a fingerprint" in refusal(copy)
-
-
 def test_anybody_can_check_the_digest(saved):
     command = "(tail -n +3 config.json; cat README.md params.safetensors) | sha256sum"
     found = subprocess.run(["sh", "-c", command], cwd=saved, capture_output=True, check=True).stdout
@@ -81,14 +72,6 @@ def flipped(content, bit):
     return bytes(damaged)
 
 
-def words(folder):
-    """What is said of a folder; quicker than `refusal`."""
-    try:
-        return str(load_model(folder))
-    except InputError as error:
-        return str(error)
-
-
 def test_every_flipped_bit_is_refused(copy, tmp_path):
     """All of a short configuration, some of the parameters: before a parser sees either."""
     save_model(tmp_path / "short", Model(Lengths(), {}, "zara1", "constant_velocity"))
@@ -99,7 +82,7 @@ def test_every_flipped_bit_is_refused(copy, tmp_path):
         content = path.read_bytes()
         for bit in bits:
             path.write_bytes(flipped(content, bit))
-            assert "damaged" in words(path.parent), (path.name, bit)
+            assert "damaged" in refusal(path.parent), (path.name, bit)
         for size in (0, 1, 100, len(content) - 1):
             path.write_bytes(content[:size])
             assert "damaged" in refusal(path.parent), size
@@ -109,7 +92,7 @@ def test_every_flipped_bit_is_refused(copy, tmp_path):
         assert load_model(path.parent).dataset == "zara1"
 
 
-@pytest.mark.parametrize("text", ["", "[1]", "{}", "\x00", "[" * 100_000, "x" * 2**21])
+@pytest.mark.parametrize("text", ["", "{}", "\x00", "[" * 100_000])
 def test_config_that_is_none(copy, text):
     (copy / "config.json").write_text(text)
     assert "damaged" in refusal(copy)
@@ -119,19 +102,15 @@ def test_config_that_is_none(copy, text):
     ("change", "message"),
     [
         (lambda all: all["config"].update(embedding_dim=8), "describes another network"),
-        (lambda all: all["config"].update(pooling="none"), "describes another network"),
         (lambda all: all["config"].update(noise_dim=99), "noise_dim must lie in"),
         (lambda all: all["config"].update(pooling="mean"), "unknown pooling 'mean'"),
         (lambda all: all["config"].update(obs_len=True), "obs_len must be a whole number"),
         (lambda all: all["config"].update(colour=1), "unknown field 'colour'"),
-        (lambda all: all.update(config=[1]), "config an object"),
+        (lambda all: all.update(config=[1]), "not a JSON object"),
         (lambda all: all.update(format=True), "format True is not the format 3"),
         (lambda all: all.update(format=2), "format 2 is not the format 3"),
-        (lambda all: all.update(dataset=5), "dataset = 5 is not a name"),
-        (lambda all: all.update(neighbours="all"), "neighbours = 'all' is not a number"),
+        (lambda all: all.update(seen="A" * 15), "seen is not a fingerprint"),
         (lambda all: all.update(forecaster="nobody"), "unknown forecaster 'nobody'"),
-        (lambda all: all.update(forecaster=None), "forecaster must be a name"),
-        (lambda all: all.update(colour=1), "must have the fields"),
         (lambda all: all.pop("dataset"), "must have the fields"),
     ],
 )
@@ -152,7 +131,7 @@ def header(**entries):
         (header(), "describes another network"),
         (header(a={"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]}), "cannot be"),
         (header(a={"dtype": "BF16", "shape": [1], "data_offsets": [0, 2]}) + b"00", "numbers"),
-        ((2**40).to_bytes(8, "little") + b"{}", "bytes of names are more than"),
+        ((2**40).to_bytes(8, "little") + b"{}", "cannot be read"),
     ],
 )
 def test_parameters_that_promise_what_is_not_there(copy, sign, params, message):
@@ -208,9 +187,3 @@ def test_what_is_no_model(tmp_path):
 def test_parameters_that_would_not_come_back(params):
     with pytest.raises(InputError, match="parameter"):
         flat_parameters(params)
-
-
-def test_converting_what_needs_a_place(tmp_path):
-    (tmp_path / "a.pt").write_bytes(b"")
-    with pytest.raises(InputError, match="an empty file"):
-        run(Options(tmp_path / "a.pt", tmp_path / "new"))

@@ -39,7 +39,8 @@ def test_frame_by_frame_equals_batches_of_windows(model):
     for name, each in models.items():
         forecaster = each.forecaster
         noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
-        futures = unpacked(forecast_batches(forecaster, each.params, [scene], [noise]), scene.valid)
+        futures, _ = forecast_batches(forecaster, each.params, [scene], [noise])
+        futures = unpacked(futures, scene.valid)
         for at, n in enumerate(batch.index):
             if n < 0:
                 continue
