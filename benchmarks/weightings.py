@@ -20,7 +20,7 @@ import numpy as np
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.forecasting.batched import forecast_batches
+from neurosym_jax.forecasting.batched import forecast_batch
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import AsDescribed, Generator, GeneratorConfig
@@ -76,7 +76,7 @@ def forecast(scenes: list) -> Callable[[], object]:
     params = Generator(config).init(jax.random.key(0), one, noise, np.zeros((2, 2, 8)))
     forecaster = GeneratorForecaster(config)
     noises = [draw_noise(forecaster.noise, 0, s.identity, SAMPLES, 1) for s in scenes]
-    return lambda: forecast_batches(forecaster, params, scenes, noises)
+    return lambda: [forecast_batch(forecaster, params, *each) for each in zip(scenes, noises)]
 
 
 def alpha(config: Weighting, scenes: list) -> Callable[[], object]:

@@ -168,31 +168,20 @@ def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
     from neurosym_jax.data.batching import make_batches
     from neurosym_jax.evaluation.metrics import metric_names
     from neurosym_jax.evaluation.scoring import chosen, score_scenes
-    from neurosym_jax.forecasting.batched import (
-        decode_agents,
-        draw_noises,
-        encode_batch,
-        pack_agents,
-        unpacked,
-    )
+    from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 
     forecaster, params = model.forecaster, model.params
     clock = _Clock()
     scenes = [batch.scene for batch in make_batches(windows)]
     clock.done("windows to batches")
-    noises = draw_noises(forecaster.noise, scenes, SAMPLES, 0)
+    noises = [batch_noise(forecaster, scene, SAMPLES, 0) for scene in scenes]
     clock.done("noise")
-    agents, noise = pack_agents(scenes, noises)
-    clock.done("packing")
-    contexts = np.concatenate([encode_batch(forecaster, params, each) for each in scenes])
-    clock.done("encoding and pooling")
-    futures = decode_agents(forecaster, params, contexts, agents, noise)
-    clock.done("decoding")
-    metrics, ends = (
-        chosen(metric_names(collisions=False)),
-        np.cumsum([s.valid.sum() for s in scenes]),
-    )
-    for scene, part in zip(scenes, np.split(futures, ends[:-1], axis=1)):
+    futures = [
+        forecast_batch(forecaster, params, scene, noise)[0] for scene, noise in zip(scenes, noises)
+    ]
+    clock.done("forecasts")
+    metrics = chosen(metric_names(collisions=False))
+    for scene, part in zip(scenes, futures):
         score_scenes(metrics, unpacked(part, np.asarray(scene.valid)), scene)
     clock.done("errors")
     return clock.seconds

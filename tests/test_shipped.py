@@ -9,7 +9,7 @@ from neurosym_jax.data.sources import Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.evaluation.neighbours import MOVED, NEAR, without_neighbours
 from neurosym_jax.evaluation.scoring import chosen, score_scenes
-from neurosym_jax.forecasting.batched import draw_noises, forecast_batches, unpacked
+from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 
@@ -31,10 +31,10 @@ def forecasts(model, batches):
     """Of each batch: the scenes, a function of other scenes, forecasts in company and alone."""
     forecaster, params = model.forecaster, jax.device_put(model.params)
     for batch in batches:
-        noise = draw_noises(forecaster.noise, [batch.scene], 20, 0)[0]
+        noise = batch_noise(forecaster, batch.scene, 20, 0)
 
         def forecast(scene, noise=noise):
-            return forecast_batches(forecaster, params, [scene], [noise])[0]
+            return forecast_batch(forecaster, params, scene, noise)[0]
 
         alone = forecast(*without_neighbours(batch.scene, noise))
         yield batch.scene, forecast, forecast(batch.scene), alone

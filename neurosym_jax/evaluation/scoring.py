@@ -17,8 +17,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.evaluation.neighbours import without_neighbours
 from neurosym_jax.forecasting.batched import (
-    draw_noises,
-    forecast_batches,
+    batch_noise,
+    forecast_batch,
     unpacked,
 )
 from neurosym_jax.forecasting.forecaster import Forecaster
@@ -126,12 +126,11 @@ def score_batch(
 ) -> Scores:
     """Scores of `forecaster` on a batch of padded scenes."""
     valid = np.asarray(scenes.valid)
-    noises = draw_noises(forecaster.noise, [scenes], samples, seed)
-    futures, probability = forecast_batches(forecaster, params, [scenes], noises)
+    noise = batch_noise(forecaster, scenes, samples, seed)
+    futures, probability = forecast_batch(forecaster, params, scenes, noise)
     moves = None
     if any(metric.moves for _, metric in metrics):
-        people, noise = without_neighbours(scenes, noises[0])
-        alone, _ = forecast_batches(forecaster, params, [people], [noise])
+        alone, _ = forecast_batch(forecaster, params, *without_neighbours(scenes, noise))
         moves = unpacked(futures - alone, valid)
     return score_scenes(metrics, unpacked(futures, valid), scenes, probability, moves)
 

@@ -1,7 +1,7 @@
 """Forecasts of many scenes at once: batches, and agents packed without padding.
 
-If a forecaster's decoding looks at no neighbour, the agents of many padded scenes are decoded as
-one scene without padding, in parts of one size: no work is spent on padding, and one compiled
+If a forecaster's decoding looks at no neighbour, the agents of a batch of padded scenes are decoded
+as one scene without padding, in parts of one size: no work is spent on padding, and one compiled
 program serves scenes of every size. Single scenes are `scene_forecaster`'s.
 """
 
@@ -19,17 +19,13 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
 from neurosym_jax.forecasting.model import Model, refuse_other_length
-from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
 __all__ = [
-    "Map",
-    "decode_agents",
-    "draw_noises",
-    "encode_batch",
-    "forecast_batches",
+    "batch_noise",
+    "forecast_batch",
     "forecast_windows",
-    "pack_agents",
     "predict_scenes",
     "unpacked",
 ]
@@ -38,7 +34,6 @@ PART = 128
 """Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
 
 Map = Callable[..., Iterable[Any]]
-"""`map`, or an executor's, which may run calls at once."""
 
 
 def predict_scenes(
@@ -104,7 +99,7 @@ def forecast_windows(
         batches: of all windows.
         samples: k.
         seed: of the noise.
-        run: applies a function to independent pieces of work.
+        run: `map`, or an executor's: applies a function to batches.
 
     Returns:
         [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the same.
@@ -113,9 +108,12 @@ def forecast_windows(
     likely: np.ndarray | None = None
     samples = forecaster.count(samples)
     found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
-    for batch in batches:
-        noises = draw_noises(forecaster.noise, [batch.scene], samples, seed)
-        futures, some = forecast_batches(forecaster, params, [batch.scene], noises, run)
+
+    def of_batch(batch: Batch) -> tuple[np.ndarray, np.ndarray | None]:
+        noise = batch_noise(forecaster, batch.scene, samples, seed)
+        return forecast_batch(forecaster, params, batch.scene, noise)
+
+    for batch, (futures, some) in zip(batches, run(of_batch, batches)):
         there = batch.index >= 0
         scenes = batch.index[there]
         if some is not None:
@@ -126,99 +124,51 @@ def forecast_windows(
     return found, likely
 
 
-def forecast_batches(
-    forecaster: Forecaster,
-    params: Any,
-    scenes: Sequence[Scene],
-    noises: Sequence[np.ndarray],
-    run: Map = map,
+def batch_noise(forecaster: Forecaster, scenes: Scene, samples: int, seed: int) -> np.ndarray:
+    """Noise of a batch of B scenes, `[k, B, dim]` or `[k, B, N, dim]`."""
+    identity = np.asarray(scenes.identity)
+    return draw_noise(forecaster.noise, seed, identity, samples, scenes.valid.shape[1])
+
+
+def forecast_batch(
+    forecaster: Forecaster, params: Any, scenes: Scene, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Futures of the A valid agents of some batches, and probabilities of their S scenes.
+    """Futures of the A valid agents of a batch of B scenes, and probabilities of the scenes.
 
     Args:
         forecaster: of the model.
         params: its parameters.
-        scenes: batches, each with a leading axis of B scenes.
-        noises: for each batch, `[k, B, dim]` or `[k, B, N, dim]`, see `draw_noises`.
-        run: applies a function to independent pieces of work.
+        scenes: with a leading axis of B scenes.
+        noise: `[k, B, dim]` or `[k, B, N, dim]`, see `batch_noise`.
 
     Returns:
-        [k, A, pred_len, 2] metres relative to each scene's origin, and [k, S] of all scenes, those
-        without an agent included; None where all are the same.
+        [k, A, pred_len, 2] metres relative to each scene's origin, and [k, B]; None where all are
+        the same.
     """
+    valid = np.asarray(scenes.valid)
     if isinstance(forecaster, TwoStageForecaster) and forecaster.decodes_alone:
-        contexts = list(run(lambda batch: encode_batch(forecaster, params, batch), scenes))
-        context = jax.tree.map(lambda *parts: np.concatenate(parts), *contexts)
-        agents, noise = pack_agents(scenes, noises)
-        return decode_agents(forecaster, params, context, agents, noise, run), None
-
-    def of_batch(batch: Scene, noise: np.ndarray) -> tuple[np.ndarray, Any]:
-        futures, likely = _forecast(forecaster, params, batch.bare(), noise)
-        return np.asarray(futures)[:, np.asarray(batch.valid)], likely
-
-    parts, likely = zip(*run(of_batch, scenes, noises))
-    joined = None if likely[0] is None else np.concatenate(likely, axis=1)
-    return np.concatenate(parts, axis=1), joined
+        return _decoded_agents(forecaster, params, scenes, noise, valid), None
+    futures, likely = _forecast(forecaster, params, scenes.bare(), noise)
+    return np.asarray(futures)[:, valid], None if likely is None else np.asarray(likely)
 
 
-def draw_noises(
-    spec: NoiseSpec, scenes: Sequence[Scene], samples: int, seed: int
-) -> list[np.ndarray]:
-    """Noise of each batch, `[k, B, dim]` or `[k, B, N, dim]`."""
-    if spec.per_agent:
-        return [
-            draw_noise(spec, seed, np.asarray(scene.identity), samples, scene.valid.shape[1])
-            for scene in scenes
-        ]
-    # Drawn together, because each draw is of a fixed number of scenes or more.
-    ends = np.cumsum([len(scene.identity) for scene in scenes])
-    identity = np.concatenate([scene.identity for scene in scenes])
-    return np.split(draw_noise(spec, seed, identity, samples, 1), ends[:-1], axis=1)
-
-
-def encode_batch(forecaster: TwoStageForecaster, params: Any, scenes: Scene) -> Any:
-    """Contexts of the A valid agents of a batch: arrays [A, ...] on the host."""
-    if forecaster.encoder is None:
-        return ()
-    context = _encode(forecaster.encoder, params, scenes.bare())
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[np.asarray(scenes.valid)], context)
-
-
-def pack_agents(scenes: Sequence[Scene], noises: Sequence[np.ndarray]) -> tuple[Scene, np.ndarray]:
-    """The A valid agents of some batches as one scene, and their noise `[k, A, dim]`."""
-    masks = [np.asarray(batch.valid) for batch in scenes]
-    without = [batch.bare().replace(identity=None) for batch in scenes]
-    agents = jax.tree.map(
-        lambda *leaves: np.concatenate([leaf[mask] for leaf, mask in zip(leaves, masks)]), *without
-    )
-    parts = [
-        noise[:, mask] if noise.ndim == 4 else np.repeat(noise, mask.sum(axis=1), axis=1)
-        for noise, mask in zip(noises, masks)
-    ]
-    return agents, np.concatenate(parts, axis=1)
-
-
-def decode_agents(
-    forecaster: TwoStageForecaster,
-    params: Any,
-    context: Any,
-    agents: Scene,
-    noise: np.ndarray,
-    run: Map = map,
+def _decoded_agents(
+    forecaster: TwoStageForecaster, params: Any, scenes: Scene, noise: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
-    """Futures `[k, A, pred_len, 2]` of A >= 1 packed agents, decoded in parts of `PART`.
-
-    `context [A, ...]` is `encode_batch`'s, `agents` and `noise [k, A, dim]` are `pack_agents`'.
-    """
-    count = noise.shape[1]
-
-    def of_part(at: int) -> np.ndarray:
+    """`[k, A, pred_len, 2]` of the agents, packed as one scene and decoded in parts of `PART`."""
+    context: Any = ()
+    if forecaster.encoder is not None:
+        context = _encode(forecaster.encoder, params, scenes.bare())
+    packed = context, scenes.bare().replace(identity=None)
+    packed = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], packed)
+    each = noise[:, valid] if noise.ndim == 4 else np.repeat(noise, valid.sum(axis=1), axis=1)
+    parts = []
+    for at in range(0, each.shape[1], PART):
         rows = slice(at, at + PART)
-        inputs = jax.tree.map(lambda leaf: _filled(leaf[rows], 0), (context, agents))
-        futures = _decode(forecaster, params, *inputs, _filled(noise[:, rows], 1))
-        return np.asarray(futures)[:, : count - at]
-
-    return np.concatenate(list(run(of_part, range(0, count, PART))), axis=1)
+        inputs = jax.tree.map(lambda leaf, rows=rows: _filled(leaf[rows], 0), packed)
+        futures = _decode(forecaster, params, *inputs, _filled(each[:, rows], 1))
+        parts.append(np.asarray(futures)[:, : each.shape[1] - at])
+    return np.concatenate(parts, axis=1)
 
 
 def _filled(rows: np.ndarray, axis: int) -> np.ndarray:

@@ -14,7 +14,7 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.scoring import chosen, score_scenes
-from neurosym_jax.forecasting.batched import draw_noises, forecast_batches, unpacked
+from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.models.config import GeneratorConfig
 
@@ -49,15 +49,13 @@ def score(
         samples: k.
         seed: of the noise.
     """
-    forecaster, batches = GeneratorForecaster(generator), make_batches(windows)
-    scenes = [batch.scene for batch in batches]
-    noises = draw_noises(forecaster.noise, scenes, samples, seed)
-    futures, _ = forecast_batches(forecaster, jax.device_put(params), scenes, noises)
-    ends = np.cumsum([scene.valid.sum() for scene in scenes])[:-1]
+    forecaster, params = GeneratorForecaster(generator), jax.device_put(params)
     found: dict[str, np.ndarray] = defaultdict(lambda: np.zeros((2, windows.scenes)))
-    for batch, piece in zip(batches, np.split(futures, ends, axis=1)):
+    for batch in make_batches(windows):
         valid, there = np.asarray(batch.scene.valid), batch.index >= 0
-        places = unpacked(piece, valid)
+        noise = batch_noise(forecaster, batch.scene, samples, seed)
+        futures, _ = forecast_batch(forecaster, params, batch.scene, noise)
+        places = unpacked(futures, valid)
         near = interacting(np.asarray(batch.scene.observed), valid)
         for group, who, names in (
             ("interacting", near, JOINT),

@@ -14,7 +14,7 @@ from neurosym_jax.data.readers.eth_ucy import read_split
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.batched import forecast_batches, predict_scenes, unpacked
+from neurosym_jax.forecasting.batched import forecast_batch, predict_scenes, unpacked
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.noise import draw_noise
@@ -79,7 +79,7 @@ def forecasts(model: Model, windows: Windows, slots: int = 256, samples: int = K
         noise = draw_noise(
             model.forecaster.noise, 0, scenes.identity, samples, scenes.valid.shape[1]
         )
-        futures, _ = forecast_batches(model.forecaster, model.params, [scenes], [noise])
+        futures, _ = forecast_batch(model.forecaster, model.params, scenes, noise)
         forecast = unpacked(futures, scenes.valid)
         assert np.isfinite(forecast).all()
         for row, number in enumerate(batch.index):
@@ -187,7 +187,7 @@ def test_padding_and_permutation(name):
         scene = pad_scene(make_scene(positions, recording="r"), slots).replace(origin=None)
         scenes = jax.tree.map(lambda array: array[None], scene)
         noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
-        return forecast_batches(model.forecaster, model.params, [scenes], [noise])[0]
+        return forecast_batch(model.forecaster, model.params, scenes, noise)[0]
 
     plain = forecast(observed, 3)
     assert_allclose(forecast(observed, 64), plain, rtol=0, atol=1e-5)

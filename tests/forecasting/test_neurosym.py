@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.batched import forecast_batches, unpacked
+from neurosym_jax.forecasting.batched import forecast_batch, unpacked
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.noise import draw_noise
@@ -72,7 +72,7 @@ def by_batch(model: Model, observed: np.ndarray, slots: int, batch: int = 1) -> 
     scene = pad_scene(make_scene(observed, recording="r"), slots).replace(origin=None)
     scenes = jax.tree.map(lambda array: np.stack([array] * batch), scene)
     noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, slots)
-    futures, _ = forecast_batches(model.forecaster, model.params, [scenes], [noise])
+    futures, _ = forecast_batch(model.forecaster, model.params, scenes, noise)
     return unpacked(futures, scenes.valid)[:, -1, : len(observed)]
 
 

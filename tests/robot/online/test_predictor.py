@@ -12,7 +12,7 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.tracks import resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.batched import forecast_batches, unpacked
+from neurosym_jax.forecasting.batched import forecast_batch, unpacked
 from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.runtime.process import compile_seconds
@@ -39,7 +39,7 @@ def test_frame_by_frame_equals_batches_of_windows(model):
     for name, each in models.items():
         forecaster = each.forecaster
         noise = draw_noise(forecaster.noise, 7, np.asarray(scene.identity), 3, 8)
-        futures, _ = forecast_batches(forecaster, each.params, [scene], [noise])
+        futures, _ = forecast_batch(forecaster, each.params, scene, noise)
         futures = unpacked(futures, scene.valid)
         for at, n in enumerate(batch.index):
             if n < 0:
