@@ -26,7 +26,7 @@ tune()
 enable_compilation_cache()
 from pathlib import Path
 from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.models import load_models
+from neurosym_robot.online.predictor import load_models
 from neurosym_robot.online.pairs import LikelyEvents
 from neurosym_robot.online.predictor import Predictor
 models = load_models([Path(name) for name in sys.argv[2:]])

@@ -80,9 +80,9 @@ def of_bag(source, target):
 
     took = []
     with BagWriter(target) as bag:
-        for _, forecast in read_messages(source, lambda topics: [TOPIC]):
+        for topic, forecast in read_messages(source):
             start, grid = time.perf_counter(), bag.new("nav_msgs/msg/OccupancyGrid")
-            if fill(grid, forecast):
+            if topic == TOPIC and fill(grid, forecast):
                 took.append(1e3 * (time.perf_counter() - start))
                 stamp = forecast.header.stamp
                 bag.write(COSTMAP, stamp.sec + 1e-9 * stamp.nanosec, grid)

@@ -4,7 +4,6 @@ rosbags is imported when a bag is read.
 """
 
 import dataclasses
-import os
 from pathlib import Path
 
 from neurosym_jax.data.formats import format_of, register_format
@@ -15,16 +14,14 @@ __all__ = ["Bag", "is_bag", "topic_of"]
 
 # Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag.
 SUFFIXES = (".bag", ".mcap", ".db3")
-ACTIVE = ".bag.active"  # ending of a ROS 1 bag until its recorder has finished it
 
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag, by its name or, for a folder, by the names in it."""
-    if path.name.endswith((*SUFFIXES, ACTIVE)) or os.path.isfile(path / "metadata.yaml"):
+    if path.suffix in SUFFIXES or (path / "metadata.yaml").is_file():
         return True
     # Without metadata, a folder with a file of its name is an unfinished bag of ROS 2.
-    names = [path.name + end for end in ("_0.mcap", "_0.db3", ".mcap", ".db3")]
-    return any(os.path.isfile(path / name) for name in names)
+    return any((path / f"{path.name}_0{end}").is_file() for end in SUFFIXES)
 
 
 @register_format("bag")

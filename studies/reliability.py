@@ -23,7 +23,8 @@ from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.ros.bag_writer import BagWriter
 from neurosym_robot.ros.bags import read_people
-from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
+from neurosym_robot.ros.definitions import PEOPLE_TOPICS
+from neurosym_robot.ros.messages import make_people
 
 __all__ = ["main"]
 

@@ -5,78 +5,21 @@ import functools
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
-
+from neurosym_jax.errors import InputError
 from neurosym_robot.dashboard import Dashboard
 from neurosym_robot.dashboard.floor_map import read_floor_map
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.compilation import When
-from neurosym_robot.online.models import load_models
 from neurosym_robot.online.pairs import AT_LEAST
-from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
 from neurosym_robot.ros.source import REACH, PeopleSource
 from neurosym_robot.tracking.stitching import LinkOptions, OnlineStitcher
 
-__all__ = ["LiveOptions", "NodeOptions", "SourceOptions", "ViewOptions"]
-
-
-@dataclasses.dataclass(frozen=True)
-class ViewOptions:
-    """A web page of people and forecasts."""
-
-    dashboard: bool = False
-    """Serve a live web page of people and forecasts."""
-    port: int = 8765
-    """Port of the page; 0 for any free port."""
-    host: str = "127.0.0.1"
-    """Address of the page; 0.0.0.0 makes it visible to other computers, without a password."""
-    map: Path | None = None
-    """Floor map to draw on the page: the .yaml file of a ROS map."""
-
-    at_least: float = AT_LEAST
-    """Least probability of a pair's event to show, write and publish."""
-
-    def moments(self, predictor: Predictor, title: str) -> Moments:
-        """The lines of JSON of this predictor's stream.
-
-        Raises:
-            InputError: if the map cannot be read, or for a probability outside (0, 1].
-        """
-        floor_map = None if self.map is None else read_floor_map(self.map)
-        return Moments(predictor, title=title, floor_map=floor_map, at_least=self.at_least)
-
-    def open(self, predictor: Predictor, title: str) -> Dashboard | None:
-        """A dashboard that is being served, if the options ask for one.
-
-        Raises:
-            InputError: if the map cannot be read or the address cannot be used.
-        """
-        if not self.dashboard:
-            return None
-        dashboard = Dashboard(self.moments(predictor, title), self.host, self.port)
-        dashboard.start()
-        return dashboard
-
-
-@dataclasses.dataclass(frozen=True)
-class SourceOptions:
-    """Which messages of people belong to the stream."""
-
-    fixed_frame: str = ""
-    """Frame into which coordinates are transformed by /tf; by default that of the first message,
-    and messages in other frames are left out."""
-    several_publishers: bool = False
-    """Accept all publishers of the topic; by default only the first."""
-    robot_frame: str = ""
-    """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
-    nearest to it are forecast first."""
-    reach: float = REACH
-    """Metres; people farther from the sensor (the origin of coordinates that --fixed-frame
-    transforms) or from the robot (--robot-frame) are left out."""
+__all__ = ["LiveOptions", "NodeOptions"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -100,17 +43,35 @@ class LiveOptions:
     """Join tracks that occlusions broke."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
     """With --stitch: when two tracks are joined."""
-    stream: Annotated[SourceOptions, tyro.conf.OmitArgPrefixes] = SourceOptions()
-    view: Annotated[ViewOptions, tyro.conf.OmitArgPrefixes] = dataclasses.field(
-        default_factory=ViewOptions
-    )
+    fixed_frame: str = ""
+    """Frame into which coordinates are transformed by /tf; by default that of the first message,
+    and messages in other frames are left out."""
+    several_publishers: bool = False
+    """Accept all publishers of the topic; by default only the first."""
+    robot_frame: str = ""
+    """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
+    nearest to it are forecast first."""
+    reach: float = REACH
+    """Metres; people farther from the sensor (the origin of coordinates that --fixed-frame
+    transforms) or from the robot (--robot-frame) are left out."""
+    dashboard: bool = False
+    """Serve a live web page of people and forecasts."""
+    port: int = 8765
+    """Port of the page; 0 for any free port."""
+    host: str = "127.0.0.1"
+    """Address of the page; 0.0.0.0 makes it visible to other computers, without a password."""
+    map: Path | None = None
+    """Floor map to draw on the page: the .yaml file of a ROS map."""
+    at_least: float = AT_LEAST
+    """Least probability of a pair's event to show, write and publish."""
+
+    def __post_init__(self):
+        """Refuse what is no probability."""
+        if not 0 < self.at_least <= 1:
+            raise InputError(f"--at-least is a probability in (0, 1], not {self.at_least:g}")
 
     def predictor(self, compile: When = "meanwhile") -> Predictor:
-        """Load the models and start compiling.
-
-        Raises:
-            InputError: as `load_models` and `Predictor` do.
-        """
+        """Load the models and start compiling; InputError as of `load_models` and `Predictor`."""
         return Predictor(
             load_models(self.model),
             self.period,
@@ -124,20 +85,23 @@ class LiveOptions:
 
     def source(self, report: Callable[[str], None]) -> PeopleSource:
         """The stream of people; `report` is called about messages that are left out."""
-        stream = self.stream
-        return PeopleSource(
-            stream.fixed_frame,
-            stream.several_publishers,
-            report,
-            stream.robot_frame,
-            stream.reach,
-        )
+        several, robot = self.several_publishers, self.robot_frame
+        return PeopleSource(self.fixed_frame, several, report, robot, self.reach)
 
     def stitcher(self) -> OnlineStitcher | None:
         """The stitcher of ids, if the options ask for it."""
-        if not self.stitch:
+        return OnlineStitcher(self.links) if self.stitch else None
+
+    def moments(self, predictor: Predictor, title: str) -> Moments:
+        """The lines of JSON of this predictor's stream; InputError if the map cannot be read."""
+        floor_map = None if self.map is None else read_floor_map(self.map)
+        return Moments(predictor, title=title, floor_map=floor_map, at_least=self.at_least)
+
+    def page(self, predictor: Predictor, title: str) -> Dashboard | None:
+        """The page, served, if the options ask for it; InputError if its address is not free."""
+        if not self.dashboard:
             return None
-        return OnlineStitcher(self.links)
+        return Dashboard(self.moments(predictor, title), self.host, self.port)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -153,18 +117,13 @@ class NodeOptions(LiveOptions):
 
     def node_options(self, report: Callable[[str], None]) -> dict[str, Any]:
         """The options that a `ForecastingNode` takes."""
-        return {
-            "name": self.name,
-            "source": self.source(report),
-            "stitcher": self.stitcher(),
-            "at_least": self.view.at_least,
-            "status": self.status,
-            "stale_after": self.stale_after,
-        }
+        same = ("name", "at_least", "status", "stale_after")
+        options = {name: getattr(self, name) for name in same}
+        return {**options, "source": self.source(report), "stitcher": self.stitcher()}
 
     def forecast(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
         """Run a node with its page, if the options ask for one; then print its summary."""
-        node.dashboard = self.view.open(node.predictor, self.name)
+        node.dashboard = self.page(node.predictor, self.name)
         if node.dashboard is not None:
             report(f"the page is at {node.dashboard.url}")
         node.run()

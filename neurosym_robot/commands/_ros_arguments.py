@@ -4,7 +4,6 @@ Each option is also a parameter: `samples: 4` is `--samples 4`, a list is severa
 `links: {max_gap: 3}` is `--links.max-gap 3`. An option on the command line overrides a parameter.
 """
 
-import os
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -13,41 +12,39 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["ros1_arguments", "ros2_arguments"]
 
-# Environment variables with the meaning of ROS 1's special arguments.
-VARIABLES = {"__ns": "ROS_NAMESPACE", "__ip": "ROS_IP", "__hostname": "ROS_HOSTNAME"}
-# Options with the meaning of special arguments; others, such as `__log`, are ignored.
-OPTIONS = {"__name": "--name", "__master": "--master"}
-
 
 def ros1_arguments(arguments: Sequence[str]) -> list[str]:
-    """`a:=b` as `--remap a:=b`, `_parameter:=value` and the master's parameters as options.
+    """`a:=b` as `--remap a:=b`, `__name:=` as `--name`, and the master's parameters as options.
 
     Raises:
         InputError: if a node that roslaunch started cannot get its parameters from the master.
     """
-    import yaml
-
-    special: dict[str, str] = {}
-    private: dict[str, Any] = {}
-    remaps, rest = [], []
+    if {"-h", "--help", "--help-all"} & set(arguments):
+        return list(arguments)
+    launched, remaps, rest = False, [], []
     for argument in arguments:
         name, assigned, value = argument.partition(":=")
         if not assigned or name.startswith("-"):
             rest.append(argument)
-        elif name.startswith("__"):
-            special[name] = value
-        elif name.startswith("_"):
-            private[name[1:]] = yaml.safe_load(value)
-        else:
+        elif name == "__name":
+            launched = True
+            rest.append(f"--name={value}")
+        elif not name.startswith("_"):  # Others, such as `__log`, are for other clients.
             remaps.append(argument)
-    if "-h" in rest or "--help" in rest:
-        return rest
-    for name in VARIABLES.keys() & special.keys():
-        os.environ[VARIABLES[name]] = special[name]
-    ours = [f"{OPTIONS[name]}={special[name]}" for name in OPTIONS.keys() & special.keys()]
-    asked = _parameters_of_master([*rest, *ours], must="__name" in special)
-    mapped = ["--remap", *remaps] if remaps else []
-    return [*_options({**asked, **private}), *rest, *ours, *mapped]
+    from neurosym_robot.ros.tcpros import node_name
+    from neurosym_robot.ros.tcpros.names import master_uri
+    from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, call
+
+    node, master = node_name(_value(rest, "--name")), master_uri(_value(rest, "--master", ""))
+    try:
+        found = call(master, "getParam", node, node)
+    except Refused:
+        found = {}  # It has no parameters.
+    except CallError as error:
+        if launched:
+            raise InputError(f"the master at {master} tells no parameters: {error}") from None
+        found = {}
+    return [*_options(found), *rest, *(["--remap", *remaps] if remaps else [])]
 
 
 def ros2_arguments(arguments: Sequence[str]) -> list[str]:
@@ -62,16 +59,11 @@ def ros2_arguments(arguments: Sequence[str]) -> list[str]:
         return rest
     from neurosym_robot.ros.ros2 import node_parameters
 
-    return [
-        *_options(node_parameters(told, _named(rest))),
-        *rest,
-        f"--ros-args={shlex.join(told)}",
-    ]
+    options = _options(node_parameters(told, _value(rest, "--name")))
+    return [*options, *rest, f"--ros-args={shlex.join(told)}"]
 
 
-def _named(
-    arguments: Sequence[str], option: str = "--name", otherwise: str = "neurosym_jax"
-) -> str:
+def _value(arguments: Sequence[str], option: str, otherwise: str = "neurosym_jax") -> str:
     """The value of an option before options are read."""
     for place, argument in enumerate(arguments):
         name, equals, value = argument.partition("=")
@@ -80,26 +72,8 @@ def _named(
     return otherwise
 
 
-def _parameters_of_master(arguments: Sequence[str], must: bool) -> dict[str, Any]:
-    """The node's private parameters; none if no master answers, unless it `must`."""
-    from neurosym_robot.ros.tcpros import node_name
-    from neurosym_robot.ros.tcpros.names import master_uri
-    from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, call
-
-    node, master = node_name(_named(arguments)), master_uri(_named(arguments, "--master", ""))
-    try:
-        found = call(master, "getParam", node, node)
-    except Refused:
-        return {}  # It has none.
-    except CallError as error:
-        if must:
-            raise InputError(f"the master at {master} tells no parameters: {error}") from None
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-def _options(parameters: Mapping[str, Any], within: str = "") -> Iterator[str]:
-    for key, value in parameters.items():
+def _options(parameters: Any, within: str = "") -> Iterator[str]:
+    for key, value in parameters.items() if isinstance(parameters, Mapping) else ():
         option = within + key.replace("_", "-")
         if isinstance(value, Mapping):
             yield from _options(value, f"{option}.")

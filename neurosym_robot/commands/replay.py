@@ -12,17 +12,14 @@ from typing import Annotated, Literal
 import tyro
 
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputWarning
 from neurosym_robot.commands._live_options import LiveOptions
-from neurosym_robot.dashboard.replay_file import ReplayFile
+from neurosym_robot.dashboard import ReplayFile
 from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.forecast_lines import ForecastLines
 from neurosym_robot.online.replay import replay
 from neurosym_robot.online.status import Status
-from neurosym_robot.plugin import SUFFIXES
 from neurosym_robot.ros.bag_writer import ForecastBag
 from neurosym_robot.ros.bags import read_frames
-from neurosym_robot.ros.source import PeopleSource
 
 __all__ = ["Options", "run"]
 
@@ -38,8 +35,8 @@ class Options(LiveOptions):
     rate: float | Literal["max"] | None = None
     """Speed: 1 is real time (default with --dashboard), max does not wait (default otherwise)."""
     out: Path | None = None
-    """File of forecasts and observed futures to write: `.bag`, `.db3`, `.mcap` or `.jsonl`; nothing
-    is overwritten."""
+    """Bag of forecasts and observed futures to write: `.bag`, `.db3` or `.mcap`; nothing is
+    overwritten."""
     frame_id: str = ""
     """Coordinate frame in a bag that is written; by default that of the bag read, else map."""
     html: Path | None = None
@@ -48,7 +45,7 @@ class Options(LiveOptions):
 
 def run(options: Options) -> None:
     """Forecast the recording; InputError names the file or model and the reason."""
-    rate = options.rate if options.rate is not None else 1.0 if options.view.dashboard else "max"
+    rate = options.rate if options.rate is not None else 1.0 if options.dashboard else "max"
 
     def warn(text: str) -> None:
         warnings.warn(f"{options.recording}: {text}", InputWarning, stacklevel=2)
@@ -64,60 +61,44 @@ def run(options: Options) -> None:
         analytics = Analytics(predictor)
         status = Status(predictor, analytics, warn, counts=lambda: source.refused)
         files = stack.enter_context(contextlib.ExitStack())
-        out = page = None
+        bag = page = None
         if options.out is not None:
-            out = _open(options.out, predictor.window.period, options, source)
-            files.callback(out.close)
+            frame_id = lambda: options.frame_id or source.frame_id or "map"  # noqa: E731
+            bag = ForecastBag(options.out, predictor.window.period, frame_id, options.at_least)
+            files.callback(bag.close)
         if options.html is not None:
-            page = ReplayFile(options.html, options.view.moments(predictor, title))
+            page = ReplayFile(options.html, options.moments(predictor, title))
             files.callback(page.close)
-        dashboard = options.view.open(predictor, title)
+        dashboard = options.page(predictor, title)
         if dashboard is not None:
             stack.callback(dashboard.close)
             print(f"the page is at {dashboard.url}", flush=True)
-        views = [view for view in (page, dashboard) if view is not None]
+        views = [each for each in (page, dashboard) if each is not None]
+        stitcher, speed = options.stitcher(), math.inf if rate == "max" else rate
         events = replay(
-            frames,
-            predictor,
-            analytics,
-            rate=math.inf if rate == "max" else rate,
-            stitcher=options.stitcher(),
-            robot=source.robot,
+            frames, predictor, analytics, rate=speed, stitcher=stitcher, robot=source.robot
         )
         try:
             for event in events:
                 if event.forecast is not None:
                     status.published(event.age)
-                if out is not None:
-                    out.add(event)
-                for view in views:
-                    view.show(event, status.now(), source.robot(event.frame.stamp))
+                if bag is not None:
+                    bag.add(event)
+                for each in views:
+                    each.show(event, status.now(), source.robot(event.frame.stamp))
         except KeyboardInterrupt:
             print("interrupted; until then:")
         for done in analytics.finish():
-            if out is not None:
-                out.score(done)
-        for view in views:
-            view.end(analytics.summary())
+            if bag is not None:
+                bag.score(done)
+        for each in views:
+            each.end(analytics.summary())
         print(status.table(), flush=True)
         files.close()
-        for written in (out, page):
+        for written in (bag, page):
             if written is not None:
                 print(f"forecasts are in {written.path}", flush=True)
         if dashboard is not None:
             print(f"the page stays at {dashboard.url} until interrupted", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()
-
-
-def _open(
-    path: Path, period: float, options: Options, source: PeopleSource
-) -> ForecastBag | ForecastLines:
-    """The file of forecasts, by the ending of its path."""
-    if path.suffix == ".jsonl":
-        return ForecastLines(path, period, options.view.at_least)
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"{path}: forecasts go to {', '.join(SUFFIXES)} or .jsonl")
-    return ForecastBag(
-        path, period, lambda: options.frame_id or source.frame_id or "map", options.view.at_least
-    )

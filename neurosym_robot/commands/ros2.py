@@ -6,16 +6,18 @@
 import dataclasses
 import shlex
 import signal
+from typing import Literal
 
 from neurosym_robot.commands._live_options import NodeOptions
 from neurosym_robot.commands._ros_arguments import ros2_arguments
-from neurosym_robot.ros.messages import PEOPLE_TOPICS
-from neurosym_robot.ros.people import kind_named
+from neurosym_robot.ros.definitions import PEOPLE_TOPICS
+from neurosym_robot.ros.people import KINDS
 from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type
 
 __all__ = ["PREPARE", "Options", "run"]
 
 PREPARE = ros2_arguments
+Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -24,16 +26,16 @@ class Options(NodeOptions):
 
     topic: str = PEOPLE_TOPICS[0]
     """Topic of the people."""
-    message: str = "People"
-    """Type of their messages: People, Humans, TrackedPersons, Agents, Detection3DArray or
-    PoseArray."""
+    message: Message = "People"
+    """Type of their messages."""
     ros_args: str = ""
     """What stands between --ros-args and -- on the command line of a launch file."""
 
 
 def run(options: Options) -> None:
     """Forecast until interrupted; InputError names what cannot be used or is missing."""
-    rclpy, kind = import_rclpy(), kind_named(options.message)
+    rclpy = import_rclpy()
+    kind = next(kind for kind in KINDS if kind.endswith(f"/{options.message}"))
     message_type(kind)  # Refused before the models are loaded.
     predictor = options.predictor()
     rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])

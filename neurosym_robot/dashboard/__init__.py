@@ -1,8 +1,4 @@
-"""A view of people and their forecasts: one web page, live over HTTP or as a file to share.
-
-`Dashboard` serves the page and a stream of events; `ReplayFile` writes the same page with its data
-inside. `page.py` assembles the page, `moments.py` describes the stream in JSON.
-"""
+"""A view of people and their forecasts: one web page, live over HTTP or as a file to share."""
 
 import lazy_loader
 

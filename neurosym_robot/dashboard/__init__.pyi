@@ -1,2 +1,2 @@
 from .dashboard import Dashboard as Dashboard
-from .replay_file import ReplayFile as ReplayFile
+from .dashboard import ReplayFile as ReplayFile

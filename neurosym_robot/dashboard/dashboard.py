@@ -1,65 +1,135 @@
-"""The live view: a page on this computer that follows a stream of forecasts."""
+"""The page of a stream of forecasts: served live, or as one file to share.
 
-from collections.abc import Mapping
+It is one document that needs nothing else, with a place for the lines of `Moments` in it.
+"""
+
+import base64
+import contextlib
+import functools
+import hashlib
+from collections.abc import Callable, Mapping
+from importlib import resources
+from pathlib import Path
 from typing import Any
 
-from neurosym_jax.errors import InputError
-from neurosym_robot.dashboard.moments import Moments, View
-from neurosym_robot.dashboard.page import page_parts
-from neurosym_robot.dashboard.server import PageServer
-from neurosym_robot.dashboard.stream import Stream
+import numpy as np
 
-__all__ = ["Dashboard"]
+from neurosym_jax.errors import InputError
+from neurosym_jax.runtime.files import new_file
+from neurosym_robot.dashboard.moments import Moments
+from neurosym_robot.dashboard.server import PageServer
+from neurosym_robot.online.replay import ReplayEvent
+
+__all__ = ["Dashboard", "ReplayFile"]
+
+# In the order in which they build on each other; together they are one module.
+SCRIPTS = ("recording.js", "stage.js", "panels.js", "app.js")
+POLICY = (
+    "default-src 'none'; script-src '{script}'; style-src '{style}'; img-src data:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'"
+)
+
+
+@functools.cache
+def page_parts() -> list[str]:
+    """What stands before and after the data, which is empty live.
+
+    The document lets a browser run its own script alone, told by hash, and load nothing.
+    """
+    folder = resources.files("neurosym_robot.dashboard")
+    page, style = ((folder / name).read_text() for name in ("page.html", "page.css"))
+    script = "\n".join((folder / name).read_text() for name in SCRIPTS)
+    policy = POLICY.format(script=_digest(script), style=_digest(style))
+    for place, text in (("policy", policy), ("style", style), ("script", script)):
+        page = page.replace(f"@{place}@", text)
+    return page.split("@data@")
+
+
+def _digest(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+class View:
+    """Shows a stream frame by frame; a subclass writes the lines of `Moments`."""
+
+    _moments: Moments
+    _write: Callable[[str], object]
+
+    def show(
+        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
+    ) -> None:
+        """Show a frame; the arguments are those of `Moments.moment`."""
+        line = self._moments.moment(event, now, robot)
+        if line is not None:
+            self._write(line)
+
+    def end(self, score: Mapping[str, Any]) -> None:
+        """Show the final score; nothing more will be shown."""
+        self._write(self._moments.ending(score))
 
 
 class Dashboard(View):
-    """Serves the page from `start` to `close`; call `show` every frame."""
+    """Serves the page until `close`; call `show` every frame."""
 
     def __init__(self, moments: Moments, host: str = "127.0.0.1", port: int = 8765):
-        """Not served yet.
+        """Serve in background threads.
 
         Args:
             moments: describes the stream.
             host: name or address to serve at; the default is reachable from this computer only.
             port: 0 for any free port.
-        """
-        self._moments, self._address = moments, (host, port)
-        self._stream = Stream()
-        self._server: PageServer | None = None
-
-    @property
-    def url(self) -> str:
-        """Address of the page, once started."""
-        assert self._server is not None
-        host, port = self._server.server_address[:2]
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(str(host), str(host))
-        return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
-
-    def start(self) -> None:
-        """Serve in background threads.
 
         Raises:
             InputError: if the address cannot be used.
         """
-        page, introduction = "".join(page_parts()), self._moments.introduction
-        host, port = self._address
+        self._moments = moments
         try:
-            self._server = PageServer(self._address, page, introduction, self._stream)
+            self._server = PageServer((host, port), "".join(page_parts()), moments.introduction)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"cannot serve at {host}, port {port} ({reason})") from None
+        self._write = lambda line: self._server.stream.append(line.encode())
         self._server.start()
 
-    def _write(self, line: str) -> None:
-        self._stream.append(line.encode())
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        host, port = self._server.server_address[:2]
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(str(host), str(host))
+        return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
 
-    def end(self, summary: Mapping[str, Any]) -> None:
+    def end(self, score: Mapping[str, Any]) -> None:
         """Show the final score; what was shown can still be looked at."""
-        super().end(summary)
-        self._stream.end()
+        super().end(score)
+        self._server.stream.end()
 
     def close(self) -> None:
         """Stop serving."""
-        self._stream.end()
-        if self._server is not None:
-            self._server.close()
+        self._server.stream.end()
+        self._server.close()
+
+
+class ReplayFile(View):
+    """The page with its data inside, written frame by frame; in its place once it is closed."""
+
+    def __init__(self, path: Path, moments: Moments):
+        """Begin the file.
+
+        Raises:
+            InputError: if it exists, is not named `.html`, or cannot be written.
+        """
+        if path.suffix not in (".html", ".htm"):
+            raise InputError(f"{path}: a replay is written as .html")
+        if path.exists():
+            raise InputError(f"{path}: already there, and nothing is overwritten")
+        self.path, self._moments, self._files = path, moments, contextlib.ExitStack()
+        beside = self._files.enter_context(new_file(path))
+        file = self._files.enter_context(beside.open("w", encoding="utf-8"))
+        self._write = functools.partial(print, file=file)
+        self._write(page_parts()[0])
+        self._write(moments.introduction)
+
+    def close(self) -> None:
+        """Finish the file."""
+        with self._files:
+            self._write(page_parts()[1])

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import math
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,7 @@ def read_floor_map(path: Path) -> dict[str, Any]:
 
     Args:
         path: the `.yaml` file with `image`, `resolution` [m a pixel], `origin` [x, y, yaw] of the
-            lower left corner in metres and radians, `negate`, `occupied_thresh`, `free_thresh`
-            and `mode` (trinary, scale or raw; raw is shown as scale).
+            lower left corner in metres and radians, `negate`, `occupied_thresh`, `free_thresh`.
 
     Returns:
         `image`, a PNG as data URL whose opacity is how occupied a cell is; `width` and `height`
@@ -32,62 +30,36 @@ def read_floor_map(path: Path) -> dict[str, Any]:
         InputError: naming the file and what is wrong with it.
     """
     import yaml
+    from PIL import Image
 
     try:
-        said = yaml.safe_load(path.read_text())
-        resolution, name = float(said["resolution"]), str(said["image"])
-        x, y, yaw = (float(value) for value in said["origin"])
-        negate = bool(int(said.get("negate", 0)))
+        said = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196}
+        said |= yaml.safe_load(path.read_text())
+        resolution = float(said["resolution"])
+        x, y, yaw = map(float, said["origin"])
+        if not (resolution > 0 and np.isfinite([resolution, x, y, yaw]).all()):
+            raise ValueError("resolution must be positive and the origin finite")
+        with Image.open(path.parent / str(said["image"])) as image:
+            grey = np.asarray(image.convert("L"), np.float64) / 255
+        chance = grey if int(said["negate"]) else 1 - grey
         occupied, free = (
-            float(said.get(key, usual))
-            for key, usual in (("occupied_thresh", 0.65), ("free_thresh", 0.196))
+            chance > float(said["occupied_thresh"]),
+            chance < float(said["free_thresh"]),
         )
-        trinary = said.get("mode", "trinary") == "trinary"
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError, AttributeError):
+    except (OSError, ValueError, TypeError, LookupError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
         raise InputError(
-            f"{path}: not a map; image, resolution and origin [x, y, yaw] are needed"
+            f"{path}: not a map with image, resolution and origin ({reason})"
         ) from None
-    if not (0 < resolution < math.inf and all(map(math.isfinite, (x, y, yaw)))):
-        raise InputError(f"{path}: resolution must be positive and the origin finite")
-    grey = _read_grey(path.parent / name)
-    chance = grey if negate else 1 - grey
-    opacity = chance.copy()
-    if trinary:
-        opacity = np.where(chance > occupied, 1.0, np.where(chance < free, 0.0, UNKNOWN / 255))
+    alpha = Image.fromarray(np.where(occupied, 255, np.where(free, 0, UNKNOWN)).astype(np.uint8))
+    alpha.thumbnail((LARGEST, LARGEST))
+    picture = Image.new("LA", alpha.size)
+    picture.putalpha(alpha)
+    file = io.BytesIO()
+    picture.save(file, "PNG", optimize=True)
     return {
-        "image": _png(opacity),
+        "image": "data:image/png;base64," + base64.b64encode(file.getvalue()).decode(),
         "width": round(grey.shape[1] * resolution, 6),
         "height": round(grey.shape[0] * resolution, 6),
         "origin": [x, y, yaw],
     }
-
-
-def _read_grey(path: Path) -> np.ndarray:
-    """[rows, columns] in 0 (black) .. 1 (white)."""
-    from PIL import Image, UnidentifiedImageError
-
-    try:
-        with Image.open(path) as image:
-            # Sixteen bits become eight only by hand: `convert` would cut them off.
-            deep = image.mode.startswith("I")
-            pixels = np.asarray(image if deep else image.convert("L"), np.float64)
-    except (UnidentifiedImageError, Image.DecompressionBombError, ValueError):
-        raise InputError(f"{path}: not an image") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    return np.clip(pixels / (65535 if deep else 255), 0, 1)
-
-
-def _png(opacity: np.ndarray) -> str:
-    """A data URL; black, as opaque as `opacity [rows, columns]` in 0 .. 1."""
-    from PIL import Image
-
-    alpha = Image.fromarray(np.rint(255 * opacity).astype(np.uint8))
-    alpha.thumbnail((LARGEST, LARGEST))
-    image = Image.new("LA", alpha.size)
-    image.putalpha(alpha)
-    file = io.BytesIO()
-    image.save(file, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()

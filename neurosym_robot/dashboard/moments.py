@@ -1,31 +1,22 @@
 """The stream as lines of JSON for the page: an introduction, then a moment for every frame.
 
-A moment names at most `MAX_NAMED` people, whatever a tracker sends.
-
-The introduction has `title`, `period` [s], `observed` [s] that a window lasts, `models` (names, in
-order), `weighting` (the model whose symbols and weights are shown, and their name; or null), `map`
-(see `floor_map`) and `likely`: the `model` whose events are shown, their least probability
-`at_least`, and `words` by event, with `{k}` and `{l}` in place of the two people.
+The introduction has `title`, `period` [s], `observed` [s] that a window lasts, `models`,
+`weighting` (the model whose symbols and weights are shown, and their name), `map` and `likely`.
 
 A moment has
 
 - `t`: seconds since the first frame; it increases even if the stream's clock is set back;
 - `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
-- `more`: how many others were seen;
-- `robot`: x, y [m] and heading [rad] of the robot, or null;
-- `now`: `Status.now()` without its score; `missing` has reasons by id;
-- `step`, once a period if there is a forecast: its own `t`; `ids` [N]; `seen` [N][obs_len * 2]
-  metres, of which the last `extrapolated` [N] steps were not; `models`: by name `central`,
-  `weights` [k] and `samples` [N][k][pred_len * 2] whole centimetres from the person's last
-  observed position; `codes`, the QTC_C1 state codes of the pairs (0, 1), (0, 2), ...
-  (N-2, N-1); `alpha` [N * N] or
-  null; `likely`, up to `MAX_LIKELY` events, the most probable of each kind first, as (name, k, l,
-  probability, seconds) with k and l among the N; and `score`, `Analytics.summary()`.
+- `more`: how many others were seen; `robot`: its x, y [m] and heading [rad];
+- `now`: `Status.now()` without its score;
+- `step`, once a period if there is a forecast: `seen` [N][obs_len * 2] metres; `models` with
+  `samples` [N][k][pred_len * 2] whole centimetres from the last observed position; `codes`, the
+  states of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N]; `likely` events as (name, k,
+  l, probability, seconds), and `score`.
 
 The last line has the final `score` alone.
 """
 
-import abc
 import collections
 import itertools
 import json
@@ -38,12 +29,12 @@ import numpy as np
 from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_robot.dashboard.pair_symbols import PairSymbols
-from neurosym_robot.online.pairs import AT_LEAST, LikelyEvents
+from neurosym_robot.online.pairs import AT_LEAST, compile_events, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
 
-__all__ = ["MAX_NAMED", "Moments", "View"]
+__all__ = ["MAX_NAMED", "Moments"]
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
 MAX_LIKELY = 16  # events told of a forecast
@@ -72,7 +63,8 @@ class Moments:
         """
         self._window = window = predictor.window
         self._symbols = PairSymbols(predictor.models)
-        self._likely = LikelyEvents.of(predictor, at_least)  # Compiled ahead of use.
+        self._at_least = at_least
+        compile_events(predictor)
         self._start = self._stamp = self._told = math.nan
         weighting = None
         if self._symbols.model is not None:
@@ -156,7 +148,7 @@ class Moments:
         # The most probable of every kind, then the second, so that frequent kinds hide no other.
         turns = collections.Counter()
         likely = sorted(
-            self._likely(forecast, self._of_events),
+            likely_events(forecast, self._of_events, self._window.period, self._at_least),
             key=lambda each: turns.update([each.name]) or turns[each.name],
         )[:MAX_LIKELY]
         return {
@@ -176,27 +168,6 @@ class Moments:
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
             "likely": [(*each[:3], *np.round(each[3:], 3).tolist()) for each in likely],
         }
-
-
-class View(abc.ABC):
-    """Shows a stream frame by frame; a subclass writes the lines of `Moments`."""
-
-    _moments: Moments
-
-    @abc.abstractmethod
-    def _write(self, line: str) -> None: ...
-
-    def show(
-        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
-    ) -> None:
-        """Show a frame; the arguments are those of `Moments.moment`."""
-        line = self._moments.moment(event, now, robot)
-        if line is not None:
-            self._write(line)
-
-    def end(self, score: Mapping[str, Any]) -> None:
-        """Show the final score; nothing more will be shown."""
-        self._write(self._moments.ending(score))
 
 
 def _centimetres(samples: np.ndarray) -> list[list[list[int]]]:

@@ -1,27 +1,30 @@
 """A small HTTP server of one page and one stream of events.
 
-Slow or vanished readers, malformed requests and floods of connections cost a thread for some
-seconds and delay no other reader. Requests for a host name that is not ours are refused, because
-another site can point its name at this address ("DNS rebinding").
+Slow or vanished readers and malformed requests cost a thread for some seconds and delay no other
+reader. Requests for a host name that is not ours are refused, because another site can point its
+name at this address ("DNS rebinding").
 """
 
+import collections
 import contextlib
 import ipaddress
+import secrets
 import socket
 import sys
+import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
 from typing import Any
 
-from neurosym_robot.dashboard.stream import Stream
 from neurosym_robot.server import BoundedServer, deadline
 
-__all__ = ["PageServer"]
+__all__ = ["PageServer", "Stream"]
 
 ASKING = 3.0  # seconds that a request may take to arrive
 PATIENCE = 10.0  # seconds that an event may take to be taken
 HEARTBEAT = 5.0  # seconds of silence after which a reader is written to, to see whether it is there
 BUFFER = 2**18  # bytes on the way to a reader; by itself the system would let megabytes pile up
+BATCH = 64  # events that a reader takes at once, and so what it may hold that the stream has let go
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "frame-ancestors 'none'",
@@ -31,12 +34,55 @@ HEADERS = {
 }
 
 
+class Stream:
+    """A ring of numbered texts, bounded in bytes; the oldest make room for the newest."""
+
+    def __init__(self, limit: int = 32 * 2**20):
+        """Empty; `limit` is in bytes."""
+        self._limit, self._size = limit, 0
+        self._events: collections.deque[bytes] = collections.deque()
+        self._first = 1  # number of the oldest
+        self._changed = threading.Condition()
+        self.ended = False
+        self.session = secrets.token_hex(8)
+        """Tells this stream from those of other runs."""
+
+    def append(self, event: bytes) -> None:
+        """Add the newest."""
+        with self._changed:
+            self._events.append(event)
+            self._size += len(event)
+            while self._size > self._limit and len(self._events) > 1:
+                self._size -= len(self._events.popleft())
+                self._first += 1
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Nothing more comes."""
+        with self._changed:
+            self.ended = True
+            self._changed.notify_all()
+
+    def after(self, number: int, timeout: float) -> tuple[int, list[bytes]]:
+        """Events after that number: the number of the first, and up to `BATCH` of them.
+
+        Waits up to `timeout` seconds for one; those that are gone are skipped.
+        """
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self.ended or self._first + len(self._events) > number + 1, timeout
+            )
+            first = max(number + 1, self._first)
+            last = min(first + BATCH, self._first + len(self._events))
+            return first, [self._events[n - self._first] for n in range(first, last)]
+
+
 class PageServer(BoundedServer):
-    """Serves `page` at / and `stream` at /events."""
+    """Serves a page at / and a `stream` at /events."""
 
     allow_reuse_address = sys.platform != "win32"  # There it would share the port.
 
-    def __init__(self, address: tuple[str, int], page: str, introduction: str, stream: Stream):
+    def __init__(self, address: tuple[str, int], page: str, introduction: str):
         """Bind to an address, whose port may be 0 for any free one.
 
         Raises:
@@ -44,7 +90,7 @@ class PageServer(BoundedServer):
         """
         family, *_, place = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
         self.address_family = family
-        self.page, self.introduction, self.stream = page.encode(), introduction.encode(), stream
+        self.page, self.introduction, self.stream = page.encode(), introduction.encode(), Stream()
         self.names = {"localhost", address[0].lower(), socket.gethostname().lower()}
         super().__init__(place[:2], _Handler)  # pyright: ignore
 
@@ -82,27 +128,21 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         self._arriving.close()
-        self.server.asked(self.request)
         path = self.path.partition("?")[0]
         if not self.server.knows(self.headers.get("Host", "")):
             self.send_error(HTTPStatus.FORBIDDEN, "Ask for this computer by its own name")
         elif path == "/":
-            self._begin("text/html; charset=utf-8", len(self.server.page))
-            if self.command == "GET":
-                self.wfile.write(self.server.page)
-        elif path == "/events" and self.command == "GET":
+            self._begin("text/html; charset=utf-8")
+            self.wfile.write(self.server.page)
+        elif path == "/events":
             self._begin("text/event-stream")
             self._send_events()
         else:
             self.send_error(HTTPStatus.NOT_FOUND, "Not found")
 
-    do_HEAD = do_GET
-
-    def _begin(self, kind: str, length: int | None = None) -> None:
+    def _begin(self, kind: str) -> None:
         self.send_response(HTTPStatus.OK)
         self.send_header("Content-Type", kind)
-        if length is not None:
-            self.send_header("Content-Length", str(length))
         for name, value in HEADERS.items():
             self.send_header(name, value)
         self.end_headers()
@@ -119,9 +159,8 @@ class _Handler(BaseHTTPRequestHandler):
         while True:
             ended = stream.ended
             first, events = stream.after(known, HEARTBEAT)
-            for number, event in enumerate(events, first):
-                self.wfile.write(b"id: %b-%d\ndata: %b\n\n" % (session, number, event))
-                known = number
+            for known, event in enumerate(events, first):
+                self.wfile.write(b"id: %b-%d\ndata: %b\n\n" % (session, known, event))
             if not events:
                 if ended:
                     break

@@ -12,50 +12,25 @@ import numpy as np
 
 from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.evaluation.metrics import metric_names
-from neurosym_jax.evaluation.scoring import Scores, score
+from neurosym_jax.evaluation.scoring import score
 from neurosym_robot.online.predictor import GRACE, Forecast, Predictor
 
-__all__ = ["STRAIGHT", "Analytics", "RunningScore", "straight"]
+__all__ = ["STRAIGHT", "Analytics", "straight"]
 
 STRAIGHT = "constant velocity"  # scored beside the models, as a baseline
 
 
-@dataclasses.dataclass
-class RunningScore:
-    """Sums of the metrics of one model."""
-
-    forecasts: int = 0  # with at least one person whose future is known
-    people: int = 0
-    # total [] or [pred_len] and count of each metric
-    sums: dict[str, tuple[np.ndarray, float]] = dataclasses.field(default_factory=dict)
-
-    def add(self, scores: Scores, people: int) -> None:
-        """Add the scores of one forecast of `people` people."""
-        self.forecasts += 1
-        self.people += people
-        for name, each in scores.items():
-            total, count = self.sums.get(name, (np.zeros(each.total.shape[1:]), 0.0))
-            self.sums[name] = total + each.total[0], count + float(each.count[0])
-
-    def means(self) -> dict[str, Any]:
-        """JSON-able means of the metrics; None before the first."""
-        means: dict[str, Any] = dict.fromkeys(metric_names())
-        for name, (total, count) in self.sums.items():
-            means[name] = (total / count).tolist() if count else None
-        return {"forecasts": self.forecasts, "people": self.people, **means}
-
-
 class Analytics:
-    """Running scores of the models of a predictor's forecasts."""
+    """Running scores of the models of a predictor's forecasts, and of `STRAIGHT`."""
 
     def __init__(self, predictor: Predictor):
         """Compile the scores with the programs of `predictor`."""
-        self.scores: dict[str, RunningScore] = {}
-        """By name of the model, and of `STRAIGHT`."""
         self.forecasts = 0
         self.dropped: collections.Counter[str] = collections.Counter()
         """People without a forecast by reason, once for each forecast that they are missing in;
         and people with a forecast that cannot be scored: "future unknown"."""
+        self._scored: dict[str, collections.Counter[str]] = {}  # forecasts and people, by model
+        self._sums: dict[str, dict[str, np.ndarray]] = {}  # [2, ...] total and count of metrics
         self._window = predictor.window
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
@@ -94,12 +69,18 @@ class Analytics:
         return done
 
     def summary(self) -> dict[str, Any]:
-        """JSON-able counts and means in metres."""
+        """JSON-able counts, and means in metres or None before the first."""
+        models = {}
+        for name, scored in self._scored.items():
+            means: dict[str, Any] = dict.fromkeys(metric_names())
+            for metric, (total, count) in self._sums.get(name, {}).items():
+                means[metric] = (total / count).tolist() if count.any() else None
+            models[name] = {"forecasts": scored["forecasts"], "people": scored["people"], **means}
         return {
             "forecasts": self.forecasts,
             "pending": len(self._pending),
             "dropped": dict(self.dropped),
-            "models": {name: score.means() for name, score in self.scores.items()},
+            "models": models,
         }
 
     def _score(self, forecast: Forecast) -> Forecast:
@@ -113,10 +94,14 @@ class Analytics:
         samples[STRAIGHT] = np.repeat(going_on[None], len(next(iter(samples.values()))), axis=0)
         for name, each in samples.items():
             length = each.shape[2]
-            running = self.scores.setdefault(name, RunningScore())
+            scored = self._scored.setdefault(name, collections.Counter())
             there = known[:, :length].all(axis=1)
             if there.any():
-                running.add(score(each, future[:, :length], there), int(there.sum()))
+                scored.update(forecasts=1, people=int(there.sum()))
+                sums = self._sums.setdefault(name, {})
+                for metric, one in score(each, future[:, :length], there).items():
+                    both = np.stack(np.broadcast_arrays(one.total[0], one.count[0]))
+                    sums[metric] = sums.get(metric, 0.0) + both.astype(np.float64)
         unknown = int((~known.all(axis=1)).sum())
         if unknown:
             self.dropped["future unknown"] += unknown

@@ -18,11 +18,7 @@ class Programs:
     """Programs of a stream that are ready, and those to come."""
 
     def __init__(
-        self,
-        sizes: Sequence[int],
-        when: When,
-        report: Callable[[str], None],
-        forecast: Compile,
+        self, sizes: Sequence[int], when: When, report: Callable[[str], None], forecast: Compile
     ):
         """Compile at the start, or begin to.
 
@@ -32,35 +28,26 @@ class Programs:
             report: called with one line for each program.
             forecast: compiles the forecast of a number of people.
         """
-        self.sizes, self._when, self._report, self._forecast = tuple(sizes), when, report, forecast
+        self.sizes, self._when, self._report, self._forecast = sizes, when, report, forecast
         self._ready: set[int] = set()
-        self._waiting: list[tuple[int, Compile]] = []
-        self._wanted = self.sizes[0]
+        self._tasks: list[tuple[int, Compile]] = []
+        self._wanted = sizes[0]
         self._lock = threading.Lock()
-        self._thread: threading.Thread | None = None
+        self.waiting = False
+        """Whether programs are still to be compiled in the thread."""
         self.add(self._compile)
 
     def add(self, compile: Compile, sizes: Sequence[int] | None = None) -> None:
-        """Compile what else is computed of a forecast, unless programs are compiled when needed.
-
-        Args:
-            compile: called with a number of people.
-            sizes: those numbers; all if None.
-        """
-        todo = [(size, compile) for size in (self.sizes if sizes is None else sizes)]
-        for size, each in todo if self._when == "start" else ():
+        """Call `compile` with all numbers of people, or with `sizes`, unless on need only."""
+        tasks = [(size, compile) for size in (self.sizes if sizes is None else sizes)]
+        for size, each in tasks if self._when == "start" else ():
             each(size)
         with self._lock:
-            self._waiting += todo if self._when == "meanwhile" else []
-            if self._waiting and self._thread is None:
+            self._tasks += tasks if self._when == "meanwhile" else []
+            if self._tasks and not self.waiting:
+                self.waiting = True
                 # Not a daemon: a process that ends while XLA compiles would crash.
-                self._thread = threading.Thread(target=self._work)
-                self._thread.start()
-
-    @property
-    def waiting(self) -> bool:
-        """Whether programs are still to be compiled."""
-        return self._thread is not None
+                threading.Thread(target=self._work).start()
 
     def fit(self, people: int) -> int:
         """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
@@ -82,19 +69,12 @@ class Programs:
     def _work(self) -> None:
         while threading.main_thread().is_alive():
             with self._lock:
-                if not self._waiting:
-                    self._thread = None
+                if not self._tasks:
+                    self.waiting = False
                     self._report("everything is compiled")
                     return
-                # What forecasts the people present comes first, then what forecasts the fewest.
-                todo = min(
-                    self._waiting,
-                    key=lambda each: (
-                        each != (self._wanted, self._compile),
-                        each[1] != self._compile,
-                        each[0],
-                    ),
-                )
-                self._waiting.remove(todo)
-            size, compile = todo
+                first = self._wanted, self._compile
+                task = min(self._tasks, key=lambda each: (each != first, each[1] != first[1]))
+                self._tasks.remove(task)
+            size, compile = task
             compile(size)

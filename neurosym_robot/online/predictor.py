@@ -5,8 +5,10 @@ index of its first step, whether frames come live or from a file.
 """
 
 import dataclasses
+import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +18,13 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.compilation import Programs, When
 from neurosym_robot.online.window import Health, Window
 
-__all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor"]
+__all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor", "load_models"]
 
 GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
 
@@ -115,8 +118,7 @@ class Predictor:
         period = float(periods.pop() if period is None else period)
         self.seconds_ahead = period * max(each.config.pred_len for each in self.models.values())
         """Seconds from the newest frame to the end of the longest forecast."""
-        window = {"memory": self.seconds_ahead + GRACE, **window}
-        self.window = Window(lengths.pop(), period, **window)
+        self.window = Window(lengths.pop(), period, memory=self.seconds_ahead + GRACE, **window)
         self.max_people, self.recording = max_people, recording
         self.dropped: dict[int, str] = {}
         """Why people who are followed have no forecast of the newest frame: "short" of
@@ -150,7 +152,7 @@ class Predictor:
     ) -> Forecast | None:
         """Take in one frame; return its forecast if anybody's window is whole.
 
-        `observe` and `forecast` in one; of several frames that wait, the last alone needs the
+        `observe` and `forecast` in one; of several frames that wait, only the last needs the
         second.
 
         Args:
@@ -223,3 +225,20 @@ def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForeca
     # The sum of squared distances to all others is least for the sample nearest to the mean.
     central = int(((samples - mean) ** 2).sum(axis=(1, 2, 3)).argmin())
     return ModelForecast(samples, mean, central)
+
+
+def load_models(paths: Sequence[Path]) -> dict[str, Model]:
+    """Models by how their tables' names begin ("NeuroSyM", "SGAN"), else by their files' names.
+
+    Raises:
+        InputError: for no path, what is no model, or two of one kind whose files are named alike.
+    """
+    if not paths:
+        raise InputError("--model needs at least one model")
+    models = [load_model(path) for path in paths]
+    names = [re.split(r",| \(", model.name)[0] for model in models]
+    if len(set(names)) < len(names):
+        names = [path.resolve().stem for path in paths]
+    if len(set(names)) < len(names):
+        raise InputError(f"models must differ in kind or name: {', '.join(map(str, paths))}")
+    return dict(zip(names, models))

@@ -108,21 +108,20 @@ class Status:
 
     def wrong(self) -> dict[str, int]:
         """Counts of problems so far, by name in words, without zeros."""
-        counts = {**dataclasses.asdict(self._predictor.health), **self._counts()}
-        counts = {"skipped": self.skipped, **counts}
-        del counts["frames"]
+        health = dataclasses.asdict(self._predictor.health)
+        counts = {"skipped": self.skipped, **health, **self._counts(), "frames": 0}
         return {name.replace("_", " "): count for name, count in counts.items() if count}
 
     def now(self) -> dict[str, Any]:
         """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts, `missing` people
         with reasons by id, and the `score`."""
-        ages, arrivals = list(self._ages), self._arrivals
-        p50, p99 = np.percentile(ages, (50, 99)).tolist() if ages else (None, None)
+        arrivals, ages = self._arrivals, dict.fromkeys(("age", "p50", "p99"))
+        if self._ages:
+            newest = 1e3 * np.append(self._ages[-1], np.percentile(self._ages, (50, 99)))
+            ages = dict(zip(ages, np.round(newest, 1).tolist()))
         seconds = arrivals[-1] - arrivals[0] if arrivals else 0.0
         return {
-            "age": _milliseconds(ages[-1] if ages else None),
-            "p50": _milliseconds(p50),
-            "p99": _milliseconds(p99),
+            **ages,
             "offset": round(self.offset, 2),
             "stale_after": self.stale_after,
             "rate": round((len(arrivals) - 1) / seconds, 1) if seconds else None,
@@ -144,10 +143,10 @@ class Status:
         parts += [
             f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
             for name, means in summary["models"].items()
-            if means["people"] and math.isfinite(means["joint_ade"])
+            if means["people"]
         ]
-        wrong = [f"{name} {count}" for name, count in self.wrong().items()]
-        return "; ".join(parts + ([", ".join(wrong)] if wrong else []))
+        wrong = ", ".join(f"{name} {count}" for name, count in self.wrong().items())
+        return "; ".join([*parts, wrong] if wrong else parts)
 
     def table(self) -> str:
         """The stream and its errors, at the end: several lines."""
@@ -171,15 +170,11 @@ class Status:
         return "\n".join(lines)
 
     def _ages_in_words(self) -> list[str]:
-        now = self.now()
-        if now["age"] is None:
+        if not self._ages:
             return []
+        p50, p99 = 1e3 * np.percentile(self._ages, (50, 99))
         offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
-        return [f"age of information p50 {now['p50']} ms, p99 {now['p99']} ms{offset}"]
-
-
-def _milliseconds(seconds: float | None) -> float | None:
-    return None if seconds is None else round(1e3 * seconds, 1)
+        return [f"age of information p50 {p50:.1f} ms, p99 {p99:.1f} ms{offset}"]
 
 
 def _table(models: dict[str, dict[str, Any]]) -> list[str]:

@@ -8,27 +8,23 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import ReplayEvent
-from neurosym_robot.plugin import ACTIVE, SUFFIXES
+from neurosym_robot.plugin import SUFFIXES
 from neurosym_robot.ros.definitions import (
     EVENTS,
     FORECAST,
     HUMANS_TRAJS,
+    PEOPLE_TOPICS,
+    TRUTH_TOPIC,
     blank,
     shared_typestore,
 )
-from neurosym_robot.ros.messages import PEOPLE_TOPICS, TRUTH_TOPIC, forecast_topic, make_people
-from neurosym_robot.ros.outgoing import ENDINGS, makers
-from neurosym_robot.ros.trajectories import truth_message
+from neurosym_robot.ros.messages import ENDINGS, forecast_topic, make_people, makers, truth_message
 
 __all__ = ["BagWriter", "ForecastBag"]
 
 
 class BagWriter:
-    """Writes a new bag; `with BagWriter(path) as bag` closes it whatever happens.
-
-    Until it is closed, a file of ROS 1 is called `NAME.bag.active` and a folder has no
-    `metadata.yaml`.
-    """
+    """Writes a new bag; `with BagWriter(path) as bag` closes it whatever happens."""
 
     def __init__(self, path: Path):
         """Open for writing.
@@ -45,16 +41,14 @@ class BagWriter:
             raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
         self.ros = 1 if path.suffix == ".bag" else 2
         self.path = path if self.ros == 1 else path.with_suffix("")
+        if self.path.exists():
+            raise InputError(f"{self.path}: already there, and nothing is overwritten")
         self._store = shared_typestore(self.ros)
         from rosbags import rosbag1, rosbag2
 
-        active = self.path.with_name(self.path.stem + ACTIVE)
-        for each in (self.path, active):
-            if each.exists():
-                raise InputError(f"{each}: already there, and nothing is overwritten")
         self._writer: Any
         if self.ros == 1:
-            self._writer = rosbag1.Writer(active)
+            self._writer = rosbag1.Writer(self.path)
         else:
             plugin = rosbag2.StoragePlugin
             storage = plugin.MCAP if path.suffix == ".mcap" else plugin.SQLITE3
@@ -93,11 +87,9 @@ class BagWriter:
     def close(self) -> None:
         """Write index and metadata."""
         self._writer.close()
-        if self.ros == 1:
-            self._writer.path.rename(self.path)
 
 
-class ForecastBag:
+class ForecastBag(BagWriter):
     """People, forecasts of every model and what happened, on the robot experiment's topics."""
 
     def __init__(
@@ -108,8 +100,7 @@ class ForecastBag:
         at_least: float = AT_LEAST,
     ):
         """Open the bag, as `BagWriter`; `frame_id` returns the frame of the coordinates."""
-        self._bag = BagWriter(path)
-        self.path = self._bag.path
+        super().__init__(path)
         self._period, self._frame_id = period, frame_id
         self._stamp = 0.0
         self._make = makers(at_least)
@@ -117,21 +108,17 @@ class ForecastBag:
     def add(self, event: ReplayEvent) -> None:
         """Write a frame with its forecast and the futures that it completed."""
         self._stamp = event.frame.stamp
-        new, forecast, frame_id = self._bag.new, event.forecast, self._frame_id()
-        self._bag.write(PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, frame_id))
+        new, forecast, frame_id = self.new, event.forecast, self._frame_id()
+        self.write(PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, frame_id))
         for name in () if forecast is None else forecast.models:
             for kind in (HUMANS_TRAJS, FORECAST, EVENTS):
                 message = self._make[kind](new, forecast, name, self._period, frame_id)
-                self._bag.write(forecast_topic(name) + ENDINGS[kind], self._stamp, message)
+                self.write(forecast_topic(name) + ENDINGS[kind], self._stamp, message)
         for done in event.scored:
             self.score(done)
 
     def score(self, forecast: Forecast) -> None:
         """Write the observed future of a forecast."""
-        message = truth_message(self._bag.new, forecast, self._period, self._frame_id())
+        message = truth_message(self.new, forecast, self._period, self._frame_id())
         if message is not None:
-            self._bag.write(TRUTH_TOPIC, self._stamp, message)
-
-    def close(self) -> None:
-        """Finish the bag."""
-        self._bag.close()
+            self.write(TRUTH_TOPIC, self._stamp, message)

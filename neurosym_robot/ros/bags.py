@@ -5,10 +5,8 @@ the tool that mends it. `bag_writer.py` writes bags.
 """
 
 import dataclasses
-import os
 import sqlite3
 import warnings
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
 from pathlib import Path
@@ -21,17 +19,15 @@ from neurosym_jax.data.reading import AS_IT_SAYS, Reading, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
-from neurosym_robot.plugin import ACTIVE, SUFFIXES, is_bag, topic_of
-from neurosym_robot.ros.definitions import shared_typestore
-from neurosym_robot.ros.messages import PEOPLE_TOPICS
+from neurosym_robot.plugin import SUFFIXES, is_bag, topic_of
+from neurosym_robot.ros.definitions import PEOPLE_TOPICS, TF_TOPICS, shared_typestore
 from neurosym_robot.ros.people import KINDS, POSES
 from neurosym_robot.ros.source import PeopleSource
 from neurosym_robot.tracking.following import FAR
 
 __all__ = ["read_bag", "read_frames", "read_messages", "read_people"]
 
-TF_TOPICS = ("/tf", "/tf_static")
-TOOLS = {".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
+TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 
 
 def read_frames(
@@ -116,15 +112,13 @@ def read_people(
                 yield frame
 
 
-def read_messages(
-    path: Path, choose: Callable[[dict[str, str]], Collection[str]] = list
-) -> Iterator[tuple[str, Any]]:
-    """Topic and message on those topics that `choose({topic: type})` names; by default all.
+def read_messages(path: Path) -> Iterator[tuple[str, Any]]:
+    """Topic and message, of all topics.
 
     Raises:
         InputError: naming the file and the reason.
     """
-    return ((topic, message) for topic, message, *_ in _read(path, choose))
+    return ((topic, message) for topic, message, *_ in _read(path, list))
 
 
 def _read(
@@ -136,7 +130,7 @@ def _read(
         raise InputError(f"{path}: no such file or folder")
     store = shared_typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
     files = [path] if path.is_file() else sorted(path.iterdir())
-    files = [file for file in files if file.name.endswith((*SUFFIXES, ACTIVE))]
+    files = [file for file in files if file.suffix in SUFFIXES]
     try:
         from rosbags.highlevel import AnyReader
 
@@ -144,10 +138,9 @@ def _read(
             _refuse_unfinished(file)
         whole = path.is_file() or (path / "metadata.yaml").is_file()
         with AnyReader([path] if whole else files, default_typestore=store) as reader:
-            topics = {each.topic: each.msgtype for each in reader.connections}
-            chosen = choose(topics)
+            chosen = choose({each.topic: each.msgtype for each in reader.connections})
             connections = [each for each in reader.connections if each.topic in chosen]
-            for connection, at, data in _counted(reader, connections):
+            for connection, at, data in reader.messages(connections=connections):
                 message = reader.deserialize(data, connection.msgtype)
                 publisher = getattr(connection.ext, "callerid", None) or ""
                 yield connection.topic, message, publisher, 1e-9 * at
@@ -156,15 +149,13 @@ def _read(
     except Exception as error:
         # A damaged file makes rosbags, its databases and its decompressors raise anything at all.
         reason = " ".join(str(error).split()) or type(error).__name__
-        tools = [TOOLS.get(file.suffix, "rosbag reindex") for file in files]
-        advice = f"; if it was cut short, `{tools[0]}` may mend it" if tools else ""
+        advice = f"; if it was cut short, `{TOOLS[files[0].suffix]}` may mend it" if files else ""
         raise InputError(f"{path}: cannot be read as a bag: {reason}{advice}") from None
 
 
 def _refuse_unfinished(file: Path) -> None:
-    """ValueError for a file that its recorder did not finish, or a database that is damaged."""
-    journals = [file.with_name(file.name + end) for end in ("-wal", "-journal")]
-    if file.name.endswith(ACTIVE) or any(os.path.isfile(each) for each in journals):
+    """ValueError for a database that its recorder did not finish, or that is damaged."""
+    if any(file.with_name(file.name + end).is_file() for end in ("-wal", "-journal")):
         raise ValueError("its recorder did not finish it")
     if file.suffix == ".db3":
         uri = f"{file.absolute().as_uri()}?mode=ro"
@@ -174,39 +165,16 @@ def _refuse_unfinished(file: Path) -> None:
             raise ValueError(f"its database is damaged: {found}")
 
 
-def _counted(reader: Any, connections: Collection[Any]) -> Iterator[tuple[Any, int, Any]]:
-    """Messages of some connections; ValueError at the end if the bag's index has another number."""
-    found = Counter()
-    for connection, stamp, data in reader.messages(connections=connections):
-        found[connection.id, connection.topic] += 1
-        yield connection, stamp, data
-    said = Counter()
-    for each in reader.readers:
-        chunks = Counter()  # In ROS 1 another index finds the messages than counts them.
-        for info in getattr(each, "chunk_infos", ()):
-            chunks.update(info.connection_counts)
-        for connection in each.connections:
-            is_ros1 = hasattr(each, "chunk_infos")
-            count = chunks.pop(connection.id, 0) if is_ros1 else connection.msgcount
-            said[connection.id, connection.topic] += count
-        if chunks:
-            raise ValueError(f"it has {chunks.total()} messages of no topic that it describes")
-    for id, topic in {(each.id, each.topic) for each in connections} | set(found):
-        if said[id, topic] != found[id, topic]:
-            raise ValueError(
-                f"{topic} has {found[id, topic]} messages where the bag says {said[id, topic]}"
-            )
-
-
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
     """The topic of the people."""
     usable = [name for name, kind in topics.items() if kind in KINDS]
     there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
     if asked is not None:
-        if asked not in topics:
-            raise InputError(f"{path}: no topic {asked}; there are: {there}")
         if asked not in usable:
-            raise InputError(f"{path}: {asked} carries {topics[asked]}, not {' or '.join(KINDS)}")
+            carries = f"carries {topics[asked]}" if asked in topics else "is not there"
+            raise InputError(
+                f"{path}: {asked} {carries}, not {' or '.join(KINDS)}; there are: {there}"
+            )
         return asked
     for name in PEOPLE_TOPICS:
         if name in usable:

@@ -1,9 +1,10 @@
-"""Definitions of the messages that ROS's own types lack, in `msg/`, and the types with them.
+"""Topics, types and definitions of messages; those that ROS's own types lack are in `msg/`.
 
 Two folders in `msg/` are links to the packages in `ros/` that catkin and colcon build.
 """
 
 import functools
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, Literal
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["blank", "definitions", "ros1_name", "shared_typestore", "typestore"]
+__all__ = ["Decoder", "blank", "definitions", "ros1_name", "shared_typestore", "typestore"]
 
 PEOPLE = "people_msgs/msg/People"
 HUMANS = "darko_perception_msgs/msg/Humans"
@@ -19,6 +20,13 @@ HUMANS_TRAJS = "darko_perception_msgs/msg/HumansTrajs"
 FORECAST = "neurosym_msgs/msg/Forecast"
 EVENTS = "neurosym_msgs/msg/Events"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+MARKERS = "visualization_msgs/msg/MarkerArray"
+
+# Where the robot experiment's trackers publish, best first.
+PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
+TRUTH_TOPIC = "/hri/human_poses_gt"
+TF_TOPICS = ("/tf", "/tf_static")
 
 
 @functools.cache
@@ -74,3 +82,48 @@ def blank(store: Any, kind: str) -> Any:
             numbers = node.name == "BASE" and form[0] not in ("string", "bool")
             values.append(np.zeros(length, form[0].replace("octet", "uint8")) if numbers else [])
     return store.types[kind](*values)
+
+
+class Decoder:
+    """Reads messages of ROS 1 of some types, each defined as its publisher defines it.
+
+    A type that we define is refused if its publisher's definition differs. Raises InputError if
+    rosbags is not installed.
+    """
+
+    def __init__(self, kinds: Mapping[str, Any]):
+        self._kinds = kinds
+        self._learned: dict[tuple[str, str], Any] = {}
+        self.store = typestore(1)
+
+    def refuse(self, header: Mapping[str, str]) -> str | None:
+        """Why messages of a publisher with this header cannot be read, or None."""
+        kind, md5 = header.get("type", "").replace("/", "/msg/"), header.get("md5sum", "")
+        if kind not in self._kinds:
+            return f"none of {', '.join(map(ros1_name, self._kinds))}"
+        if kind in definitions():
+            ours = self.store.generate_msgdef(kind, ros_version=1)[1]
+            return None if md5 == ours else f"not {ros1_name(kind)} with md5 {ours}"
+        from rosbags.typesys import get_types_from_msg
+
+        store = typestore(1)
+        try:
+            types = get_types_from_msg(header.get("message_definition", ""), kind)
+            store.register({name: form for name, form in types.items() if name not in store.types})
+            theirs = store.generate_msgdef(kind, ros_version=1)[1]
+        except Exception as error:  # The text is not ours and can make the parser raise anything.
+            return f"whose definition cannot be read ({type(error).__name__})"
+        if theirs != md5:
+            return f"whose definition has the md5 {theirs}"
+        self._learned[kind, md5] = store
+        return None
+
+    def decode(self, data: bytes, header: Mapping[str, str]) -> tuple[str, Any]:
+        """Type and message.
+
+        Raises:
+            rosbags.serde.SerdeError: for bytes that are no such message.
+        """
+        kind = header["type"].replace("/", "/msg/")
+        store = self._learned.get((kind, header["md5sum"]), self.store)
+        return kind, store.deserialize_ros1(data, kind)

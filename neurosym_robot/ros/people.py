@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_jax.errors import InputError
 from neurosym_robot.ros.definitions import HUMANS, PEOPLE
 
-__all__ = ["KINDS", "POSES", "Kind", "Seen", "id_of_name", "kind_named", "seconds_of", "see"]
+__all__ = ["KINDS", "POSES", "Kind", "Seen", "id_of_name", "seconds_of", "see"]
 
 POSES = "geometry_msgs/msg/PoseArray"
 
@@ -72,18 +71,6 @@ KINDS = {
     ),
     POSES: Kind("poses", "position", lambda pose: None),
 }
-
-
-def kind_named(name: str) -> str:
-    """The key of `KINDS` for a type without its package, such as "People".
-
-    Raises:
-        InputError: for another name.
-    """
-    kinds = {kind.rpartition("/")[2]: kind for kind in KINDS}
-    if name not in kinds:
-        raise InputError(f"no message of people is called {name!r}: there are {', '.join(kinds)}")
-    return kinds[name]
 
 
 def see(kind: str, message: Any) -> Seen:

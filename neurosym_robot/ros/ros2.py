@@ -6,17 +6,13 @@
 import functools
 import importlib
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.ros.bags import TF_TOPICS
-from neurosym_robot.ros.definitions import PEOPLE, TRANSFORMS
-from neurosym_robot.ros.forecasting_node import WAITING, ForecastingNode
-from neurosym_robot.ros.messages import PEOPLE_TOPICS
+from neurosym_robot.ros.definitions import PEOPLE, PEOPLE_TOPICS, TF_TOPICS, TRANSFORMS
+from neurosym_robot.ros.forecasting_node import WAITING, ForecastingNode, Outlet
 
 __all__ = ["ForecastNode", "import_rclpy", "message_type", "node_parameters"]
 
@@ -91,9 +87,8 @@ class ForecastNode(ForecastingNode):
 
         self.kind, self.node = kind, rclpy.create_node(name)
         self.report = self.node.get_logger().info
-        super().__init__(predictor, self.report, **options)
-        self.name = self.node.get_fully_qualified_name()
-        self.advertise()
+        name = self.node.get_fully_qualified_name()
+        super().__init__(predictor, self.report, name=name, **options)
         # A best-effort subscription receives from reliable publishers, too.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
         heard = self.node.create_subscription(people, topic, self.hear, quality)
@@ -101,9 +96,9 @@ class ForecastNode(ForecastingNode):
         """Of the people, after remapping."""
         if self.source.needs_transforms:
             latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            for name, quality in zip(TF_TOPICS, (QoSProfile(depth=100), latched)):
-                hear = functools.partial(self.source.transforms.hear, static=name == TF_TOPICS[1])
-                self.node.create_subscription(message_type(TRANSFORMS), name, hear, quality)
+            for each, quality in zip(TF_TOPICS, (QoSProfile(depth=100), latched)):
+                hear = functools.partial(self.source.transforms.hear, static=each == TF_TOPICS[1])
+                self.node.create_subscription(message_type(TRANSFORMS), each, hear, quality)
 
     def run(self) -> None:
         """Forecast until ROS 2 is shut down: it hears in a thread, and this one works."""
@@ -128,13 +123,7 @@ class ForecastNode(ForecastingNode):
     def hear(self, message: Any, info: Mapping[str, Any]) -> None:
         """Let people wait."""
         publisher = bytes((info.get("publisher_gid") or {}).get("data", b"")).hex()
-        self.put(message, publisher, time.monotonic())
-
-    def _read(self, message: Any, publisher: str, received: float) -> Frame | None:
-        frame = self.source.take(self.kind, message, publisher, received)
-        if frame is not None and self.stitcher is not None:
-            frame, _ = self.stitcher.mend(frame)
-        return frame
+        self.put(self.kind, message, publisher)
 
     def _now(self) -> float:
         return 1e-9 * self.node.get_clock().now().nanoseconds
@@ -142,15 +131,10 @@ class ForecastNode(ForecastingNode):
     def _new(self, kind: str) -> Any:
         return message_type(kind)()
 
-    def _advertise(self, topic: str, kind: str) -> Any:
+    def _advertise(self, topic: str, kind: str) -> Outlet | None:
         try:
-            return self.node.create_publisher(message_type(kind), topic, 10)
+            publisher = self.node.create_publisher(message_type(kind), topic, 10)
         except InputError as missing:
             self.report(f"{missing}: nothing is published on {topic}")
             return None
-
-    def _is_heard(self, publisher: Any) -> bool:
-        return publisher.get_subscription_count() > 0
-
-    def _send(self, publisher: Any, message: Any) -> None:
-        publisher.publish(message)
+        return Outlet(publisher.publish, lambda: publisher.get_subscription_count() > 0)

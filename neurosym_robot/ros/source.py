@@ -46,6 +46,7 @@ class PeopleSource:
         """
         self.fixed_frame, self.several, self._report = fixed_frame, several, report
         self.robot_frame, self.reach = robot_frame, reach
+        self.needs_transforms = bool(fixed_frame or robot_frame)
         self.frame_id: str | None = fixed_frame or None
         """Of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
@@ -56,12 +57,9 @@ class PeopleSource:
         self._publisher: str | None = None
         self._heard = -np.inf
         self._said: set[str] = set()
-        self._nearest: dict[str, NearestIds] = {}
-
-    @property
-    def needs_transforms(self) -> bool:
-        """Whether `transforms` must be fed."""
-        return bool(self.fixed_frame or self.robot_frame)
+        self._nearest: collections.defaultdict[str, NearestIds] = collections.defaultdict(
+            NearestIds
+        )
 
     def robot(self, stamp: float) -> np.ndarray | None:
         """[3] metres, metres, radians: the robot's pose in the stream's frame, or None."""
@@ -83,36 +81,36 @@ class PeopleSource:
         seen = see(kind, message)
         if not self._is_ours(publisher, received):
             return None
-        if self.frame_id is None:
-            self.frame_id = seen.frame_id
+        self.frame_id = self.frame_id or seen.frame_id
         xyz, sensor = seen.xyz, None
-        if seen.frame_id != self.frame_id:
-            if not self.fixed_frame:
-                return self._refuse(
-                    "other_frame",
-                    f"coordinates in {seen.frame_id!r} are left out, the stream's are in "
-                    f"{self.frame_id!r}; --fixed-frame {self.frame_id} transforms them",
-                )
+        if seen.frame_id == self.frame_id:
+            sensor = self.robot(seen.stamp) if self.robot_frame else None
+        elif not self.fixed_frame:
+            return self._refuse(
+                "other_frame",
+                f"coordinates in {seen.frame_id!r} are left out, the stream's are in "
+                f"{self.frame_id!r}; --fixed-frame {self.frame_id} transforms them",
+            )
+        else:
             try:
                 matrix = self.transforms.matrix(seen.frame_id, self.frame_id, seen.stamp)
             except LookupError as error:
                 text = f"{seen.frame_id!r} cannot be taken to {self.frame_id!r}"
                 return self._refuse("no_transform", text, str(error))
             xyz, sensor = xyz @ matrix[:3, :3].T + matrix[:3, 3], np.zeros(2)
-        elif self.robot_frame:
-            sensor = self.robot(seen.stamp)
-        away = np.zeros(2) if sensor is None else seen.xyz[:, :2] - sensor[:2]
-        distance = np.linalg.norm(np.broadcast_to(away, (len(xyz), 2)), axis=1)
         # NaN is left to the window, which counts it.
-        near = ~((distance > self.reach) | (np.abs(seen.xyz[:, :2]) >= FAR).any(axis=1))
+        near = ~np.any(np.abs(seen.xy) >= FAR, axis=1)
+        if sensor is not None:
+            near &= ~(np.linalg.norm(seen.xy - sensor[:2], axis=1) > self.reach)
         if not near.all():
             self.refused["far_people"] += int((~near).sum())
             text = f"people more than {self.reach:g} m from the sensor or robot are left out"
             self._say(f"{text}; --reach sets the limit")
-        xy, ids = xyz[near, :2], None if seen.ids is None else seen.ids[near]
-        if ids is None:
-            # Each publisher has its own, so that two views are not mixed.
-            ids = self._nearest.setdefault(publisher, NearestIds()).push(seen.stamp, xy)
+        xy = xyz[near, :2]
+        if seen.ids is not None:
+            ids = seen.ids[near]
+        else:  # Each publisher has its own, so that two views are not mixed.
+            ids = self._nearest[publisher].push(seen.stamp, xy)
         if self.several and publisher != self._publisher:
             ids = np.array([id_of_name(f"{publisher} {id}") for id in ids.tolist()], np.int64)
         return Frame(seen.stamp, ids, xy)
@@ -123,17 +121,16 @@ class PeopleSource:
         if ours is None or silent or (ours != publisher and not self.is_there(ours)):
             if ours not in (None, publisher):
                 self._report(f"people come from {publisher} now, not from {ours}")
-            self._publisher = publisher
-        if publisher == self._publisher:
+            self._publisher = ours = publisher
+        if publisher == ours:
             self._heard = received
         elif not self.several:
             self._refuse(
                 "other_publisher",
                 f"people of a second publisher, {publisher}, are left out beside those of "
-                f"{self._publisher}; --several-publishers takes both in",
+                f"{ours}; --several-publishers takes both in",
             )
-            return False
-        return True
+        return self.several or publisher == ours
 
     def _refuse(self, reason: str, text: str, detail: str = "") -> None:
         self.refused[reason] += 1

@@ -16,7 +16,6 @@ __all__ = ["Transforms"]
 
 KEPT = 10.0  # seconds of each frame's past
 AHEAD = 0.5  # seconds for which the newest pose still holds
-MOST = 4096  # frames, and poses of each, whatever a broken publisher sends
 
 
 class _Edge:
@@ -34,7 +33,6 @@ class _Edge:
         self.times.insert(place, stamp)
         self.poses.insert(place, pose)
         old = bisect.bisect_left(self.times, self.times[-1] - KEPT)
-        old = max(old, len(self.times) - MOST)
         del self.times[:old], self.poses[:old]
 
     def at(self, stamp: float) -> np.ndarray:
@@ -70,14 +68,10 @@ class Transforms:
             pose = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w], np.float64)
             if not (np.isfinite(pose).all() and np.linalg.norm(pose[3:]) > 1e-6):
                 continue
-            child, parent = (
-                name.removeprefix("/") for name in (each.child_frame_id, each.header.frame_id)
-            )
+            child, parent = each.child_frame_id.strip("/"), each.header.frame_id.strip("/")
             with self._lock:
                 edge = self._edges.get(child)
                 if edge is None or edge.parent != parent or static:
-                    if edge is None and len(self._edges) >= MOST:
-                        continue
                     edge = self._edges[child] = _Edge(parent)
                 edge.add(-np.inf if static else seconds_of(each.header.stamp), pose)
 
@@ -88,15 +82,14 @@ class Transforms:
             LookupError: with the reason, if it is not known.
         """
         with self._lock:
-            from_source, from_target = self._to_root(source), self._to_root(target)
-            common = next((frame for frame in from_source if frame in from_target), None)
+            up, down = self._to_root(source), self._to_root(target)
+            common = next((frame for frame in up if frame in down), None)
             if common is None:
                 raise LookupError(f"no transform between {source} and {target}")
-            up, down = (
-                self._along(frames[: frames.index(common)], stamp)
-                for frames in (from_source, from_target)
+            there, back = (
+                self._along(frames[: frames.index(common)], stamp) for frames in (up, down)
             )
-        return np.linalg.inv(down) @ up
+        return np.linalg.inv(back) @ there
 
     def _to_root(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; each once, should they form a circle."""

@@ -18,12 +18,12 @@ from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.online.analytics import STRAIGHT, Analytics
 from neurosym_robot.online.frames import Frame, frames_of_tracks
-from neurosym_robot.online.models import load_models
-from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import replay
 from neurosym_robot.ros.bag_writer import BagWriter
 from neurosym_robot.ros.bags import read_people
-from neurosym_robot.ros.messages import PEOPLE_TOPICS, make_people
+from neurosym_robot.ros.definitions import PEOPLE_TOPICS
+from neurosym_robot.ros.messages import make_people
 from neurosym_robot.tracking.stitching import NOBODY, OnlineStitcher
 from studies.experiment.report import write_report
 from studies.experiment.results import PEOPLE, Recording, Results, score

@@ -134,7 +134,7 @@ def test_forecasts_become_a_costmap(tmp_path):
     from neurosym_robot.online.predictor import Forecast, ModelForecast
     from neurosym_robot.ros.bag_writer import BagWriter
     from neurosym_robot.ros.bags import read_messages
-    from neurosym_robot.ros.outgoing import samples_message
+    from neurosym_robot.ros.messages import samples_message
 
     costmap = example("costmap")
     observed = np.array([[[0.0, 0], [1, 0]], [[9, 5], [9, 5]]])

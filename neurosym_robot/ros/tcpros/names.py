@@ -36,18 +36,16 @@ def global_name(name: str, namespace: str = "/") -> str:
 
 def node_name(name: str) -> str:
     """The global name of a node, in `$ROS_NAMESPACE` if that is set."""
-    return global_name(name, os.environ.get("ROS_NAMESPACE", "").strip("/") + "/")
+    return global_name(name, os.environ.get("ROS_NAMESPACE", ""))
 
 
 class Names:
-    """Global names for the names that a node uses, with its namespace and remappings.
-
-    See https://wiki.ros.org/Names.
-    """
+    """Global names for the names that a node uses, see https://wiki.ros.org/Names."""
 
     def __init__(self, node: str, remaps: Iterable[str] = ()):
         """For the global name of a node and "FROM:=TO" each; InputError for anything else."""
-        self._node, self._remaps = node, {}
+        self._namespace = node.rpartition("/")[0]
+        self._remaps: dict[str, str] = {}
         for text in remaps:
             old, assigned, new = text.partition(":=")
             if not assigned:
@@ -60,20 +58,13 @@ class Names:
         return self._remaps.get(found, found)
 
     def _global(self, name: str) -> str:
-        if name.startswith("~"):
-            return global_name(name[1:], self._node + "/")
-        return global_name(name, self._node.rpartition("/")[0] + "/")
+        return global_name(name, self._namespace)
 
 
 def master_uri(given: str | None = None) -> str:
     """`given`, else `$ROS_MASTER_URI`, else the default; InputError unless http://HOST:PORT."""
     uri = given or os.environ.get("ROS_MASTER_URI") or "http://localhost:11311"
-    try:
-        parts = urlsplit(uri)
-        fine = parts.scheme == "http" and parts.hostname and parts.port
-    except ValueError:
-        fine = False
-    if not fine:
+    if not re.fullmatch(r"http://([^\s/:]+|\[[0-9a-fA-F:]+\]):[0-9]{1,5}/?", uri):
         raise InputError(f"not a ROS master's URI (http://HOST:PORT): {uri!r}")
     return uri
 
@@ -84,8 +75,7 @@ def local_host(master: str) -> str:
     With the master on this computer it is the computer's name, as with rospy, because other
     computers cannot reach the loopback address.
     """
-    named = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
-    if named:
+    if named := os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP"):
         return named
     parts = urlsplit(master)
     try:
@@ -95,6 +85,6 @@ def local_host(master: str) -> str:
         if not address.startswith("127."):
             return address
         socket.gethostbyname(socket.gethostname())
-    except OSError:
+    except (OSError, ValueError):
         return "localhost"
     return socket.gethostname()

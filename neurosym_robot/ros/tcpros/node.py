@@ -1,15 +1,16 @@
 """A node of a ROS 1 graph: known to the master, found by others, until it is closed."""
 
+import contextlib
 import os
 import socket
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from neurosym_robot.ros.tcpros.names import Names, Topic, local_host, master_uri, node_name
 from neurosym_robot.ros.tcpros.publisher import Publisher
-from neurosym_robot.ros.tcpros.subscriber import HANDSHAKE, Subscriber
-from neurosym_robot.ros.tcpros.wire import MAX_HEADER, decode_header, prepare, read_block
+from neurosym_robot.ros.tcpros.subscriber import HANDSHAKE, Hear, Refuse, Subscriber
+from neurosym_robot.ros.tcpros.wire import prepare, read_header
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
 from neurosym_robot.server import ConnectionServer, deadline
 
@@ -48,7 +49,6 @@ class Node:
         """Set when the graph asks the node to end; its owner then closes it."""
         self._subscribers: dict[str, Subscriber] = {}
         self._publishers: dict[str, Publisher] = {}
-        self._lock = threading.Lock()
         host = local_host(self.master)
         # With a loopback address only this computer can reach us.
         bind = host if host == "localhost" or host.startswith("127.") else ""
@@ -56,30 +56,24 @@ class Node:
         self._slave = SlaveServer(bind, self._methods())
         self._host, self._port = host, self._data.server_address[1]
         self.uri = f"http://{host}:{self._slave.server_address[1]}/"
-        self._registered = False
-        self._missed = ""
+        self._registered, self._missed = False, False
         self._wake, self._closing = threading.Event(), threading.Event()
         self._watcher = threading.Thread(target=self._watch, daemon=True, name="master")
         self._watcher.start()
 
     def subscribe(
-        self,
-        topic: Topic,
-        hear: Callable[[bytes, Mapping[str, str]], None],
-        refuse: Callable[[Mapping[str, str]], str | None] = lambda header: None,
+        self, topic: Topic, hear: Hear, refuse: Refuse = lambda header: None
     ) -> Subscriber:
-        """Subscribe `topic`; see `Subscriber`."""
-        subscriber = Subscriber(topic, self.name, hear, self._report, refuse)
-        with self._lock:
-            self._subscribers[topic.name] = subscriber
+        """Subscribe `topic`."""
+        subscriber = Subscriber(topic, self.name, self._report, hear, refuse)
+        self._subscribers[topic.name] = subscriber
         self._register_soon()
         return subscriber
 
     def advertise(self, topic: Topic, queue_size: int = 10) -> Publisher:
-        """Advertise `topic`; see `Publisher`."""
+        """Advertise `topic`; a full queue drops its oldest message."""
         publisher = Publisher(topic, self.name, self._report, queue_size)
-        with self._lock:
-            self._publishers[topic.name] = publisher
+        self._publishers[topic.name] = publisher
         self._register_soon()
         return publisher
 
@@ -88,17 +82,13 @@ class Node:
         self._closing.set()
         self._wake.set()
         self._watcher.join()
-        try:
+        with contextlib.suppress(CallError):  # There may be no master to tell.
             for name in self._subscribers:
                 call(self.master, "unregisterSubscriber", self.name, name, self.uri, timeout=1.0)
             for name in self._publishers:
                 call(self.master, "unregisterPublisher", self.name, name, self.uri, timeout=1.0)
-        except CallError:
-            pass  # There is no master to tell.
         for subscriber in self._subscribers.values():
             subscriber.close()
-        for publisher in self._publishers.values():
-            publisher.close()
         self._data.close()
         self._slave.close()
 
@@ -117,11 +107,11 @@ class Node:
                     self._register()
                 if self._missed:
                     self._report(f"master at {self.master}: there again")
-                    self._missed = ""
+                    self._missed = False
             except CallError as error:
                 if not self._missed:
                     self._report(f"waiting for the master at {self.master}: {error}")
-                self._missed = str(error)
+                self._missed = True
             self._wake.wait(WATCH)
 
     def _look(self) -> None:
@@ -136,31 +126,24 @@ class Node:
                 self.stopped.set()
 
     def _register(self) -> None:
-        with self._lock:
-            self._registered = True
-            subscribers = list(self._subscribers.values())
-            publishers = list(self._publishers.values())
+        self._registered = True
         try:
-            for publisher in publishers:
-                topic = publisher.topic
-                call(self.master, "registerPublisher", self.name, topic.name, topic.type, self.uri)
-            for subscriber in subscribers:
-                topic = subscriber.topic
-                uris = call(
-                    self.master, "registerSubscriber", self.name, topic.name, topic.type, self.uri
-                )
-                subscriber.update(_uris(uris), all_of_them=False)
+            for end in list(self._publishers.values()):
+                self._tell("registerPublisher", end.topic)
+            for end in list(self._subscribers.values()):
+                end.update(_uris(self._tell("registerSubscriber", end.topic)), all_of_them=False)
         except CallError:
             self._registered = False
             raise
 
+    def _tell(self, method: str, topic: Topic) -> Any:
+        return call(self.master, method, self.name, topic.name, topic.type, self.uri)
+
     def _accept(self, connection: socket.socket) -> None:
         """Serve a connection to our TCPROS port."""
         prepare(connection)
-        connection.settimeout(HANDSHAKE)
         with deadline(connection, HANDSHAKE):
-            header = decode_header(read_block(connection, MAX_HEADER))
-        self._data.asked(connection)
+            header = read_header(connection)
         publisher = self._publishers.get(header.get("topic", ""))
         if publisher is not None:
             publisher.serve(connection, header)
@@ -181,16 +164,13 @@ class Node:
         }
 
     def _publisher_update(self, caller: str, topic: str, uris: Any) -> int:
-        subscriber = self._subscribers.get(topic)
-        if subscriber is not None:
-            subscriber.update(_uris(uris))
+        if topic in self._subscribers:
+            self._subscribers[topic].update(_uris(uris))
         return 0
 
     def _request_topic(self, caller: str, topic: str, protocols: Any) -> list[Any]:
         if topic not in self._publishers:
             raise Refused(f"{self.name} does not publish {topic}")
-        if not any(protocol and protocol[0] == "TCPROS" for protocol in protocols):
-            raise Refused(f"{self.name} speaks TCPROS only")
         return ["TCPROS", self._host, self._port]
 
     def _shutdown(self, caller: str, reason: str = "") -> int:
@@ -200,12 +180,12 @@ class Node:
 
     def _bus_info(self) -> list[list[Any]]:
         """[id, other side, direction, transport, topic, connected] of every connection."""
-        rows = []
-        for name, subscriber in self._subscribers.items():
-            rows += [[len(rows), uri, "i", "TCPROS", name, True] for uri in subscriber.publishers]
-        for name, publisher in self._publishers.items():
-            rows += [[len(rows), who, "o", "TCPROS", name, True] for who in publisher.subscribers]
-        return rows
+        ends = [
+            *((name, "i", each.publishers) for name, each in self._subscribers.items()),
+            *((name, "o", each.subscribers) for name, each in self._publishers.items()),
+        ]
+        rows = [(way, name, other) for name, way, others in ends for other in others]
+        return [[n, other, way, "TCPROS", name, True] for n, (way, name, other) in enumerate(rows)]
 
 
 def _types(ends: Any) -> list[list[str]]:

@@ -26,7 +26,6 @@ class Publisher:
         self._queue_size = queue_size
         self._queues: dict[socket.socket, tuple[str, collections.deque[bytes]]] = {}
         self._changed = threading.Condition()
-        self._closed = False
 
     @property
     def subscribers(self) -> list[str]:
@@ -40,12 +39,6 @@ class Publisher:
         with self._changed:
             for _, queue in self._queues.values():
                 queue.append(block)
-            self._changed.notify_all()
-
-    def close(self) -> None:
-        """Let every connection end."""
-        with self._changed:
-            self._closed = True
             self._changed.notify_all()
 
     def serve(self, connection: socket.socket, header: dict[str, str]) -> None:
@@ -63,23 +56,16 @@ class Publisher:
         with self._changed:
             self._queues[connection] = peer, queue
         try:
-            while (block := self._next(queue, connection)) is not None:
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: queue, LOOK)
+                    block = queue.popleft() if queue else b""
+                # Subscribers send nothing, so that something to read is the end.
+                if select.select([connection], [], [], 0)[0] and not connection.recv(4096):
+                    return
                 connection.sendall(block)
         except TimeoutError:
             self._report(f"{topic.name}: dropped the subscriber {peer}, which does not read")
         finally:
             with self._changed:
                 del self._queues[connection]
-
-    def _next(self, queue: collections.deque[bytes], connection: socket.socket) -> bytes | None:
-        """The next block to send; None when the connection is to end."""
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: queue or self._closed, LOOK)
-                if self._closed:
-                    return None
-                if queue:
-                    return queue.popleft()
-            # Subscribers send nothing, so that something to read is the end.
-            if select.select([connection], [], [], 0)[0] and not connection.recv(4096):
-                return None

@@ -8,16 +8,8 @@ import socket
 import struct
 from collections.abc import Mapping
 
-__all__ = [
-    "MAX_HEADER",
-    "MAX_MESSAGE",
-    "ProtocolError",
-    "decode_header",
-    "encode_block",
-    "encode_header",
-    "prepare",
-    "read_block",
-]
+__all__ = ["ProtocolError", "decode_header", "encode_block", "encode_header", "prepare"]
+__all__ += ["read_block", "read_header"]
 
 MAX_HEADER = 1 << 20  # bytes; a header carries the message's definition, a few kilobytes at most
 MAX_MESSAGE = 4 << 20  # bytes; ten thousand people are about 1 MB
@@ -42,21 +34,21 @@ def decode_header(data: bytes) -> dict[str, str]:
     """The fields of a header, given without its own length; ProtocolError if malformed."""
     fields, at = {}, 0
     while at < len(data):
-        if at + 4 > len(data):
-            raise ProtocolError("malformed header: it ends within a length")
-        (length,) = struct.unpack_from("<I", data, at)
+        length = int.from_bytes(data[at : at + 4], "little")
         row, at = data[at + 4 : at + 4 + length], at + 4 + length
         key, equals, value = row.partition(b"=")
         if at > len(data) or not equals:
             raise ProtocolError("malformed header: a field is cut off or has no '='")
-        try:
-            fields[key.decode()] = value.decode()
-        except UnicodeDecodeError:
-            raise ProtocolError("malformed header: a field is not UTF-8") from None
+        fields[key.decode(errors="replace")] = value.decode(errors="replace")
     return fields
 
 
-def read_block(connection: socket.socket, limit: int) -> bytes:
+def read_header(connection: socket.socket) -> dict[str, str]:
+    """The fields of the header that begins a connection; ProtocolError if malformed."""
+    return decode_header(read_block(connection, MAX_HEADER))
+
+
+def read_block(connection: socket.socket, limit: int = MAX_MESSAGE) -> bytes:
     """The next block, without its length; ProtocolError if longer than `limit` bytes."""
     (length,) = struct.unpack("<I", _read(connection, 4))
     if length > limit:

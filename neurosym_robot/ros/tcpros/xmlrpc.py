@@ -5,8 +5,6 @@ As https://wiki.ros.org/ROS/Master_API and https://wiki.ros.org/ROS/Slave_API sa
 """
 
 import http.client
-import re
-import socket
 import xmlrpc.client
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -20,10 +18,9 @@ __all__ = ["CallError", "Refused", "SlaveServer", "call"]
 MAX_BODY = 4 << 20  # bytes; the state of a graph of thousands of topics stays below
 TIMEOUT = 5.0  # seconds
 
-
-_NONSENSE = (http.client.HTTPException, xmlrpc.client.Error, ExpatError)
-_NONSENSE += (ValueError, TypeError, LookupError, AttributeError, ArithmeticError)
-"""What Python's parsers raise at an answer that is none."""
+# What Python's parsers raise at an answer that is none.
+NONSENSE = (http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError)
+NONSENSE += (LookupError, AttributeError, ArithmeticError)
 
 
 class CallError(ConnectionError):
@@ -62,13 +59,11 @@ def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> An
     """
     try:
         with xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)) as proxy:
-            answer = getattr(proxy, method)(*arguments)
-        code, message, value = answer
-    except socket.gaierror:
-        raise CallError("its name is not known here (set ROS_IP where it runs)") from None
+            code, message, value = getattr(proxy, method)(*arguments)  # pyright: ignore
     except OSError as error:
-        raise CallError(error.strerror or str(error)) from None
-    except _NONSENSE as error:
+        # A host name that is not known here is helped by ROS_IP where the node runs.
+        raise CallError(f"{uri!s:.80}: {error.strerror or error}") from None
+    except NONSENSE as error:
         raise CallError(f"no answer of ROS to {method} ({error!s:.80})") from None
     if code != 1:
         raise Refused(str(message))
@@ -85,9 +80,7 @@ class _Handler(SimpleXMLRPCRequestHandler):
 
     def do_POST(self) -> None:
         length = self.headers.get("Content-Length", "")
-        if not re.fullmatch("[0-9]{1,9}", length):
-            self.send_error(411)
-        elif int(length) > MAX_BODY:
+        if not (length.isdecimal() and int(length[:9]) <= MAX_BODY):
             self.send_error(413)
         elif "Content-Encoding" in self.headers:
             self.send_error(501)
@@ -102,22 +95,19 @@ class SlaveServer(BoundedServer, SimpleXMLRPCDispatcher):
     """Answers the calls in `methods`, which return values; code and message are added here."""
 
     # What the handler expects of its server.
-    _send_traceback_header = False
-    logRequests = False
+    _send_traceback_header = logRequests = False
 
     def __init__(self, host: str, methods: Mapping[str, Callable[..., Any]]):
         """Bind to any free port of `host` and start."""
         SimpleXMLRPCDispatcher.__init__(self, allow_none=False, encoding="utf-8")
         BoundedServer.__init__(self, (host, 0), _Handler)
-        self.methods = dict(methods)
+        self.methods = methods
         self.start()
 
     def _dispatch(self, method: str, params: Any) -> list[Any]:
-        if method not in self.methods:
-            return [-1, f"there is no method {method!s:.80}", 0]
         try:
             return [1, "", self.methods[method](*params)]
         except CallError as error:
             return [0, str(error), 0]
-        except (TypeError, ValueError):
-            return [-1, f"not the arguments of {method}", 0]
+        except (KeyError, TypeError, ValueError):
+            return [-1, f"no method or not the arguments of {method!s:.80}", 0]

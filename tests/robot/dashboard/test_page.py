@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neurosym_robot.dashboard import Dashboard, ReplayFile
-from neurosym_robot.online.pairs import LikelyEvents
+from neurosym_robot.online.pairs import likely_events
 
 ADE = "#errors tbody tr:has-text('{}') td[data-key=joint_ade]"
 
@@ -25,7 +25,6 @@ def write_replay(events, path, moments):
 def live(moments, stream):
     """A dashboard that is shown 12 s at once, then three minutes as fast as they would be."""
     dashboard = Dashboard(moments, port=0)
-    dashboard.start()
     closing = threading.Event()
 
     def show() -> None:
@@ -93,7 +92,6 @@ def test_live(page, live, stream):
 
 def test_what_is_old_is_not_called_live(page, moments, stream):
     dashboard = Dashboard(moments, port=0)
-    dashboard.start()
     *events, last = stream(4)
     for event in events:
         dashboard.show(*event)
@@ -192,7 +190,7 @@ def test_the_pair_and_what_is_likely(page, moments, stream, tmp_path):
     page.locator("#l").select_option(one)
     page.locator("#k").select_option(other)
     assert symbols() == [wanted[n] for n in (1, 0, 3, 2)]  # the converse
-    told = LikelyEvents(0.4)(forecast, "NeuroSyM")
+    told = likely_events(forecast, "NeuroSyM", 0.4)
     line = page.locator("#likely li").first.inner_text()
     assert any(re.sub(r"\W+", "", e.words(forecast.ids)) == re.sub(r"\W+", "", line) for e in told)
 
@@ -242,7 +240,6 @@ def test_a_crowd_is_drawn_thirty_times_a_second_and_labels_do_not_overlap(
 def test_who_loses_the_connection_gets_what_was_missed(page, moments, stream):
     events = list(stream(12))
     dashboard = Dashboard(moments, port=0)
-    dashboard.start()
     for event in events[:60]:
         dashboard.show(*event)
     page.goto(dashboard.url)

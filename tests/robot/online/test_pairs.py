@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic import symbolic_events
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_robot.online.pairs import PAIRS, LikelyEvents
+from neurosym_robot.online.pairs import PAIRS, likely_events
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 
 
@@ -26,21 +25,21 @@ def forecast_of(place, velocity, samples=20) -> Forecast:
 
 def test_two_who_come_towards_each_other_pass():
     forecast = forecast_of([(0, 0), (4, 0.8)], [(1.2, 0), (-1.2, 0)])
-    words = [event.words(forecast.ids) for event in LikelyEvents(0.4)(forecast, "m")]
+    words = [event.words(forecast.ids) for event in likely_events(forecast, "m", 0.4)]
     # What is mutual is told once; 4, at the left of 3, has 3 at the left, too.
     assert "3 and 4 meet: 98 %, in 1.6 s" in words
     assert [text.split(":")[0] for text in sorted(words)] == [
         *("3 and 4 meet", "3 approaches 4", "3 passes with 4 on the left"),
         *("4 approaches 3", "4 passes with 3 on the left"),
     ]
-    assert LikelyEvents(0.4)(forecast_of([(0, 0)], [(1, 0)]), "m") == []
+    assert likely_events(forecast_of([(0, 0)], [(1, 0)]), "m", 0.4) == []
 
 
 def test_the_list_is_that_of_all_pairs_and_bounded():
     rng = np.random.default_rng(1)
     for people in (5, 40):
         forecast = forecast_of(rng.uniform(-5, 5, (people, 2)) + 1e5, rng.normal(0, 1, (people, 2)))
-        told = LikelyEvents(0.4, 0.3)(forecast, "m")
+        told = likely_events(forecast, "m", 0.4, 0.3)
         found = symbolic_events(forecast.models["m"].samples, forecast.observed)
         share = dict(zip(EVENTS, np.asarray(found.probability)))
         seconds = dict(zip(EVENTS, np.asarray(found.seconds)[..., 1]))
@@ -53,8 +52,3 @@ def test_the_list_is_that_of_all_pairs_and_bounded():
         if people == 5:
             once = [np.triu(each) if EVENTS[name].mutual else each for name, each in share.items()]
             assert len(told) == (np.array(once) >= 0.3).sum() > 2
-
-
-def test_what_is_no_probability():
-    with pytest.raises(InputError, match=r"\(0, 1\] on, not 50"):
-        LikelyEvents(0.4, 50)

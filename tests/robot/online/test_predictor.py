@@ -3,6 +3,7 @@
 import dataclasses
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +18,9 @@ from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.runtime.process import compile_seconds
 from neurosym_jax.simulation.scenarios import simulate
-from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.predictor import Predictor, load_models
+
+SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
 
 
 def stream(tracks):
@@ -196,3 +199,15 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
     (result,) = forecast.models.values()
     expected = predict(model(), forecast.observed, samples=2, frame=2)
     assert_allclose(result.samples, expected, atol=1e-5)
+
+
+def test_names_of_models_side_by_side():
+    sgan, neurosym = SHIPPED / "sgan_zara1_8", SHIPPED / "neurosym_zara1_8"
+    assert list(load_models((neurosym, sgan))) == ["NeuroSyM", "SGAN"]
+    assert list(load_models((sgan,))) == ["SGAN"]
+    both = load_models((sgan, SHIPPED / "sgan_eth_8"))
+    assert list(both) == ["sgan_zara1_8", "sgan_eth_8"]
+    with pytest.raises(InputError, match="at least one"):
+        load_models(())
+    with pytest.raises(InputError, match="differ in kind or name"):
+        load_models((sgan, sgan))

@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
@@ -14,19 +13,18 @@ from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
-from neurosym_robot.plugin import is_bag
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.bag_writer import BagWriter
 from neurosym_robot.ros.bags import read_frames, read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS
+from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS
+from neurosym_robot.ros.messages import make_trajectories
 from neurosym_robot.ros.people import seconds_of, see
-from neurosym_robot.ros.trajectories import make_trajectories
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
 
 KINDS = ["bag", "db3", "mcap"]
-TOPIC = messages.PEOPLE_TOPICS[0]
+TOPIC = PEOPLE_TOPICS[0]
 
 
 def frames(length: int = 20) -> list[Frame]:
@@ -49,7 +47,7 @@ def test_people_and_forecasts_there_and_back(tmp_path, kind):
         for frame in wanted:
             bag.write(TOPIC, frame.stamp, messages.make_people(bag.new, frame))
             now = frame.stamp
-            trajectories = make_trajectories(bag.new, now, [now], frame.ids, frame.xy[:, None])
+            trajectories = make_trajectories(bag.new, [now], frame.ids, frame.xy[:, None])
             bag.write("/forecast", frame.stamp, trajectories)
     assert bag.path.is_file() == (kind == "bag")
     got = list(read_frames(bag.path))
@@ -73,13 +71,6 @@ def content(path):
 TOOLS = {"bag": "rosbag reindex", "db3": "ros2 bag reindex", "mcap": "mcap recover"}
 
 
-def refused(path) -> str:
-    with pytest.raises(InputError, match=r"cannot be read as a bag.*if it was cut short") as error:
-        list(read_people(path))
-    assert "\n" not in str(error.value)
-    return str(error.value)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
     path = write(tmp_path / f"run.{kind}", length=200)
@@ -87,45 +78,10 @@ def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
     whole = file.read_bytes()
     for size in [*np.random.default_rng(0).integers(100, len(whole) - 1, 8), 0]:
         file.write_bytes(whole[:size])
-        assert TOOLS[kind] in refused(path)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_a_killed_writer_leaves_is_no_bag_yet(tmp_path, kind):
-    frame, path = frames()[0], tmp_path / f"run.{kind}"
-    bag = BagWriter(path)  # Never closed.
-    bag.write(TOPIC, frame.stamp, messages.make_people(bag.new, frame))
-    left = path.with_suffix(".bag.active" if kind == "bag" else "")
-    assert is_bag(left)
-    assert TOOLS[kind] in refused(left)
-    with pytest.raises(InputError, match="already there"):
-        BagWriter(path)
-
-
-@pytest.mark.parametrize("count", [20, pytest.param(300, marks=pytest.mark.exhaustive)])
-@pytest.mark.parametrize("kind", KINDS)
-def test_damaged_bytes_lose_no_frame_in_silence(tmp_path, kind, count):
-    """Values change where a container has no checksum; frames are all there, or it is said."""
-    path = write(tmp_path / f"run.{kind}")
-    files = [path] if path.is_file() else sorted(path.iterdir())
-    length, refused = len(list(read_people(path))), 0
-    rng = np.random.default_rng(0)
-    for number in range(count):
-        # Of a folder: metadata.yaml now and then, else the data.
-        file = files[0] if number % 10 == 0 else files[-1]
-        whole = file.read_bytes()
-        broken = bytearray(whole)
-        for _ in range(rng.integers(1, 4)):
-            broken[rng.integers(len(broken))] ^= rng.integers(1, 256)
-        file.write_bytes(broken)
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
-            try:
-                assert len(list(read_people(path))) == length or said, number
-            except InputError:
-                refused += 1
-        file.write_bytes(whole)
-    assert refused > count // 10
+        cut = rf"cannot be read as a bag: .*if it was cut short, `{TOOLS[kind]}`"
+        with pytest.raises(InputError, match=cut) as error:
+            list(read_people(path))
+        assert "\n" not in str(error.value)
 
 
 def test_which_topic(tmp_path):
@@ -136,7 +92,7 @@ def test_which_topic(tmp_path):
         bag.write("/one", frame.stamp, messages.make_people(bag.new, frame))
     path = bag.path
     assert len(list(read_people(path))) == len(list(read_people(path, "/one"))) == 1
-    with pytest.raises(InputError, match=r"no topic /two; there are: /chatter .*, /one"):
+    with pytest.raises(InputError, match=r"/two is not there.*there are: /chatter .*, /one"):
         list(read_people(path, "/two"))
     with pytest.raises(InputError, match=r"/chatter carries std_msgs/msg/String, not people_msgs"):
         list(read_people(path, "/chatter"))
@@ -157,9 +113,9 @@ def test_the_filtered_topic_is_preferred_and_humans_are_people_too(tmp_path):
     frame = frames()[0]
     with BagWriter(tmp_path / "run.bag") as bag:
         moved = messages.make_people(bag.new, frame._replace(xy=frame.xy + 1))
-        bag.write(messages.PEOPLE_TOPICS[1], 1.0, moved)
+        bag.write(PEOPLE_TOPICS[1], 1.0, moved)
         bag.write(TOPIC, 1.0, messages.make_people(bag.new, frame))
-        humans = make_trajectories(bag.new, 1.0, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
+        humans = make_trajectories(bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
         bag.write("/humans", 1.0, humans.trajs[0])
     assert_array_equal(next(read_people(bag.path)).xy, frame.xy)
     assert_array_equal(next(read_people(bag.path, "/humans")).ids, [-5, 6])

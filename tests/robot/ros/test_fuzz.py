@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.process import compile_seconds
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.replay import advance
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.definitions import FORECAST, PEOPLE
-from neurosym_robot.ros.forecasting_node import WAITING
+from neurosym_robot.ros.definitions import FORECAST, PEOPLE, PEOPLE_TOPICS
+from neurosym_robot.ros.forecasting_node import WAITING, Outlet
 from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
@@ -101,9 +102,34 @@ def people(node: ForecastNode, frame: Frame) -> bytes:
     return bytes(store.serialize_ros1(messages.make_people(node._new, frame), PEOPLE))
 
 
+HEADER = {"type": "people_msgs/People", "md5sum": "", "callerid": "/tracker"}
+
+
 def work(node: ForecastNode, *messages: bytes) -> None:
     """Let the node work on messages that wait."""
-    node.work([(data, None, 0.0) for data in messages])
+    for data in messages:
+        node.hear(data, HEADER)
+    node.work()
+
+
+def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_node):
+    node, back = forecast_node(stitcher=OnlineStitcher(), topic="raw"), []
+    node._mended = Outlet(back.append, lambda: True)
+    for n in range(40):
+        # The tracker loses person 1 for half a second and takes them for somebody new.
+        ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
+        xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
+        message = messages.make_people(node._new, Frame(1e9 + n / 10, ids, xy), "odom")
+        for person in message.people:
+            person.tags = ["kept"]
+        node.put(PEOPLE, message)
+        node.work()
+    assert {person.name for message in back for person in message.people} == {"1", "2"}
+    assert all(person.tags == ["kept"] for message in back for person in message.people)
+    assert back[-1].header.frame_id == "odom"
+    assert "tracks joined 1" in node.status.line()
+    with pytest.raises(InputError, match="--topic must be another"):
+        forecast_node(stitcher=OnlineStitcher(), topic=PEOPLE_TOPICS[0])
 
 
 def broken(data: bytes, rng: random.Random) -> bytes:
@@ -155,22 +181,20 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecas
     frames = [Frame(1e9 + n / 10, np.array([1, 2]), xy) for n, xy in enumerate(ways)]
     walk = [people(idle, frame) for frame in frames]
     for node, batch in ((idle, 1), (loaded, 5)):
-        node._is_heard = lambda publisher: True
-        node._send = lambda publisher, message, to=sent[node.name[1:]]: to.append(message)
+        node._forecasts["SGAN", FORECAST] = Outlet(sent[node.name[1:]].append, lambda: True)
         for n in range(0, 40, batch):
             work(node, *walk[n : n + batch])
-    kinds = [[each for each in sent[name] if each.__msgtype__ == FORECAST] for name in sent]
-    assert [len(each) for each in kinds] == [28, 6]
-    for message in kinds[1]:
-        (same,) = (each for each in kinds[0] if each.header.stamp == message.header.stamp)
+    assert [len(each) for each in sent.values()] == [28, 6]
+    for message in sent["loaded"]:
+        (same,) = (each for each in sent["idle"] if each.header.stamp == message.header.stamp)
         assert_array_equal(same.futures, message.futures)
     assert (idle.status.skipped, loaded.status.skipped) == (0, 24)
     assert "skipped 24" in loaded.status.line()
     # More than may wait are counted, too, and the newest are kept.
     for n in range(1000):
-        loaded.hear(b"%d" % n)
+        loaded.put(PEOPLE, n)
     assert loaded.late == 1000 - WAITING
-    assert loaded._waiting[-1][0] == b"999"
+    assert loaded._waiting[-1][1] == 999
 
 
 def test_a_crowd_in_one_message(node):

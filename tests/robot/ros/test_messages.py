@@ -1,18 +1,22 @@
 """Messages carry what went in, and are those that robots speak."""
 
+import dataclasses
 import functools
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_robot.online.frames import Frame
+from neurosym_robot.online.pairs import likely_events
+from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, blank, typestore
-from neurosym_robot.ros.people import id_of_name, see
+from neurosym_robot.ros.definitions import HUMANS, HUMANS_TRAJS, PEOPLE, Decoder, blank, typestore
+from neurosym_robot.ros.people import KINDS, id_of_name, seconds_of, see
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+from rosbags.typesys import get_types_from_msg
 
 
 @pytest.fixture(params=[1, 2], ids=["ros1", "ros2"], scope="module")
@@ -20,12 +24,27 @@ def store(request):
     return typestore(request.param)
 
 
-def through_bytes(store: Any, message: Any) -> Any:
-    """What a receiver of `message` gets."""
-    name = message.__msgtype__
-    if "seq" in vars(message.header):
-        return store.deserialize_ros1(store.serialize_ros1(message, name), name)
-    return store.deserialize_cdr(store.serialize_cdr(message, name), name)
+@pytest.fixture
+def new(store):
+    return functools.partial(blank, store)
+
+
+@pytest.fixture(scope="module")
+def forecast() -> Forecast:
+    rng = np.random.default_rng(0)
+    samples = 5e5 + rng.normal(size=(6, 2, 4, 2))
+    observed = 5e5 + rng.normal(size=(2, 3, 2))
+    result = ModelForecast(samples, samples.mean(axis=0), 3)
+    ids, lost = np.array([4, -8]), np.array([0, 1])
+    return Forecast(100.5, 9, ids, observed, {"SGAN": result}, {}, 0.0, lost)
+
+
+def received(store, message):
+    """What comes out at the other side."""
+    kind = message.__msgtype__
+    if "seq" in vars(blank(store, "std_msgs/msg/Header")):
+        return store.deserialize_ros1(store.serialize_ros1(message, kind), kind)
+    return store.deserialize_cdr(store.serialize_cdr(message, kind), kind)
 
 
 def test_the_checksums_are_those_of_the_robot():
@@ -38,14 +57,11 @@ def test_the_checksums_are_those_of_the_robot():
         assert store.generate_msgdef(name)[1] == checksum
 
 
-def test_people_there_and_back(store):
+def test_people_there_and_back(store, new):
     for ids in ([3, -7, 2**52 + 5], []):
         xy = np.random.default_rng(0).normal(size=(len(ids), 2))
         frame = Frame(1700000000.123456, np.array(ids, np.int64), xy)
-        back = see(
-            PEOPLE,
-            through_bytes(store, messages.make_people(functools.partial(blank, store), frame)),
-        )
+        back = see(PEOPLE, received(store, messages.make_people(new, frame)))
         assert back.stamp == pytest.approx(frame.stamp, abs=1e-6)
         assert_array_equal(back.ids, frame.ids)
         assert_array_equal(back.xy, frame.xy)
@@ -59,3 +75,116 @@ def test_names_that_are_no_numbers_have_ids_of_their_own():
     assert all(2**52 <= id < 2**53 for id in ids)
     assert [id_of_name(str(id)) for id in ids] == ids
     assert ids[0] == 4665009609805463
+
+
+def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, forecast):
+    message = received(store, messages.forecast_message(new, forecast, "SGAN", 0.4, "odom"))
+    frames = [see(HUMANS, step) for step in message.trajs]
+    assert seconds_of(message.header.stamp) == 100.5
+    assert message.header.frame_id == "odom"
+    assert_allclose([frame.stamp for frame in frames], 100.5 + 0.4 * np.arange(-2, 5))
+    samples = forecast.models["SGAN"].samples
+    whole = np.concatenate([forecast.observed, samples[3]], axis=1)
+    for n, frame in enumerate(frames):
+        assert frame.ids.tolist() == [4, -8]
+        assert_array_equal(frame.xy, whole[:, n])
+    covariance = message.trajs[6].humans[1].centroid.covariance.reshape(6, 6)
+    assert_allclose(covariance[:2, :2], np.cov(samples[:, 1, 3].T, bias=True))
+    assert [human.confidence for human in message.trajs[6].humans] == [1, pytest.approx(2 / 3)]
+    assert not message.trajs[2].humans[1].centroid.covariance.any()
+
+
+def test_the_truth_is_of_those_seen_to_the_end(new, forecast):
+    future = np.random.default_rng(1).normal(size=(2, 4, 2))
+    future[0, 3] = np.nan
+    message = messages.truth_message(new, dataclasses.replace(forecast, future=future), 0.4)
+    frames = [see(HUMANS, step) for step in message.trajs]
+    assert seconds_of(message.header.stamp) == 100.5
+    assert [frame.ids.tolist() for frame in frames] == [[-8]] * 7
+    assert_array_equal(np.stack([frame.xy[0] for frame in frames[3:]]), future[1])
+    nobody = dataclasses.replace(forecast, future=np.full_like(future, np.nan))
+    assert messages.truth_message(new, nobody, 0.4) is None
+
+
+def test_all_samples_compactly(store, new, forecast):
+    message = received(store, messages.samples_message(new, forecast, "SGAN", 0.4, "map"))
+    assert (message.model, message.period, message.central) == ("SGAN", 0.4, 3)
+    assert (message.header.stamp.sec, message.header.frame_id) == (100, "map")
+    assert_array_equal(message.ids, [4, -8])
+    assert_array_equal(message.extrapolated, [0, 1])
+    position = message.position.reshape(2, 2)
+    futures = message.futures.reshape(message.samples, 2, message.steps, 2)
+    # Far from the origin, too, to the hair's breadth.
+    assert_allclose(position[:, None] + futures, forecast.models["SGAN"].samples, rtol=0, atol=1e-6)
+    walked = (forecast.observed[:, -1] - forecast.observed[:, -2]) / 0.4
+    assert_allclose(message.velocity.reshape(2, 2), walked, rtol=1e-5)
+    assert message.weights.sum() == pytest.approx(1)
+
+
+def test_events_in_words_and_numbers(store, new, forecast):
+    message = received(store, messages.events_message(new, forecast, "SGAN", 0.4, "map", 0.05))
+    told = likely_events(forecast, "SGAN", 0.4, 0.05)
+    assert (message.model, message.header.frame_id) == ("SGAN", "map")
+    assert len(message.events) == len(told) > 0
+    for event, each in zip(message.events, told):
+        assert (event.name, event.words) == (each.name, each.words(forecast.ids))
+        assert (event.k, event.l) == (forecast.ids[each.k], forecast.ids[each.l])
+        assert_allclose([event.probability, event.seconds], each[3:], rtol=1e-6)
+
+
+def test_lines_for_rviz(store, new, forecast):
+    message = messages.markers_message(new, forecast, "SGAN", 0.4, "map")
+    seen, lost = received(store, message).markers
+    assert (seen.ns, seen.type, len(seen.points)) == ("SGAN/4", 4, 5)
+    assert seen.color.a == 1 > lost.color.a > 0
+    end = forecast.models["SGAN"].samples[3, 0, -1]
+    assert_allclose([seen.points[-1].x, seen.points[-1].y], end)
+
+
+TRACKED = {
+    # github.com/spencer-project/spencer_messages
+    "spencer_tracking_msgs/msg/TrackedPerson": "uint64 track_id\nbool is_occluded\n"
+    "bool is_matched\nuint64 detection_id\nduration age\ngeometry_msgs/PoseWithCovariance pose\n"
+    "geometry_msgs/TwistWithCovariance twist\n",
+    "spencer_tracking_msgs/msg/TrackedPersons": "std_msgs/Header header\nTrackedPerson[] tracks\n",
+}
+
+
+def header(store, kind: str) -> dict[str, str]:
+    """What a publisher of ROS 1 sends first."""
+    text, md5 = store.generate_msgdef(kind, ros_version=1)
+    names = {"type": kind.replace("/msg/", "/"), "md5sum": md5, "message_definition": text}
+    return {"callerid": "/tracker", **names}
+
+
+def test_a_definition_is_learned_from_its_publisher():
+    store = typestore(1)
+    for name, text in TRACKED.items():
+        store.register(get_types_from_msg(text, name))
+    one, kind = TRACKED
+    # As published with it.
+    assert store.generate_msgdef(one)[1] == "28bdd0d6d6551c668e4fde8aecdf1885"
+    message, track = blank(store, kind), blank(store, one)
+    message.header.stamp.sec, message.header.frame_id = 3, "odom"
+    track.track_id, track.pose.pose.position.x, track.pose.pose.position.y = 9, 1.0, 2.0
+    message.tracks.append(track)
+    data, said = bytes(store.serialize_ros1(message, kind)), header(store, kind)
+    decoder = Decoder(KINDS)
+    assert decoder.refuse(said) is None
+    seen = see(*decoder.decode(data, said))
+    assert_array_equal(seen.xy, [[1, 2]])
+    assert_array_equal(seen.ids, [9])
+    assert (seen.stamp, seen.frame_id) == (3.0, "odom")
+
+
+def test_what_is_not_understood_is_refused_with_a_reason():
+    decoder = Decoder(KINDS)
+    poses = header(decoder.store, "geometry_msgs/msg/PoseArray")
+    assert decoder.refuse(poses) is None
+    for change, reason in (
+        ({"type": "std_msgs/String"}, "none of people_msgs/People"),
+        ({"type": "people_msgs/People"}, "not people_msgs/People with md5 18722f4b8db20cc"),
+        ({"message_definition": "}{"}, "definition cannot be read"),
+        ({"md5sum": "0"}, "whose definition has the md5"),
+    ):
+        assert reason in str(decoder.refuse({**poses, "md5sum": "1", **change}))

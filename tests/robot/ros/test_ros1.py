@@ -16,17 +16,20 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.simulation.scenarios import simulate
-from neurosym_robot.online.frames import Frame, frames_of_tracks
+from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.bag_writer import BagWriter
 from neurosym_robot.ros.bags import read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, typestore
+from neurosym_robot.ros.definitions import (
+    HUMANS_TRAJS,
+    PEOPLE,
+    TRUTH_TOPIC,
+    typestore,
+)
 from neurosym_robot.ros.people import seconds_of
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
-from neurosym_robot.tracking.stitching import OnlineStitcher
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -189,27 +192,6 @@ def node(graph, models):
     return node
 
 
-def test_mended_people_are_published_as_they_came_but_for_their_names(forecast_node, monkeypatch):
-    node, sent = forecast_node(stitcher=OnlineStitcher(), topic="raw"), []
-    monkeypatch.setattr(node._mended, "publish", sent.append)
-    store = typestore(1)
-    for n in range(40):
-        # The tracker loses person 1 for half a second and takes them for somebody new.
-        ids = np.array([1 if n < 20 else 7, 2][: 1 + (n % 2)] if not 20 <= n < 25 else [2])
-        xy = np.stack([np.full(len(ids), n / 10), np.where(ids == 2, 5.0, 0.0)], axis=1)
-        message = messages.make_people(node._new, Frame(1e9 + n / 10, ids, xy), "odom")
-        for person in message.people:
-            person.tags = ["kept"]
-        node.work([(bytes(store.serialize_ros1(message, PEOPLE)), None, 0.0)])
-    back = [store.deserialize_ros1(data, PEOPLE) for data in sent]
-    assert {person.name for message in back for person in message.people} == {"1", "2"}
-    assert all(person.tags == ["kept"] for message in back for person in message.people)
-    assert back[-1].header.frame_id == "odom"
-    assert "tracks joined 1" in node.status.line()
-    with pytest.raises(InputError, match="--topic must be another"):
-        forecast_node(stitcher=OnlineStitcher(), topic=messages.PEOPLE_TOPICS[0])
-
-
 def count(topic: str, rows: list[dict]) -> int:
     return sum(row["topic"] == topic for row in rows)
 
@@ -222,14 +204,14 @@ def both(rows: list[dict]) -> bool:
 def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
     listener = graph.listener()
     talker = graph.peer("talk", "tracker", rate=10)
-    rows = listener.wait_heard(lambda rows: both(rows) and count(messages.TRUTH_TOPIC, rows) > 1)
+    rows = listener.wait_heard(lambda rows: both(rows) and count(TRUTH_TOPIC, rows) > 1)
     talker.end()
     for row in rows[1:]:
         steps = np.array(row["steps"])
         assert steps.shape == (7, 2, 3)
         assert row["frame"] == "odom"
         assert (steps[:, :, 0] == [1, 2]).all()
-        known = 7 if row["topic"] == messages.TRUTH_TOPIC else 4
+        known = 7 if row["topic"] == TRUTH_TOPIC else 4
         # They walk along x at 1 m/s, and the stamp is that of the last step observed.
         start = steps[3, 0, 1]
         assert_allclose(steps[:known, 0, 1] - start, 0.4 * np.arange(-3, known - 3), atol=1e-5)
@@ -280,7 +262,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
         stdin=subprocess.DEVNULL,
     )
     assert done.returncode == 0, done.stderr
-    rows = listener.wait_heard(lambda rows: both(rows) and count(messages.TRUTH_TOPIC, rows))
+    rows = listener.wait_heard(lambda rows: both(rows) and count(TRUTH_TOPIC, rows))
     heard = {(row["topic"], round(row["stamp"], 6)) for row in rows if row["topic"] in FORECASTS}
     assert all(1e9 < stamp < 1e9 + 9 for _, stamp in heard)
     recorder.end(signal.SIGINT)
