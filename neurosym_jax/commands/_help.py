@@ -1,4 +1,4 @@
-"""The short help of a command: its main options with a sentence, the others by name."""
+"""The short help of a command: a line for each of its options, groups of options by name."""
 
 import ast
 import dataclasses
@@ -12,35 +12,28 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 __all__ = ["every_option", "short_help"]
 
-MAIN = 7
-"""Options with a sentence, where a command does not name its own."""
-
 
 def short_help(options: type, prog: str) -> str:
-    """At most a screen of text on `options`, the dataclass of a command.
+    """About a screen of text on `options`, the dataclass of a command.
 
-    Positional fields and those in `options.SHOWN`, by default the first seven, get a sentence.
-    Fields that are dataclasses are groups.
+    Fields that are dataclasses are groups, whose options are only named.
     """
     width = min(shutil.get_terminal_size().columns, 100)
-    found = list(every_option(options))
-    names = [flag.split(" ")[0] for group, flag, _ in found if not group]
-    shown = [f"--{name.replace('_', '-')}" for name in getattr(options, "SHOWN", ())]
-    shown = {*(shown or names[:MAIN]), *(name for name in names if name[0] != "-")}
-    positional = [name for name in names if name[0] != "-"]
-    usage = " ".join(["usage:", prog, *positional, "[OPTIONS]"])
-    text = [usage, "", *inspect.cleandoc(options.__doc__ or "").splitlines(), ""]
-    others: dict[str, list[str]] = {"more": ["--plugin"]}
-    for group, flag, meaning in sorted(found, key=lambda option: option[1].startswith("--")):
-        name = flag.split(" ")[0]
-        if name in shown:
-            sentence = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
-            text += textwrap.wrap(f"  {flag:26}  {sentence}.", width, subsequent_indent=" " * 30)
-        else:
-            others.setdefault(group or "more", []).append(name)
-    for group, flags in others.items():
-        line = f"{group}: {', '.join(flags)}"
-        text += ["", *textwrap.wrap(line, width, break_on_hyphens=False)]
+    found = sorted(every_option(options), key=lambda option: option[1].startswith("--"))
+    positional = [flag for _, flag, _ in found if not flag.startswith("--")]
+    text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), ""]
+    text += [*inspect.cleandoc(options.__doc__ or "").splitlines(), ""]
+    groups: dict[str, list[str]] = {}
+    plugin = "--plugin FILE.py|MODULE", "Your own file or module, imported first"
+    for group, flag, meaning in [*found, ("", *plugin)]:
+        if group:
+            groups.setdefault(group, []).append(flag.split(" ")[0])
+            continue
+        sentence = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
+        text += textwrap.wrap(f"  {flag:26}  {sentence}.", width, subsequent_indent=" " * 30)
+    for group, flags in groups.items():
+        names = f"{group}: {', '.join(flags)}"
+        text += ["", *textwrap.wrap(names, width, break_on_hyphens=False)]
     return "\n".join([*text, "", f"`{prog} --help-all` explains every option."])
 
 

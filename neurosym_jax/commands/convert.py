@@ -6,10 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.interop.checkpoint import export_torch_checkpoint
-from neurosym_jax.models.config import GeneratorConfig
 
 __all__ = ["Options", "run"]
 
@@ -33,11 +31,7 @@ def run(options: Options) -> None:
     """
     model = load_model(options.model)
     if options.to.suffix == ".pt":
-        if not isinstance(model.config, GeneratorConfig):
-            raise InputError(f"{model.name} has no counterpart in torch")
-        export_torch_checkpoint(
-            options.to, model.config, model.params["params"], scene=model.dataset
-        )
+        export_torch_checkpoint(options.to, model)
     else:
         save_model(options.to, model)
     print(f"{options.to}: {model.name}")

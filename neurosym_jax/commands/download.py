@@ -46,18 +46,13 @@ def run(options: Options) -> int:
     base = data_folder() if options.to is None else options.to
     folder = base / options.what
     if options.what == "thor":
-        return _check_by_hand(folder)
+        there = folder.is_dir() and any(folder.iterdir())
+        print(
+            THOR.format(folder=folder.resolve()) + ("\n" if there else "\n\nNothing is there yet.")
+        )
+        return inspect.run(inspect.Options(folder)) if there else 2
     count, came = download(options.what, folder, options.mirror, options.timeout)
     print(f"{folder}: {count} files, every SHA-256 as published, {came} of them fetched now")
-    if options.to is not None and options.to.resolve() != data_folder().resolve():
+    if base.resolve() != data_folder().resolve():
         print(f"To have it found by name: export NEUROSYM_DATA={options.to}")
     return 0
-
-
-def _check_by_hand(folder: Path) -> int:
-    print(THOR.format(folder=folder.resolve()))
-    if not folder.is_dir() or not any(folder.iterdir()):
-        print("\nNothing is there yet.")
-        return 2
-    print()
-    return inspect.run(inspect.Options(folder))

@@ -9,7 +9,7 @@ import textwrap
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import tyro
 
@@ -54,16 +54,6 @@ class Options:
 
     Without arguments: one SGAN and one NeuroSyM that ship, on the embedded simulations.
     """
-
-    SHOWN: ClassVar = (
-        "checkpoint",
-        "data",
-        "dataset",
-        "metrics",
-        "table",
-        "plots",
-        "save_forecasts",
-    )
 
     checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
     """Models to evaluate: folder, .pt file or name (see `neurosym models`), or `recommended`; of a

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import shlex
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -31,8 +31,6 @@ __all__ = ["Options", "make_run", "run"]
 @dataclasses.dataclass(frozen=True)
 class Options:
     """Train a model: `python train.py` alone does so on the embedded simulations."""
-
-    SHOWN: ClassVar = ("model", "data", "dataset", "pred_len", "weighting", "steps", "out")
 
     model: Literal["sgan", "neurosym", "anchors", "anchor_table"] = "sgan"
     """Network to train: SGAN, NeuroSyM (weights pairs of people by symbols), anchors (learned

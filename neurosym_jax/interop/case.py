@@ -13,7 +13,6 @@ from jax import Array
 
 from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.interop.arguments import generator_config
 from neurosym_jax.interop.names import params_from_torch, torch_names
@@ -21,13 +20,12 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.scene import Scene, model_dtype
+from neurosym_jax.scene import Scene
 
 __all__ = [
     "Arrays",
     "Case",
     "Compared",
-    "checked",
     "compared_layers",
     "padded",
     "placed",
@@ -37,7 +35,7 @@ __all__ = [
 
 Arrays = Mapping[str, np.ndarray]
 Compared = dict[str, tuple[Any, np.ndarray]]
-"""Per output, ours and theirs, of one shape."""
+"""Per output, ours and theirs."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,14 +57,10 @@ class Case:
 
     def noise(self) -> np.ndarray:
         """The stored noise of each slot, [S, N, D]."""
-        config, shape = self.config, self.valid.shape
-        if config.noise_dim == 0:
-            return np.zeros((*shape, 0), model_dtype())
-        if config.noise_mix_type == "ped":
-            noise = checked(self.arrays, "noise", self.bounds[-1], config.noise_dim)
+        noise = self.arrays["noise"][:, : self.config.noise_dim]
+        if self.config.noise_mix_type == "ped":
             return placed(noise, self.valid)
-        noise = checked(self.arrays, "noise", len(self.valid), config.noise_dim)
-        return np.broadcast_to(noise[:, None], (*shape, config.noise_dim))
+        return np.broadcast_to(noise[:, None], (*self.valid.shape, self.config.noise_dim))
 
     def stages(self, alpha: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
@@ -93,40 +87,12 @@ def _stages(config: GeneratorConfig, params: Any, *given: Any) -> dict[str, Arra
 
 
 def read_case(row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/") -> Case:
-    """The case of a manifest's row and of its arrays, among them the weights.
-
-    Raises:
-        InputError: for an argument or an array that is missing or wrong.
-    """
+    """The case of a manifest's row and of its arrays [...], among them the weights."""
     state = state_of(arrays, weights)
     config = generator_config(row, state)
-    positions = checked(arrays, "traj", None, config.obs_len + config.pred_len, 2)
-    moves = checked(arrays, "traj_rel", *positions.shape)
-    starts, ends = checked(arrays, "scene_start_end", None, 2).astype(np.int64).T
-    bounds = np.append(0, ends)
-    if (starts != bounds[:-1]).any() or (ends <= starts).any() or bounds[-1] != len(positions):
-        raise InputError(
-            f"'scene_start_end' does not cut {len(positions)} agents into scenes one after another"
-        )
-    scenes = padded(positions, moves, bounds, config.obs_len)
+    bounds = np.append(0, arrays["scene_start_end"][:, 1])
+    scenes = padded(arrays["traj"], arrays["traj_rel"], bounds, config.obs_len)
     return Case(arrays, config, params_from_torch(state, config), bounds, scenes)
-
-
-def checked(arrays: Arrays, name: str, *shape: int | None) -> np.ndarray:
-    """The finite array `name` of this shape; None is any size.
-
-    Raises:
-        InputError: naming the array and what is wrong with it.
-    """
-    if name not in arrays:
-        raise InputError(f"the array {name!r} is missing")
-    array = arrays[name]
-    if array.ndim != len(shape) or any(b not in (None, a) for a, b in zip(array.shape, shape)):
-        wanted = ", ".join("any" if size is None else str(size) for size in shape)
-        raise InputError(f"{name!r} has the shape {list(array.shape)}, not [{wanted}]")
-    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
-        raise InputError(f"{name!r} holds a value that is not a finite number")
-    return array
 
 
 def state_of(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
@@ -157,12 +123,13 @@ def compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
     and a place that differs although its layers agree alone was given something else. A layer of
     the checkpoint that torch never called is compared with NaN.
     """
-    arrays, stages = case.arrays, case.stages()
+    arrays, stages, layers = case.arrays, case.stages(), _layers(case)
     moves = arrays["traj_rel"][:, : case.config.obs_len]
     context = "mlp_decoder_context" if case.config.needs_context_mlp else "encoder"
-    state = np.concatenate([stages[context], case.noise()[case.valid]], axis=-1)
-    layers, compared = _layers(case), {}
-    if (first := arrays.get("in/encoder.spatial_embedding")) is not None:
+    start = np.concatenate([stages[context], case.noise()[case.valid]], axis=-1)
+    compared: Compared = {}
+    if "in/encoder.spatial_embedding" in arrays:
+        first = arrays["in/encoder.spatial_embedding"]
         compared["obs_traj_rel"] = np.swapaxes(moves, 0, 1).reshape(-1, 2), first
     for name in names:
         theirs = arrays[f"out/{name}"]
@@ -170,8 +137,8 @@ def compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
             compared[f"{name} (alone)"] = _alone(arrays, name, layers[name]), theirs
         if name in stages:
             compared[name] = stages[name], theirs
-        if name == context and (start := arrays.get("h0/decoder.decoder")) is not None:
-            compared["decoder, first state"] = state, start[0]
+        if name == context and "h0/decoder.decoder" in arrays:
+            compared["decoder, first state"] = start, arrays["h0/decoder.decoder"][0]
     for name in layers.keys() - names.keys():
         compared[f"{name} (alone)"] = np.zeros(1), np.full(1, np.nan)
     return compared
@@ -190,18 +157,19 @@ def _layers(case: Case) -> dict[str, Any]:
 
 def _alone(arrays: Arrays, name: str, params: Mapping[str, Any]) -> np.ndarray:
     """Our layer's output for the inputs that torch's was given."""
-    given = np.asarray(arrays[f"in/{name}"], np.float32)
-    if "recurrent_kernel" in params:
-        zeros = np.zeros((1, given.shape[1], len(params["recurrent_kernel"])), np.float32)
-        state = tuple(arrays.get(f"{part}/{name}", zeros)[0] for part in ("h0", "c0"))
-        bias = params["input_bias"] + params["recurrent_bias"]
-        hidden = []
-        for step in given:
-            gates = step @ params["input_kernel"] + bias + state[0] @ params["recurrent_kernel"]
-            state = LSTM().update(gates, state)
-            hidden.append(np.asarray(state[0]))
-        return np.stack(hidden)
-    kernels = [layer["kernel"] for layer in params.values()] if "layer_0" in params else []
-    sizes = [*(kernel.shape[0] for kernel in kernels), *(k.shape[1] for k in kernels[-1:])]
-    network = Perceptron(sizes) if kernels else Affine(*params["kernel"].shape)
-    return np.asarray(network.apply({"params": params}, given))
+    given = arrays[f"in/{name}"].astype(np.float32)
+    if "kernel" in params:
+        return np.asarray(Affine(*params["kernel"].shape).apply({"params": params}, given))
+    if "layer_0" in params:
+        kernels = [layer["kernel"] for layer in params.values()]
+        network = Perceptron([kernels[0].shape[0], *(kernel.shape[1] for kernel in kernels)])
+        return np.asarray(network.apply({"params": params}, given))
+    zeros = np.zeros((1, given.shape[1], len(params["recurrent_kernel"])), np.float32)
+    state = tuple(arrays.get(f"{part}/{name}", zeros)[0] for part in ("h0", "c0"))
+    bias = params["input_bias"] + params["recurrent_bias"]
+    hidden = []
+    for step in given:
+        gates = step @ params["input_kernel"] + bias + state[0] @ params["recurrent_kernel"]
+        state = LSTM().update(gates, state)
+        hidden.append(np.asarray(state[0]))
+    return np.stack(hidden)

@@ -15,13 +15,11 @@ import optax
 from jax.flatten_util import ravel_pytree
 
 from neurosym_jax.configuration import from_json
-from neurosym_jax.errors import InputError
 from neurosym_jax.interop.arguments import discriminator_config
 from neurosym_jax.interop.case import (
     Arrays,
     Case,
     Compared,
-    checked,
     padded,
     placed,
     read_case,
@@ -51,15 +49,6 @@ __all__ = ["CASES"]
 DECIMALS = 4
 """Of the authors' table as they printed it, and of their coordinates."""
 RELEASED = CndShipped(convention="as_published", decimals=DECIMALS)
-RECIPE = {
-    "learning_rate": "g_learning_rate",
-    "d_learning_rate": "d_learning_rate",
-    "best_k": "best_k",
-    "clip_norm": "clipping_threshold_g",
-}
-"""Our fields of a training's recipe, and what the manifest calls them."""
-LABELS = ("label_real", "label_fake")
-"""Numbers in the manifest, ranges with us."""
 LOSSES = {
     "d_loss": "d_loss",
     "g_l2_loss": "g_variety",
@@ -76,17 +65,13 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     reported twice.
     """
     case = read_case(row, arrays)
-    agents, obs_len = case.bounds[-1], case.config.obs_len
-    pred_rel, pred_abs = (
-        checked(arrays, name, agents, case.config.pred_len, 2) for name in ("pred_rel", "pred_abs")
-    )
-    moves, scenes = case.stages()["pred_rel"], case.scenes
+    obs_len, scenes = case.config.obs_len, case.scenes
+    moves = case.stages()["pred_rel"]
     last = np.asarray(scenes.observed)[case.valid][:, -1:]
     origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)[:, None]
-    compared: Compared = {
-        "pred_rel": (moves, pred_rel),
-        "pred_abs": (last + np.cumsum(moves, axis=1) + origin, pred_abs),
-    }
+    positions = last + np.cumsum(moves, axis=1) + origin
+    pred_rel, pred_abs = arrays["pred_rel"], arrays["pred_abs"]
+    compared: Compared = {"pred_rel": (moves, pred_rel), "pred_abs": (positions, pred_abs)}
     if "d_type" in row:
         state = state_of(arrays, "d_state/")
         config = discriminator_config(row, state)
@@ -94,10 +79,7 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         moves = np.concatenate([arrays["traj_rel"][:, :obs_len], pred_rel], axis=1)
         fakes = padded(positions, moves, case.bounds, positions.shape[1])
         scores = _scores(config, params_from_torch(state, config), fakes.bare())
-        compared["d_scores_fake"] = (
-            np.asarray(scores)[case.valid],
-            checked(arrays, "d_scores_fake", agents),
-        )
+        compared["d_scores_fake"] = np.asarray(scores)[case.valid], arrays["d_scores_fake"]
     return compared
 
 
@@ -117,19 +99,17 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     every i: the A agents get the first A rows, which are compared as well.
     """
     case = read_case(row, arrays)
-    agents, valid = case.bounds[-1], case.valid
-    alpha = checked(arrays, "alpha", int((np.diff(case.bounds) ** 2).sum()), case.config.obs_len)
+    alpha, valid = arrays["alpha"], case.valid
     compared: Compared = {}
     if row.get("alpha") != "random":
         compared["alpha"] = _shipped_alpha(case), alpha
     if isinstance(case.config.pooling, NeurosymIjcnn):
-        used = alpha[:agents]
-        compared["alpha_rows_used"] = used, checked(arrays, "alpha_rows_used", *used.shape)
+        used = alpha[: case.bounds[-1]]
+        compared["alpha_rows_used"] = used, arrays["alpha_rows_used"]
         given = placed(used, valid)
     else:
         given = placed(alpha, valid[:, :, None] & valid[:, None])
-    theirs = checked(arrays, "pred_rel", agents, case.config.pred_len, 2)
-    return compared | {"pred_rel": (case.stages(given)["pred_rel"], theirs)}
+    return compared | {"pred_rel": (case.stages(given)["pred_rel"], arrays["pred_rel"])}
 
 
 def _shipped_alpha(case: Case) -> np.ndarray:
@@ -149,9 +129,7 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
     everybody on one line, is one in the coordinates that the released code saw. That code writes 10
     for a pair in which both people stand; we write 0.
     """
-    k = checked(arrays, "k", None, None, 2).astype(np.float64)
-    l = checked(arrays, "l", *k.shape).astype(np.float64)  # noqa: E741 (the calculus says so)
-    steps = (len(k), k.shape[1] - 1)
+    k, l = (arrays[name].astype(np.float64) for name in "kl")  # noqa: E741 (as the calculus)
     with jax.enable_x64(True):
         compiled = jax.jit(observe, static_argnames="convention")
         released = compiled(k, l, convention="as_published")
@@ -161,11 +139,10 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
             "qtc_signed_q005": compiled(k, l, quantisation_factor=0.05),
         }
         weights = np.asarray(alpha_from_states(released, RELEASED.state_weights()))
-    compared: Compared = {}
+    compared: Compared = {"alpha_reference": (weights, arrays["alpha_reference"])}
     for name, states in ours.items():
-        theirs = checked(arrays, name, *steps, 4)
-        compared[name] = np.asarray(states), np.where(theirs == 10, 0, theirs)
-    return compared | {"alpha_reference": (weights, checked(arrays, "alpha_reference", *steps))}
+        compared[name] = np.asarray(states), np.where(arrays[name] == 10, 0, arrays[name])
+    return compared
 
 
 def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -181,12 +158,14 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
 def _compared_training(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     case = read_case(row, arrays, "g0/")
     generator = case.config
-    if missing := {*RECIPE.values(), *LABELS} - set(row):
-        raise InputError(f"manifest: {min(missing)} is missing")
     discriminator = discriminator_config(row, state_of(arrays, "d0/"))
     fields = {
-        **{ours: row[theirs] for ours, theirs in RECIPE.items()},
-        **{name: (row[name], row[name]) for name in LABELS},
+        "best_k": row["best_k"],
+        "learning_rate": row["g_learning_rate"],
+        "d_learning_rate": row["d_learning_rate"],
+        # Numbers in the manifest, ranges with us.
+        **{name: (row[name], row[name]) for name in ("label_real", "label_fake")},
+        "clip_norm": row["clipping_threshold_g"],
         "adversarial_weight": 1.0,
         "criterion": "squared_displacement",
         "ema": 0.0,
@@ -196,11 +175,7 @@ def _compared_training(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     config = from_json(TrainConfig, fields, "manifest")
     # As one group, `[scenes, slots, ...]`.
     groups = (case.scenes.replace(origin=None),)
-    shape = (len(case.valid), generator.noise_dim)
-    noises = (
-        [checked(arrays, "noise_d", *shape)[None]],
-        [checked(arrays, "noise_g", config.best_k, *shape)],
-    )
+    noises = [arrays["noise_d"][None]], [arrays["noise_g"]]
 
     def stored(prefix: str) -> dict[str, Any]:
         network = generator if prefix.startswith("g") else discriminator
@@ -212,7 +187,7 @@ def _compared_training(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         params=stored("g0/"), discriminator=stored("d0/")
     )
     trees, metrics = _two_steps(generator, config, state, groups, noises)
-    compared: Compared = {n: (metrics[of], checked(arrays, n)) for n, of in LOSSES.items()}
+    compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
     for name, tree in trees.items():
         compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(stored(f"{name}/"))[0])
     return compared

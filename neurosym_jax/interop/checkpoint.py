@@ -7,7 +7,6 @@ arguments.
 import os
 import re
 from collections import OrderedDict
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -97,19 +96,13 @@ def model_from_torch(contents: Any) -> Model:
     return Model(config, params, dataset, assumed=assumptions(arguments, config))
 
 
-def export_torch_checkpoint(
-    path: Path | str,
-    config: GeneratorConfig,
-    params: Mapping[str, Any],
-    *,
-    scene: str | None = None,
-) -> None:
+def export_torch_checkpoint(path: Path | str, model: Model) -> None:
     """Write `torch_contents` with torch, which must be installed, as a `.pt` of weights only.
 
     Raises:
         InputError: when `path` cannot be written, torch is absent, or as `torch_contents`.
     """
-    contents = torch_contents(config, params, scene=scene)
+    contents = torch_contents(model)
     try:
         import torch  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -122,19 +115,19 @@ def export_torch_checkpoint(
         torch.save(contents, beside)
 
 
-def torch_contents(
-    config: GeneratorConfig, params: Mapping[str, Any], *, scene: str | None = None
-) -> dict[str, Any]:
+def torch_contents(model: Model) -> dict[str, Any]:
     """`args` and `g_state` as SGAN's code saves them, with arrays for tensors.
 
     The code is SGAN's, or for `neurosym_ros` and `neurosym_ijcnn` the release that each is named
     after.
 
     Raises:
-        InputError: for a parameter that is missing, unexpected or misshapen, a configuration that
-            SGAN's arguments cannot express, `as_described` and learned weightings, which torch does
-            not have.
+        InputError: for a network that SGAN's arguments cannot express, `as_described` and learned
+            weightings, which torch does not have.
     """
+    config = model.config
+    if not isinstance(config, GeneratorConfig):
+        raise InputError(f"{model.name} has no counterpart in torch")
     arguments: dict[str, Any] = {
         **EXPORTED,
         **{name: getattr(config, name) for name in SAME},
@@ -143,7 +136,7 @@ def torch_contents(
         "pool_every_timestep": config.pool_every_timestep,
         "noise_dim": (config.noise_dim,),
         "pooling_type": TORCH_POOLING.get(POOLINGS.name_of(config.pooling), "pool_net"),
-        "dataset_name": scene,
+        "dataset_name": model.dataset,
     }
     if config.weighting is not None:
         # No argument of the released code's, whose weighting is the data's; it passes over it.
@@ -154,4 +147,4 @@ def torch_contents(
         arguments["bottleneck_dim"] = config.encoder_h_dim
     if (width := getattr(config.pooling, "hidden_dim", 512)) != 512:
         raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {width}")
-    return {"g_state": params_to_torch(params, config), "args": arguments}
+    return {"g_state": params_to_torch(model.params["params"], config), "args": arguments}

@@ -8,9 +8,9 @@ import dataclasses
 import json
 import math
 import subprocess
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from neurosym_jax.interop import torch_side
 from neurosym_jax.interop.case import Compared, compared_layers, read_case
 from neurosym_jax.interop.cases import CASES
 
-__all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]
+__all__ = ["TOLERANCE", "Parity", "ParityRow", "run_parity", "run_torch"]
 
 TOLERANCE = 1e-5
 """Largest absolute difference that passes, in the output's own unit."""
@@ -42,7 +42,7 @@ class ParityRow:
     max_rel: float
     """`max_abs` over torch's largest magnitude; single elements may be next to nothing."""
     ok: bool
-    reason: str | None = None
+    reason: str = ""
     """Why it differs, of the first layer of a case that does."""
 
 
@@ -65,40 +65,40 @@ class Parity:
             shape = "x".join(map(str, row.shape)) or "scalar"
             numbers = f"{row.max_abs:.1e}", f"{row.max_rel:.1e}"
             table.append((row.case, row.output, shape, *numbers, "ok" if row.ok else "MISS"))
-        lines = [aligned_table(table), ""]
-        for row in self.rows:
-            if row.reason is not None:
-                lines += [f"first difference of {row.case}: {row.output}: {row.reason}"]
-        within = sum(row.ok for row in self.rows)
-        return "\n".join(
-            [*lines, f"{within} of {len(self.rows)} outputs within {self.tolerance:g}"]
-        )
+        first = [
+            f"first difference of {row.case}: {row.output}: {row.reason}"
+            for row in self.rows
+            if row.reason
+        ]
+        within = f"{sum(row.ok for row in self.rows)} of {len(self.rows)} outputs"
+        return "\n".join([aligned_table(table), "", *first, f"{within} within {self.tolerance:g}"])
 
 
 def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
     """Each output of each case of `directory`, in the manifest's order.
 
-    Args:
-        directory: of the cases.
-        tolerance: largest absolute difference that passes.
-
     Raises:
         InputError: naming the file, and the field or the array that is missing or wrong.
     """
     refuse(NotNegative, {"tolerance": tolerance})
-    rows = []
-    for row in _read_manifest(directory / "manifest.json"):
-        path = directory / row["file"]
-        # The name of a row's kind of case: its model's, else its file's.
-        kind, classes = row.get("model", path.stem), row.get("layers", {})
-        try:
+    rows, path = [], directory / "manifest.json"
+    try:
+        for row in json.loads(path.read_text(encoding="utf-8")):
+            path = directory / row["file"]
+            # The name of a row's kind of case: its model's, else its file's.
+            kind, classes = row.get("model", path.stem), row.get("layers", {})
             if kind not in CASES:
                 raise InputError(f"{kind!r} is none of the cases {', '.join(CASES)}")
-            arrays = _read_arrays(path)
+            with np.load(path, allow_pickle=False) as archive:
+                arrays = {name: archive[name] for name in archive.files}
             layers = compared_layers(read_case(row, arrays), classes) if classes else {}
-            rows += compare(path.name, tolerance, CASES[kind](row, arrays), layers, classes)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
+            rows += _compare(path.name, tolerance, CASES[kind](row, arrays), layers, classes)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except KeyError as error:
+        raise InputError(f"{path}: {error} is missing") from None
+    except (OSError, EOFError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: is no case ({' '.join(str(error).split())[:300]})") from None
     return Parity(tuple(rows), tolerance)
 
 
@@ -137,18 +137,10 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
         raise InputError(f"--python {python}: {module} failed: {said}")
 
 
-def compare(
+def _compare(
     name: str, tolerance: float, compared: Compared, layers: Compared, classes: Mapping[str, str]
 ) -> list[ParityRow]:
-    """The rows of a case `name`, its layers first; the first that misses has the reason.
-
-    Args:
-        name: of the case.
-        tolerance: largest absolute difference that passes.
-        compared: outputs.
-        layers: see `compared_layers`.
-        classes: of torch's submodules, by name.
-    """
+    """The rows of a case `name`, its layers first; the first that misses has the reason."""
     rows: list[ParityRow] = []
     for output, (ours, theirs) in (layers | compared).items():
         ours, theirs = np.asarray(ours), np.asarray(theirs)
@@ -160,7 +152,7 @@ def compare(
         # A layer's numbers may be of any size, and so is their rounding.
         ok = max_abs <= tolerance * (max(1.0, scale) if output in layers else 1.0)
         first = layers and not ok and all(row.ok for row in rows)
-        reason = _likely_reason(output, ours, theirs, classes) if first else None
+        reason = _likely_reason(output, ours, theirs, classes) if first else ""
         rows.append(ParityRow(name, output, theirs.shape, max_abs, max_rel, ok, reason))
     return rows
 
@@ -188,30 +180,3 @@ def _likely_reason(
         "its layers agree alone, the module's forward puts them together in another way (order of "
         "concatenation, scene boundaries, noise)"
     )
-
-
-def _read_manifest(path: Path) -> list[dict[str, Any]]:
-    try:
-        rows = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not JSON ({error})") from None
-    if not isinstance(rows, list) or not rows:
-        raise InputError(f"{path}: must be a list of at least one case")
-    for index, row in enumerate(rows):
-        file = row.get("file") if isinstance(row, dict) else None
-        if not isinstance(file, str) or Path(file).name != file:
-            raise InputError(f"{path}: row {index} needs 'file', a name in the same directory")
-    return rows
-
-
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error})") from None
-    except Exception as error:
-        # A damaged archive fails in whichever way the damage dictates, and a .npy has no `files`.
-        raise InputError(f"not an .npz of plain arrays ({' '.join(str(error).split())})") from None

@@ -60,7 +60,6 @@ class Storage(Stateless):
 
     def __init__(self, dtype: str, numel: int):
         self.dtype, self.numel = np.dtype(dtype), numel
-        self.values: np.ndarray | None = None
 
 
 class StoredTensor(Stateless):

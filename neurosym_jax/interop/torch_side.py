@@ -24,10 +24,7 @@ def main(given):
     torch = importlib.import_module("torch")
     path, name = given["module"].rsplit(":", 1)
     network_class = getattr(_import_file(path), name)
-    # Where this torch can, it reads no more than weights.
-    safely = "weights_only" in inspect.signature(torch.load).parameters
-    options = {"weights_only": True} if safely else {}
-    contents = torch.load(given["checkpoint"], map_location="cpu", **options)
+    contents = torch.load(given["checkpoint"], map_location="cpu")
     arguments = contents["args"]
     row = {}
     for parameter in list(inspect.signature(network_class.__init__).parameters)[1:]:

@@ -49,7 +49,7 @@ def test_weights_of_a_model(recording, tmp_path, capsys):
     [
         ({"window": 5}, r"--window must lie in \[0, 5\), not 5"),
         ({"weighting": "cdn"}, "unknown weighting 'cdn'"),
-        ({"obs_len": 0}, "obs-len must be at least 1"),
+        ({"samples": 0}, "samples must be at least 1"),
         ({"dataset": "moon"}, "unknown scene 'moon'"),
     ],
 )
@@ -72,9 +72,3 @@ def test_a_forecast_is_told_written_and_drawn(recording, tmp_path, capsys):
     assert (out / "forecast.png").stat().st_size > 10_000
     with pytest.raises(InputError, match="--forecast needs a --model"):
         run(Options(recording, forecast=True))
-
-
-def test_its_options_can_be_parsed():
-    import tyro
-
-    assert tyro.cli(Options, args=["--image", "svg", "--format", "text"]).image == "svg"

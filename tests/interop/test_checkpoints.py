@@ -11,6 +11,7 @@ from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands import convert
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.interop.checkpoint import (
     export_torch_checkpoint,
@@ -54,9 +55,13 @@ def random_params(config):
     return params_from_torch(random_state(config), config)
 
 
+def model_of(config):
+    return Model(config, {"params": random_params(config)}, "eth")
+
+
 def contents_of(config=SMALL, tensors=(), **arguments):
     """What a checkpoint file holds, with some of it changed; DROP removes one."""
-    contents = torch_contents(config, random_params(config))
+    contents = torch_contents(model_of(config))
     changes = {"args": arguments, "g_state": dict(tensors)}
     return {
         part: {k: v for k, v in {**values, **changes[part]}.items() if v is not DROP}
@@ -257,22 +262,22 @@ def test_a_released_file_says_neither_network_nor_weighting():
 )
 def test_export_refuses_what_sgan_cannot_build(config, message):
     with pytest.raises(InputError, match=message):
-        torch_contents(config, {})
+        torch_contents(Model(config, {"params": {}}))
 
 
 @EACH
 def test_export_reads_back_and_opens_in_torch(tmp_path, torch, config):
-    path, params = tmp_path / "a.pt", random_params(config)
-    export_torch_checkpoint(path, config, params, scene="eth")
+    path, model = tmp_path / "a.pt", model_of(config)
+    export_torch_checkpoint(path, model)
     theirs = torch.load(path, weights_only=True)
     assert type(theirs["g_state"]) is OrderedDict
-    state = params_to_torch(params, config)
+    state = params_to_torch(model.params["params"], config)
     assert_same({k: v.numpy() for k, v in theirs["g_state"].items()}, state)
     loaded = load_model(path)
     assert (loaded.config, loaded.dataset) == (config, "eth")
-    assert_same(loaded.params["params"], params)
+    assert_same(loaded.params, model.params)
     with pytest.raises(InputError, match=r"a\.pt: exists already"):
-        export_torch_checkpoint(path, config, params)
+        export_torch_checkpoint(path, model)
 
 
 def test_published_checkpoints_equal_torch_load(shared, torch):
