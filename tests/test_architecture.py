@@ -30,7 +30,6 @@ LATER = {
     ("data/sources.py", "simulation"),
     ("forecasting/model_folder.py", "interop"),
     ("training/loop.py", "plotting"),
-    ("training/sweep_report.py", "plotting"),
 }
 """Files that use a room to their right all the same."""
 

@@ -12,7 +12,7 @@ __all__ = ["Options", "run"]
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Compare a sweep's models with references, paired: Markdown, CSV, JSON and a forest plot."""
+    """Compare a sweep's models with references, paired by seed and scene: Markdown and CSV."""
 
     sweep: tyro.conf.Positional[Path]
     """Folder of the sweep."""
@@ -21,7 +21,7 @@ class Options:
     pred_len: int | None = None
     """Steps forecast, where the sweep has several."""
     out: Path | None = None
-    """Markdown file, .json and .png beside it; default: report.md in the sweep's folder."""
+    """Markdown file, .csv beside it; default: report.md in the sweep's folder."""
 
 
 def run(options: Options) -> None:

@@ -1,6 +1,5 @@
 from .forecasts import plot_forecasts as plot_forecasts
 from .forecasts import plot_horizon_errors as plot_horizon_errors
-from .forest import plot_forest as plot_forest
 from .style import PALETTE as PALETTE
 from .style import model_looks as model_looks
 from .style import save_figure as save_figure

@@ -43,11 +43,12 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     yield "protocol); marginal: each agent's own best. The two are not comparable."
     names = metrics_of(test_rows[0]) if test_rows else ["joint_ade", "joint_fde"]
     metrics = {name: known_metric(name) for name in names}
-    chosen: Mapping[str, Any] = {
+    chosen = {
         "joint_ade": validation["val_ade"],
         "joint_fde": validation["val_fde"],
     }
-    rows = [(f"validation, which chose step {validation['step']}", facts["samples"], chosen)]
+    label = f"validation, which chose step {validation['step']}"
+    rows: list[tuple[str, Any, Mapping[str, Any]]] = [(label, facts["samples"], chosen)]
     for row in test_rows:
         model = "this model" if row["checkpoint"] else row["model"]
         rows.append((f"test on {row['dataset']}: {model}", row["samples"], row))
@@ -82,5 +83,5 @@ def _lines(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> 
     sections = {"training": "", "network": "network: ", "environment": "environment: "}
     for section, prefix in sections.items():
         settings |= {f"{prefix}{name}": value for name, value in facts[section].items()}
-    rows = [[name, str(value)] for name, value in settings.items() if value not in (None, "")]
-    yield from ("", "## Training", "", markdown_table(["", ""], rows))
+    known = [[name, str(value)] for name, value in settings.items() if value not in (None, "")]
+    yield from ("", "## Training", "", markdown_table(["", ""], known))
