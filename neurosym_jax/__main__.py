@@ -71,10 +71,7 @@ def _usage(modules: dict[str, str]) -> str:
 
 def _summary(module: str) -> str:
     """First line of a command's docstring, read without importing the command."""
-    try:
-        spec = importlib.util.find_spec(module)
-    except ImportError:
-        spec = None
+    spec = importlib.util.find_spec(module)
     if spec is None or spec.origin is None:
         return f"(not found: {module})"
     text = Path(spec.origin).read_text(encoding="utf-8")

@@ -12,7 +12,6 @@ import json
 import math
 import types
 import typing
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -44,12 +43,10 @@ __all__ = [
 Config = TypeVar("Config")
 
 
-@dataclasses.dataclass(frozen=True)
-class Rule:
-    """A condition on the values of an annotated type."""
+class Rule(typing.NamedTuple):
+    """A condition on the values of an annotated type; in words, such as `be positive`."""
 
     words: str
-    """What a value must do, such as `be positive`."""
     holds: Callable[[Any], bool]
 
 
@@ -132,9 +129,9 @@ def parse_json(text: str | bytes, source: str) -> Any:
     """
 
     def fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        for key, count in Counter(key for key, _ in pairs).items():
-            if count > 1:
-                raise InputError(f"{source}: the key {key!r} stands twice")
+        names = [key for key, _ in pairs]
+        if twice := {key for key in names if names.count(key) > 1}:
+            raise InputError(f"{source}: the key {min(twice)!r} stands twice")
         return dict(pairs)
 
     try:
@@ -154,21 +151,18 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
     Raises:
         InputError: naming `option` for an unknown NAME, `source` for a value that does not fit.
     """
-    hints = _hints(type(config))
-    fields = to_json(config)
+    hints, fields = _hints(type(config)), to_json(config)
     for change in changes:
         path, equals, text = change.partition("=")
         name, _, inner = path.partition(".")
-        table = _table(hints.get(name))
         node: Any = fields.get(name) if inner else fields
+        node = node if isinstance(node, dict) else {}
         key = inner or name
-        if not equals or not isinstance(node, dict) or key not in node or inner == "kind":
-            own = (
-                [f"{name}.{option}" for option in node] if inner and isinstance(node, dict) else []
-            )
+        if not equals or key not in node or inner == "kind":
+            own = [f"{name}.{each}" for each in node] if inner else []
             known = ", ".join([*fields, *own])
             raise InputError(f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}")
-        value = _value(text)
+        value, table = _value(text), _table(hints[name])
         if table is not None and not inner and isinstance(value, str):
             value = to_json(component_from_text(value, table, source), table)
         node[key] = value
@@ -194,18 +188,15 @@ def component_text(component: Any, table: Registry[Any]) -> str:
 
 def differences(config: Any) -> list[str]:
     """NAME=VALUE of each field that differs from its default; the inverse of `changed`."""
-    try:
-        usual = type(config)()
-    except TypeError:  # It has a field without a default.
-        usual = None
     found = []
-    for name, hint in _hints(type(config)).items():
-        value, table = getattr(config, name), _table(hint)
-        if usual is not None and value == getattr(usual, name):
+    for field in dataclasses.fields(config):
+        value, table = getattr(config, field.name), _table(_hints(type(config))[field.name])
+        make = field.default_factory
+        if value == (make() if callable(make) else field.default):
             continue
         if table is not None and value is not None:
             value = component_text(value, table)
-        found.append(f"{name}={value if isinstance(value, str) else json.dumps(value)}")
+        found.append(f"{field.name}={value if isinstance(value, str) else json.dumps(value)}")
     return found
 
 
@@ -223,8 +214,7 @@ def _build(cls: Any, fields: Mapping[str, Any], source: str) -> Any:
 
 def _inner(value: Any, hint: Any, source: str) -> Any:
     table = _table(hint)
-    inner = [each for each in _parts(hint) if isinstance(each, type)]
-    config = next(filter(dataclasses.is_dataclass, inner), None)
+    config = next((each for each in _parts(hint) if dataclasses.is_dataclass(each)), None)
     if table is not None and isinstance(value, str):
         return component_from_text(value, table, source)
     if table is not None and isinstance(value, dict):
@@ -236,9 +226,8 @@ def _inner(value: Any, hint: Any, source: str) -> Any:
 
 def _component(fields: Mapping[str, Any], table: Registry[Any], source: str) -> Any:
     options = dict(fields)
-    kind = options.pop("kind", None)
     try:
-        cls = table[str(kind)]
+        cls = table[str(options.pop("kind", None))]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     return _build(cls, options, source)
@@ -272,8 +261,7 @@ def _misfit(value: Any, hint: Any) -> str:
     """What `value` would have to do to fit `hint`, in words; empty if it fits."""
     origin, of = typing.get_origin(hint), typing.get_args(hint)
     if origin is Annotated:
-        rules = (rule for rule in of[1:] if isinstance(rule, Rule))
-        broken = (rule.words for rule in rules if not rule.holds(value))
+        broken = (each.words for each in of[1:] if isinstance(each, Rule) and not each.holds(value))
         return _misfit(value, of[0]) or next(broken, "")
     if origin is Literal:
         return "" if value in of else f"be one of {', '.join(of)}"
@@ -282,8 +270,8 @@ def _misfit(value: Any, hint: Any) -> str:
         return " or ".join(wanted) if all(wanted) else ""
     if origin is tuple:
         fits = isinstance(value, tuple) and len(value) == len(of)
-        wrong = [_misfit(part, kind) for part, kind in zip(value, of)] if fits else [""]
-        return "" if fits and not any(wrong) else f"be {len(of)} finite numbers"
+        fits = fits and not any(_misfit(part, kind) for part, kind in zip(value, of))
+        return "" if fits else f"be {len(of)} finite numbers"
     if hint in (int, float):
         number = isinstance(value, int | hint) and not isinstance(value, bool)
         return "" if number and math.isfinite(value) else _WORDS[hint]

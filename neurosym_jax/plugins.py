@@ -12,6 +12,7 @@ import sys
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from neurosym_jax.errors import InputError, InputWarning
 
@@ -38,8 +39,7 @@ def load_entry_points() -> None:
         try:
             importlib.import_module(module)
         except Exception as error:  # Commands that do not need this package go on.
-            reason = f"{type(error).__name__}: {error}"
-            text = f"plugin {name} ({module}): cannot be imported ({reason})"
+            text = f"plugin {name} ({module}): {type(error).__name__}: {error}"
             warnings.warn(text, InputWarning, stacklevel=2)
 
 
@@ -57,8 +57,7 @@ def load_plugin(plugin: str) -> None:
     except InputError as error:
         raise InputError(f"plugin {plugin}: {error}") from None
     except Exception as error:  # A user's own code can fail in any way.
-        reason = f"{type(error).__name__}: {error}"
-        raise InputError(f"plugin {plugin}: cannot be imported ({reason})") from error
+        raise InputError(f"plugin {plugin}: {type(error).__name__}: {error}") from error
     _loaded[plugin] = None
 
 
@@ -81,9 +80,7 @@ def _load_file(path: Path) -> None:
         return
     if not path.is_file():
         raise InputError("no such file")
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
+    spec: Any = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:

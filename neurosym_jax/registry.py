@@ -25,13 +25,10 @@ class Registry(dict[str, T]):
         self.kind = kind
 
     def register(self, name: str, value: T | None = None, *, replace: bool = False) -> Any:
-        """Add `value` and return it; registering an equal value again changes nothing.
+        """Add `value` and return it; without `value`, return a decorator of the component.
 
-        Args:
-            name: letters, digits and underscores.
-            value: the component; without it, return a decorator of the component.
-            replace: replace another component of this name. This clears JAX's compilation cache,
-                which finds programs by name.
+        `replace` replaces another component of this name, and clears JAX's compilation cache, which
+        finds programs by name.
 
         Raises:
             InputError: if `name` is not an identifier or is taken by another component.
@@ -66,7 +63,7 @@ class Registry(dict[str, T]):
     def __missing__(self, name: str) -> T:
         near = difflib.get_close_matches(str(name), self, 1)
         hint = f"did you mean {near[0]!r}? " if near else ""
+        known = ", ".join(self)
         raise InputError(
-            f"unknown {self.kind} {name!r}: {hint}there are {', '.join(self)} "
-            "(--plugin FILE adds one)"
+            f"unknown {self.kind} {name!r}: {hint}there are {known} (--plugin FILE adds one)"
         )

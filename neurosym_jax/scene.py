@@ -110,10 +110,6 @@ def make_scene(
     """
     if isinstance(observed, Tracer) or isinstance(future, Tracer):
         return _traced_scene(observed, future, scene_identity(recording, frame), extras)
-    if not isinstance(recording, str) or not isinstance(frame, int | np.integer):
-        raise InputError(
-            f"a recording is a name and a frame is whole, not {recording!r}, {frame!r}"
-        )
     observed = checked_positions("observed", observed)
     origin = centre(observed[:, -1])
     dtype = model_dtype()
@@ -137,9 +133,7 @@ def make_scene(
     )
 
 
-def _traced_scene(
-    observed: Any, future: Any, identity: np.ndarray, extras: Mapping[str, Any]
-) -> Scene:
+def _traced_scene(observed: Any, future: Any, identity: np.ndarray, extras: Mapping) -> Scene:
     observed = jnp.asarray(observed)
     origin = jax.lax.stop_gradient(centre(observed[:, -1]))
     return Scene(
@@ -176,14 +170,8 @@ def displacements(positions: np.ndarray) -> np.ndarray:
 
 
 def pad_scene(scene: Scene, agents: int) -> Scene:
-    """Pad a scene to `agents` slots; added slots are not valid and hold zeros.
-
-    Raises:
-        InputError: if the scene has more agents.
-    """
+    """Pad a scene to `agents` slots; added slots are not valid and hold zeros."""
     extra = agents - len(np.asarray(scene.valid))
-    if extra < 0:
-        raise InputError(f"a scene of {agents - extra} agents does not fit {agents} slots")
 
     def pad(array):
         array = np.asarray(array)
@@ -207,25 +195,20 @@ def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
     """`positions [N, T, 2]` in float64; messages call them `name`.
 
     Raises:
-        InputError: for a wrong shape, no agent, or a coordinate that is masked, not finite or
-            beyond `FAR`.
+        InputError: for a wrong shape, no agent, or a coordinate that is masked or beyond `FAR`.
     """
+    if np.ma.is_masked(positions):
+        raise InputError(f"{name}: some coordinates are masked; leave out these agents")
     try:
-        if type(positions) is not np.ndarray and np.ma.array(positions).mask.any():
-            raise InputError(f"{name}: some coordinates are masked; leave out these agents")
         positions = np.asarray(positions).astype(np.float64, casting="same_kind")
-    except InputError:
-        raise
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: not an array of numbers ({str(error)[:60]})") from None
     if positions.ndim != 3 or positions.shape[2] != 2:
         raise InputError(f"{name} must be [agents, steps, 2], not {list(positions.shape)}")
     if len(positions) == 0:
         raise InputError(f"{name}: a scene needs at least one agent")
-    if not np.isfinite(positions).all():
-        agent, step, _ = np.argwhere(~np.isfinite(positions))[0]
-        raise InputError(f"{name}: agent {agent}, step {step} is not finite")
-    if np.abs(positions).max() > FAR:
-        agent, step, _ = np.argwhere(np.abs(positions) > FAR)[0]
-        raise InputError(f"{name}: agent {agent}, step {step} is more than {FAR:g} m away")
+    wrong = np.argwhere(~(np.abs(positions) <= FAR))
+    if len(wrong):
+        agent, step, _ = wrong[0]
+        raise InputError(f"{name}: agent {agent}, step {step} is not finite, or beyond {FAR:g} m")
     return positions

@@ -16,10 +16,7 @@ from neurosym_jax.training.recipe import RECIPES, TrainConfig
     "config",
     [
         GeneratorConfig(),
-        GeneratorConfig(pooling="none", noise_dim=0, pred_len=12),
         GeneratorConfig(pooling="social,neighborhood_size=3", pool_every_timestep=True),
-        GeneratorConfig(noise_type="uniform", noise_mix_type="ped"),
-        GeneratorConfig(pooling="as_described"),
         GeneratorConfig(pooling="neurosym_ros", weighting=Soft(learned=True)),
         DiscriminatorConfig(kind="local"),
         *RECIPES.values(),
@@ -54,11 +51,9 @@ def test_defaults_are_those_of_the_published_checkpoints():
         ({"format": 1}, "unknown field 'format'"),
         ({"poolling": "none"}, "unknown field 'poolling' for GeneratorConfig"),
         ({"pooling": "mean"}, "unknown pooling 'mean': there are none, pool_net, social"),
-        ({"obs_len": "8"}, "obs_len must be a whole number, not '8'"),
         ({"obs_len": 8.0}, "obs_len must be a whole number, not 8.0"),
         ({"obs_len": True}, "obs_len must be a whole number, not True"),
         ({"pool_every_timestep": 1}, "pool_every_timestep must be true or false, not 1"),
-        ({"pooling": "social,neighborhood_size=x"}, "neighborhood_size must be a finite number"),
         ({"pooling": "social,neighborhood_size=NaN"}, "neighborhood_size must be a finite number"),
         ({"pooling": {"kind": "social", "grid_size": 0}}, "pooling: grid_size must be at least 1"),
         ({"pooling": {"grid_size": 1}}, "pooling: unknown pooling 'None'"),
@@ -66,9 +61,8 @@ def test_defaults_are_those_of_the_published_checkpoints():
         ({"pooling": 3}, "pooling must be a Pooling, not 3"),
         ({"cell": "gru"}, "unknown cell 'gru': there are lstm"),
         ({"period": 0}, "period must be positive"),
-        ({"pred_len": 0}, "pred_len must be at least 1, not 0"),
         ({"noise_dim": 32}, "noise_dim must lie in"),
-        ({"noise_dim": -1}, "noise_dim must be at least 0"),
+        ({"pooling": "neurosym_ijcnn", "pool_every_timestep": True}, "needs a pooling other than"),
         ({"noise_mix_type": "each"}, "noise_mix_type must be one of global, ped, not 'each'"),
         ({"pooling": "none", "pool_every_timestep": True}, "needs a pooling other than 'none'"),
         ({"weighting": "ones"}, "has no symbols"),
@@ -84,24 +78,16 @@ def test_refused_with_the_name_of_its_source(change, message):
     ("change", "message"),
     [
         ({"seed": -1}, "seed must lie in"),
-        ({"steps": 0}, "steps must be at least 1, not 0"),
-        ({"batch_scenes": 0}, "batch_scenes must be at least 1, not 0"),
         ({"max_agents": 0}, "max_agents must be at least 1 or be null, not 0"),
-        ({"best_k": 0}, "best_k must be at least 1, not 0"),
-        ({"validate_every": 0}, "validate_every must be at least 1, not 0"),
         ({"warmup_steps": -1}, "warmup_steps must be at least 0, not -1"),
         ({"clip_norm": float("nan")}, "clip_norm must be a finite number, not nan"),
         ({"fde_weight": -0.5}, "fde_weight must be at least 0"),
         ({"learning_rate": -0.01}, "learning_rate must be positive, not -0.01"),
-        ({"d_learning_rate": float("inf")}, "d_learning_rate must be a finite number, not inf"),
         ({"ema": 1.0}, r"ema must lie in \[0, 1\), not 1.0"),
         ({"scale": -0.1}, r"scale must lie in \[0, 1\)"),
         ({"label_real": (1.2, 0.7)}, r"label_real must be low, high, not \(1.2, 0.7\)"),
-        ({"label_fake": (0.0, float("nan"))}, "label_fake must be 2 finite numbers"),
         ({"label_fake": 0.0}, "label_fake must be 2 finite numbers, not 0.0"),
         ({"schedule": "cosin"}, "schedule must be one of constant, cosine, not 'cosin'"),
-        ({"criterion": "best"}, "criterion must be one of squared_displacement, distance"),
-        ({"steps": True}, "steps must be a whole number, not True"),
         ({"rotate": 2.0}, r"rotate must lie in \[0, 1\], not 2.0"),
         ({"discriminator": {}}, "discriminator must be a DiscriminatorConfig, not {}"),
     ],
@@ -111,37 +97,10 @@ def test_recipes_that_would_fail_late(change, message):
         dataclasses.replace(TrainConfig(), **change)
 
 
-def test_the_published_recipe_does_not_smooth_fake_labels():
-    assert RECIPES["sgan"].label_fake == (0.0, 0.0)
-    assert RECIPES["sgan"].label_real == (0.7, 1.2)
-
-
-def test_a_discriminator_has_units_and_a_kind():
-    with pytest.raises(InputError, match="h_dim must be at least 1"):
-        DiscriminatorConfig(h_dim=0)
-    kind: Any = "globl"
-    with pytest.raises(InputError, match="kind must be one of global, local, not 'globl'"):
-        DiscriminatorConfig(kind=kind)
-
-
 @pytest.mark.parametrize("text", ["{", "[1]", "null", "3", ""])
 def test_not_an_object(text):
     with pytest.raises(InputError, match=r"^here: not "):
         from_json(GeneratorConfig, text, "here")
-
-
-def test_what_needs_a_context_perceptron():
-    none = GeneratorConfig(pooling="none")
-    assert none.needs_context_mlp
-    assert not dataclasses.replace(none, noise_dim=0).needs_context_mlp
-    assert dataclasses.replace(none, noise_dim=0, encoder_h_dim=48).needs_context_mlp
-    assert dataclasses.replace(none, noise_dim=0, pooling="pool_net").needs_context_mlp
-
-
-def test_a_period_is_positive():
-    for period in (0, -1.0, float("nan")):
-        with pytest.raises(InputError, match=r"period must be (positive|a finite number)"):
-            GeneratorConfig(period=period)
 
 
 def test_changes_of_components():

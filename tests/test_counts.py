@@ -5,11 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-
-from benchmarks.counts import collision_share
-from neurosym_jax.evaluation import collision
 
 ROOT = Path(__file__).parents[1]
 
@@ -31,10 +27,3 @@ def test_no_count_has_grown():
     # A hundredth, because versions of jax write the same arithmetic a little differently.
     grown = {name: found[name] for name in found if found[name] > 1.01 * baseline[name]}
     assert not grown, f"was {baseline}; if it must be: python -m benchmarks.counts --write"
-
-
-def test_collisions_cost_little_of_a_forecast(monkeypatch):
-    share = collision_share()
-    assert 0.01 < share < 0.25
-    monkeypatch.setattr(collision, "REACH", np.inf)
-    assert collision_share() > 3 * share

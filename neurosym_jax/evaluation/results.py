@@ -158,10 +158,10 @@ def each_result(
     """
     total = sum(len(test.entries) for test in tests)
     results = _here(tests, settings) if pool is None else _over(pool, tests, settings)
-    with Progress(total, "evaluating", "model") as progress:
-        for result in results:
-            progress.step(f"{result.name} on {result.test_set.dataset}")
-            yield result
+    progress = Progress(total)
+    for result in results:
+        progress.step(f"{result.name} on {result.test_set.dataset}")
+        yield result
 
 
 def _here(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:

@@ -1,15 +1,19 @@
-"""The environment that a run's bits depend on: versions, threads, instruction set."""
+"""What a result's bits depend on: versions, threads, device; and its provenance."""
 
+import hashlib
 import importlib.metadata
 import os
 import platform
+import shlex
 import subprocess
+import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import jax
 
-__all__ = ["code_version", "cpu_cores", "cpu_threads", "run_environment"]
+__all__ = ["code_version", "cpu_cores", "provenance", "run_environment"]
 
 _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
 
@@ -20,12 +24,32 @@ def run_environment() -> dict[str, Any]:
     return {
         "python": platform.python_version(),
         **{name: importlib.metadata.version(name) for name in _PACKAGES},
-        "threads": cpu_threads(),
+        # By XLA's own rule.
+        "threads": int(os.environ.get("PJRT_NPROC") or os.environ.get("NPROC") or cpu_cores()),
         "cpu": _instruction_set(),
         "platform": device.platform,
         "device": device.device_kind,
         "x64": bool(jax.config.read("jax_enable_x64")),
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
+    }
+
+
+def provenance(
+    data: Iterable[Path | str] = (), models: Iterable[Path | str] = ()
+) -> dict[str, Any]:
+    """Version, commit, command line, SHA-256 of files by path, and the environment; JSON-able.
+
+    Args:
+        data: files that were read.
+        models: files, or folders, whose files are listed.
+    """
+    return {
+        "version": importlib.metadata.version("neurosym-jax"),
+        "commit": code_version(),
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "data": _digests(data),
+        "checkpoints": _digests(models),
+        "environment": run_environment(),
     }
 
 
@@ -36,18 +60,9 @@ def code_version() -> str | None:
         return None
     command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+        return subprocess.check_output(command, text=True, timeout=30).strip() or None
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip() or None
-
-
-def cpu_threads() -> int:
-    """The size of XLA's thread pool on a CPU, by its own rule."""
-    for name in ("PJRT_NPROC", "NPROC"):
-        if os.environ.get(name, "").isdecimal():
-            return int(os.environ[name])
-    return cpu_cores()
 
 
 def cpu_cores() -> int:
@@ -59,11 +74,18 @@ def cpu_cores() -> int:
 
 def _instruction_set() -> str:
     """The architecture and, on Linux, its widest vector extension."""
-    machine = platform.machine()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return machine
-    flags = {f for line in lines if line.startswith(("flags", "Features")) for f in line.split()}
+    info = Path("/proc/cpuinfo")
+    known = set(info.read_text().split()) if info.exists() else set()
     widest = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
-    return next((f"{machine} {name}" for name in widest if name in flags), machine)
+    return " ".join([platform.machine(), *[name for name in widest if name in known][:1]])
+
+
+def _digests(paths: Iterable[Path | str]) -> dict[str, str]:
+    """SHA-256 in hexadecimal, as `sha256sum` prints it, of each file that is there."""
+    found = {}
+    for path in dict.fromkeys(map(Path, paths)):
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            if file.is_file():
+                with file.open("rb") as content:
+                    found[str(file)] = hashlib.file_digest(content, "sha256").hexdigest()
+    return found

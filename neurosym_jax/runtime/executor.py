@@ -43,10 +43,12 @@ def executor(jobs: int | None = None, cluster: str | None = None) -> Iterator[Ex
         return
     if jobs is not None and jobs < 1:
         raise InputError(f"--jobs must be at least 1, not {jobs}")
+    from neurosym_jax.runtime.environment import cpu_cores
+
     before = set(multiprocessing.active_children())
     # Forked processes would share the threads and locks of JAX, which they do not have.
     spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(jobs or _cores(), spawn, _begin_process)
+    pool = ProcessPoolExecutor(jobs or cpu_cores(), spawn, _begin_process)
     try:
         yield _WithPlugins(pool)
     except BaseException:
@@ -107,12 +109,5 @@ def _dask_client(address: str) -> Any:
     except (OSError, ValueError) as error:
         raise InputError(f"--cluster {address}: no Dask scheduler answers ({error})") from None
     threads: Any = client.nthreads()
-    workers = f"{len(threads)} workers, {sum(threads.values())} threads"
-    print(f"cluster: {workers if threads else 'no worker yet'}", file=sys.stderr)
+    print(f"cluster: {len(threads)} workers", file=sys.stderr)
     return client
-
-
-def _cores() -> int:
-    from neurosym_jax.runtime.environment import cpu_cores
-
-    return cpu_cores()

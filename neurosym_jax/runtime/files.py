@@ -33,10 +33,7 @@ __all__ = [
 def new_file(path: Path | str) -> Iterator[Path]:
     """Path of a temporary file that replaces `path` on exit; an error removes it.
 
-    A missing folder is made.
-
-    Raises:
-        InputError: if `path` cannot be written.
+    A missing folder is made. Where `path` cannot be written, an `InputError` says why.
     """
     path = Path(path)
     with _in_words(path):
@@ -78,33 +75,20 @@ def new_folder(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Replace `path` by `text` in UTF-8.
-
-    Raises:
-        InputError: if `path` cannot be written.
-    """
+    """Replace `path` by `text` in UTF-8."""
     with new_file(path) as beside:
         beside.write_text(text, encoding="utf-8")
 
 
 def append_text(path: Path | str, text: str) -> None:
-    """Append `text` to a log; a killed process may leave a part of it.
-
-    Raises:
-        InputError: if `path` cannot be written.
-    """
+    """Append `text` to a log; a killed process may leave a part of it."""
     path = Path(path)
     with _in_words(path), path.open("a", encoding="utf-8") as file:
         file.write(text)
 
 
 def write_json(path: Path | str, data: Any) -> None:
-    """Replace `path` by `data` in strict JSON.
-
-    Raises:
-        InputError: if `path` cannot be written.
-        ValueError: for a NaN or an infinity in `data`.
-    """
+    """Replace `path` by `data` in strict JSON: a ValueError for a NaN or an infinity."""
     write_text(path, json.dumps(data, indent=1, allow_nan=False) + "\n")
 
 
@@ -120,7 +104,7 @@ def folder_digest(folder: Path, without: str = "") -> str:
 
 
 def refuse_unwritable(path: Path | str) -> None:
-    """Refuse a path that cannot be written, before the work and not after it.
+    """Refuse a path that cannot be written, before the work; its folder is made.
 
     Raises:
         InputError: naming `path` and the reason.
@@ -129,14 +113,8 @@ def refuse_unwritable(path: Path | str) -> None:
     with _in_words(path):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
-        folder = path.parent
-        while not folder.exists() and folder != folder.parent:
-            folder = folder.parent
-        if not folder.is_dir():
-            raise NotADirectoryError(errno.ENOTDIR, f"{folder} is not a folder")
-        with contextlib.suppress(FileNotFoundError):
-            path.stat()  # A name that is too long is refused here.
-        with tempfile.TemporaryFile(dir=folder):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path.parent):
             pass
 
 

@@ -1,6 +1,5 @@
 """Refuse an allocation that cannot fit before it is tried, and name the option to lower."""
 
-import os
 from pathlib import Path
 
 from neurosym_jax.errors import InputError
@@ -9,29 +8,19 @@ __all__ = ["available_memory", "refuse_beyond_memory"]
 
 
 def available_memory() -> float:
-    """Bytes available without swapping; the machine's total where only that is known."""
-    try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        fields = dict(line.split(":") for line in lines)
-        return 1024.0 * int(fields["MemAvailable"].split()[0])
-    except (OSError, KeyError, ValueError):
-        pass
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):
+    """Bytes available without swapping; infinite where that is not known."""
+    info = Path("/proc/meminfo")
+    if not info.exists():
         return float("inf")
+    fields = dict(line.split(":") for line in info.read_text().splitlines())
+    return 1024.0 * int(fields["MemAvailable"].split()[0])
 
 
 def refuse_beyond_memory(what: str, needed: float, remedy: str) -> None:
-    """Refuse work that needs more memory than is available.
-
-    Args:
-        what: the work, for people.
-        needed: bytes.
-        remedy: the option to lower, for people.
+    """Refuse work that needs more bytes than are available.
 
     Raises:
-        InputError: naming both sizes and the remedy.
+        InputError: naming the work, both sizes and the remedy.
     """
     there = available_memory()
     if needed > there:

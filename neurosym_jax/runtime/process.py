@@ -1,4 +1,4 @@
-"""Settings of this process: compilation cache, compile times, memory allocator and XLA flags.
+"""Settings of this process: compilation cache, memory allocator and XLA flags.
 
 Scripts and commands switch these on, never `import neurosym_jax`.
 """
@@ -10,13 +10,7 @@ from pathlib import Path
 
 import jax
 
-__all__ = [
-    "COMPILED_QUICKLY",
-    "cache_folder",
-    "compile_seconds",
-    "enable_compilation_cache",
-    "tune",
-]
+__all__ = ["COMPILED_QUICKLY", "cache_folder", "enable_compilation_cache", "tune"]
 
 _LEVEL = "xla_backend_optimization_level"
 COMPILED_QUICKLY = {} if _LEVEL in os.environ.get("XLA_FLAGS", "") else {_LEVEL: 1}
@@ -26,28 +20,6 @@ compiled sooner, with the same bits. Empty where `XLA_FLAGS` sets the optimisati
 _VECTORS = "--xla_cpu_prefer_vector_width"
 _TRIM_THRESHOLD, _MMAP_MAX, _ARENA_MAX = -1, -4, -8
 """Parameters of mallopt in glibc's malloc.h."""
-
-_COMPILE_EVENTS = (
-    "/jax/core/compile/jaxpr_trace_duration",
-    "/jax/core/compile/jaxpr_to_mlir_module_duration",
-    "/jax/core/compile/backend_compile_duration",
-)
-
-_compiled = 0.0
-
-
-def _count(event: str, duration_secs: float, **kwargs: str | int) -> None:
-    global _compiled
-    if event in _COMPILE_EVENTS:
-        _compiled += duration_secs
-
-
-jax.monitoring.register_event_duration_secs_listener(_count)
-
-
-def compile_seconds() -> float:
-    """Seconds this process has spent tracing and compiling since this module was imported."""
-    return _compiled
 
 
 def cache_folder() -> Path | None:

@@ -25,10 +25,9 @@ from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded
-from neurosym_jax.runtime.environment import cpu_cores
+from neurosym_jax.runtime.environment import cpu_cores, provenance
 from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.runtime.progress import Progress
-from neurosym_jax.runtime.provenance import provenance
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.network import (
     ANCHORS,
@@ -179,11 +178,8 @@ def run_sweep(sweep: Sweep, runs: Sequence[SweepRun], jobs: int | None = None) -
     refuse_unwritable(out / "sweep.json")
     left = [run for run in runs if not run.finished()]
     print(f"{len(runs)} runs, {len(runs) - len(left)} of them finished before")
-    failed = 0
-    with (
-        Progress(len(left), "training", "run") as progress,
-        ThreadPoolExecutor(jobs or cpu_cores()) as pool,
-    ):
+    progress, failed = Progress(len(left)), 0
+    with ThreadPoolExecutor(jobs or cpu_cores()) as pool:
         tasks = {pool.submit(_train, run): run for run in left}
         for task in as_completed(tasks):
             progress.step(tasks[task].folder.name)

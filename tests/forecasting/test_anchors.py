@@ -1,7 +1,5 @@
 """Anchors as a forecaster: probabilities, numbers of samples, and all the ways to ask for them."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +13,6 @@ from neurosym_jax.forecasting.anchors import initial_anchors, spread_of
 from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
 from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.model import Model, predict, predict_distribution
-from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.anchor_table import AnchorTableConfig
 from neurosym_jax.models.anchors import AnchorConfig
 
@@ -107,31 +104,6 @@ def test_probabilities_count_in_scores(model, windows):
     assert found.samples == 5
     assert found.mean("central_ade") == pytest.approx(one.mean("joint_ade"), rel=1e-4)
     assert found.mean("joint_ade") < one.mean("joint_ade")
-
-
-def test_online_the_most_probable_sample_is_central(model, windows):
-    online = pytest.importorskip("neurosym_robot.online.predictor")
-    predictor = online.Predictor(model, max_people=4, samples=5, compile="needed")
-    forecast = None
-    for step in range(8):
-        forecast = predictor.push(0.4 * step, np.arange(3), windows.position[:3, step])
-    assert forecast is not None
-    found = forecast.models[model.name]
-    futures, probability = predict_distribution(model, windows.position[:3, :8], samples=5)
-    np.testing.assert_allclose(found.samples, futures, atol=1e-5)
-    np.testing.assert_allclose(found.probability, probability, atol=1e-5)
-    assert found.central == probability.argmax()
-    np.testing.assert_allclose(found.mean, np.tensordot(probability, futures, axes=1), atol=1e-4)
-
-
-def test_a_model_comes_back_from_its_folder(model, tmp_path):
-    save_model(tmp_path / "model", model)
-    loaded = load_model(tmp_path / "model")
-    assert (loaded.kind, loaded.config) == ("anchors", model.config)
-    assert loaded.name == "anchors, learned"
-    broken = dataclasses.replace(model, config=AnchorConfig(pred_len=4, samples=6, hidden=8))
-    with pytest.raises(InputError, match="another network"):
-        save_model(tmp_path / "other", broken)
 
 
 def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):

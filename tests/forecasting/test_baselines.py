@@ -44,9 +44,3 @@ def test_sampled_heading():
     # Each agent turns by its own.
     assert np.abs(np.corrcoef(angle[..., 0].T) - np.eye(3)).max() < 0.03
     assert_allclose(angle[..., 0], HEADING_STD * noise[..., 0], atol=1e-4)
-
-
-def test_standing_people_stay():
-    scene = make_scene(np.ones((2, 8, 2))).replace(origin=None)
-    noise = np.ones((3, 2, 1), np.float32)
-    assert not ConstantVelocitySampled(Lengths(pred_len=4)).forecast((), scene, noise).any()

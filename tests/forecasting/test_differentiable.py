@@ -60,15 +60,6 @@ def test_padding_and_a_batch_change_nothing(soft):
     assert_allclose(batch, np.stack([found, found + 2.0]), atol=1e-5)
 
 
-def test_an_alpha_of_ones_own(soft):
-    own = soft.config.weighting.alpha(soft.params["weighting"], OBSERVED)
-    found = FORECAST(soft.config, soft.params, OBSERVED, NOISE)
-    given = FORECAST(soft.config, soft.params, OBSERVED, NOISE, own)
-    assert_allclose(given, found, atol=1e-6)
-    other = FORECAST(soft.config, soft.params, OBSERVED, NOISE, 0.5 + jnp.zeros_like(own))
-    assert np.abs(other - found).max() > 1e-4
-
-
 @pytest.mark.parametrize("given", [False, True], ids=["own", "given"])
 def test_gradients(soft, given):
     """By the learned threshold (or by an alpha that is given), positions and noise."""

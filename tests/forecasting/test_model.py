@@ -1,6 +1,5 @@
 """What must not change a forecast: padding, order, batches, the map's origin, the number type."""
 
-import dataclasses
 import functools
 from typing import Any
 
@@ -123,12 +122,6 @@ def test_order_of_scenes_and_company(name):
     assert_same(mine, reference(name))
 
 
-@EACH
-def test_kilometres_away(name):
-    there = cut(crowd(shift=tuple(UTM)))
-    assert_same(forecasts(random_model(name), there), reference(name))
-
-
 @pytest.mark.parametrize("name", ["pool_net", "every step", "noise of agents"])
 def test_predict_is_the_evaluation_of_one_scene(name):
     windows = cut(crowd())
@@ -193,24 +186,6 @@ def test_padding_and_permutation(name):
     assert_allclose(forecast(observed, 64), plain, rtol=0, atol=1e-5)
     if not model.forecaster.noise.per_agent:
         assert_allclose(forecast(observed[order], 3), plain[:, order], rtol=0, atol=1e-5)
-
-
-def test_fewer_samples_are_the_first_ones():
-    name = "noise of agents"
-    found = forecasts(random_model(name), cut(crowd()), samples=2)
-    assert_same(found, {key: forecast[:2] for key, forecast in reference(name).items()})
-
-
-def test_float64():
-    name = "social"
-    with jax.enable_x64(True):
-        model = random_model(name)
-        wide = dataclasses.replace(
-            model, params=jax.tree.map(lambda leaf: leaf.astype(np.float64), model.params)
-        )
-        found = forecasts(wide, cut(crowd()))
-    assert {forecast.dtype for forecast in found.values()} == {np.dtype(np.float64)}
-    assert_same(found, reference(name), atol=1e-4)
 
 
 def test_seed_and_identity_act():

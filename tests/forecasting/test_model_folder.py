@@ -162,16 +162,6 @@ def test_nothing_is_overwritten(saved, tmp_path):
         save_model(tmp_path / "file" / "new", MODEL)
 
 
-def test_after_an_error_nothing_is_left(tmp_path, monkeypatch):
-    def full(path):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("neurosym_jax.runtime.files.sync", full)
-    with pytest.raises(InputError, match=r"new: cannot be written \(No space"):
-        save_model(tmp_path / "new", MODEL)
-    assert not list(tmp_path.iterdir())
-
-
 def test_what_is_no_model(tmp_path):
     assert "no such checkpoint" in refusal(tmp_path / "absent")
     assert "it has no config.json" in refusal(tmp_path)

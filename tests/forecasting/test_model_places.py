@@ -6,7 +6,6 @@ import pytest
 
 from neurosym_jax import load_model
 from neurosym_jax.commands.models import Options, run
-from neurosym_jax.data.published import licences_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.test_sets import baselines_of
 from neurosym_jax.forecasting import model_places
@@ -120,11 +119,3 @@ def test_the_anchor_table_is_a_baseline_where_it_ships(shipped):
     assert names(["anchor_table"], 12, "zara1") == ["anchor_table"]
     with pytest.raises(InputError, match="it has parameters to learn, and none ships"):
         names(["anchor_table"], 12, "eth")
-
-
-def test_licences():
-    assert licences_of(["ETH/UCY", "sdd", "mine"]) == {
-        "ETH/UCY": "unstated",
-        "SDD": "CC BY-NC-SA 3.0",
-        "mine": "unstated",
-    }

@@ -72,7 +72,3 @@ def test_distributions():
     assert abs(uniform.std() - 3**-0.5) < 0.01
     assert -1 <= uniform.min() < -0.999
     assert 0.999 < uniform.max() < 1
-
-
-def test_no_noise():
-    assert draw_noise(NoiseSpec(), 0, IDENTITY, 3, 4).shape == (3, 3, 0)

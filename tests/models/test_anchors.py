@@ -74,21 +74,6 @@ def test_neighbours_are_seen_within_the_radius_only(network, people):
     assert jnp.abs(beside(1.0) - alone).max() > 0.05
 
 
-def test_alpha_multiplies_the_attention(network, people):
-    apply, _ = network
-    seen, ones, none = (
-        apply(people, VALID, alpha)[0] for alpha in (None, jnp.ones((6, 6)), jnp.zeros((6, 6)))
-    )
-    np.testing.assert_array_equal(seen, ones)
-    assert jnp.abs(none - seen).max() > 0.01
-    # With alpha 0 a neighbour's way makes no difference.
-    turned = people.at[1:, :-1].set(people[1:, -1:])
-    np.testing.assert_allclose(
-        apply(turned, VALID, jnp.zeros((6, 6)))[0][:, 0], none[:, 0], atol=1e-5
-    )
-    assert jnp.abs(apply(turned, VALID)[0][:, 0] - seen[:, 0]).max() > 0.01
-
-
 @pytest.mark.parametrize(("geometry", "symbols"), [(0, 0), (0, 1), (1, 0)])
 def test_what_the_attention_sees(people, geometry, symbols):
     """With symbols alone a neighbour's speed is unseen; with neither, the neighbour."""
@@ -144,9 +129,3 @@ def test_gradients_are_finite_where_people_stand_on_one_spot(network):
 def test_refusals(config, options, message):
     with pytest.raises(InputError, match=message):
         config(**options)
-
-
-def test_the_table_has_961_numbers():
-    init = AnchorTable(AnchorTableConfig(pred_len=12)).init
-    params = jax.eval_shape(init, jax.random.key(0), jnp.zeros((1, 8, 2)), jnp.ones(1, bool))
-    assert sum(leaf.size for leaf in jax.tree.leaves(params)) == 961

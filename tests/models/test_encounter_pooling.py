@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.errors import InputError
-from neurosym_jax.models.encounter import Encounter, _EncounterNetwork
+from neurosym_jax.models.encounter import _EncounterNetwork
 
 N, T, B = 6, 5, 8
 RNG = np.random.default_rng(0)
@@ -69,29 +68,9 @@ def test_alpha_is_of_the_pair_and_of_the_last_step(pool):
     assert_array_equal(difference[np.arange(N) != 2], 0)
 
 
-def test_only_ratios_of_alpha_count(pool):
-    ones = np.ones_like(ALPHA)
-    assert_allclose(pool(alpha=ones / 15), pool(alpha=ones), atol=1e-6)
-    assert np.abs(pool() - pool(alpha=ones)).max() > 0.01
-
-
-def test_who_weighs_nothing_is_not_there(pool):
-    heard = np.array([True, True, False, True, True, True])
-    silent = np.ones_like(ALPHA) * heard[None, :, None]
-    assert_allclose(
-        pool(alpha=silent)[heard], pool(valid=heard, alpha=np.ones_like(ALPHA))[heard], atol=1e-6
-    )
-    assert_array_equal(pool(alpha=-ALPHA), 0)
-
-
 def test_a_turned_scene_has_turned_pushes_and_the_same_numbers(pool):
     turn = np.array([[0.6, -0.8], [0.8, 0.6]], "f4")
     turned = pool(OBSERVED @ turn.T + np.float32(3))
     pushes = pool()[:, : B // 2].reshape(N, -1, 2) @ turn.T
     assert_allclose(turned[:, : B // 2].reshape(pushes.shape), pushes, atol=1e-4)
     assert_allclose(turned[:, B // 2 :], pool()[:, B // 2 :], atol=1e-4)
-
-
-def test_a_width_that_does_not_divide_is_refused():
-    with pytest.raises(InputError, match="multiple of 4"):
-        Encounter(bottleneck_dim=6)

@@ -140,22 +140,6 @@ def test_against_the_unfolded_chain(config):
     assert np.abs(wanted).max() > 0.05
 
 
-def test_gradients_of_coincident_and_standing_people():
-    config = CONFIGS["every step"]
-    scene = make_scene(np.zeros((3, config.obs_len, 2)))
-    noise = np.zeros(config.noise_dim, np.float32)
-    params = random_params(Generator(config), scene, noise)
-
-    @jax.jit
-    @jax.grad
-    def gradient(params):
-        return (Generator(config).apply(params, scene, noise) ** 2).sum()
-
-    leaves = jax.tree.leaves(gradient(params))
-    assert all(np.isfinite(leaf).all() for leaf in leaves)
-    assert any(leaf.any() for leaf in leaves)
-
-
 def test_noise_of_each_agent_acts_on_that_agent():
     config = CONFIGS["pool_net"]
     scene = example(config)

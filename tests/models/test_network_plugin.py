@@ -73,13 +73,6 @@ def test_what_is_refused():
         GeneratorConfig(pooling="nearest,warmth=1")
 
 
-def test_its_option_changes_forecasts_of_people_in_company_alone():
-    near, far = (random_model(pooling=f"nearest,temperature={t}") for t in (0.5, 5))
-    apart = np.abs(predict(near, WALKS) - predict(far, WALKS)).max(axis=(0, 2, 3))
-    assert apart.min() > 1e-4
-    assert_allclose(predict(near, WALKS[:1]), predict(far, WALKS[:1]), atol=1e-6)
-
-
 def sigmoid(x):
     return 1 / (1 + np.exp(-x))
 

@@ -50,16 +50,3 @@ def test_value_and_gradient_are_those_of_the_formula():
     for one, other in zip(found, wanted):
         assert np.abs(other).max() > 0.1
         assert_allclose(one, other, atol=1e-5)
-
-
-def test_of_equals_the_first_learns():
-    twins = np.ones((AGENTS, 3), np.float32)
-    gradient = jax.grad(lambda neighbours: pooled(*arguments(neighbours)).sum())(twins)
-    assert np.abs(gradient[0]).max() > 0
-    assert not np.asarray(gradient[1:]).any()
-
-
-def arguments(neighbours):
-    pairs = np.zeros((AGENTS, AGENTS, 2), np.float32)
-    shared, kernel = np.ones((5, HIDDEN), np.float32), np.ones((HIDDEN, OUTPUTS), np.float32)
-    return shared, np.zeros((AGENTS, 3)), neighbours, pairs, kernel, np.zeros(OUTPUTS)

@@ -1,7 +1,7 @@
 import jax
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.models.social import _GridNetwork
@@ -101,24 +101,3 @@ def test_gradients_where_people_coincide(module):
     gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2)))(params, HIDDEN, positions)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
     assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
-
-
-def test_the_edge_of_the_neighbourhood_is_outside():
-    """|offset| = side / 2 is excluded, an offset of zero falls right of and below the centre."""
-    module = _GridNetwork(h_dim=1, grid_size=2, neighborhood_size=2.0)
-    kernel = np.eye(4, 1, -3, np.float32)  # The last cell: right and below.
-    params = {"params": {"mlp": {"layer_0": {"kernel": kernel, "bias": np.zeros(1, np.float32)}}}}
-    hidden = np.ones((2, 1), np.float32)
-
-    def of_first(offset):
-        positions = np.array([[0, 0], offset], np.float32)
-        return float(jax.jit(module.apply)(params, hidden, positions, np.ones(2, bool))[0, 0])
-
-    assert [of_first(offset) for offset in ([0, 0], [0.5, -0.5], [1, -0.5], [0.5, -1])] == [
-        1,
-        1,
-        0,
-        0,
-    ]
-    assert [of_first(offset) for offset in ([-0.5, -0.5], [0.5, 0.5])] == [0, 0]
-    assert_array_equal(kernel.ravel(), [0, 0, 0, 1])

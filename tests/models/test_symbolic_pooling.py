@@ -113,14 +113,6 @@ def test_ijcnn_embeds_zero_and_takes_one_row_an_agent():
     )
 
 
-def test_ijcnn_refuses_weights_of_pairs():
-    module = _IjcnnNetwork(*SIZES)
-    params = with_random_params(module)
-    for alpha in (ALPHA, ALPHA[:1, :1]):
-        with pytest.raises(InputError, match="does not weight pairs"):
-            pool(module, params, alpha=alpha)
-
-
 @EACH
 def test_gradients_where_people_coincide(module):
     params = with_random_params(module)
@@ -132,22 +124,6 @@ def test_gradients_where_people_coincide(module):
     gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, HIDDEN, zeros, ALPHA)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
     assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
-
-
-@EACH
-def test_somebody_alone_and_nobody(module):
-    params = with_random_params(module)
-    alone = pool(module, params, HIDDEN[:1], OBSERVED[:1], ALL[:1], np.zeros((1, 1, T)))
-    wanted = literally(params, lambda i, j: np.zeros((T, E)), hidden=HIDDEN[:1])
-    assert_allclose(alone, wanted, atol=1e-5)
-    padded = pool(module, params, valid=np.arange(N) == 0, alpha=0 * ALPHA)
-    assert_allclose(padded[:1], alone, atol=1e-6)
-    assert np.isfinite(pool(module, params, valid=~ALL)).all()
-
-
-def test_the_first_release_has_no_symbols_of_predicted_steps():
-    with pytest.raises(InputError, match="needs a pooling other than 'neurosym_ijcnn'"):
-        GeneratorConfig(pooling="neurosym_ijcnn", pool_every_timestep=True)
 
 
 def test_a_missing_alpha_is_named():

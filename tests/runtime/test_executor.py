@@ -28,11 +28,11 @@ def test_tasks_run_in_single_threaded_processes():
 
 
 def test_a_task_has_the_plugins_of_its_caller(tmp_path, monkeypatch):
-    plugin = tmp_path / "mine.py"
+    plugin = tmp_path / "doubling.py"
     plugin.write_text("def double(x):\n    return 2 * x\n")
     monkeypatch.setattr("neurosym_jax.plugins._loaded", {})
     load_plugin(str(plugin))
-    double = next(m for n, m in sys.modules.items() if n.startswith("mine_")).double
+    double = next(m for n, m in sys.modules.items() if n.startswith("doubling_")).double
     with executor(jobs=1) as pool:
         assert pool.submit(double, 21).result() == 42
 

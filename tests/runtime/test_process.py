@@ -1,56 +1,14 @@
 import os
-import platform
-import subprocess
-import sys
 
 import jax
 import pytest
 
 from neurosym_jax.runtime.process import cache_folder
 
+
 # A program with 80 MB of buffers of its own, so 20,000 pages that a call touches anew or not. At
 # first aligned memory that is free often does not fit and new pages are taken; later it nearly
 # always does, so the median of later calls counts.
-SCRIPT = """
-import resource, sys
-import jax, jax.numpy as jnp
-from neurosym_jax.runtime.process import tune
-if sys.argv[1] == "tuned":
-    tune()
-program = jax.jit(lambda x: (x + 1).T @ x[:, :8])
-x = jnp.ones((2500, 8000))
-faults = []
-for _ in range(41):
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    program(x).block_until_ready()
-    faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
-print(sorted(faults[20:])[10])
-"""
-
-
-def page_faults(how, **environment):
-    clean = {
-        name: value
-        for name, value in os.environ.items()
-        if not name.startswith(("MALLOC_", "GLIBC_T"))
-    }
-    said = subprocess.run(
-        [sys.executable, "-c", SCRIPT, how],
-        env={**clean, "JAX_PLATFORMS": "cpu", **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return int(said.stdout)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc's malloc is what is tuned")
-def test_a_tuned_process_keeps_the_memory_of_its_programs():
-    assert page_faults("tuned") < 1000 < 10_000 < page_faults("as it is")
-    assert page_faults("tuned", MALLOC_ARENA_MAX="8") > 10_000  # Somebody said otherwise.
-
-
 @pytest.mark.parametrize("given", ["", "--xla_cpu_enable_fast_math=false"])
 def test_vectors_are_wide_unless_somebody_said_otherwise(monkeypatch, given):
     from neurosym_jax.runtime import process as runtime

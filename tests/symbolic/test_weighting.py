@@ -59,14 +59,6 @@ def test_shipped_weights_of_real_windows(real_windows):
         np.testing.assert_array_equal(alpha, expected["alpha_shipped"])
 
 
-@pytest.mark.usefixtures("double")
-def test_shipped_weights_of_the_released_code(released):
-    pairs = np.stack([released["k"], released["l"]], axis=1)
-    alpha = jax.jit(jax.vmap(make_weighting(RELEASED)))(pairs)
-    assert alpha.dtype == jnp.float64
-    np.testing.assert_array_equal(alpha[:, 0, 1, 1:], released["alpha_reference"])
-
-
 def test_the_authors_own_table(shared):
     authors = np.load(shared / "golden" / "qtc" / "cnd.npz")["C1_alpha_neurosym"]
     np.testing.assert_array_equal(RELEASED.state_weights(), authors)
@@ -193,20 +185,6 @@ def test_learned_parameters_have_gradients(text):
     if weighting.title == "quantised":  # Straight through: the weights are the hard ones.
         hard = make_weighting("quantised")(positions)
         np.testing.assert_array_equal(make_weighting(weighting)(positions), hard)
-
-
-def test_a_learned_threshold_is_the_one_that_states_are_observed_with():
-    weighting = Soft(learned=True)
-    parameters = {**initial_parameters(weighting), "log_quantisation_factor": np.log(1.5)}
-    np.testing.assert_array_equal(weighting.codes(parameters, walks(4)), codes_of(walks(4), 1.5))
-
-
-def test_soft_weights_are_the_quantised_where_symbols_are_certain():
-    np.testing.assert_allclose(
-        alpha_of(walks(4), None, Soft(temperature=1e-4)),
-        alpha_of(walks(4), None, "quantised"),
-        atol=1e-6,
-    )
 
 
 @pytest.mark.parametrize(

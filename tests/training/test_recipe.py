@@ -78,7 +78,7 @@ def test_weightings(tmp_path, monkeypatch):
     for text, reason in (
         ("cdn", "weighting cdn: unknown weighting 'cdn'"),
         ("cnd,tabel=cnd", "unknown field 'tabel'"),
-        ("no_such_module:mine", "plugin no_such_module: cannot be imported"),
+        ("no_such_module:mine", "plugin no_such_module: ModuleNotFoundError"),
     ):
         with pytest.raises(InputError, match=reason):
             named_weighting(text)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neurosym_jax.runtime.process import compile_seconds
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.predictor import Predictor
+from tests.compiling import compile_seconds
 
 RATE, PEOPLE, OBS = 10, 12, 4
 MEMORY = Path("/proc/self/statm")

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.process import compile_seconds
+from tests.compiling import compile_seconds
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
