@@ -16,9 +16,9 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, unpacked
 from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.noise import draw_noise
-from tests.compiling import compile_seconds
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor, load_models
+from tests.compiling import compile_seconds
 
 SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
 

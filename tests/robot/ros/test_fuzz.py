@@ -11,7 +11,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from tests.compiling import compile_seconds
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
@@ -21,6 +20,7 @@ from neurosym_robot.ros.definitions import FORECAST, PEOPLE, PEOPLE_TOPICS
 from neurosym_robot.ros.forecasting_node import WAITING, Outlet
 from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.tracking.stitching import OnlineStitcher
+from tests.compiling import compile_seconds
 
 FLOOD = 10_000
 STEPS = (0.1, 0.1, 0.1, 0.1, 0.1, 0.0, -0.05, 1.5, -20.0, 50.0, 1e6, -1e6, np.nan, -np.inf)
