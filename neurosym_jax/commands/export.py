@@ -38,10 +38,4 @@ def run(options: Options) -> None:
     program = export_model(model, options.samples)
     with new_file(options.to) as beside:
         beside.write_bytes(program)
-    spec, config = model.forecaster.noise, model.config
-    k = model.forecaster.count(options.samples)
-    noise = f", noise [{k}, {'n, ' if spec.per_agent else ''}{spec.dim}]" if spec.dim else ""
-    print(
-        f"{options.to}: observed [n, {config.obs_len}, 2]{noise} -> forecasts "
-        f"[{k}, n, {config.pred_len}, 2], probabilities [{k}]"
-    )
+    print(f"{options.to}: {model.name}, {options.samples} forecasts of any number of people")

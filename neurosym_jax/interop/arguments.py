@@ -33,15 +33,15 @@ WIDTHS = {
     "bottleneck_dim": (r"pool_net(_g)?.mlp_pre_pool.2.weight", 0),
 }
 """Our fields, the weights that have the width, and on which axis."""
-NETWORK = {*NEEDED, *FIXED, *WIDTHS, "dropout", "neighborhood_size", "grid_size", "weighting"}
-NETWORK |= {"d_type", "h_dim", "encoder_h_dim_d", "encoder_h_dim_g", "decoder_h_dim_g"}
-TRAINING = (
+PASSED = (
+    "dropout neighborhood_size grid_size weighting d_type h_dim encoder_h_dim_d encoder_h_dim_g "
+    "decoder_h_dim_g "
     "dataset_name delim loader_num_workers skip batch_size num_iterations num_epochs best_k "
     "clipping_threshold_g clipping_threshold_d g_learning_rate d_learning_rate g_steps d_steps "
     "l2_loss_weight output_dir print_every checkpoint_every checkpoint_name checkpoint_start_from "
     "restore_from_checkpoint num_samples_check use_gpu timing gpu_num labels_dir filename"
 )
-"""Arguments of the released training scripts that change no network."""
+"""Further arguments of the released code, most of its training."""
 
 
 def generator_config(arguments: Mapping[str, Any], state: Mapping[str, Any]) -> GeneratorConfig:
@@ -81,11 +81,7 @@ def generator_config(arguments: Mapping[str, Any], state: Mapping[str, Any]) -> 
 def discriminator_config(
     arguments: Mapping[str, Any], state: Mapping[str, Any]
 ) -> DiscriminatorConfig:
-    """The discriminator of these arguments and weights.
-
-    Raises:
-        InputError: as `generator_config`.
-    """
+    """The discriminator of these arguments and weights; raises as `generator_config`."""
     names = {"encoder_h_dim": "h_dim", "hidden_dim": "pool_hidden_dim"}
     widths = {names.get(name, name): width for name, width in _widths({}, state).items()}
     fields = {"kind": _needed(arguments, ["d_type"])["d_type"], **widths}
@@ -99,7 +95,7 @@ def assumptions(arguments: Mapping[str, Any], config: GeneratorConfig) -> tuple[
         found.append("activation relu")
     if config.weighting is not None and "weighting" not in arguments:
         found.append(f"pairs weighted by {config.weighting.name}")
-    for name in sorted(set(arguments) - NETWORK - {*TRAINING.split()}):
+    for name in sorted(set(arguments) - {*NEEDED, *FIXED, *WIDTHS, *PASSED.split()}):
         found.append(f"the unknown argument {name} changes nothing")
     return tuple(found)
 

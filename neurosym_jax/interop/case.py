@@ -119,9 +119,7 @@ def compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
     """(ours, theirs) by row, for torch's submodules `names` in the order in which they returned.
 
     A layer `alone` is ours on the input that torch's was given; any other row is our network's own
-    value at that place, from the scenes on. So a layer that differs alone computes something else,
-    and a place that differs although its layers agree alone was given something else. A layer of
-    the checkpoint that torch never called is compared with NaN.
+    value at that place, from the scenes on. A layer that torch never called is compared with NaN.
     """
     arrays, stages, layers = case.arrays, case.stages(), _layers(case)
     moves = arrays["traj_rel"][:, : case.config.obs_len]

@@ -1,8 +1,4 @@
-"""Torch checkpoints of SGAN and NeuroSyM: read without torch, written with it.
-
-`interop.pickles` reads a `.pt` file, `interop.names` maps its tensors, `interop.arguments` its
-arguments.
-"""
+"""Torch checkpoints of SGAN and NeuroSyM: read without torch, written with it."""
 
 import os
 import re
@@ -67,11 +63,9 @@ def load_torch_checkpoint(path: str | os.PathLike) -> Model:
 def model_from_torch(contents: Any) -> Model:
     """The generator in the dictionary that SGAN's training saves.
 
-    Published files hold `g_state` and `args`; those of a training run hold more, which is passed
-    over. The generator is always `g_state`, which SGAN's own evaluation uses, never `g_best_state`.
-    NeuroSyM's files do not say which of its networks they are, nor how alpha was weighted: the
-    network is inferred from its tensors, and the weighting is the authors' table unless the file
-    was exported from here.
+    It is `g_state`, which SGAN's own evaluation uses, never `g_best_state`. NeuroSyM's files do not
+    say which of its networks they are, nor how alpha was weighted: the network is inferred from its
+    tensors, and the weighting is the authors' table unless the file was exported from here.
 
     Raises:
         InputError: naming what is missing or wrong.

@@ -111,30 +111,17 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
     file, _, name = module.rpartition(":")
     if not name.isidentifier() or not Path(file).is_file():
         raise InputError(f"--torch-module {module}: must be FILE.py:CLASS")
-    given = {
-        "module": f"{Path(file).resolve()}:{name}",
-        "checkpoint": str(checkpoint.resolve()),
-        "out": str(out.resolve()),
-        "seed": seed,
-    }
+    paths = [str(path.resolve()) for path in (Path(file), checkpoint, out)]
     # As text: the folder of a file that is run comes first where Python looks for modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
+    command = [python, "-c", script, *paths, name, str(seed)]
     try:
-        done = subprocess.run(
-            [python, "-c", script, json.dumps(given)],
-            cwd=Path(file).resolve().parent,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            check=False,
-        )
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
         raise InputError(f"--python {python}: {error.strerror}") from None
     if done.returncode:
-        # A traceback is indented; an error's own words may take several lines after it.
-        said = done.stderr.rpartition("\n  ")[2].splitlines()[1:] or [done.stderr]
-        said = " ".join(" ".join(said).split())[:400] or "no reason given"
-        raise InputError(f"--python {python}: {module} failed: {said}")
+        said = done.stderr.strip().splitlines() or ["no reason given"]
+        raise InputError(f"--python {python}: {module} failed: {said[-1][:400]}")
 
 
 def _compare(

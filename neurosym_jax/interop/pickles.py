@@ -30,8 +30,6 @@ STORAGE_DTYPES = {
     "HalfStorage": "<f2",
     "LongStorage": "<i8",
     "IntStorage": "<i4",
-    "ShortStorage": "<i2",
-    "CharStorage": "|i1",
     "ByteStorage": "|u1",
     "BoolStorage": "|b1",
 }
@@ -63,15 +61,14 @@ class Storage(Stateless):
 
 
 class StoredTensor(Stateless):
-    """A tensor of a file, `numpy.asarray` has its values."""
+    """A tensor of a file; `numpy.asarray` has its values."""
 
     __slots__ = ("_offset", "_shape", "_storage", "_strides")
 
     # `__new__`, because a pickle can make an object without calling `__init__`.
     def __new__(cls, storage, offset, shape, strides, *_requires_grad_and_hooks):
         """Check that the tensor lies in its storage, whose values may not have been read yet."""
-        counts = (offset, *shape, *strides)
-        whole = all(type(n) is int and 0 <= n < 2**48 for n in counts)
+        whole = all(type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides))
         if not isinstance(storage, Storage) or len(shape) != len(strides) or not whole:
             raise InputError("a tensor is described in a way torch does not")
         elements = int(np.prod(shape, dtype=object))
@@ -176,18 +173,14 @@ def read_torch_file(path: str | os.PathLike) -> Any:
 def _read_legacy(stream: io.BytesIO) -> Any:
     storages: dict[str, Storage] = {}
     magic, protocol, system = (_load(stream, storages) for _ in range(3))
-    if magic != LEGACY_MAGIC or protocol != LEGACY_PROTOCOL:
-        raise InputError(f"legacy torch format {protocol!r:.20} is not {LEGACY_PROTOCOL}")
-    _refuse_big_endian(system.get("little_endian") is True)
+    if (magic, protocol, system["little_endian"]) != (LEGACY_MAGIC, LEGACY_PROTOCOL, True):
+        raise InputError(f"of another format ({protocol!r:.20}), or of a big-endian machine")
     contents, keys = _load(stream, storages), _load(stream, storages)
     if missing := storages.keys() - set(keys):
         raise InputError(f"storage {min(missing)!r} is missing")
     for key in keys:
-        storage = storages[key]
         (numel,) = struct.unpack("<q", stream.read(8))
-        if numel != storage.numel:
-            raise InputError(f"storage {key!r} has {numel} elements, not {storage.numel}")
-        _fill(storage, stream.read(numel * storage.dtype.itemsize))
+        _fill(storages[key], stream.read(numel * storages[key].dtype.itemsize))
     if after := len(stream.read()):
         raise InputError(f"{after} bytes follow the last storage")
     return contents
@@ -196,17 +189,12 @@ def _read_legacy(stream: io.BytesIO) -> Any:
 def _read_zip(stream: io.BytesIO) -> Any:
     storages: dict[str, Storage] = {}
     with zipfile.ZipFile(stream) as archive:
-        entries = archive.namelist()
-        roots = [name.removesuffix("data.pkl") for name in entries if name.endswith("/data.pkl")]
-        if len(roots) != 1:
+        names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
+        if len(names) != 1:
             raise InputError("a zip archive, but not one of torch.save: it has no data.pkl")
-        if any(info.compress_type != zipfile.ZIP_STORED for info in archive.infolist()):
-            raise InputError("a compressed archive, which torch.save never writes")
-        order = f"{roots[0]}byteorder"
-        _refuse_big_endian(order not in entries or archive.read(order) == b"little")
-        contents = _load(io.BytesIO(archive.read(f"{roots[0]}data.pkl")), storages)
+        contents = _load(io.BytesIO(archive.read(names[0])), storages)
         for key, storage in storages.items():
-            _fill(storage, archive.read(f"{roots[0]}data/{key}"))
+            _fill(storage, archive.read(f"{names[0].removesuffix('.pkl')}/{key}"))
     return contents
 
 
@@ -214,11 +202,6 @@ def _fill(storage: Storage, data: bytes) -> None:
     if len(data) != storage.numel * storage.dtype.itemsize:
         raise InputError(f"{len(data)} bytes for a storage of {storage.numel} {storage.dtype}")
     storage.values = np.frombuffer(data, storage.dtype)
-
-
-def _refuse_big_endian(little: bool) -> None:
-    if not little:
-        raise InputError("written on a big-endian machine, which is not supported")
 
 
 def _load(stream: io.BytesIO, storages: dict[str, Storage]) -> Any:

@@ -1,8 +1,7 @@
 """The user's torch module runs here: its inputs, the outputs of all submodules, its forecast.
 
 `neurosym parity --torch-module` runs this file as a script in an interpreter that has torch, any
-Python from 3.7 on. It imports nothing of the package, so that what it saves is torch's alone. The
-argument is JSON: `module` (FILE.py:CLASS), `checkpoint`, `out` (a folder that is there) and `seed`.
+Python from 3.7 on. It imports nothing of the package, so that what it saves is torch's alone.
 """
 
 import importlib
@@ -19,12 +18,11 @@ SIZES = (3, 2, 1, 5)
 """People in each scene: of a scene of more than two the first one stands still."""
 
 
-def main(given):
-    """Write `manifest.json` and the case of the checkpoint."""
+def main(path, checkpoint, out, name, seed):
+    """Write the case of `checkpoint` in the class `name` of the file `path`, and its manifest."""
     torch = importlib.import_module("torch")
-    path, name = given["module"].rsplit(":", 1)
     network_class = getattr(_import_file(path), name)
-    contents = torch.load(given["checkpoint"], map_location="cpu")
+    contents = torch.load(checkpoint, map_location="cpu")
     arguments = contents["args"]
     row = {}
     for parameter in list(inspect.signature(network_class.__init__).parameters)[1:]:
@@ -33,10 +31,10 @@ def main(given):
                 row[parameter] = arguments[known]
     network = network_class(**row)
     network.load_state_dict(contents["g_state"])
-    arrays, layers = forecast(torch, network, random_scenes(arguments, given["seed"]))
-    file = os.path.splitext(os.path.basename(given["checkpoint"]))[0] + ".npz"
-    np.savez_compressed(os.path.join(given["out"], file), **arrays)
-    with open(os.path.join(given["out"], "manifest.json"), "w") as manifest:
+    arrays, layers = forecast(torch, network, random_scenes(arguments, int(seed)))
+    file = os.path.splitext(os.path.basename(checkpoint))[0] + ".npz"
+    np.savez_compressed(os.path.join(out, file), **arrays)
+    with open(os.path.join(out, "manifest.json"), "w") as manifest:
         json.dump([dict(row, file=file, model="sgan", layers=layers)], manifest, indent=1)
 
 
@@ -120,4 +118,4 @@ def _import_file(path):
 
 
 if __name__ == "__main__":
-    main(json.loads(sys.argv[1]))
+    main(*sys.argv[1:])

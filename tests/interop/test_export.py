@@ -66,7 +66,7 @@ def test_the_example_needs_nothing_of_ours(model, tmp_path, capsys):
 def test_the_command(tmp_path, capsys):
     small = Path(__file__).parents[1] / "golden" / "small.pt"
     run(Options(small, tmp_path / "a.stablehlo", samples=3))
-    assert "observed [n, 8, 2], noise [3, 1] -> forecasts [3, n, 8, 2]" in capsys.readouterr().out
+    assert "SGAN, no pooling, 3 forecasts" in capsys.readouterr().out
     assert jax.export.deserialize(bytearray((tmp_path / "a.stablehlo").read_bytes())).in_avals
     with pytest.raises(InputError, match=r"a\.stablehlo: exists already"):
         run(Options(small, tmp_path / "a.stablehlo"))
