@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.summary import Line, Value, lines_of, means_of
+from neurosym_jax.evaluation.summary import rows_frame, summarise
 from neurosym_jax.runtime.files import write_text
 from studies.published import ALL_WINDOWS, NEUROSYM, SCENES, SGAN_20V, SGAN_20VP
 
@@ -34,6 +34,8 @@ PRINTED = {
 }
 PLACES = {"sgan-20v/": "SGAN-20V, published network", "sgan-20vp/": "SGAN-20VP, published network"}
 """What a row is called that is not called by its model, by where its checkpoint lies."""
+Value = dict[str, Any]
+"""A row of `summarise`."""
 COLUMNS = (*SCENES, "mean")
 ERRORS = {"joint": "joint ADE / FDE", "marginal": "marginal ADE / FDE"}
 
@@ -88,7 +90,7 @@ Forecast people collide more often than real ones."""
 """Written by hand from the numbers; check it when they change."""
 
 
-def document(rows: Sequence[Mapping[str, Any]]) -> str:
+def document(rows: Sequence[dict[str, Any]]) -> str:
     """The page."""
     sizes = {
         f"sizes_{steps}": ", ".join(
@@ -107,7 +109,7 @@ def document(rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def table(rows: Sequence[Mapping[str, Any]], all_windows: Sequence[Mapping[str, Any]]) -> str:
+def table(rows: Sequence[dict[str, Any]], all_windows: Sequence[dict[str, Any]]) -> str:
     """All numbers as CSV: a line for each model, horizon and metric, a column for each data set."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -126,61 +128,61 @@ def table(rows: Sequence[Mapping[str, Any]], all_windows: Sequence[Mapping[str, 
     return text.getvalue()
 
 
-def _means(rows: Sequence[Mapping[str, Any]]) -> str:
+def _by_name(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Value]]]:
+    """The lines of each row of a table, by its name: values by metric."""
+    found: dict[str, list[dict[str, Value]]] = {}
+    for _, line in summarise(rows_frame(rows)).group_by("line", maintain_order=True):
+        values = {value["metric"]: value for value in line.iter_rows(named=True)}
+        any_value = next(iter(values.values()))
+        path = any_value["checkpoint"] or ""
+        names = [name for place, name in PLACES.items() if path.startswith(place)]
+        found.setdefault([*names, any_value["model"]][0], []).append(values)
+    return found
+
+
+def _means(rows: Sequence[dict[str, Any]]) -> str:
     """Errors of each model that was tested on all five data sets, by horizon."""
-    means: dict[str, dict[int, Line]] = {}
-    for line in means_of(lines_of(rows)):
-        means.setdefault(_name(line), {})[line.test_set.pred_len] = line
     lines = []
-    for name, of in means.items():
+    for name, of in _by_name(rows).items():
+        means = {
+            line["joint_ade"]["pred_len"]: line for line in of if line["joint_ade"]["sets"] > 1
+        }
         cells = [
-            " / ".join(f"{of[steps].values[f'{kind}_{part}'].mean:.2f}" for part in ("ade", "fde"))
-            if steps in of
+            " / ".join(f"{means[steps][f'{kind}_{part}']['mean']:.2f}" for part in ("ade", "fde"))
+            if steps in means
             else "-"
             for steps in (8, 12)
             for kind in ERRORS
         ]
-        lines.append([name, *cells, *(_mean(of.get(12), score) for score in SCORES)])
+        scores = (means.get(12, {}).get(score, {}).get("mean") for score in SCORES)
+        cells += ["-" if score is None else f"{score:.2f}" for score in scores]
+        lines += [[name, *cells]] if means else []
     head = [f"8 + {steps}, {kind}" for steps in (8, 12) for kind in ERRORS]
     heads = (f"8 + 12, {words}" for words in SCORES.values())
     return markdown_table(["", *head, *heads], lines, right=6)
 
 
-def _mean(line: Line | None, metric: str) -> str:
-    if line is None or metric not in line.values or line.values[metric].mean is None:
-        return "-"
-    return f"{line.values[metric].mean:.2f}"
-
-
-def _lines(rows: Sequence[Mapping[str, Any]], kinds: Sequence[str]) -> Iterator[list[str]]:
-    lines = lines_of(rows)
-    found: dict[str, dict[str, Line]] = {}
-    for line in (*lines, *means_of(lines)):
-        mean = line.datasets > 1
-        found.setdefault(_name(line), {})["mean" if mean else line.test_set.dataset] = line
-    for name, of in found.items():
-        any_line = next(iter(of.values()))
-        count = any_line.trainings
+def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[list[str]]:
+    for name, lines in _by_name(rows).items():
+        of = {
+            "mean" if line["joint_ade"]["sets"] > 1 else line["joint_ade"]["dataset"]: line
+            for line in lines
+        }
+        any_value = lines[0]["joint_ade"]
+        count = any_value["trainings"]
         shown = f"{name}, {count} trainings" if count > 1 else name
-        steps = f"8 + {any_line.test_set.pred_len}"
+        steps = f"8 + {any_value['pred_len']}"
         for kind in kinds:
             cells = {
-                scene: " / ".join(_text(line.values[f"{kind}_{e}"]) for e in ("ade", "fde"))
+                scene: " / ".join(_text(line[f"{kind}_{e}"]) for e in ("ade", "fde"))
                 for scene, line in of.items()
             }
             yield [shown, steps, ERRORS[kind], *(cells.get(each, "") for each in COLUMNS)]
         for metric in ("energy_score", "collision_rate"):
-            if metric in any_line.values:
-                cells = {scene: _text(line.values[metric]) for scene, line in of.items()}
+            if any(line.get(metric, {}).get("mean") is not None for line in of.values()):
+                cells = {scene: _text(line[metric]) for scene, line in of.items()}
                 words = metric.replace("_", " ")
                 yield [shown, steps, words, *(cells.get(each, "") for each in COLUMNS)]
-
-
-def _name(line: Line) -> str:
-    for place, name in PLACES.items():
-        if line.checkpoint and line.checkpoint.startswith(place):
-            return name
-    return line.model
 
 
 def _printed(cells: Mapping[str, Any]) -> list[str]:
@@ -195,11 +197,11 @@ def _printed(cells: Mapping[str, Any]) -> list[str]:
 
 def _text(value: Value) -> str:
     """Three digits, and half of the interval."""
-    if value.mean is None:
+    if value["mean"] is None:
         return ""
-    if value.interval is None:
-        return f"{value.mean:.3f}"
-    return f"{value.mean:.3f} ±{(value.interval.high - value.interval.low) / 2:.3f}"
+    if value["low"] is None:
+        return f"{value['mean']:.3f}"
+    return f"{value['mean']:.3f} ±{(value['high'] - value['low']) / 2:.3f}"
 
 
 if __name__ == "__main__":

@@ -1,46 +1,48 @@
 """Evaluate models beside baselines: tables, figures, JSON."""
 
-import contextlib
 import dataclasses
-import functools
-import shutil
+import itertools
 import sys
-import textwrap
-import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, NamedTuple
 
 import tyro
 
 from neurosym_jax.configuration import Count, Seed, refuse
-from neurosym_jax.data.published import data_folder
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, describe_readings
-from neurosym_jax.data.sources import Source, open_source
+from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names
-from neurosym_jax.evaluation.plan import (
-    PROTOCOLS,
-    ProtocolName,
-    load_models,
-    load_tests,
-    make_plan,
-    one_of_each,
-)
-from neurosym_jax.evaluation.report import check_report, evaluate_into
-from neurosym_jax.evaluation.results import Result, Row, Settings, rows_frame
+from neurosym_jax.evaluation.plan import BASELINES, Test, load_models, load_tests, make_plan
+from neurosym_jax.evaluation.report import check_report, write_report
+from neurosym_jax.evaluation.results import Result, Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
-from neurosym_jax.evaluation.summary import assumptions, conclusion, lines_of, means_of
+from neurosym_jax.evaluation.summary import rows_frame, summarise
 from neurosym_jax.evaluation.tables import Style, format_table, notes, text_tables
-from neurosym_jax.evaluation.test_sets import BASELINES, Test
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_places import find_model
+from neurosym_jax.forecasting.model_places import find_model, shipped_models, shipped_name
 from neurosym_jax.runtime.environment import provenance
-from neurosym_jax.runtime.executor import executor
 
 __all__ = ["Options", "run"]
 
-_SECONDS = ("loading", "compiling", "evaluating")
+
+class Protocol(NamedTuple):
+    """What a published protocol of evaluation fixes."""
+
+    min_agents: int
+    """Scenes with fewer people are left out."""
+    by_scene: bool
+    """Whether means weigh each scene the same, instead of each person."""
+    lengths: dict[str, int]
+    """Observed and forecast steps, where it fixes them."""
+
+
+PROTOCOLS = {
+    "sgan": Protocol(2, False, {}),
+    "joint-metrics": Protocol(1, True, {"obs_len": 8, "pred_len": 12}),
+}
+"""SGAN's (Gupta et al., CVPR 2018); and that of E. Weng, H. Hoshino, D. Ramanan and K. Kitani,
+"Joint Metrics Matter", ICCV 2023."""
 
 
 def _named(metavar: str) -> Any:  # Its help says what the default does.
@@ -82,7 +84,7 @@ class Options:
     """Random seed of the noise."""
     seeds: int = 1
     """Number of noise seeds, starting at --seed; metrics are averaged over them."""
-    protocol: ProtocolName = "sgan"
+    protocol: Literal["sgan", "joint-metrics"] = "sgan"
     """sgan: scenes of two people or more, means over people. joint-metrics (Joint Metrics Matter):
     8 + 12 steps, scenes of one person or more, means over scenes."""
     min_agents: Annotated[int | None, _named("INT")] = None
@@ -99,33 +101,21 @@ class Options:
     table: Style = "text"
     """Format of the printed tables; csv, markdown and latex go alone to the standard output."""
     json: Path = Path("results/evaluation.json")
-    """File of the report; rows are kept beside it, in .jsonl, as they come."""
-    resume: bool = False
-    """Keep the rows that an interrupted run left in .jsonl, and evaluate the others."""
+    """File of the report."""
     figures: bool = True
     """Draw figures."""
     plots: Path = Path("results/figures")
     """Folder of the figures; or a prefix of their names that ends in .png, .pdf or .svg."""
     save_forecasts: Annotated[Path | None, _named("FILE")] = None
     """Also write all forecasts, as .npz or .ndjson (TrajNet++), a file for each model."""
-    jobs: Annotated[int | None, _named("INT")] = None
-    """Number of processes, each of one thread, that evaluate test sets in parallel; default: one
-    process with a thread for each core."""
-    cluster: Annotated[str | None, _named("ADDRESS")] = None
-    """Address of a Dask scheduler whose workers evaluate test sets in parallel."""
 
 
 def run(options: Options) -> list[Row]:
-    """Evaluate, print and write as `options` say; returns the rows of the report.
-
-    Raises:
-        InputError: for data, checkpoints or options that cannot be used.
-    """
+    """Evaluate, print and write as `options` say; returns the rows of the report."""
     _validate(options)
-    start = time.perf_counter()
-    source, models = _models(options)
     chosen = bool(options.checkpoint) or options.all
-    tests = _tests(options, source, models, start)
+    source, models = _models(options)
+    tests = _tests(options, source, models)
     further = (*options.metrics, *(SYMBOLS if options.symbols else ()))
     settings = Settings(
         options.samples,
@@ -134,61 +124,84 @@ def run(options: Options) -> list[Row]:
         options.seeds,
         PROTOCOLS[options.protocol].by_scene,
     )
-    about = "" if chosen else source.about
-    show = functools.partial(_show, [about] if about else [], whole=chosen or bool(further))
-    parallel = options.jobs is not None or options.cluster is not None
-    with executor(options.jobs, options.cluster) if parallel else contextlib.nullcontext() as pool:
-        rows, results = evaluate_into(
-            options.json,
-            tests,
-            settings,
-            resume=options.resume,
-            pool=pool,
-            facts={"protocol": options.protocol, "provenance": _provenance(tests)},
-            show=show if options.table == "text" else None,
-        )
-    said = [*_print_rest(options, tests, rows, means=chosen), *assumptions(models)]
-    if not any(row["checkpoint"] for row in rows):
+    text = options.table == "text"
+    if text and not chosen and source.about:
+        print(f"{source.about}\n")
+    results: list[Result] = []
+    found = evaluate_tests(tests, settings)
+    for _, of_test in itertools.groupby(found, lambda result: result.test_set):
+        results += (members := list(of_test))
+        if text:
+            table = summarise(rows_frame([result.row for result in members]))
+            print(text_tables(table, whole=chosen or bool(further)))
+    rows = [result.row for result in results]
+    readings = {how.recording: how for test in tests for how in test.windows.reading}
+    paths = [find_model(path) for test in tests for path, _ in test.entries if path]
+    facts = {
+        "protocol": options.protocol,
+        "provenance": provenance([how.file for how in readings.values() if how.file], paths),
+        "recordings": [how.to_json() for how in readings.values()],
+    }
+    write_report(options.json, rows, facts)
+    said = _assumptions(models)
+    if not paths:
         said += ["No model was given, or none matches: these are the baselines."]
-    elif not chosen:
-        text = conclusion(lines_of(rows), tests[0].windows.period, simulated=bool(source.name))
-        width = min(100, shutil.get_terminal_size().columns)
-        said += [textwrap.fill(text, width, break_on_hyphens=False)]
-    said += ["", *_write_files(options, tests, rows, results, overview=not chosen)]
-    said += [f"rows: {options.json}"]
-    if chosen:
-        spent = {name: sum(row[f"seconds_{name}"] for row in rows) for name in _SECONDS}
-        said += [f"seconds: {', '.join(f'{spent[name]:.1f} {name}' for name in _SECONDS)}"]
+    if text:
+        lines = summarise(rows_frame(rows))
+        means = lines.filter(lines["sets"] > 1)
+        if chosen and len(means):
+            print(text_tables(means))
+        read = describe_readings(readings.values())
+        said = [*notes(lines), "", *([read, ""] if read else []), *said]
     else:
-        said += [f"next: {_next(source)}"]
-    print("\n".join(said), file=sys.stdout if options.table == "text" else sys.stderr)
+        print(format_table(rows_frame(rows), options.table))
+    said += [*_write_files(options, tests, results, together=not chosen), f"rows: {options.json}"]
+    print("\n".join(said), file=sys.stdout if text else sys.stderr)
     return rows
 
 
 def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
-    """The source of recordings, and the models: as given, all that ship, or one of each kind."""
+    """The source of recordings, and the models: as given, all that ship, or one or two."""
 
     def source_of(own: str | None) -> Source:
         return open_source(options.data, options.dataset, own, options.read, options.period)
 
-    asked = _lengths(options)["pred_len"]
-    models = load_models(options.checkpoint, source_of, options.dataset, asked)
-    source = source_of(models[0][1].dataset if options.checkpoint else None)
-    if options.checkpoint or options.all:
-        return source, models
-    return source, one_of_each(source, models, dataset=options.dataset, **_lengths(options))
+    source, pred_len = source_of(None), _lengths(options)["pred_len"]
+    names = options.checkpoint
+    if options.all:
+        # Baselines are tested beside every model.
+        shipped = (path.name for path in shipped_models())
+        names = [name for name in shipped if not name.startswith(BASELINES)]
+    names = names or default_models(source, options.dataset, pred_len)
+    models = load_models(names, source, options.dataset, pred_len)
+    return source_of(models[0][1].dataset) if options.checkpoint else source, models
+
+
+def default_models(source: Source, dataset: str | None, pred_len: int | None) -> list[str]:
+    """Names of the shipped models to test where none is named: for these people, and with symbols.
+
+    Those are SGAN and NeuroSyM on simulations, else `recommended` and, where it ships, NeuroSyM.
+    """
+    scenes = (dataset,) if dataset else source.scenes
+    kinds = [(kind, scene) for scene in scenes for kind in ("anchors", "neurosym")]
+    names = [shipped_name(*kind, pred_len or 8) for kind in kinds]
+    if isinstance(source, Synthetic):
+        names = [f"{kind}_{source.name}_{pred_len or 8}" for kind in ("sgan", "neurosym")]
+    return [name for name in dict.fromkeys(names) if find_model(name).is_dir()]
 
 
 def _lengths(options: Options) -> dict[str, int | None]:
     """`obs_len` and `pred_len` as asked for, or as the protocol fixes them."""
-    protocol = PROTOCOLS[options.protocol]
-    return {name: protocol.steps(name, getattr(options, name)) for name in ("obs_len", "pred_len")}
+    asked = {name: getattr(options, name) for name in ("obs_len", "pred_len")}
+    fixed = PROTOCOLS[options.protocol].lengths
+    for name, has in fixed.items():
+        if asked[name] not in (None, has):
+            option = f"--{name.replace('_', '-')} {asked[name]}"
+            raise InputError(f"{option}: the protocol has {has} (--protocol sgan has any)")
+    return asked | fixed
 
 
-def _tests(
-    options: Options, source: Source, models: list[tuple[str, Model]], start: float
-) -> list[Test]:
-    """The test sets, read; the first one's seconds count from `start`."""
+def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) -> list[Test]:
     baselines, least = options.baselines, options.min_agents
     if baselines is None and not (options.checkpoint or options.all):
         baselines = BASELINES[:1]
@@ -204,49 +217,32 @@ def _tests(
         only_matching=len(models) != len(options.checkpoint),
     )
     least = PROTOCOLS[options.protocol].min_agents if least is None else least
-    return load_tests(source, plan, test_on=options.test_on, min_agents=least, start=start)
+    return load_tests(source, plan, test_on=options.test_on, min_agents=least)
 
 
-def _provenance(tests: list[Test]) -> dict[str, Any]:
-    models = [find_model(path) for test in tests for path, _ in test.entries if path]
-    files = [how.file for test in tests for how in test.windows.reading if how.file]
-    return provenance(files, models)
-
-
-def _show(before: list[str], rows: Sequence[Row], *, whole: bool) -> None:
-    """Print the table of a test set as soon as it is there, and `before` the first one."""
-    while before:
-        print(f"{before.pop()}\n")
-    print(text_tables(lines_of(rows), whole=whole))
-
-
-def _print_rest(options: Options, tests: list[Test], rows: list[Row], *, means: bool) -> list[str]:
-    """Print the tables that are not printed yet; returns the lines to print below."""
-    if options.table != "text":
-        print(format_table(rows_frame(rows), options.table))
-        return []
-    lines = lines_of(rows)
-    if means and (over_sets := means_of(lines)):
-        print(text_tables(over_sets))
-    read = describe_readings(how for test in tests for how in test.windows.reading)
-    return [*notes(lines), "", *([read, ""] if read else [])]
+def _assumptions(models: list[tuple[str, Model]]) -> list[str]:
+    """What the torch checkpoints among the models do not say, a line for those that agree."""
+    said: dict[tuple[str, ...], list[str]] = {}
+    for path, model in models:
+        if model.assumed:
+            said.setdefault(model.assumed, []).append(path)
+    return [
+        f"assumed of {paths[0] if len(paths) == 1 else f'{len(paths)} torch checkpoints'}: "
+        + "; ".join(words)
+        for words, paths in said.items()
+    ]
 
 
 def _write_files(
-    options: Options, tests: list[Test], rows: list[Row], results: list[Result], *, overview: bool
+    options: Options, tests: list[Test], results: list[Result], *, together: bool
 ) -> list[str]:
     """Write figures and forecasts; returns a line for each kind of file."""
     said = []
-    if options.figures and len(results) < len(rows):
-        said += ["figures: none of test sets with rows of an earlier run"]
-    if options.figures and results:
+    if options.figures:
         from neurosym_jax.plotting.evaluation import draw_figures
 
-        before = {*options.plots.glob("*"), *options.plots.parent.glob("*")}
-        drawn = draw_figures(options.plots, results, together=overview)
-        replaced = len(before.intersection(drawn))
-        note = f", {replaced} of them replaced" if replaced else ""
-        several = f"figures: {len(drawn)} in {drawn[0].parent}{note}"
+        drawn = draw_figures(options.plots, results, together=together)
+        several = f"figures: {len(drawn)} in {drawn[0].parent}"
         said += [f"figure: {drawn[0]}" if len(drawn) == 1 else several]
     if options.save_forecasts:
         for path in save_forecasts(options.save_forecasts, tests, options.samples, options.seed):
@@ -254,17 +250,9 @@ def _write_files(
     return said
 
 
-def _next(source: Source) -> str:
-    """The next command to try."""
-    if not source.name:
-        return "neurosym evaluate --all, for every model that ships, or --help"
-    real = "neurosym evaluate --data eth-ucy"
-    return real if (data_folder() / "eth-ucy").is_dir() else f"neurosym download eth-ucy && {real}"
-
-
 def _validate(options: Options) -> None:
     """Refuse, before any work, options that cannot be used and files that cannot be written."""
-    counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len", "jobs")
+    counts = ("samples", "seeds", "min_agents", "obs_len", "pred_len")
     refuse(Count, {f"--{name.replace('_', '-')}": getattr(options, name) for name in counts})
     for seed, of in ((0, "--seed"), (options.seeds - 1, "--seed and --seeds: the last seed")):
         refuse(Seed, {of: options.seed + seed})

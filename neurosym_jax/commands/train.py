@@ -16,8 +16,8 @@ from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic, open_s
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.evaluation.test_sets import baselines_of
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.plugins import loaded
 from neurosym_jax.training.loop import train_run

@@ -8,8 +8,10 @@ from .metrics import METRICS as METRICS
 from .metrics import Metric as Metric
 from .metrics import metric_names as metric_names
 from .metrics import register_metric as register_metric
+from .plan import TestSet as TestSet
 from .plan import load_tests as load_tests
 from .plan import make_plan as make_plan
+from .plan import make_test as make_test
 from .report import read_report as read_report
 from .results import Settings as Settings
 from .results import evaluate as evaluate
@@ -20,6 +22,5 @@ from .scoring import Evaluation as Evaluation
 from .scoring import Score as Score
 from .scoring import score as score
 from .scoring import score_forecaster as score_forecaster
+from .summary import summarise as summarise
 from .tables import format_table as format_table
-from .test_sets import TestSet as TestSet
-from .test_sets import make_test as make_test

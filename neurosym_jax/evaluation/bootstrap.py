@@ -17,7 +17,7 @@ margin (`p_equivalent`); `holm` adjusts several comparisons.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,10 +79,9 @@ class ErrorsByScene:
 
     def intervals(self) -> dict[str, Interval]:
         """95 % interval of each metric's mean over other test scenes."""
-        nothing = dataclasses.replace(self, totals=np.zeros_like(self.totals))
-        # A model's errors are its difference from no error at all.
-        over_scenes = paired_difference([self], [nothing]).over_scenes
-        return {name: _interval(of) for name, of in zip(self.metrics, over_scenes.T)}
+        return {
+            name: _interval(of) for name, of in zip(self.metrics, _resampled(self, _drawn(self)).T)
+        }
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,34 +104,37 @@ class Difference:
 
     def intervals(self, metric: str, seed: int = 0) -> dict[str, Interval | None]:
         """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
-        at = self.metrics.index(metric)
-        scenes, of_seeds, n = self.over_scenes[:, at], self.seeds[:, at], len(self.seeds)
+        scenes, of_seeds = self.over_scenes[:, self.metrics.index(metric)], self._of_seeds(metric)
+        n = len(of_seeds)
         if n == 1:
             return {"scenes": _interval(scenes), "seeds": None, "both": _interval(scenes)}
         draw = np.random.default_rng(seed)
         drawn = of_seeds[draw.integers(0, n, (RESAMPLES, n))].mean(axis=1)
         student = of_seeds.std(ddof=1) / np.sqrt(n) * draw.standard_t(n - 1, RESAMPLES)
-        return {
-            "scenes": _interval(scenes),
-            "seeds": _interval(drawn),
-            "both": _interval(scenes + student),
-        }
+        both = _interval(scenes + student)
+        return {"scenes": _interval(scenes), "seeds": _interval(drawn), "both": both}
 
     def p_value(self, metric: str) -> float:
-        """Two-sided t test over seeds of no difference on these test scenes.
+        """Two-sided t test over seeds of no difference here; NaN for a single seed."""
+        from scipy.stats import ttest_1samp  # It takes half a second to import.
 
-        NaN for a single seed.
-        """
-        of_seeds = self.seeds[:, self.metrics.index(metric)]
-        return _p_value(of_seeds, 0.0, "two-sided")
+        found: Any = ttest_1samp(self._of_seeds(metric), 0)
+        return float(found.pvalue)
 
     def p_equivalent(self, metric: str, margin: float) -> float:
         """Two one-sided t tests over seeds of a difference of `margin` or more.
 
         Schuirmann (J. Pharmacokinet. Biopharm. 1987). NaN for a single seed.
         """
-        of_seeds = self.seeds[:, self.metrics.index(metric)]
-        return max(_p_value(of_seeds, -margin, "greater"), _p_value(of_seeds, margin, "less"))
+        from scipy.stats import ttest_1samp
+
+        values = self._of_seeds(metric)
+        above: Any = ttest_1samp(values, -margin, alternative="greater")
+        below: Any = ttest_1samp(values, margin, alternative="less")
+        return float(max(above.pvalue, below.pvalue))
+
+    def _of_seeds(self, metric: str) -> np.ndarray:
+        return self.seeds[:, self.metrics.index(metric)]
 
 
 def paired_difference(
@@ -149,24 +151,11 @@ def paired_difference(
         seed: of the bootstrap.
         numbers: the training seeds; default: 0 to n - 1.
     """
-    draw = np.random.default_rng(seed)
-    first = ours[0]
-    block = first.blocks
-    count = int(block.max()) + 1
-    drawn = draw.multinomial(count, np.full(count, 1 / count), RESAMPLES)
-
-    def resampled(run: ErrorsByScene) -> np.ndarray:
-        # [RESAMPLES, M] means over the drawn scenes.
-        totals, counts = np.zeros((2, count, len(first.metrics)))
-        np.add.at(totals, block, run.totals)
-        np.add.at(counts, block, run.counts)
-        return _ratio(drawn @ totals, drawn @ counts)
-
-    pairs = list(zip(ours, theirs))
-    over_scenes = np.mean([resampled(a) - resampled(b) for a, b in pairs], axis=0)
+    drawn, pairs = _drawn(ours[0], seed), list(zip(ours, theirs))
+    over_scenes = np.mean([_resampled(a, drawn) - _resampled(b, drawn) for a, b in pairs], axis=0)
     seeds = np.stack([a.mean - b.mean for a, b in pairs])
     numbers = tuple(range(len(pairs)) if numbers is None else numbers)
-    return Difference(first.metrics, numbers, seeds, over_scenes)
+    return Difference(ours[0].metrics, numbers, seeds, over_scenes)
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
@@ -199,22 +188,24 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
 
 def student_half(values: Sequence[float]) -> float:
     """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
-    from scipy.stats import t  # It takes half a second to import.
+    from scipy.stats import t
 
     return float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
 
 
-def _p_value(values: np.ndarray, mean: float, alternative: str) -> float:
-    from scipy.stats import t
+def _drawn(errors: ErrorsByScene, seed: int = 0) -> np.ndarray:
+    """[RESAMPLES, blocks] how often each block is drawn."""
+    count = int(errors.blocks.max()) + 1
+    draw = np.random.default_rng(seed)
+    return draw.multinomial(count, np.full(count, 1 / count), RESAMPLES)
 
-    n = len(values)
-    if n == 1:
-        return np.nan
-    above, error = values.mean() - mean, values.std(ddof=1) / np.sqrt(n)
-    # Without spread, a difference is certain and no difference is no evidence.
-    statistic = above / error if error else np.inf * above if above else 0.0
-    tails = {"greater": t.sf(statistic, n - 1), "less": t.cdf(statistic, n - 1)}
-    return float(tails.get(alternative, 2 * min(tails.values())))
+
+def _resampled(run: ErrorsByScene, drawn: np.ndarray) -> np.ndarray:
+    """[RESAMPLES, M] means over the drawn blocks."""
+    totals, counts = np.zeros((2, drawn.shape[1], len(run.metrics)))
+    np.add.at(totals, run.blocks, run.totals)
+    np.add.at(counts, run.blocks, run.counts)
+    return _ratio(drawn @ totals, drawn @ counts)
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:

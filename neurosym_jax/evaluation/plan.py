@@ -1,74 +1,81 @@
-"""A plan of tests: which models are tested on which dataset at which horizon, by what protocol."""
+"""What is tested on what: models, and baselines beside them, on the windows of a dataset."""
 
 import dataclasses
 import time
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal
 
-from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic
+from neurosym_jax.data.batching import Batch, make_batches
+from neurosym_jax.data.leakage import seen_before
+from neurosym_jax.data.sources import GENERAL, EthUcy, Source
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.test_sets import (
-    BASELINES,
-    Entries,
-    Test,
-    TestSet,
-    baselines_of,
-    make_test,
-)
+from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import RECOMMENDED, find_checkpoints, shipped_models
+from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_name
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
 
 __all__ = [
-    "PROTOCOLS",
-    "Protocol",
-    "ProtocolName",
+    "BASELINES",
+    "Entries",
+    "Test",
+    "TestSet",
+    "baseline",
+    "baselines_of",
     "load_models",
     "load_tests",
     "make_plan",
-    "one_of_each",
+    "make_test",
 ]
 
-ProtocolName = Literal["sgan", "joint-metrics"]
+BASELINES = ("constant_velocity", "constant_velocity_sampled", "anchor_table")
+"""Forecasters that every model is tested beside, by name; the last one where it ships."""
+LENGTH = 8
+"""Steps observed, and forecast, where no model says how many."""
+
+Entries = list[tuple[str | None, Model]]
+"""(path as given, model) of what is tested on one test set; baselines, first, have no path."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Protocol:
-    """What a published protocol of evaluation fixes."""
+class TestSet:
+    """A dataset at a horizon."""
 
-    min_agents: int
-    """Scenes with fewer people are left out."""
-    by_scene: bool
-    """Whether means weigh each scene the same, instead of each person."""
-    obs_len: int | None = None
-    """Observed steps; None for any."""
-    pred_len: int | None = None
-
-    def steps(self, name: str, asked: int | None) -> int | None:
-        """`obs_len` or `pred_len`: the number asked for, else the protocol's.
-
-        Raises:
-            InputError: where the protocol has another number.
-        """
-        own = getattr(self, name)
-        if None not in (own, asked) and own != asked:
-            option = f"--{name.replace('_', '-')}"
-            raise InputError(f"{option} {asked}: the protocol has {own} (--protocol sgan has any)")
-        return asked if own is None else own
+    dataset: str
+    """Its name, or names of recordings joined by `+`."""
+    obs_len: int
+    pred_len: int
 
 
-PROTOCOLS: dict[ProtocolName, Protocol] = {
-    "sgan": Protocol(2, by_scene=False),
-    "joint-metrics": Protocol(1, by_scene=True, obs_len=8, pred_len=12),
-}
-"""SGAN's (Gupta et al., CVPR 2018); and that of E. Weng, H. Hoshino, D. Ramanan and K. Kitani,
-"Joint Metrics Matter", ICCV 2023."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class Test:
+    """A test set, read and batched, and the models to test on it."""
+
+    test_set: TestSet
+    entries: Entries
+    windows: Windows
+    batches: list[Batch]
+    seconds: float
+    """Time taken to read, cut and batch it."""
+
+
+def load_models(
+    names: Sequence[str], source: Source, dataset: str | None, pred_len: int | None
+) -> list[tuple[str, Model]]:
+    """(path, model) of the checkpoints of these names, see `find_checkpoints`.
+
+    `recommended` without a `dataset` is the model of each data set of ETH/UCY, where `source` is
+    ETH/UCY.
+    """
+    several = dataset is None and isinstance(source, EthUcy)
+    datasets: Sequence[str | None] = source.scenes if several else (dataset,)
+    return [(path, load_model(path)) for path in find_checkpoints(names, datasets, pred_len)]
 
 
 def make_plan(
@@ -117,81 +124,15 @@ def make_plan(
             test_set = TestSet(name, model.config.obs_len, model.config.pred_len)
             tested.setdefault(test_set, []).append((path, model))
     if not tested:
-        default = GeneratorConfig()
-        lengths = (obs_len or default.obs_len, pred_len or default.pred_len)
-        tested = {TestSet(name, *lengths): [] for name in everywhere}
+        tested = {TestSet(name, obs_len or LENGTH, pred_len or LENGTH): [] for name in everywhere}
     if baselines is None and test_on and isinstance(source, EthUcy):
         baselines = BASELINES[:2]  # The anchor table for other recordings learned from these.
     order = [*everywhere, *source.scenes]
+    sets = sorted(tested, key=lambda of: (order.index(of.dataset), of.obs_len, of.pred_len))
     return {
-        test_set: [
-            *baselines_of(
-                baselines, test_set.obs_len, test_set.pred_len, test_set.dataset, samples
-            ),
-            *tested[test_set],
-        ]
-        for test_set in sorted(
-            tested, key=lambda test: (order.index(test.dataset), test.obs_len, test.pred_len)
-        )
+        of: [*baselines_of(baselines, of.obs_len, of.pred_len, of.dataset, samples), *tested[of]]
+        for of in sets
     }
-
-
-def load_models(
-    names: Sequence[str],
-    source_of: Callable[[str | None], Source],
-    dataset: str | None,
-    pred_len: int | None,
-) -> list[tuple[str, Model]]:
-    """(path, model) of the checkpoints of these names, or of all models that ship.
-
-    Of what ships the baselines are left out: they are tested beside every model.
-
-    Args:
-        names: see `find_checkpoints`; `recommended` without a `dataset` is the model of each data
-            set of ETH/UCY where the recordings are these.
-        source_of: the source of the recordings; None where no model says which.
-        dataset: to test on, where given.
-        pred_len: steps to forecast, where given.
-    """
-    datasets: Sequence[str | None] = (dataset,)
-    if RECOMMENDED in names and dataset is None:
-        source = source_of(None)
-        datasets = source.scenes if isinstance(source, EthUcy) else datasets
-    shipped = [str(path) for path in shipped_models() if not path.name.startswith(BASELINES)]
-    paths = find_checkpoints(names, datasets, pred_len) or shipped
-    return [(path, load_model(path)) for path in paths]
-
-
-def one_of_each(
-    source: Source,
-    models: Sequence[tuple[str, Model]],
-    *,
-    dataset: str | None = None,
-    obs_len: int | None = None,
-    pred_len: int | None = None,
-) -> list[tuple[str, Model]]:
-    """Choose for each dataset the first model without symbols and the first one with symbols.
-
-    Models held out for these datasets come first; where there are none, as for a user's own
-    recordings, those trained for other people, then any trained on real people.
-    """
-    lengths = (obs_len or GeneratorConfig().obs_len, pred_len or GeneratorConfig().pred_len)
-    fitting = [
-        (path, model)
-        for path, model in models
-        if (model.config.obs_len, model.config.pred_len) == lengths
-        and not _contradiction(model, source, dataset, obs_len, pred_len)
-    ]
-    # General models first, and of them what is recommended.
-    fitting.sort(key=lambda each: (each[1].dataset != GENERAL, each[1].kind != "anchors"))
-    own = [each for each in fitting if each[1].dataset in (*source.scenes, source.name)]
-    others = [each for each in fitting if each[1].dataset not in (None, Synthetic.name)]
-    chosen: dict[tuple[str | None, bool], tuple[str, Model]] = {}
-    for path, model in own or others:
-        # Held-out sets of other people's models make no difference here.
-        of = model.dataset if own else None
-        chosen.setdefault((of, model.weighting is None), (path, model))
-    return sorted(chosen.values(), key=lambda each: each[1].weighting is not None)
 
 
 def _contradiction(
@@ -200,7 +141,7 @@ def _contradiction(
     dataset: str | None,
     obs_len: int | None,
     pred_len: int | None,
-    named: bool = False,
+    named: bool,
 ) -> str | None:
     """Why a model cannot be tested as asked; None where it can. `named`: recordings are."""
     config = model.config
@@ -210,17 +151,62 @@ def _contradiction(
         has = getattr(config, name)
         if asked is not None and asked != has:
             return f"has {name} {has}, but --{name.replace('_', '-')} {asked} is asked for"
+    where = None
     if model.dataset == GENERAL and isinstance(source, EthUcy) and not named:
-        return (
-            "learned from all of ETH/UCY, so it would be tested on what it was trained on "
-            "(--test-on with file names does so all the same)"
+        where = "learned from all of ETH/UCY, so it would be tested"
+    elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
+        where = f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it"
+    asked = "on what it was trained on (--test-on with file names does so all the same)"
+    return where and f"{where} {asked}"
+
+
+def baselines_of(
+    names: Sequence[str] | None,
+    obs_len: int,
+    pred_len: int,
+    dataset: str | None = None,
+    samples: int = 20,
+) -> list[tuple[None, Model]]:
+    """The baselines of a test set.
+
+    One with parameters is the shipped model `NAME_DATASET_STEPS` that did not learn from the test
+    set, such as `anchor_table_zara1_12`.
+
+    Args:
+        names: of forecasters; None for `BASELINES`, without those that do not ship for this test
+            set or have fewer samples.
+        obs_len: observed steps.
+        pred_len: steps to forecast.
+        dataset: of ETH/UCY, or general for recordings of other people.
+        samples: k that is asked for.
+    """
+    found: list[tuple[None, Model]] = []
+    for name in BASELINES if names is None else names:
+        place = find_model(shipped_name(name, dataset, pred_len))
+        if place.is_dir():
+            model = load_model(place)
+            enough = getattr(model.config, "samples", samples) >= samples
+            if names is not None or (enough and model.config.obs_len == obs_len):
+                found.append((None, model))
+        elif names is not None or name != BASELINES[-1]:
+            found.append((None, baseline(name, obs_len, pred_len)))
+    return found
+
+
+def baseline(name: str, obs_len: int, pred_len: int) -> Model:
+    """Make a registered forecaster without parameters, at a horizon.
+
+    Raises:
+        InputError: for a forecaster with parameters.
+    """
+    forecaster = FORECASTERS[name]
+    config = forecaster.Config(obs_len=obs_len, pred_len=pred_len)
+    if forecaster(config).shapes():
+        raise InputError(
+            f"forecaster {name}: cannot be a baseline, it has parameters to learn, and none ships "
+            "for this test set"
         )
-    if dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
-        return (
-            f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it on "
-            "what it was trained on (--test-on with file names does so all the same)"
-        )
-    return None
+    return Model(config, {}, kind=name)
 
 
 def load_tests(
@@ -229,18 +215,11 @@ def load_tests(
     *,
     test_on: Sequence[str] = (),
     min_agents: int = 2,
-    start: float | None = None,
 ) -> list[Test]:
-    """Read the test sets of a plan (see `make_plan`), each recording once.
-
-    The first test set's seconds count from `start`, a `time.perf_counter()`.
-    """
-    since = time.perf_counter() if start is None else start
-
-    def read(name: str) -> list[Tracks]:
-        return source.files(test_on) if test_on else source.recordings(name)
-
+    """Read the test sets of a plan (see `make_plan`), each recording once."""
+    since = time.perf_counter()
     names = list(dict.fromkeys(test_set.dataset for test_set in plan))
+    read = (lambda _: source.files(test_on)) if test_on else source.recordings
     # Side by side, for simulations are programs that are compiled first.
     with ThreadPoolExecutor(cpu_cores()) as pool:
         recordings = dict(zip(names, pool.map(read, names)))
@@ -249,3 +228,36 @@ def load_tests(
         tests.append(make_test(test_set, entries, recordings[test_set.dataset], min_agents, since))
         since = time.perf_counter()
     return tests
+
+
+def make_test(
+    test_set: TestSet,
+    entries: Entries,
+    recordings: Sequence[Tracks],
+    min_agents: int = 2,
+    since: float | None = None,
+) -> Test:
+    """Cut `recordings` into the windows of a test set; its seconds count `since` then."""
+    since = time.perf_counter() if since is None else since
+    windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
+    for path, model in entries:
+        found, looked = seen_before(model.seen, windows)
+        if found:
+            line = (
+                f"{path}: was trained on these people: {found} of {looked} windows that were "
+                "looked for are among its training windows, so its errors are too small"
+            )
+            warnings.warn(line, InputWarning, stacklevel=2)
+            first = windows.reading[0]
+            first = dataclasses.replace(first, warnings=(*first.warnings, line))
+            windows = dataclasses.replace(windows, reading=(first, *windows.reading[1:]))
+        trained = model.config.period
+        if path is not None and abs(trained - windows.period) > 0.01 * trained:
+            warnings.warn(
+                f"{path}: was trained on steps of {trained:g} s and is tested on steps of "
+                f"{windows.period:g} s (--period {trained:g} resamples the recordings)",
+                InputWarning,
+                stacklevel=2,
+            )
+    batches = make_batches(windows)
+    return Test(test_set, entries, windows, batches, time.perf_counter() - since)

@@ -1,45 +1,41 @@
-"""Results of an evaluation: every model of every test set, forecast, scored and timed."""
+"""Results of an evaluation: every model of every test set, forecast, scored and timed.
+
+While one model is evaluated, the programs of those that follow are compiled, in threads.
+"""
 
 import dataclasses
-import functools
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+import jax
 import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.batching import make_batches, single_scene
+from neurosym_jax.data.batching import single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
-from neurosym_jax.evaluation.compile_ahead import CompileAhead
-from neurosym_jax.evaluation.scoring import Evaluation, Score, Scores, score_forecaster
-from neurosym_jax.evaluation.test_sets import (
-    Entries,
-    Test,
-    TestSet,
-    baselines_of,
-    make_test,
+from neurosym_jax.evaluation.plan import Entries, Test, TestSet, baselines_of, make_test
+from neurosym_jax.evaluation.scoring import (
+    Evaluation,
+    Score,
+    Scores,
+    chosen,
+    score_batch,
+    score_forecaster,
 )
+from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
+from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.progress import Progress
-from neurosym_jax.scene import Scene, pad_scene
+from neurosym_jax.scene import Scene, make_scene, pad_scene
 
-__all__ = [
-    "Result",
-    "Row",
-    "Settings",
-    "each_result",
-    "evaluate",
-    "evaluate_tests",
-    "latency",
-    "rows_frame",
-]
+__all__ = ["Result", "Row", "Settings", "evaluate", "evaluate_tests"]
 
 EXAMPLE = 8
 """Number of people that a figure can show."""
@@ -139,67 +135,63 @@ def evaluate(
     return rows_frame([result.row for result in evaluate_tests(tests, settings)])
 
 
-def rows_frame(rows: Sequence[Row]) -> pl.DataFrame:
-    """The rows of an evaluation as a data frame."""
-    return pl.DataFrame(rows, infer_schema_length=None)
+def evaluate_tests(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
+    """Yield the results of all tests in their order, the entries of each in theirs."""
+    pool = ThreadPoolExecutor(cpu_cores())
+    progress = Progress(sum(len(test.entries) for test in tests))
+    try:
+        programs = _compile(pool, tests, settings)
+        for test in tests:
+            for result in _evaluate_test(programs, test, settings):
+                progress.step(f"{result.name} on {result.test_set.dataset}")
+                yield result
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
-def evaluate_tests(tests: Sequence[Test], settings: Settings) -> list[Result]:
-    """Results of all tests in their order, the entries of each in theirs."""
-    return list(each_result(tests, settings))
+def _compile(
+    pool: ThreadPoolExecutor, tests: Sequence[Test], settings: Settings
+) -> dict[Any, Future]:
+    """Start compiling each program once: by running it on empty scenes, since JAX keeps it.
 
-
-def each_result(
-    tests: Sequence[Test], settings: Settings, pool: Executor | None = None
-) -> Iterator[Result]:
-    """Yield the results of `evaluate_tests` as they come; `pool` evaluates each test set as a task.
-
-    Without `pool` all are evaluated here, in threads.
+    The keys are a forecaster and the shape of a batch.
     """
-    total = sum(len(test.entries) for test in tests)
-    results = _here(tests, settings) if pool is None else _over(pool, tests, settings)
-    progress = Progress(total)
-    for result in results:
-        progress.step(f"{result.name} on {result.test_set.dataset}")
-        yield result
+    begun: dict[Any, Future] = {}
+    for test in tests:
+        shapes = {batch.scene.observed.shape: batch.scene for batch in test.batches}
+        for _, model in test.entries:
+            new = {key: shapes[key] for key in shapes if (model.forecaster, key) not in begun}
+            # One after the other, for all shapes share a program that the first one compiles.
+            future = pool.submit(_run_on_nothing, model, list(new.values()), settings)
+            begun |= {(model.forecaster, key): future for key in new}
+    return begun
 
 
-def _here(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
-    with CompileAhead(settings.samples, settings.metrics) as programs:
-        for test in tests:
-            for _, model in test.entries:
-                programs.of_batches(model, test.batches)
-                programs.of_one_scene(model, EXAMPLE)
-        for test in tests:
-            yield from _evaluate_test(programs, test, settings)
+def _run_on_nothing(model: Model, scenes: Sequence[Scene], settings: Settings) -> None:
+    forecaster, metrics = model.forecaster, chosen(settings.metrics)
+    for scene in scenes:
+        empty: Any = jax.tree.map(np.zeros_like, scene)
+        empty.valid[0, 0] = True
+        score_batch(forecaster, model.params, empty, forecaster.count(settings.samples), 0, metrics)
+    if scenes:
+        one = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), EXAMPLE)
+        SceneForecaster(forecaster, model.params, samples=settings.samples, seed=0)(one)
 
 
-def _over(pool: Executor, tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
-    # Batches repeat the windows: they are made again where they are needed.
-    items = [dataclasses.replace(test, batches=[]) for test in tests]
-    for results in pool.map(functools.partial(_task, settings), items):
-        yield from results
-
-
-def _task(settings: Settings, test: Test) -> list[Result]:
-    test = dataclasses.replace(test, batches=make_batches(test.windows))
-    return list(_here([test], settings))
-
-
-def _evaluate_test(programs: CompileAhead, test: Test, settings: Settings) -> Iterator[Result]:
+def _evaluate_test(programs: dict[Any, Future], test: Test, settings: Settings) -> Iterator[Result]:
     test_set, windows, loading = test.test_set, test.windows, test.seconds
     example = None
     for path, model in test.entries:
-        compiling = programs.wait_for(programs.of_batches(model, test.batches))
+        start = time.perf_counter()
+        for batch in test.batches:
+            programs[model.forecaster, batch.scene.observed.shape].result()
+        compiling = time.perf_counter() - start
         found, spread = _score(model, test, settings)
         if example is None:
             example = single_scene(windows, _typical(test, found))
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
-        slots = len(example.valid)
-        compiling += programs.wait_for([programs.of_one_scene(model, slots)])
-        common = {"samples": settings.samples, "seed": settings.seed}
-        seconds, forecast = latency(model.forecaster, model.params, example, **common)
+        seconds, forecast = _latency(model.forecaster, model.params, example, settings)
         steps = test_set.obs_len + test_set.pred_len
         errors = ErrorsByScene.of_scores(found.scores, windows.identity, steps)
         row = {
@@ -247,11 +239,7 @@ def _score(model: Model, test: Test, settings: Settings) -> tuple[Evaluation, di
 
 
 def _columns(scores: Scores, errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
-    """Mean, bounds and deviation of each metric with one value, None where nothing was counted.
-
-    Raises:
-        InputError: naming `of`, for a metric that is not finite.
-    """
+    """Mean, bounds and deviation of each metric with one value, None where nothing was counted."""
     for name in errors.metrics:
         if not np.isfinite(scores[name].total).all():
             raise InputError(f"metric {name}: is not finite for {of}")
@@ -273,14 +261,14 @@ def _typical(test: Test, found: Evaluation) -> int:
     return int(small[np.argsort(error[small], kind="stable")[len(small) // 2]])
 
 
-def latency(
-    forecaster: Forecaster, params: Any, scene: Scene, *, samples: int, seed: int
+def _latency(
+    forecaster: Forecaster, params: Any, scene: Scene, settings: Settings
 ) -> tuple[float, np.ndarray]:
     """Median seconds to forecast one scene, and its forecast [k, N, pred_len, 2], world metres."""
-    forecast = SceneForecaster(forecaster, params, samples=samples, seed=seed)
-    futures, seconds = np.empty(0), []
-    for _ in range(11):
+    forecast = SceneForecaster(forecaster, params, samples=settings.samples, seed=settings.seed)
+    futures, seconds = forecast(scene), []
+    for _ in range(10):
         start = time.perf_counter()
         futures = forecast(scene)
         seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds[1:])), futures
+    return float(np.median(seconds)), futures

@@ -3,51 +3,29 @@
 The test set is forecast again; with the same seed these are the forecasts that were scored.
 """
 
-import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
+import polars as pl
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.test_sets import Test
+from neurosym_jax.evaluation.plan import Test
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.environment import cpu_cores
-from neurosym_jax.runtime.files import new_file, refuse_unwritable
+from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.memory import refuse_beyond_memory
 from neurosym_jax.scene import scene_identity
 
-__all__ = ["Forecasts", "check_forecasts_file", "forecasts_of", "save_forecasts"]
+__all__ = ["check_forecasts_file", "forecasts_of", "save_forecasts"]
 
 DECIMALS = 4
 """Decimals of metres in files."""
-
-
-class Forecasts(NamedTuple):
-    """Forecasts of the A agent windows of a test set; positions are world metres."""
-
-    forecast: np.ndarray
-    """[k, A, pred_len, 2]."""
-    truth: np.ndarray
-    """[A, pred_len, 2]."""
-    observed: np.ndarray
-    """[A, obs_len, 2]."""
-    scene: np.ndarray
-    """[A] index of the scene in the test set."""
-    person: np.ndarray
-    """[A] id in the recording."""
-    recording: np.ndarray
-    """[A] name."""
-    start: np.ndarray
-    """[A] index of the first observed step in the recording."""
-    period: float
-    """Seconds between steps."""
-    probability: np.ndarray | None
-    """[k, A] of each sample, the same for all of a scene; None where all samples have the same."""
+ENDINGS = (".npz", ".ndjson")
 
 
 def check_forecasts_file(path: Path) -> None:
@@ -56,8 +34,8 @@ def check_forecasts_file(path: Path) -> None:
     Raises:
         InputError: naming `path`.
     """
-    if path.suffix.lower() not in WRITERS:
-        raise InputError(f"{path}: forecasts are written as {', '.join(WRITERS)}, by the ending")
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(f"{path}: forecasts are written as {', '.join(ENDINGS)}, by the ending")
     refuse_unwritable(path)
 
 
@@ -72,9 +50,6 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
 
     Returns:
         The files; existing ones of the same name were replaced.
-
-    Raises:
-        InputError: see `check_forecasts_file`.
     """
     check_forecasts_file(path)
     entries = [(test, *entry) for test in tests for entry in test.entries]
@@ -86,14 +61,26 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
         target = path.with_name(stem + path.suffix) if len(entries) > 1 else path
         while target in paths:
             target = target.with_stem(f"{target.stem}_")
-        with new_file(target) as beside:
-            WRITERS[path.suffix.lower()](beside, forecasts_of(model, test, samples, seed))
+        found = forecasts_of(model, test, samples, seed)
+        for each in ("forecast", "truth", "observed"):
+            found[each] = np.round(found[each], DECIMALS)
+        if path.suffix.lower() == ".npz":
+            with new_file(target) as beside:
+                np.savez_compressed(beside, **found)
+        else:
+            write_text(target, _trajnet_text(found))
         paths.append(target)
     return paths
 
 
-def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts:
-    """Forecast a whole test set by `model`, in the order of its windows."""
+def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> dict[str, Any]:
+    """Forecast a whole test set of A agent windows by `model`, in their order.
+
+    Returns:
+        World metres `forecast` [k, A, pred_len, 2], `truth` [A, pred_len, 2] and `observed`
+        [A, obs_len, 2]; [A] `scene`, `person`, `recording` and `start`, the index of the first
+        step; `period` in seconds; and, where samples have it, `probability` [k, A].
+    """
     windows, obs_len, forecaster = test.windows, test.windows.obs_len, model.forecaster
     samples = forecaster.count(samples)
     numbers = 2.0 * samples * windows.agents * forecaster.pred_len
@@ -103,66 +90,59 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> Forecasts
     scene = np.repeat(np.arange(windows.scenes), windows.sizes)
     names = {int(scene_identity(how.recording, 0)[0]): how.recording for how in windows.reading}
     recording = np.array([names[int(digest)] for digest in windows.identity[:, 0]])
-    truth, observed = windows.position[:, obs_len:], windows.position[:, :obs_len]
-    start = windows.identity[scene, 1].astype(np.int64)
-    who = (scene, windows.agent, recording[scene], start)
-    likely = None if likely is None else likely[:, scene]
-    return Forecasts(found, truth, observed, *who, windows.period, likely)
+    return {
+        "forecast": found,
+        "truth": windows.position[:, obs_len:],
+        "observed": windows.position[:, :obs_len],
+        "scene": scene,
+        "person": windows.agent,
+        "recording": recording[scene],
+        "start": windows.identity[scene, 1].astype(np.int64),
+        "period": windows.period,
+        **({} if likely is None else {"probability": likely[:, scene]}),
+    }
 
 
-def _write_npz(path: Path, forecasts: Forecasts) -> None:
-    arrays = {name: value for name, value in forecasts._asdict().items() if value is not None}
-    for name in ("forecast", "truth", "observed"):
-        arrays[name] = np.round(arrays[name], DECIMALS)
-    np.savez_compressed(path, **arrays)
-
-
-def _write_trajnet(path: Path, forecasts: Forecasts) -> None:
-    with path.open("w", encoding="utf-8") as file:
-        for kind, fields in _trajnet_rows(forecasts):
-            file.write(json.dumps({kind: fields}) + "\n")
-
-
-def _trajnet_rows(forecasts: Forecasts) -> Iterator[tuple[str, dict[str, object]]]:
-    """Rows of TrajNet++: scenes, tracks, forecasts. The file is one recording, so frames and people
-    of several recordings are numbered consecutively."""
-    obs_len = forecasts.observed.shape[1]
-    steps = obs_len + forecasts.truth.shape[1]
-    first, begin = forecasts.start.copy(), 0
-    for name in dict.fromkeys(forecasts.recording):
-        of = forecasts.recording == name
+def _trajnet_text(found: dict[str, Any]) -> str:
+    """Lines of TrajNet++: scenes, tracks, forecasts. The file is one recording, so frames and
+    people of several recordings are numbered consecutively."""
+    forecast, scene, first = found["forecast"], found["scene"], found["start"].copy()
+    happened = np.concatenate([found["observed"], found["truth"]], axis=1)
+    steps, begin = happened.shape[1], 0
+    for name in dict.fromkeys(found["recording"]):
+        of = found["recording"] == name
         first[of] += begin
         begin = int(first[of].max()) + steps
-    who = list(zip(forecasts.recording.tolist(), forecasts.person.tolist()))
-    number = {person: at for at, person in enumerate(dict.fromkeys(who))}
-    people = [number[person] for person in who]
-    for scene, agent in zip(*np.unique(forecasts.scene, return_index=True)):
-        at = int(first[agent])
-        ends = {"s": at, "e": at + steps - 1, "fps": round(1 / forecasts.period, 6)}
-        yield "scene", {"id": int(scene), "p": people[agent], **ends}
-
-    def tracks(agent: int, path: np.ndarray, begin: int) -> Iterator[dict[str, object]]:
-        for frame, (x, y) in enumerate(np.round(path, DECIMALS).tolist(), begin):
-            yield {"f": frame, "p": people[agent], "x": x, "y": y}
-
-    told = set()
-    happened = np.concatenate([forecasts.observed, forecasts.truth], axis=1)
-    for agent, path in enumerate(happened):
-        for track in tracks(agent, path, int(first[agent])):
-            if (track["f"], track["p"]) not in told:
-                told.add((track["f"], track["p"]))
-                yield "track", track
-    for agent in range(len(people)):
-        of = {"scene_id": int(forecasts.scene[agent])}
-        paths = forecasts.forecast[:, agent]
-        if forecasts.probability is not None:  # The evaluator takes number 0 for the best guess.
-            paths = paths[np.argsort(-forecasts.probability[:, agent], kind="stable")]
-        for sample, path in enumerate(paths):
-            for track in tracks(agent, path, int(first[agent]) + obs_len):
-                yield "track", {**track, "prediction_number": sample, **of}
+    number: dict[tuple[str, int], int] = {}
+    who = zip(found["recording"].tolist(), found["person"].tolist())
+    people = np.array([number.setdefault(each, len(number)) for each in who])
+    ids, agents = np.unique(scene, return_index=True)
+    ends = {"s": first[agents], "e": first[agents] + steps - 1}
+    scenes = pl.DataFrame({"id": ids, "p": people[agents], **ends})
+    scenes = scenes.with_columns(fps=round(1 / found["period"], 6))
+    if "probability" in found:  # The evaluator takes number 0 for the best guess.
+        order = np.argsort(-found["probability"], axis=0, kind="stable")
+        forecast = np.take_along_axis(forecast, order[..., None, None], axis=0)
+    k, _, ahead, _ = forecast.shape
+    frames = np.arange(steps - ahead, steps)
+    futures = _tracks(forecast.swapaxes(0, 1), people, first[:, None, None] + frames)
+    futures = futures.with_columns(
+        prediction_number=np.tile(np.repeat(np.arange(k), ahead), len(people)),
+        scene_id=np.repeat(scene, k * ahead),
+    )
+    tracks = _tracks(happened[:, None], people, first[:, None, None] + np.arange(steps))
+    once = tracks.unique(["f", "p"], keep="first", maintain_order=True)
+    parts = {"scene": [scenes], "track": [once, futures]}
+    return "".join(
+        part.select(pl.struct(pl.all()).alias(kind)).write_ndjson()
+        for kind, of_kind in parts.items()
+        for part in of_kind
+    )
 
 
-WRITERS: dict[str, Callable[[Path, Forecasts], None]] = {
-    ".npz": _write_npz,
-    ".ndjson": _write_trajnet,
-}
+def _tracks(paths: np.ndarray, people: np.ndarray, frames: np.ndarray) -> pl.DataFrame:
+    """A row for each position of `paths` [A, k, T, 2], at `frames` [A, 1, T]."""
+    x, y = paths.reshape(-1, 2).T
+    frame = np.broadcast_to(frames, paths.shape[:3]).ravel()
+    person = np.repeat(people, len(x) // len(people))
+    return pl.DataFrame({"f": frame, "p": person, "x": x, "y": y})

@@ -8,165 +8,51 @@ The 95 % interval of a line is
   else of independent test sets.
 """
 
-import dataclasses
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import PurePath
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+import polars as pl
 
-from neurosym_jax.evaluation.bootstrap import Interval, student_half
+from neurosym_jax.evaluation.bootstrap import student_half
 from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.test_sets import TestSet
-from neurosym_jax.forecasting.model import Model
 
-__all__ = [
-    "Line",
-    "Value",
-    "assumptions",
-    "conclusion",
-    "family_of",
-    "labels",
-    "lines_of",
-    "means_of",
-    "metrics_of",
-]
+__all__ = ["labels", "metrics_of", "rows_frame", "summarise"]
 
-Row = Mapping[str, Any]
-"""See `results.Row`."""
-
-SEED = re.compile(r"[_\-.]?seed[_\-=]?(\d+)")
+SEED = r"[_\-.]?seed[_\-=]?(\d+)"
 """In a checkpoint's path, the seed of one of several trainings."""
+HORIZON = ("obs_len", "pred_len")
+FACTS = ("dataset", *HORIZON, "model", "samples", "seeds", "scenes", "agents", "blocks")
+"""Columns of a row that a line keeps."""
 
 
-class Value(NamedTuple):
-    """The value of one metric in a line."""
-
-    mean: float | None = None
-    """None where nothing was counted."""
-    interval: Interval | None = None
-    """95 %."""
-    spread: float | None = None
-    """Standard deviation between trainings or, of one, between seeds of the noise."""
-    best: bool = False
-    """Whether its interval lies beyond those of all other models on the test set."""
+def rows_frame(rows: Sequence[dict[str, Any]]) -> pl.DataFrame:
+    """The rows of an evaluation as a data frame."""
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
-@dataclasses.dataclass(frozen=True)
-class Line:
-    """A model on a test set, or on all of them."""
-
-    test_set: TestSet
-    model: str
-    checkpoint: str | None
-    """As given; of several trainings without the seed."""
-    rows: tuple[Row, ...]
-    """One for each training; of a mean, for each training and test set."""
-    seeds: tuple[int | None, ...]
-    """Of each training, where its path names it; of a mean, those of one test set."""
-    values: dict[str, Value]
-    """By the name of the metric."""
-    datasets: int = 1
-    """Number of datasets that it is the mean of."""
-
-    @property
-    def trainings(self) -> int:
-        """Number of trainings."""
-        return len(self.seeds)
+def metrics_of(columns: Collection[str]) -> list[str]:
+    """Names of the metrics that rows with these columns have."""
+    return [name for name in columns if f"{name}_low" in columns]
 
 
-def metrics_of(row: Row) -> list[str]:
-    """Names of the metrics that a row has columns of."""
-    return [name for name in row if f"{name}_low" in row]
-
-
-def lines_of(rows: Iterable[Row]) -> list[Line]:
-    """A line for each model on each test set, in order; trainings that differ in seed are one."""
-    groups: dict[tuple[TestSet, str, str | None, int | None], list[tuple[int | None, Row]]] = {}
-    for at, row in enumerate(rows):
-        family, seed = family_of(row["checkpoint"])
-        test_set = TestSet(row["dataset"], row["obs_len"], row["pred_len"])
-        key = (test_set, row["model"], family, at if seed is None else None)
-        groups.setdefault(key, []).append((seed, row))
-    lines = []
-    for (test_set, model, family, _), members in groups.items():
-        seeds, of = zip(*members)
-        path = family if len(members) > 1 else of[0]["checkpoint"]
-        values = {name: _value(name, of) for name in metrics_of(of[0])}
-        lines.append(Line(test_set, model, path, of, seeds, values))
-    return _marked(lines, lambda line: line.test_set)
-
-
-def means_of(lines: Sequence[Line]) -> list[Line]:
-    """Means over test sets, at each horizon, of the models that were tested on all of several."""
-    means = []
-    for lengths in dict.fromkeys(map(_lengths, lines)):
-        of = [line for line in lines if _lengths(line) == lengths]
-        names = list(dict.fromkeys(line.test_set.dataset for line in of))
-        families: dict[tuple, list[Line]] = {}
-        for line in of:
-            family = (line.checkpoint or "").replace(line.test_set.dataset, "*")
-            families.setdefault((line.model, family), []).append(line)
-        for (model, family), members in families.items():
-            if len(names) > 1 and [line.test_set.dataset for line in members] == names:
-                values = {name: _mean(name, members) for name in members[0].values}
-                test_set = TestSet(f"mean of {', '.join(names)}", *lengths)
-                rows = tuple(row for line in members for row in line.rows)
-                given = (family or None, rows, _common(members), values, len(names))
-                means.append(Line(test_set, model, *given))
-    return _marked(means, _lengths)
-
-
-def conclusion(lines: Sequence[Line], period: float, *, simulated: bool = False) -> str:
-    """Sentences on mean errors and significant differences.
+def summarise(rows: pl.DataFrame) -> pl.DataFrame:
+    """The values of all lines, those of means over test sets last.
 
     Args:
-        lines: of all models on the same test sets, at one horizon.
-        period: seconds between steps.
-        simulated: whether the people are.
+        rows: see `evaluate`.
+
+    Returns:
+        A row for each line and metric, with `line` (a number), the columns of `FACTS`,
+        `checkpoint` (of several trainings without the seed), `trainings`, `sets` (number of test
+        sets), `metric`, its `mean` (None where nothing was counted), the bounds `low` and `high` of
+        its 95 % interval, `std` (between trainings or, of one, between seeds of the noise) and
+        `best`, whether the interval lies beyond those of all other models on the test set.
     """
-    errors: dict[str, list[float]] = {}
-    best: dict[str, list[str]] = {}
-    tests = list(dict.fromkeys(line.test_set.dataset for line in lines))
-    for line in lines:
-        ade = line.values["joint_ade"]
-        errors.setdefault(line.model, []).append(ade.mean or 0.0)
-        if ade.best:
-            best.setdefault(line.model, []).append(line.test_set.dataset)
-    samples = {line.model: line.rows[0]["samples"] for line in lines}
-    ranked = sorted(errors, key=lambda name: float(np.mean(errors[name])))
-    parts = [
-        f"{np.mean(errors[name]):.2f} m for {name}{' (one forecast)' * (samples[name] == 1)}"
-        for name in ranked
-    ]
-    seconds = f"{lines[0].test_set.pred_len * period:.1f} s"
-    text = f"Mean error over the next {seconds}, best of {max(samples.values())} forecasts: "
-    text += f"{_and(parts)}."
-    rest = [name for name in tests if not any(name in of for of in best.values())]
-    if best:
-        told = [f"{name} is significantly better on {_and(of)}" for name, of in best.items()]
-        text += f" {_and(told)} (95 % intervals do not overlap)"
-        text += f"; on {_and(rest)} no model is significantly better." if rest else "."
-    else:
-        text += " No model is significantly better than all others (95 % intervals overlap)."
-    return text + " Simulated people say nothing about real ones." * simulated
-
-
-def _and(parts: Sequence[str]) -> str:
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-
-
-def _lengths(line: Line) -> tuple[int, int]:
-    return line.test_set.obs_len, line.test_set.pred_len
-
-
-def family_of(checkpoint: str | None) -> tuple[str | None, int | None]:
-    """A checkpoint's path without its seed, and the seed; None where it has none."""
-    found = SEED.search(checkpoint or "")
-    if checkpoint is None or found is None:
-        return checkpoint, None
-    return checkpoint[: found.start()] + checkpoint[found.end() :], int(found[1])
+    lines = _lines(rows)
+    means = pl.DataFrame(list(_means(lines)), schema=lines.schema)
+    return _marked(pl.concat([lines, means])).drop("each", "trained")
 
 
 def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
@@ -184,80 +70,98 @@ def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
     ]
 
 
-def _value(name: str, rows: Sequence[Row]) -> Value:
-    if len(rows) > 1:
-        return _student([row.get(name) for row in rows])
-    (row,) = rows
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    interval = None if low is None or row[name] is None else Interval(low, high)
-    return Value(row[name], interval, row.get(f"{name}_std"))
+def _lines(rows: pl.DataFrame) -> pl.DataFrame:
+    """Lines of one test set; `each` and `trained` are means and seeds of the trainings."""
+    path = pl.col("checkpoint").cast(pl.String)
+    seed = path.str.extract(SEED, 1).cast(pl.Int64)
+    rows = rows.with_row_index("row").with_columns(checkpoint=path, seed=seed)
+    family = path.str.replace(SEED, "")
+    # Without a seed in its path each is a model of its own.
+    alone = pl.when(pl.col("seed").is_null()).then(pl.col("row"))
+    line = pl.col("row").first().over("dataset", *HORIZON, "model", family, alone)
+    long = pl.concat(
+        rows.select(
+            pl.col("seed", "checkpoint", "latency", "forecasts_per_second", *FACTS),
+            family=family,
+            line=line,
+            metric=pl.lit(name),
+            mean=pl.col(name).cast(pl.Float64),
+            low=pl.col(f"{name}_low").cast(pl.Float64),
+            high=pl.col(f"{name}_high").cast(pl.Float64),
+            std=pl.col(f"{name}_std").cast(pl.Float64),
+        )
+        for name in metrics_of(rows.columns)
+    )
+    several = pl.len() > 1
+    lines = long.group_by("line", "metric", maintain_order=True).agg(
+        pl.col(*FACTS).first(),
+        pl.col("latency").max(),
+        pl.col("forecasts_per_second").min(),
+        pl.col("mean", "low", "high", "std").first(),
+        checkpoint=pl.when(several)
+        .then(pl.col("family").first())
+        .otherwise(pl.col("checkpoint").first()),
+        trainings=pl.len().cast(pl.Int64),
+        sets=pl.lit(1),
+        each=pl.col("mean"),
+        trained=pl.col("seed"),
+    )
+    found = [_of_trainings(of) if of["trainings"] > 1 else of for of in lines.to_dicts()]
+    return pl.DataFrame(found, schema=lines.schema).sort("line", maintain_order=True)
 
 
-def _student(of: Sequence[float | None]) -> Value:
-    """The mean of trainings, and Student's interval of it."""
-    known = [value for value in of if value is not None]
-    if len(known) < len(of):
-        return Value()
-    about = _about(float(np.mean(known)), student_half(known))
-    return about._replace(spread=float(np.std(known, ddof=1)))
+def _of_trainings(of: dict[str, Any]) -> dict[str, Any]:
+    """A line of several trainings with Student's interval of their mean."""
+    if not of["each"] or None in of["each"]:
+        return of | dict.fromkeys(("mean", "low", "high", "std"))
+    mean, half = float(np.mean(of["each"])), student_half(of["each"])
+    std = float(np.std(of["each"], ddof=1))
+    return of | {"mean": mean, "low": mean - half, "high": mean + half, "std": std}
 
 
-def _about(mean: float, half: float) -> Value:
-    return Value(mean, Interval(mean - half, mean + half))
+def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
+    """Means over test sets, at each horizon, of the models that were tested on all of several."""
+    number = len(lines)
+    family = [(path or "").replace(of, "*") for path, of in lines["checkpoint", "dataset"].rows()]
+    lines = lines.with_columns(family=pl.Series(family))
+    for _, alike in lines.group_by(HORIZON, maintain_order=True):
+        names = alike["dataset"].unique(maintain_order=True).to_list()
+        for _, members in alike.group_by("model", "family", maintain_order=True):
+            sets = members["dataset"].unique(maintain_order=True).to_list()
+            if len(names) > 1 and sets == names and members["line"].n_unique() == len(names):
+                number += 1
+                for _, of in members.group_by("metric", maintain_order=True):
+                    mean = _mean(of, len(names)) | {"line": number}
+                    yield mean | {"dataset": f"mean of {', '.join(names)}"}
 
 
-def _common(members: Sequence[Line]) -> tuple[int | None, ...]:
-    """The seeds of a mean: those of its test sets, which are the same where there are several."""
-    return members[0].seeds if len({line.seeds for line in members}) == 1 else (None,)
-
-
-def _mean(name: str, members: Sequence[Line]) -> Value:
-    values = [line.values.get(name, Value()) for line in members]
-    means = [value.mean for value in values if value.mean is not None]
-    intervals = [value.interval for value in values if value.interval is not None]
-    if len(means) < len(members):
-        return Value()
-    if len(_common(members)) > 1:
+def _mean(of: pl.DataFrame, sets: int) -> dict[str, Any]:
+    """The mean of one metric over test sets."""
+    found = of.row(0, named=True)
+    path, trainings, means = found.pop("family") or None, found["trainings"], of["mean"].to_list()
+    found |= dict.fromkeys(("mean", "low", "high", "std", "scenes", "agents", "blocks"))
+    found |= {"sets": sets, "checkpoint": path, "trainings": 1, "latency": of["latency"].max()}
+    found["forecasts_per_second"] = of["forecasts_per_second"].min()
+    if trainings > 1 and all(seeds == found["trained"] for seeds in of["trained"].to_list()):
         # Trainings of one seed are not independent of each other, so they are averaged first.
-        of_seeds = [[row[name] for row in line.rows] for line in members]
-        return _student(np.mean(of_seeds, axis=0).tolist())
-    if len(intervals) < len(members):
-        return Value(float(np.mean(means)))
-    half = float(np.linalg.norm([(high - low) / 2 for low, high in intervals])) / len(members)
-    return _about(float(np.mean(means)), half)
+        each = [] if None in means else np.mean(of["each"].to_list(), axis=0).tolist()
+        return _of_trainings(found | {"each": each, "trainings": trainings})
+    if None not in means:
+        found["mean"] = mean = float(np.mean(means))
+        if of["low"].null_count() == 0:
+            half = float(np.linalg.norm((of["high"] - of["low"]) / 2)) / sets
+            found |= {"low": mean - half, "high": mean + half}
+    return found
 
 
-def _marked(lines: list[Line], group: Callable[[Line], object]) -> list[Line]:
-    """`lines`, with the best values among the lines of each group marked."""
-    marked = []
-    for line in lines:
-        others = [other for other in lines if other is not line and group(other) == group(line)]
-        values = {
-            name: value._replace(best=_beyond(name, value, others))
-            for name, value in line.values.items()
-        }
-        marked.append(dataclasses.replace(line, values=values))
-    return marked
-
-
-def _beyond(name: str, value: Value, others: Sequence[Line]) -> bool:
-    bounds = [other.values.get(name, Value()).interval for other in others]
-    known = [interval for interval in bounds if interval is not None]
-    if value.interval is None or not known or len(known) < len(bounds):
-        return False
-    if known_metric(name).higher_is_better:
-        return value.interval.low > max(interval.high for interval in known)
-    return value.interval.high < min(interval.low for interval in known)
-
-
-def assumptions(models: Sequence[tuple[str, Model]]) -> list[str]:
-    """What the torch checkpoints among the models do not say, a line for those that agree."""
-    said: dict[tuple[str, ...], list[str]] = {}
-    for path, model in models:
-        if model.assumed:
-            said.setdefault(model.assumed, []).append(path)
-    return [
-        f"assumed of {paths[0] if len(paths) == 1 else f'{len(paths)} torch checkpoints'}: "
-        + "; ".join(words)
-        for words, paths in said.items()
-    ]
+def _marked(lines: pl.DataFrame) -> pl.DataFrame:
+    """`lines` with `best`: beyond the nearest bound of all other lines of the test set."""
+    group = ("dataset", *HORIZON, "metric")
+    names = [name for name in lines["metric"].unique() if known_metric(name).higher_is_better]
+    # A line's own bound comes first where it is beyond all others.
+    low = pl.col("low").sort().slice(1, 1).first().over(group)
+    high = pl.col("high").sort(descending=True).slice(1, 1).first().over(group)
+    rise = pl.col("metric").is_in(names)
+    beyond = pl.when(rise).then(pl.col("low") > high).otherwise(pl.col("high") < low)
+    known = pl.col("low").is_not_null().all().over(group)
+    return lines.with_columns(best=(beyond & known).fill_null(False))

@@ -1,4 +1,4 @@
-"""This process: its settings, environment, memory, files, and executors of tasks."""
+"""This process: its settings, environment, memory, files."""
 
 import lazy_loader
 

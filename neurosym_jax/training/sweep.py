@@ -20,7 +20,8 @@ from neurosym_jax.data.sources import open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.report import write_report
-from neurosym_jax.evaluation.results import Settings, evaluate_tests, rows_frame
+from neurosym_jax.evaluation.results import Settings, evaluate_tests
+from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.models.poolings import POOLINGS
@@ -216,7 +217,7 @@ def _test(sweep: Sweep, runs: Sequence[SweepRun]) -> list[dict[str, Any]]:
     models = [(path, load_model(path)) for path in of_path]
     source = open_source(sweep.data, model_scene=models[0][1].dataset)
     tests = load_tests(source, make_plan(source, models))
-    results = evaluate_tests(tests, Settings())
+    results = list(evaluate_tests(tests, Settings()))
     rows = [result.row for result in results]
     for row in rows:
         run = of_path.get(row["checkpoint"])

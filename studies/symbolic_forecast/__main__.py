@@ -24,7 +24,7 @@ from neurosym_jax.evaluation.bootstrap import (
     mean_difference,
     paired_difference,
 )
-from neurosym_jax.evaluation.test_sets import baseline
+from neurosym_jax.evaluation.plan import baseline
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_json, write_text
 from neurosym_jax.symbolic.events import EVENTS

@@ -8,7 +8,7 @@ import pytest
 from neurosym_jax.data import cut_windows, open_source
 from neurosym_jax.data.leakage import fingerprint, is_fingerprint, seen_before, shared_shapes
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.evaluation import test_sets
+from neurosym_jax.evaluation import plan
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*needs --eth-stride 6")
 
@@ -53,18 +53,12 @@ def test_a_copy_is_found(benchmark, learned, change):
 
 
 def test_an_evaluation_says_so(benchmark, learned):
-    model = dataclasses.replace(
-        test_sets.baseline("constant_velocity", 8, 8), seen=fingerprint(learned)
-    )
+    model = dataclasses.replace(plan.baseline("constant_velocity", 8, 8), seen=fingerprint(learned))
     recordings = {scene: benchmark.recordings(scene) for scene in ("zara1", "zara2")}
     with pytest.warns(InputWarning, match="mine: was trained on these people: 62 of 71 windows"):
-        test = test_sets.make_test(
-            test_sets.TestSet("zara2", 8, 8), [("mine", model)], recordings["zara2"]
-        )
+        test = plan.make_test(plan.TestSet("zara2", 8, 8), [("mine", model)], recordings["zara2"])
     assert "trained on these people" in test.windows.reading[0].warnings[0]
-    test = test_sets.make_test(
-        test_sets.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"]
-    )
+    test = plan.make_test(plan.TestSet("zara1", 8, 8), [("mine", model)], recordings["zara1"])
     assert test.windows.reading[0].warnings == ()
 
 

@@ -1,12 +1,11 @@
 import pytest
 
+from neurosym_jax.commands.evaluate import default_models
 from neurosym_jax.data.sources import GENERAL, EthUcy, Files, Synthetic
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import make_plan, one_of_each
-from neurosym_jax.evaluation.test_sets import TestSet as Case
+from neurosym_jax.evaluation.plan import TestSet as Case
+from neurosym_jax.evaluation.plan import make_plan
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.models.config import GeneratorConfig
 
 MODELS = {
@@ -14,6 +13,7 @@ MODELS = {
     "eth_8": Model(GeneratorConfig(), {}, "eth"),
     "anywhere": Model(GeneratorConfig(), {}, None),
     "earlier": Model(GeneratorConfig(pooling="neurosym_ijcnn"), {}, "eth"),
+    "simulated": Model(GeneratorConfig(), {}, "simulations"),
 }
 
 
@@ -21,40 +21,28 @@ def planned(*names, source=None, **asked):
     """The paths of what is tested on each test set, without the baselines."""
     models = [(f"m/{name}", MODELS[name]) for name in names]
     plan = make_plan(source or EthUcy(), models, **asked)
-    assert all(
-        [model.kind for path, model in entries if path is None]
-        == ["constant_velocity", "constant_velocity_sampled"]
-        for entries in plan.values()
-    )
+    for test, entries in plan.items():
+        baselines = [model for path, model in entries if path is None]
+        kinds = ["constant_velocity", "constant_velocity_sampled"]
+        assert [model.kind for model in baselines] == kinds
+        assert {model.forecaster.pred_len for model in baselines} == {test.pred_len}
     return {test: [path for path, _ in entries if path] for test, entries in plan.items()}
 
 
-def test_without_checkpoints_the_baselines_everywhere():
+def test_what_is_tested_on_what():
     names = ["eth", "hotel", "univ", "zara1", "zara2"]
     assert planned() == {Case(name, 8, 8): [] for name in names}
     assert planned(dataset="hotel", pred_len=12, obs_len=4) == {Case("hotel", 4, 12): []}
-
-
-def test_a_checkpoint_is_tested_on_its_own_dataset():
     found = planned("zara1_12", "eth_8", "eth_8")
     assert found == {Case("eth", 8, 8): ["m/eth_8"] * 2, Case("zara1", 8, 12): ["m/zara1_12"]}
     assert [test.dataset for test in found] == ["eth", "zara1"]
-
-
-def test_a_checkpoint_without_a_dataset_is_tested_on_all():
     assert len(planned("anywhere")) == 5
     assert list(planned("anywhere", dataset="univ")) == [Case("univ", 8, 8)]
     assert len(planned("eth_8", source=Synthetic())) == 2
-
-
-def test_recordings_by_name():
+    assert [test.dataset for test in planned("simulated", source=Synthetic())] == (
+        list(Synthetic().scenes)
+    )
     assert planned("zara1_12", test_on=("a", "b")) == {Case("a+b", 8, 12): ["m/zara1_12"]}
-
-
-def test_baselines_have_the_lengths_of_their_test_set():
-    plan = make_plan(EthUcy(), [("m", MODELS["zara1_12"])], baselines=["constant_velocity"])
-    ((_, baseline), (_, model)) = plan[Case("zara1", 8, 12)]
-    assert baseline.forecaster.pred_len == model.forecaster.pred_len == 12
 
 
 @pytest.mark.parametrize(
@@ -91,22 +79,10 @@ def test_only_matching():
     assert found() == [["m/eth_8"], ["m/zara1_12"]]
 
 
-def test_of_what_ships_one_of_each_kind_where_it_belongs():
-    ships = [(path.name, load_model(path)) for path in shipped_models()]
-
-    def chosen(source, **asked):
-        return sorted(name for name, _ in one_of_each(source, ships, **asked))
-
-    assert chosen(Synthetic()) == ["neurosym_simulations_8", "sgan_simulations_8"]
-    assert chosen(Synthetic(), pred_len=12) == ["anchors_general_12", "neurosym_eth_12"]
-    assert chosen(EthUcy(), dataset="zara1") == ["anchors_zara1_8", "neurosym_zara1_8"]
-    found = chosen(EthUcy(), pred_len=12)
-    anchors = [f"anchors_{scene}_12" for scene in sorted(EthUcy().scenes)]
-    assert found == [*anchors, "neurosym_eth_12", "neurosym_zara1_12"]
-    # Of people whom no model knows: what was trained for others, then what was on real people.
-    assert chosen(Files(("mine",))) == ["anchors_general_8", "neurosym_eth_8"]
-
-
-def test_a_model_for_all_simulations_is_tested_on_each():
-    model = ("m", Model(GeneratorConfig(), {}, "simulations"))
-    assert [test.dataset for test in make_plan(Synthetic(), [model])] == list(Synthetic().scenes)
+def test_without_a_name_what_ships_for_these_people():
+    assert default_models(Synthetic(), None, None) == (
+        ["sgan_simulations_8", "neurosym_simulations_8"]
+    )
+    assert default_models(EthUcy(), "zara1", None) == ["anchors_zara1_8", "neurosym_zara1_8"]
+    assert len(default_models(EthUcy(), None, 12)) == 7
+    assert default_models(Files(("mine",)), None, None) == ["anchors_general_8"]

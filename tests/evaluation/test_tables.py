@@ -7,12 +7,13 @@ import re
 from unittest import mock
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.stats import t
 
+from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import METRICS
-from neurosym_jax.evaluation.results import rows_frame
-from neurosym_jax.evaluation.summary import conclusion, lines_of, means_of
+from neurosym_jax.evaluation.summary import rows_frame, summarise
 from neurosym_jax.evaluation.tables import format_table
 
 
@@ -54,44 +55,53 @@ TRAININGS = [
 ROWS = [row("constant velocity", scene, 0.5) for scene in SCENES] + TRAININGS
 
 
+def lines_of(rows, metric="joint_ade"):
+    """The values of a metric, those of test sets and those of means."""
+    found = summarise(rows_frame(rows)).filter(metric=metric)
+    return found.filter(sets=1).to_dicts(), found.filter(pl.col("sets") > 1).to_dicts()
+
+
 def test_trainings_that_differ_in_their_seed_are_one_line():
-    lines = lines_of(ROWS)
-    assert [(line.model, line.trainings) for line in lines[2:]] == [("SGAN", 3), ("SGAN", 3)]
-    value = lines[2].values["joint_ade"]
-    assert value.mean == pytest.approx(0.21)
-    assert value.spread == pytest.approx(0.01)
-    assert value.interval.high - 0.21 == pytest.approx(t.ppf(0.975, 2) * 0.01 / 3**0.5)
-    assert value.best
-    assert not lines[0].values["joint_ade"].best
+    lines, _ = lines_of(ROWS)
+    assert [(line["model"], line["trainings"]) for line in lines[2:]] == [("SGAN", 3)] * 2
+    value = lines[2]
+    assert value["checkpoint"] == "runs/sgan_eth_8_8/model"
+    assert value["mean"] == pytest.approx(0.21)
+    assert value["std"] == pytest.approx(0.01)
+    assert value["high"] - 0.21 == pytest.approx(t.ppf(0.975, 2) * 0.01 / 3**0.5)
+    assert value["best"]
+    assert not lines[0]["best"]
     # Without a seed in their names they are models of their own, even of the same file.
     alike = [row("SGAN", "eth", 0.2, "a.pt"), row("SGAN", "eth", 0.2, "a.pt")]
-    assert len(lines_of(alike)) == 2
+    assert len(lines_of(alike)[0]) == 2
+    assert lines_of(ROWS, "own")[0][2]["mean"] is None
 
 
 def test_means_are_of_models_that_were_tested_everywhere():
-    means = means_of(lines_of([*ROWS, row("NeuroSyM", "eth", 0.1, "neurosym_eth")]))
-    assert [line.model for line in means] == ["constant velocity", "SGAN"]
-    constant, sgan = (line.values["joint_ade"] for line in means)
-    assert constant.mean == pytest.approx(0.5)
+    _, means = lines_of([*ROWS, row("NeuroSyM", "eth", 0.1, "neurosym_eth")])
+    assert [line["model"] for line in means] == ["constant velocity", "SGAN"]
+    constant, sgan = means
+    assert constant["mean"] == pytest.approx(0.5)
     # Test sets are independent of each other.
-    assert constant.interval.high - 0.5 == pytest.approx(0.01 / 2**0.5)
+    assert constant["high"] - 0.5 == pytest.approx(0.01 / 2**0.5)
     # Runs of one seed are not, so seeds are averaged over test sets first.
-    assert sgan.mean == pytest.approx(0.26)
-    assert sgan.spread == pytest.approx(0.01)
-    assert means_of(lines_of(ROWS[:1])) == []
+    assert sgan["mean"] == pytest.approx(0.26)
+    assert sgan["std"] == pytest.approx(0.01)
+    assert lines_of(ROWS[:1])[1] == []
 
 
 def test_bold_only_where_the_interval_says_so():
-    def best(low, high):
-        lines = lines_of([row("a", "eth", low), row("b", "eth", high)])
-        return [line.values["joint_ade"].best for line in lines]
+    def best(*errors):
+        rows = [row(f"model {at}", "eth", error) for at, error in enumerate(errors)]
+        return [line["best"] for line in lines_of(rows)[0]]
 
     assert best(0.20, 0.23) == [True, False]
     with mock.patch.dict(METRICS):
         METRICS["joint_ade"] = dataclasses.replace(METRICS["joint_ade"], higher_is_better=True)
         assert best(0.20, 0.23) == [False, True]
     assert best(0.20, 0.21) == [False, False]
-    assert [line.values["joint_ade"].best for line in lines_of([row("a", "eth", 0.2)])] == [False]
+    assert best(0.20, 0.23, 0.21) == [False, False, False]
+    assert best(0.20) == [False]
 
 
 def test_csv_has_the_numbers_as_they_are():
@@ -129,21 +139,6 @@ def test_markdown_marks_the_best():
     assert text.count("**") == 6
 
 
-@pytest.mark.parametrize(
-    ("paths", "shown"),
-    [
-        (["a/x/1.pt", "a/y/1.pt"], ["x", "y"]),
-        (["a/1.pt", "b/1.pt", "b/2.pt"], ["a/1.pt", "b/1.pt", "b/2.pt"]),
-        (["m/1.pt", "a/2.pt"], ["1.pt", "2.pt"]),
-        (["m/1.pt"], [""]),
-    ],
-)
-def test_checkpoints_where_they_tell_models_apart(paths, shown):
-    text = format_table(rows_frame([row("SGAN", "eth", 0.2, path) for path in paths]), "markdown")
-    found = [line.split("|")[2].strip() for line in text.splitlines()[2:]]
-    assert found == [f"SGAN {name}".strip() for name in shown]
-
-
 def test_a_table_fits_the_terminal():
     rows = rows_frame([row("constant velocity", "eth", 0.431), row("SGAN", "eth", 0.3, "a.pt")])
     for width in (60, 80):
@@ -159,16 +154,11 @@ def test_a_table_fits_the_terminal():
     assert lines[-1].startswith("*: significantly better than all others")
 
 
-def test_the_conclusion_names_what_is_significant():
-    near = [row("a", "eth", 0.20), row("b", "eth", 0.21)]
-    assert conclusion(lines_of(near), 0.4) == (
-        "Mean error over the next 3.2 s, best of 20 forecasts: 0.20 m for a and 0.21 m for b. No "
-        "model is significantly better than all others (95 % intervals overlap)."
-    )
-    apart = [row("a", "zara1", 0.2), {**row("b", "zara1", 0.3), "samples": 1}]
-    text = conclusion(lines_of([*near, *apart]), 0.4, simulated=True)
-    assert "0.25 m for b (one forecast)" not in text
-    assert text.endswith(
-        "a is significantly better on zara1 (95 % intervals do not overlap); on eth no model is "
-        "significantly better. Simulated people say nothing about real ones."
-    )
+def test_markdown_keeps_its_cells_apart():
+    rows = [["a|b", "1"], ["two\nlines", "2"]]
+    assert markdown_table(["name", ""], rows, right=1).splitlines() == [
+        "| name | |",
+        "|---|---:|",
+        r"| a\|b | 1 |",
+        "| two lines | 2 |",
+    ]

@@ -7,7 +7,7 @@ import pytest
 from neurosym_jax import load_model
 from neurosym_jax.commands.models import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.test_sets import baselines_of
+from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.forecasting import model_places
 from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.forecasting.model import Model

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data.tracks import make_tracks
-from neurosym_jax.evaluation.test_sets import baseline
+from neurosym_jax.evaluation.plan import baseline
 from neurosym_jax.symbolic.forecast import SymbolSettings
 from studies.symbolic_forecast.cases import make_cases, markov_chain, model_answer
 from studies.symbolic_forecast.scores import (

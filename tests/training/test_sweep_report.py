@@ -34,6 +34,7 @@ def folder(tmp_path):
                         "dataset": scene,
                         "scenes": count,
                         "agents": 3 * count,
+                        "blocks": 4,
                         "obs_len": 8,
                         "pred_len": 8,
                         "samples": 20,
