@@ -5,6 +5,7 @@ scene. Two things make the difference uncertain:
 
 - the test scenes: others would have given other errors. Bootstrap; neighbouring windows share most
   of their steps, so the units drawn are blocks of as many start frames as a window has steps.
+  Windows at the border of two blocks share steps all the same (see docs/evaluate.md).
 - the training seeds: other initialisations would have given other models. Runs of one seed on
   several test sets are good or bad together, so they are averaged over test sets first, and
   Student's t is of the seeds' means. A bootstrap over seeds stands beside it; three seeds drawn
