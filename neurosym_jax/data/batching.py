@@ -17,18 +17,13 @@ __all__ = ["Batch", "bucket_of", "gather_scenes", "make_batches", "single_scene"
 BUCKETS = (4, 8, 16, 32, 64)
 """Sizes of padded scenes, in agents; beyond the last, powers of two."""
 
-SLOTS = 1024
-"""Agent slots of a batch."""
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Batch:
     """Padded scenes of one bucket."""
 
-    scene: Scene
-    """Arrays with a leading axis of B scenes and N = bucket agent slots."""
-    index: np.ndarray
-    """[B] int64 index of each scene in the windows; -1 for an empty scene."""
+    scene: Scene  # arrays with a leading axis of B scenes and N = bucket agent slots
+    index: np.ndarray  # [B] int64 index of each scene in the windows; -1 for an empty scene
 
 
 def bucket_of(agents: np.ndarray | int) -> np.ndarray:
@@ -39,7 +34,7 @@ def bucket_of(agents: np.ndarray | int) -> np.ndarray:
     return np.where(agents <= BUCKETS[-1], small, large)
 
 
-def make_batches(windows: Windows, slots: int = SLOTS) -> list[Batch]:
+def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
     """All scenes of `windows`, each in exactly one batch of about `slots` agent slots."""
     buckets = bucket_of(windows.sizes)
     batches = []
@@ -63,12 +58,8 @@ def single_scene(windows: Windows, index: int) -> Scene:
 def gather_scenes(
     windows: Windows, chosen: np.ndarray, slots: int, count: int | None = None
 ) -> Scene:
-    """The scenes `chosen` ([S] indices, repeats allowed), each padded to `slots` agent slots.
-
-    Returns:
-        A Scene with a leading axis of `count` scenes (default: S), of which those beyond S are
-        empty.
-    """
+    """The scenes `chosen` ([S] indices, repeats allowed), each padded to `slots` agent slots, and
+    empty scenes up to `count`, as one Scene with a leading axis."""
     count = len(chosen) if count is None else count
     sizes = windows.sizes[chosen]
     scene = np.repeat(np.arange(len(chosen)), sizes)

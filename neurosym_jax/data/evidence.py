@@ -5,6 +5,7 @@ fast tracker does not count as walking.
 """
 
 import numpy as np
+import polars as pl
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
@@ -44,15 +45,14 @@ def judge(tracks: Tracks, options: ReadOptions) -> tuple[list[str], list[str]]:
     doubted: list[str] = []
     steps, pace = pace_of(tracks)
     serious = refused if steps >= ENOUGH else doubted
-    said = f"one step in twenty is faster than {pace:.2f} m/s, of walking people 1.2 to 2.1: is the"
-    options_for = "(--fps, --time-unit; SGAN's eth needs --eth-stride 6)"
-    if pace < DOUBTED[0]:
-        (serious if pace < REFUSED[0] else doubted).append(
-            f"{said} clock too slow {options_for}, or are coordinates more than metres (--unit)?"
-        )
-    if pace > DOUBTED[1]:
-        (serious if pace > REFUSED[1] else doubted).append(
-            f"{said} clock too fast {options_for}, or are coordinates cm, mm or pixels (--unit)?"
+    slow = pace < DOUBTED[0]
+    if slow or pace > DOUBTED[1]:
+        wrong, unit = ("slow", "more than metres") if slow else ("fast", "cm, mm or pixels")
+        outside = not REFUSED[0] <= pace <= REFUSED[1]
+        (serious if outside else doubted).append(
+            f"one step in twenty is faster than {pace:.2f} m/s, of walking people 1.2 to 2.1: is "
+            f"the clock too {wrong} (--fps, --time-unit; SGAN's eth needs --eth-stride 6), or are "
+            f"coordinates {unit} (--unit)?"
         )
     whole = np.all(tracks.position == np.rint(tracks.position))
     if whole and options.unit is None and len(tracks.id) > 20 and np.ptp(tracks.position) > 20:
@@ -62,11 +62,9 @@ def judge(tracks: Tracks, options: ReadOptions) -> tuple[list[str], list[str]]:
     ends = len(np.unique(tracks.stamp[np.append(first[1:], len(tracks.id)) - 1]))
     if len(ids) >= 20 and together > 0.9 and ends > len(ids) / 4:
         serious.append(f"{together:.0%} of the people begin at one moment: has each an own clock?")
-    order = np.lexsort((*tracks.position.T, tracks.stamp))
-    points = np.column_stack([tracks.stamp, tracks.position])[order]
-    twins = (np.diff(points, axis=0) == 0).all(axis=1)
+    twins = pl.DataFrame([tracks.stamp, *tracks.position.T]).is_duplicated()
     if twins.any():
-        (serious if twins.mean() > 0.1 else doubted).append(
+        (serious if twins.sum() > 0.1 * len(twins) else doubted).append(
             f"{twins.sum()} points are another person's, too: is everybody there twice?"
         )
     step, speed = steps_of(tracks)

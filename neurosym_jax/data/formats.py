@@ -32,14 +32,15 @@ FORMATS: Registry[type[Format]] = Registry(
     "format",
     {
         "text": eth_ucy.Text,
+        "columns": columns.Columns,
         "obsmat": eth_ucy.Obsmat,
         "qtm": thor.Qtm,
         "tracklets": thor.Tracklets,
         "cliff": thor.Cliff,
         "trajnet": trajnet.Trajnet,
-        "columns": columns.Columns,
     },
 )
+"""The last is asked first whether it knows a file, and `text` knows what nobody else does."""
 
 
 def register_format(name: str, *, replace: bool = False) -> Callable[[type[F]], type[F]]:
@@ -48,24 +49,18 @@ def register_format(name: str, *, replace: bool = False) -> Callable[[type[F]], 
 
 
 def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
-    """The format of a file, as `options` or the file itself say.
-
-    Raises:
-        InputError: if the file cannot be read, or for an unknown format.
-    """
+    """The format of a file, as `options` or the file itself say."""
     load_entry_points()
     if options.format is not None:
         return component_from_text(options.format, FORMATS, str(path))
     if options.columns:
         return columns.Columns()
     latest = [form() for form in reversed(FORMATS.values())]
-    owners = [form for form in latest if form.owns(path)]
-    head = None if owners else read_head(path)
-    known = [form for form in latest if head and form.knows(head)]
-    found = sorted(known, key=lambda form: form.general)
-    if not owners + found:
-        raise InputError(f"{path}: of no known format: there are {', '.join(FORMATS)} (--format)")
-    return (owners + found)[0]
+    for form in latest:
+        if form.owns(path):
+            return form
+    head = read_head(path)
+    return next(form for form in latest if form.knows(head))
 
 
 def is_folder(path: Path) -> bool:
@@ -96,9 +91,10 @@ def read_any(
     path = Path(path)
     form = format_of(path, options)
     options.metres(path)
-    for option in set(options.given()) - form.uses:
-        shown = option.replace("_", "-")
-        raise InputError(f"{path}: --{shown} is of no use for {form.title}, which fixes it")
+    for option in {"columns", "fps", "time_unit", "unit"} - form.uses:
+        if getattr(options, option):
+            shown = option.replace("_", "-")
+            raise InputError(f"{path}: --{shown} is of no use for {form.title}, which fixes it")
     found = []
     for tracks in form.read(path, options, frame_period):
         how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))

@@ -28,9 +28,8 @@ def fingerprint(windows: Windows) -> str:
 
 def seen_before(found: str, windows: Windows) -> tuple[int, int]:
     """How many shapes in `windows` are in a fingerprint, and how many were looked for there."""
-    data = np.frombuffer(base64.b64decode(found), np.uint8)
-    weight = np.uint64(256) ** np.arange(BYTES - 1, -1, -1, dtype=np.uint64)
-    kept = (data.reshape(-1, BYTES) * weight).sum(axis=1, dtype=np.uint64)
+    data = np.frombuffer(base64.b64decode(found), np.uint8).reshape(-1, BYTES)
+    kept = np.pad(data, ((0, 0), (8 - BYTES, 0))).view(">u8").ravel().astype(np.uint64)
     ours = _hashes(windows)
     if len(kept) == KEPT:
         ours = ours[ours <= kept.max()]

@@ -45,11 +45,8 @@ def published_files(collection: str) -> dict[str, dict[str, str]]:
 def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0) -> tuple[int, int]:
     """Fetch the files of a collection that `folder` lacks; existing files are never overwritten.
 
-    Args:
-        what: name of the collection, see `COLLECTIONS`.
-        folder: the collection's own.
-        mirror: address of a copy of the files, with the same paths below it.
-        timeout: seconds without an answer after which a connection is given up.
+    `what` is one of `COLLECTIONS`, `folder` its own, and `mirror` the address of a copy of `HOME`.
+    A connection is given up after `timeout` seconds without an answer.
 
     Returns:
         Number of files, and of those fetched now.

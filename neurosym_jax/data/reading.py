@@ -42,17 +42,8 @@ class ReadOptions:
     yes_really: bool = False
     """Accept recordings in which people move as no people do; the reasons become warnings."""
 
-    def given(self) -> list[str]:
-        """Names of the options that are set and that some formats do not use."""
-        names = ("columns", "fps", "time_unit", "unit")
-        return [name for name in names if getattr(self, name) != getattr(AS_IT_SAYS, name)]
-
     def stride_of(self, path: Path, period: float) -> float | None:
-        """Frame numbers in `period` seconds in this file; None for their most common step.
-
-        Raises:
-            InputError: for a rate that is not positive.
-        """
+        """Frame numbers in `period` seconds in this file; None for their most common step."""
         refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride})
         if self.eth_stride is not None and path.stem.startswith("biwi_eth"):
             return self.eth_stride
@@ -88,7 +79,6 @@ class Format:
 
     title: ClassVar[str] = ""  # what messages call it
     uses: ClassVar[frozenset[str]] = frozenset()  # the fields of `ReadOptions` that it uses
-    general: ClassVar[bool] = False  # whether it is asked only if no other knows the file
 
     def knows(self, head: "Head") -> bool:
         """Whether a file that begins so is of this format."""
@@ -99,11 +89,7 @@ class Format:
         return False
 
     def read(self, path: Path, options: ReadOptions, period: float) -> "list[Tracks]":
-        """The recordings in a file; where frames are numbered, one step is `period` seconds.
-
-        Raises:
-            InputError: naming file, row and reason.
-        """
+        """The recordings in a file; where frames are numbered, one step is `period` seconds."""
         raise NotImplementedError
 
 

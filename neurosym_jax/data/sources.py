@@ -50,7 +50,7 @@ class Source(abc.ABC):
         """
         if scene not in self.scenes and (scene != GENERAL or split == "test"):
             raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")
-        return [self._on_grid(tracks) for tracks in self._read(scene, split)]
+        return self._on_grid(self._read(scene, split))
 
     def files(self, names: Sequence[str]) -> list[Tracks]:
         """Recordings by path, or by the name without ending of one of the source's files.
@@ -63,8 +63,7 @@ class Source(abc.ABC):
             if name not in known and not os.path.isfile(name):
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        found = self._read_files(known.get(name, Path(name)) for name in names)
-        return [self._on_grid(tracks) for tracks in found]
+        return self._on_grid(self._read_files(known.get(name, Path(name)) for name in names))
 
     @abc.abstractmethod
     def _read(self, scene: str, split: Split) -> list[Tracks]: ...
@@ -72,8 +71,8 @@ class Source(abc.ABC):
     def _read_files(self, paths: Iterable[Path]) -> list[Tracks]:
         return [tracks for path in paths for tracks in formats.read_any(path, self.read)]
 
-    def _on_grid(self, tracks: Tracks) -> Tracks:
-        return on_grid(tracks, self.period, self.read.max_gap)
+    def _on_grid(self, recordings: list[Tracks]) -> list[Tracks]:
+        return [on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,13 +137,9 @@ def open_source(
 ) -> Source:
     """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of recordings.
 
-    Args:
-        data: path, also below the folder of downloaded data; default: the downloaded collection
-            that has `scene`, else the simulations.
-        scene: name of the data set that is asked for.
-        model_scene: held-out data set of the model, used if no `scene` is asked for.
-        read: how files are read.
-        period: seconds between steps.
+    `data` may also be below the folder of downloaded data; by default it is the downloaded
+    collection that has the data set `scene` or, if none is asked for, the model's held-out
+    `model_scene`, else the simulations. Steps are `period` seconds.
 
     Raises:
         InputError: if nothing is there.
@@ -184,20 +179,10 @@ def windows_from(
     skip: int = 1,
     min_agents: int = 2,
 ) -> Windows:
-    """Read recordings, resample them to steps of `period`, and cut them into windows.
+    """Read recordings, resample them to steps of `period` seconds, and cut them into windows.
 
-    Args:
-        data: a file of any known format, a folder of them, tracks on any clock (see `make_tracks`),
-            or several of these.
-        obs_len: observed steps.
-        pred_len: steps to forecast.
-        period: seconds between steps.
-        read: how files are read.
-        skip: see `cut_windows`.
-        min_agents: see `cut_windows`.
-
-    Raises:
-        InputError: for files that cannot be read, or if there is no window.
+    `data` is a file of any known format, a folder of them, tracks on any clock (see `make_tracks`),
+    or several of these; `skip` and `min_agents` are those of `cut_windows`.
     """
     recordings: list[Tracks] = []
     for one in [data] if isinstance(data, Path | str | Tracks) else data:

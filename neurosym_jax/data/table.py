@@ -49,11 +49,7 @@ class Table:
         return _stripped(self.fields.list.get(place))
 
     def numbers(self, *places: int, missing: bool = False) -> np.ndarray:
-        """[R, columns] float64; where fields may be `missing`, empty ones and nan are NaN.
-
-        Raises:
-            InputError: for the first row with a field that is not a finite number.
-        """
+        """[R, columns] finite float64; if fields may be `missing`, empty ones and nan are NaN."""
         texts = _stripped(self.fields.list.gather(list(places)).explode())
         found = texts.cast(pl.Float64, strict=False)
         usable = found.is_finite().fill_null(False) | (missing & texts.is_in(("", "nan", "NaN")))
@@ -69,11 +65,7 @@ class Table:
         return found.fill_null(np.nan).to_numpy().reshape(wrong.shape)
 
     def whole_numbers(self, place: int) -> np.ndarray:
-        """[R] float64 whole numbers of a column.
-
-        Raises:
-            InputError: as `numbers`, and for a number that is not whole or beyond 2^53.
-        """
+        """[R] float64 whole numbers of a column."""
         values = self.numbers(place)[:, 0]
         self.refuse(
             (np.abs(values) > 2.0**53) | (values != np.rint(values)),
@@ -81,10 +73,10 @@ class Table:
         )
         return values
 
-    def times(self, place: int, options: ReadOptions, period: float) -> np.ndarray:
-        """[R] seconds of the frame numbers in a column.
-
-        As in SGAN, their most common step is taken for `period` seconds where `options` do not say.
+    def times(
+        self, place: int, options: ReadOptions, period: float, any_step: bool = False
+    ) -> np.ndarray:
+        """[R] seconds of frame numbers, whose most common step is `period` unless `options` say.
 
         Raises:
             InputError: for a frame that is not a whole number, and where that step is unusual.
@@ -94,7 +86,7 @@ class Table:
         if stride is None:
             steps = np.diff(np.unique(frame))
             stride = common(steps) if len(steps) else 1.0
-            if stride not in STEPS:
+            if not any_step and stride not in STEPS:
                 raise InputError(
                     f"{self.path}: its frames are {stride:g} apart, at 25 a second "
                     f"{stride / 25:.2f} s: say how many make a second (--fps 25)"
@@ -102,9 +94,7 @@ class Table:
         return frame / stride * period
 
     def ids(self, place: int, prefix: str = "") -> np.ndarray:
-        """[R] int64 ids: the numbers if all are whole, else 0, 1, ... in order of text.
-
-        A `prefix` is removed first.
+        """[R] int64 ids without `prefix`: numbers if all are whole, else 0, 1, ... by text.
 
         Raises:
             InputError: for a missing id, and where two texts are one number (1, 01, 1.0).

@@ -4,6 +4,7 @@ import codecs
 import dataclasses
 import functools
 import gzip
+import itertools
 import stat
 import zlib
 from pathlib import Path
@@ -11,12 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from neurosym_jax.errors import InputError, printable
-from neurosym_jax.runtime.memory import refuse_beyond_memory
 
 __all__ = ["Head", "numbers_in", "read_head", "read_text_file", "recording_name", "separator_of"]
 
 _HEAD = 1 << 16  # bytes that formats are recognised by; a THÖR header has about 10,000
-_GROWTH = 12.0  # bytes of memory for each byte of a file, at most
 
 
 def recording_name(path: Path) -> str:
@@ -28,7 +27,7 @@ def read_text_file(path: Path) -> str:
     """The text of a UTF-8 file, plain or gzip, without byte-order mark.
 
     Raises:
-        InputError: if the file cannot be read, is not text, or is too large.
+        InputError: if the file cannot be read or is not text.
     """
     try:
         return _bytes_of(path).decode("utf-8-sig")
@@ -39,10 +38,8 @@ def read_text_file(path: Path) -> str:
 def _bytes_of(path: Path, size: int = -1) -> bytes:
     """The first `size` bytes of a regular file, unpacked if it is gzip."""
     try:
-        status = path.stat()
-        if not stat.S_ISREG(status.st_mode):  # Opening a pipe would block.
+        if not stat.S_ISREG(path.stat().st_mode):  # Opening a pipe would block.
             raise InputError(f"{path}: is a folder, pipe or device, not a file")
-        refuse_beyond_memory(f"{path}: reading it", _GROWTH * status.st_size, "split it")
         with path.open("rb") as file:
             packed = file.read(2) == b"\x1f\x8b"
             file.seek(0)
@@ -57,8 +54,7 @@ def _bytes_of(path: Path, size: int = -1) -> bytes:
 class Head:
     """How a file begins; formats are recognised by it."""
 
-    text: str
-    """Its first 64 kB; empty if they are not text."""
+    text: str  # its first 64 kB; empty if they are not text
 
     @functools.cached_property
     def lines(self) -> list[str]:
@@ -81,21 +77,14 @@ class Head:
     @functools.cached_property
     def rows(self) -> np.ndarray:
         """[R, columns] numbers of the first lines, up to the first line of another kind."""
-        found: list[list[float]] = []
-        for line in self.lines:
-            row = numbers_in(line)
-            if not row or len(row) != len((found or [row])[0]):
-                break
-            found.append(row)
-        return np.array(found) if found else np.zeros((0, 0))
+        width = len(numbers_in(self.first))
+        rows = map(numbers_in, self.lines if width else ())
+        alike = list(itertools.takewhile(lambda row: len(row) == width, rows))
+        return np.array(alike).reshape(len(alike), width)
 
 
 def read_head(path: Path) -> Head:
-    """How `path` begins.
-
-    Raises:
-        InputError: if it cannot be read.
-    """
+    """How the file at `path` begins."""
     try:
         return Head(codecs.getincrementaldecoder("utf-8-sig")().decode(_bytes_of(path, _HEAD)))
     except UnicodeDecodeError:  # The reader explains it; here it only fits no format.

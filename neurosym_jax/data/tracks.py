@@ -14,17 +14,7 @@ from numpy.typing import ArrayLike
 from neurosym_jax.data.reading import Reading
 from neurosym_jax.errors import InputError
 
-__all__ = [
-    "GAP",
-    "LATE",
-    "PERIOD",
-    "SNAP",
-    "Tracks",
-    "common",
-    "make_tracks",
-    "on_grid",
-    "resample",
-]
+__all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Tracks", "make_tracks", "on_grid", "resample"]
 
 PERIOD = 0.4
 """Seconds between the steps of the ETH/UCY benchmark and of every shipped model."""
@@ -72,11 +62,7 @@ class Tracks:
         )
 
     def with_ids(self, id: np.ndarray) -> Self:
-        """The same points with other ids [R] int64, sorted by them.
-
-        Raises:
-            InputError: if an agent would be seen twice at one stamp.
-        """
+        """The same points with other ids [R] int64, sorted by them."""
         return dataclasses.replace(self, id=id).take(_order(self.recording, self.stamp, id))
 
 
@@ -90,16 +76,10 @@ def make_tracks(
     reading: Reading | None = None,
     row: np.ndarray | None = None,
 ) -> Tracks:
-    """Check and sort rows given in any order; the arrays are copied.
+    """Check, copy and sort rows given in any order.
 
-    Args:
-        recording: name of the recording.
-        stamp: [R] seconds.
-        id: [R] whole numbers.
-        position: [R, 2] metres.
-        extras: name: [R, ...] numbers.
-        reading: how the rows were read; messages name its file instead of the recording.
-        row: [R] numbers of the rows in messages; default: from 0.
+    They have `stamp` [R] seconds, `id` [R] whole numbers, `position` [R, 2] metres, and `extras`
+    name: [R, ...] numbers. Messages call them `row` [R] (default: from 0) of the file in `reading`.
 
     Raises:
         InputError: naming the recording, the first wrong row and the reason.
@@ -158,21 +138,15 @@ def resample(
     extrapolated from the earlier ones alone, at their mean velocity over the last `period`;
     `windows` uses it where `known` lies after the observation.
 
-    Args:
-        tracks: R rows.
-        period: seconds between grid points.
-        max_gap: longest gap that is filled, seconds.
-        start: first point of the grid, seconds; default: the recording's first stamp.
+    All times are in seconds; `start` is by default the recording's first stamp.
 
     Raises:
         InputError: for a period, gap or start that does not suit the recording.
     """
     start = float(tracks.stamp.min()) if start is None else float(start)
     if not (np.isfinite([period, start]).all() and period > 2 * SNAP and max_gap >= 0):
-        raise InputError(
-            f"{tracks.recording}: no usable grid: period {period}, start {start}, longest gap "
-            f"{max_gap} s"
-        )
+        said = f"period {period}, start {start}, longest gap {max_gap} s"
+        raise InputError(f"{tracks.recording}: no usable grid: {said}")
     stamp, position = tracks.stamp, tracks.position
     same = np.diff(tracks.id) == 0
     joined = np.append(same & (np.diff(stamp) <= max_gap + 2 * SNAP), False)
@@ -217,10 +191,8 @@ def _grid_points(
     first, last = np.maximum(first, 0), np.maximum(last, 0)
     wanted = float(np.sum(last - first))
     if not 0 < wanted <= DENSE * len(stamp):
-        raise InputError(
-            f"{tracks.recording}: a period of {period:g} s makes {wanted:,.0f} points of "
-            f"{len(stamp):,}"
-        )
+        made = f"{wanted:,.0f} points of {len(stamp):,}"
+        raise InputError(f"{tracks.recording}: a period of {period:g} s makes {made}")
     count = (last - first).astype(np.int64)
     row = np.repeat(np.arange(len(stamp)), count)
     before = np.cumsum(count) - count

@@ -8,7 +8,7 @@ agent by agent; `data.batching` pads scenes.
 
 import dataclasses
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
@@ -81,35 +81,24 @@ def cut_windows(
 ) -> Windows:
     """All windows of `recordings`, in order of recording, start stamp and agent id.
 
-    Args:
-        recordings: track tables, each on one grid; see `tracks.on_grid`.
-        obs_len: observed steps.
-        pred_len: steps to forecast.
-        skip: a window starts at every `skip`-th step at which anybody is seen.
-        min_agents: scenes with fewer agents are dropped.
+    Each recording is on one grid (see `tracks.on_grid`). A window starts at every `skip`-th step;
+    scenes with fewer than `min_agents` are dropped.
 
     Raises:
-        InputError: if there is no window, a recording is on no grid, or the recordings differ in
-            their period or in the names of their extras.
+        InputError: if there is no window, a recording is on no grid, or recordings do not match.
     """
     recordings = list(recordings)
-    clocks = [_clock(tracks) for tracks in recordings]
-    names = ", ".join(tracks.recording for tracks in recordings[:3])
-    periods = [clock.period for clock in clocks if clock.period < np.inf]
+    names = ", ".join(tracks.recording for tracks in recordings[:3]) or "no recordings"
+    periods = [period for tracks in recordings if (period := _period(tracks)) < np.inf]
     if periods and max(periods) - min(periods) > 0.01 * min(periods):
         raise InputError(f"{names}: steps of {min(periods):g} to {max(periods):g} s: choose one")
     if len({frozenset(tracks.extras) for tracks in recordings}) > 1:
         raise InputError(f"{names}: their extras differ")
-    parts = [
-        _cut(tracks, clock, obs_len, pred_len, skip, min_agents)
-        for tracks, clock in zip(recordings, clocks)
-    ]
+    parts = [_cut(tracks, obs_len, pred_len, skip, min_agents) for tracks in recordings]
     if not any(part.scenes for part in parts):
-        longest = max((int(np.bincount(clock.run).max()) for clock in clocks), default=0)
         raise InputError(
-            f"{names or 'no recordings'}: no {obs_len + pred_len} consecutive steps have at least "
-            f"{min_agents} people throughout; the longest part without a gap (see --max-gap) has "
-            f"{longest}"
+            f"{names}: no {obs_len + pred_len} consecutive steps have at least {min_agents} people "
+            "throughout (longer gaps than --max-gap are not filled)"
         )
     sizes = np.concatenate([part.sizes for part in parts])
     return Windows(
@@ -126,39 +115,25 @@ def cut_windows(
     )
 
 
-class _Clock(NamedTuple):
-    """The steps of a recording at which anybody is seen."""
-
-    step: np.ndarray  # [R] index of each row's step
-    run: np.ndarray  # [K] run of each step; a gap in time begins a new run
-    period: float  # seconds of one step; infinite if there is only one
+def _period(tracks: Tracks) -> float:
+    """Seconds of one step; infinite if there is only one."""
+    steps = np.diff(np.unique(tracks.stamp)).round(6)
+    return tracks.period or (max(common(steps), SNAP) if len(steps) else np.inf)
 
 
-def _clock(tracks: Tracks) -> _Clock:
-    period = tracks.period
-    if period is None:
-        steps = np.diff(np.unique(tracks.stamp)).round(6)
-        period = common(steps) if len(steps) else np.inf
-    place = (tracks.stamp - tracks.stamp.min()) / max(period, SNAP)
-    # Two agents' stamps may be rounded differently on one grid.
-    places, step = np.unique(np.rint(place), return_inverse=True)
-    if np.any(np.abs(place - np.rint(place)) > 0.05):
-        raise InputError(f"{tracks.recording}: its stamps are on no one grid: use data.on_grid")
-    return _Clock(step, np.append(0, np.cumsum(np.diff(places) > 1)), period)
-
-
-def _cut(
-    tracks: Tracks, clock: _Clock, obs_len: int, pred_len: int, skip: int, min_agents: int
-) -> Windows:
+def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int) -> Windows:
     """The windows of one recording, possibly none."""
     length = obs_len + pred_len
-    step, run, _ = clock
+    exact = (tracks.stamp - tracks.stamp.min()) / _period(tracks)
+    place = np.rint(exact)  # Two agents' stamps may be rounded differently on one grid.
+    if np.any(np.abs(exact - place) > 0.05):
+        raise InputError(f"{tracks.recording}: its stamps are on no one grid: use data.on_grid")
+    places, step = np.unique(place, return_inverse=True)
     # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
-    # `length - 1` steps of one run are all there.
+    # `length - 1` steps are all there.
     last = np.arange(length - 1, len(step))
     first = last - (length - 1)
-    whole = (tracks.id[first] == tracks.id[last]) & (step[last] - step[first] == length - 1)
-    whole &= run[step[first]] == run[step[last]]
+    whole = (tracks.id[first] == tracks.id[last]) & (place[last] - place[first] == length - 1)
     first = first[whole & (step[first] % skip == 0)]
     first = first[np.argsort(step[first], kind="stable")]
 
@@ -173,7 +148,7 @@ def _cut(
         late = tracks.known[seen] > tracks.stamp[seen[:, -1:]] + 2 * SNAP
         position[:, :obs_len][late] = tracks.foreseen[seen[late]]
     reading = tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
-    gaps = int(run[-1])
+    gaps = int(np.sum(np.diff(places) > 1))
     return Windows(
         position=position,
         agent=tracks.id[first],

@@ -26,8 +26,6 @@ Scenario = Literal["all-forward", "cross-path"]
 ROOM = (5.0, 8.2)
 """Metres along x and y; one corner is the origin."""
 
-MAX_STEP = 0.05  # seconds, of the integration
-
 
 def synthetic_tracks(scenario: Scenario, seed: int = 0) -> Tracks:
     """Two minutes of two people, tracked without faults, resampled to 0.4 s: 301 points each."""
@@ -50,19 +48,9 @@ def simulate_labelled(
     """Tracks of a simulated walk as a tracker reports them, and the true id of each row [R] int64.
 
     With more than two people, `all-forward` has several pairs (the last person of an odd number
-    walks alone) and in `cross-path` all cross the middle of the room.
-
-    Args:
-        scenario: "all-forward" or "cross-path".
-        seed: 0 .. 2**32 - 1. The same arguments give the same bits on the same machine; another
-            `duration`, `people` or `rate` gives another walk.
-        duration: seconds; frames are `n / rate`, from 0 to `duration`.
-        people: number of people; one keeps the true id 0 .. people - 1 until a fault changes it.
-        faults: of the tracker; None is `TrackerFaults()`. Without noise positions are exact.
-        rate: frames per second.
-
-    Raises:
-        InputError: for an argument out of range.
+    walks alone) and in `cross-path` all cross the middle of the room. Frames are `n / rate`, from 0
+    to `duration` seconds. The same arguments give the same bits on the same machine; another
+    `duration`, `people` or `rate` gives another walk.
     """
     refuse(Scenario, {"scenario": scenario})
     refuse(Seed, {"seed": seed})
@@ -132,7 +120,7 @@ def _between(chance: jax.Array, low: float, high: float) -> jax.Array:
 )
 def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: float) -> jax.Array:
     """Positions [frames, people, 2] in metres; `key` is consumed."""
-    substeps = int(np.ceil(1 / (rate * MAX_STEP) - 1e-9))
+    substeps = int(np.ceil(1 / (rate * 0.05) - 1e-9))
     # No leg takes less than two seconds: the shortest way across is 3 m.
     legs = int(frames / rate / 2) + 3
     # One draw for everything, because each takes a third of a second to compile. float32 by name,

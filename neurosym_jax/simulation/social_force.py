@@ -60,14 +60,10 @@ class _State(NamedTuple):
 def walk(
     plan: Plan, kicks: jax.Array, dt: float, room: tuple[float, float], abreast: bool
 ) -> jax.Array:
-    """Positions [F, P, 2] in metres, a frame every `dt` seconds, from the plan's leg 0 on.
+    """Positions [F, P, 2] in metres, a frame every `dt` (at most 0.05) seconds, from leg 0 on.
 
-    Args:
-        plan: of P people; float32.
-        kicks: [F + 1, 2, P] of unit variance, for random changes of pace and heading.
-        dt: seconds, at most 0.05.
-        room: metres along x and y; one corner is the origin.
-        abreast: whether people 0 and 1, 2 and 3, ... are pairs that stay side by side across x.
+    `kicks` [F + 1, 2, P] of unit variance change pace and heading at random. With `abreast`, people
+    0 and 1, 2 and 3, ... are pairs that stay side by side across x.
     """
     people = plan.goal.shape[1]
     ahead = plan.goal[1] - plan.goal[0]

@@ -22,16 +22,12 @@ SWAP_DISTANCE = 0.8  # m within which a tracker can confuse two people
 class TrackerFaults(Checked):
     """Faults of a tracker; the default is a good tracker with a little noise."""
 
-    noise: NotNegative = 0.02
-    """Standard deviation in metres of each coordinate."""
-    dropout: Share = 0.0
-    """Probability per frame that the tracker loses a person."""
+    noise: NotNegative = 0.02  # standard deviation in metres of each coordinate
+    dropout: Share = 0.0  # probability per frame that the tracker loses a person
     dropout_seconds: NotNegative = 1.0
     """Mean length of a loss, geometrically distributed, at least one frame."""
-    id_switch: Share = 0.0
-    """Probability that a lost person comes back under a new id."""
-    id_swap: Share = 0.0
-    """Probability per frame that two people within 0.8 m exchange their ids."""
+    id_switch: Share = 0.0  # probability that a lost person comes back under a new id
+    id_swap: Share = 0.0  # probability per frame that two people within 0.8 m exchange their ids
 
 
 def track(

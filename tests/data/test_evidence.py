@@ -21,6 +21,11 @@ def walk(pace=1.3, people=4, steps=40, period=0.4):
     return make_tracks("walk", frame * period, person, place)
 
 
+def write(path, tracks):
+    rows = zip(tracks.stamp, tracks.id, *tracks.position.T)
+    path.write_text("t,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
+
+
 def test_pace():
     assert pace_of(walk()) == (156, pytest.approx(1.3))
     fast = walk(steps=320, period=0.05)
@@ -45,8 +50,7 @@ def test_each_bound_holds(pace, steps, told):
 
 def test_yes_really(tmp_path):
     path = tmp_path / "a.csv"
-    rows = zip(walk(0.3).stamp, walk().id, *walk(0.3).position.T)
-    path.write_text("t,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
+    write(path, walk(0.3))
     with pytest.raises(InputError, match=r"faster than 0\.30 m/s.* --yes-really accepts it"):
         read_any(path)
     with pytest.warns(InputWarning, match=r"faster than 0\.30 m/s"):
@@ -74,30 +78,26 @@ def test_known_recordings_are_accepted(shared):
 
 def test_gaps_are_filled_alike_on_the_grid_and_off_it(tmp_path):
     whole = walk(people=3, steps=60)
-    lost = np.random.default_rng(0).random(180) < 0.1
-    path = tmp_path / "a.csv"
+    kept = np.random.default_rng(0).random(180) >= 0.1
     found = []
     for moved in (0.0, 0.001):
         stamp = whole.stamp + moved * (np.arange(180) == 90)
-        rows = zip(stamp[~lost], whole.id[~lost], *whole.position[~lost].T)
-        path.write_text("t,id,x,y\n" + "\n".join(",".join(map(str, row)) for row in rows))
-        windows = windows_from(path, 8, 8)
+        write(tmp_path / "a.csv", dataclasses.replace(whole, stamp=stamp).take(kept))
+        windows = windows_from(tmp_path / "a.csv", 8, 8)
         found.append((windows.scenes, windows.agents))
         (reading,) = windows.reading
-        assert 5 < reading.filled <= lost.sum() + 1
+        assert 5 < reading.filled <= (~kept).sum() + 1
         assert f"{reading.filled} points filled in gaps" in describe_readings(windows.reading)
     assert found[0] == found[1]
-    unfilled = windows_from(path, 8, 8, min_agents=1, read=ReadOptions(max_gap=0.5))
+    unfilled = windows_from(tmp_path / "a.csv", 8, 8, min_agents=1, read=ReadOptions(max_gap=0.5))
     assert unfilled.agents < found[0][1] / 2
     assert unfilled.reading[0].filled == 0
-    on = on_grid(whole)
-    assert on.position is whole.position
     part = whole.take(whole.stamp.round(3) != 4.0)
     assert len(on_grid(part).id) == 180
     assert len(on_grid(part, max_gap=0.7).id) == 177
 
 
-def test_command(tmp_path, capsys, monkeypatch):
+def test_inspect(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
     (tmp_path / "walk.csv").write_text("when,x,y,id\n1,1000,0,1\n0,0,0,1\n2,2000,0,1\n")
     arguments = ["--columns", "time=when", "--unit", "mm", "--figure", tmp_path / "f/all.png"]
@@ -109,27 +109,9 @@ def test_command(tmp_path, capsys, monkeypatch):
     assert "people 1, points 3, duration 2.0 s, 1 points a second, 0 gaps" in out
     assert "warning: row 3: time runs backward for agent 1" in out
     assert (tmp_path / "f/all.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_folder_with_a_file_that_is_none(tmp_path, capsys):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub/bad.txt").write_text("0 1 2\n")
-    with pytest.raises(InputError, match="row 1: 3 columns"):
-        inspect.run(inspect.Options(tmp_path / "sub/bad.txt"))
     assert inspect.run(inspect.Options(tmp_path)) == 2
     (tmp_path / "good.txt").write_text("0 1 2 3\n1 1 2 3\n")
     assert inspect.run(inspect.Options(tmp_path)) == 0
     assert "bad.txt: row 1: 3 columns" in capsys.readouterr().out
-    with pytest.raises(InputError, match="absent: cannot be read"):
-        inspect.run(inspect.Options(tmp_path / "absent"))
-
-
-def test_a_description_counts_windows_and_gaps():
-    whole = walk(1, people=2, steps=30)
-    keep = ~((whole.id == 1) & (whole.stamp > 3.9) & (whole.stamp < 5.5))
-    tracks = dataclasses.replace(whole).take(keep)
-    said = inspect.describe(tracks)
-    assert "people 2, points 56, duration 11.6 s, 2.5 points a second, 1 gaps" in said
-    assert "the longest 2.00 s" in said
-    assert "speeds median 1.00, fastest 1.00 m/s" in said
-    assert "scenes 8+8: 1 (2 people in them), 8+12: 0" in said

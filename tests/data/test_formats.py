@@ -65,14 +65,6 @@ def test_rates_of_frames(tmp_path):
     assert_allclose(read_any(path, ReadOptions(fps=12.5))[0].stamp, [0, 0.8, 1.6])
 
 
-def test_units(tmp_path):
-    path = tmp_path / "a.txt"
-    for kind in ("text", "columns"):
-        path.write_text(SAMPLES[kind])
-        position = read_any(path, ReadOptions(unit="cm"))[0].position
-        assert_allclose(position, read_any(path)[0].position / 100, atol=1e-4)
-
-
 def test_folders(tmp_path):
     for name in ("b.tsv", "a.CSV", "LICENSE", "c.ndjson"):
         (tmp_path / name).touch()
@@ -193,13 +185,6 @@ def test_a_header_of_100_000_bodies_is_fast(tmp_path):
         (tracks,) = read_any(tmp_path / "a.tsv", ReadOptions(yes_really=True))
     assert len(tracks.id) == 200_000
     assert time.process_time() - start < 5
-
-
-def test_names_that_are_not_utf8(tmp_path):
-    odd = tmp_path / "walk\udcff.txt"
-    odd.write_text(SAMPLES["text"])
-    (tracks,) = read_any(odd)
-    assert tracks.recording == r"walk\udcff"
 
 
 @pytest.mark.filterwarnings("ignore:.*needs --eth-stride 6")

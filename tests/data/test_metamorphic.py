@@ -154,66 +154,6 @@ def test_what_says_the_same_gives_the_same(scenes, kind, seed, order):
         scenes(text_of(kind, head, [*lines, lines[0]]))
 
 
-@pytest.mark.parametrize("kind", ALL)
-@FEW
-@given(seed=st.integers(0, 999), first=st.integers(2, 14), length=st.integers(2, 6))
-def test_gaps_cut_in(scenes, kind, seed, first, length):
-    """What is left are the windows beside the gap, those that cross it are gone."""
-    rows = Walk(seed).rows
-    early, late = rows[rows[:, 0] < first], rows[rows[:, 0] >= first + length]
-
-    def of(part):
-        try:
-            return scenes(text_of(kind, *written(kind, part)))
-        except InputError:
-            return Counter(), Counter()
-
-    sides = [of(part) for part in (early, late) if len(part)]
-    wanted = tuple(sum((side[n] for side in sides), Counter()) for n in (0, 1))
-    assert of(np.concatenate([early, late])) == wanted
-
-
-@pytest.mark.parametrize("kind", BARE)
-@FEW
-@given(
-    seed=st.integers(0, 999), at=st.integers(0, 8), value=st.sampled_from(["0", "1.7", "x", "-3"])
-)
-def test_columns_added_where_there_are_none(scenes, kind, seed, at, value):
-    """A column more, anywhere and in all rows, is another format: it is never read as this one."""
-    mark = {"text": "\t", "obsmat": " ", "cliff": ","}[kind]
-    _, lines = written(kind, Walk(seed).rows)
-    fields = [line.split(mark) for line in lines]
-    at = min(at, len(fields[0]))
-    text = "\n".join(mark.join([*row[:at], value, *row[at:]]) for row in fields)
-    with pytest.raises(InputError):
-        scenes(text)
-
-
-@pytest.mark.parametrize("kind", [*BARE, "tracklets", "columns", "frames", "qtm"])
-@FEW
-@given(seed=st.integers(0, 999), row=st.integers(0, 40), at=st.integers(0, 6), more=st.booleans())
-def test_a_row_of_another_width(scenes, kind, seed, row, at, more):
-    head, lines = written(kind, Walk(seed).rows)
-    mark = {"text": "\t", "obsmat": " ", "columns": ";", "qtm": "\t"}.get(kind, ",")
-    row %= len(lines)
-    fields = lines[row].split(mark)
-    at %= len(fields)
-    fields[at : at + (not more)] = ["7"] * more
-    lines[row] = mark.join(fields)
-    with pytest.raises(InputError):
-        scenes(text_of(kind, head, lines))
-
-
-@pytest.mark.parametrize("kind", [*BARE, "columns", "frames", "trajnet"])
-@pytest.mark.parametrize("other", ["03", "3.0", "3e0", "+3", "", "null", "nan"])
-def test_one_id_written_in_two_ways_is_refused(scenes, kind, other):
-    rows = Walk(0).rows
-    rows[0, 1] = -1
-    head, lines = written(kind, rows, name=lambda who: other if who < 0 else str(who))
-    with pytest.raises(InputError):
-        scenes(text_of(kind, head, lines))
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_velocities_are_no_speed_and_heading(scenes, seed):
     """`frame id x y vx vy` and `... z vx vy vz` have as many numbers as other formats."""

@@ -47,7 +47,6 @@ REFUSALS = [
     ("trajnet", '{"track": {"f": 1, "p": 1, "x": 0}}', "row 1: y is not a number"),
     ("trajnet", "\n" + POINT.replace('"f": 1', '"f": 1.5'), "row 2: f 1.5 is not a whole number"),
     ("trajnet", POINT.replace('"x": 1', '"x": NaN'), "row 1: x is not a number: 'nan'"),
-    ("trajnet", '{"scene": {"fps": 2}}\n{"scene": {"fps": 3}}\n' + POINT, "fps 2.0, 3.0"),
     ("trajnet", POINT * 2, "row 2: repeats"),
     ("qtm", "Fame\n", "no header 'Frame"),
     ("qtm", "Frame\tTime\tCiti_1 X\tCiti_1 Y\n1\t1\t1\t1", "no `Helmet_1 X`"),
@@ -115,16 +114,12 @@ def test_other_content(tmp_path, content, message):
 def test_what_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "folder.csv").mkdir()
-    with (tmp_path / "sparse.csv").open("wb") as file:
-        file.truncate(10**12)
     start = time.monotonic()
     for place, message in (
         (tmp_path / "pipe.csv", "is a folder, pipe or device, not a file"),
         (tmp_path / "folder.csv", "is a folder, pipe or device, not a file"),
         (Path("/dev/zero"), "is a folder, pipe or device, not a file"),
-        (tmp_path / "sparse.csv", "reading it needs some 12000"),
         (tmp_path / "absent", "cannot be read"),
-        (tmp_path / ("a" * 300), "File name too long"),
     ):
         with pytest.raises(InputError, match=message):
             read_any(place)

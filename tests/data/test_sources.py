@@ -2,7 +2,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.reading import ReadOptions
-from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
+from neurosym_jax.data.sources import Files, Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 
@@ -31,19 +31,13 @@ def test_each_file_is_a_scene(tmp_path):
         source.files(["a", "c"])
 
 
-def test_one_file(tmp_path):
-    (tmp_path / "walk.txt").write_text("0 1 2 3\n")
-    source = open_source(tmp_path / "walk.txt")
-    assert source.scenes == ("walk",)
-    with pytest.raises(InputError, match="walk: the only recording, so nothing is left to train"):
-        source.recordings("walk", "train")
-
-
 def test_leave_one_recording_out(tmp_path):
     for name, first in (("a", 0), ("b", 100), ("c", 200)):
         rows = [f"{first + n} {who} {first + n / 2} {who}" for n in range(10) for who in (1, 2)]
         (tmp_path / f"{name}.txt").write_text("\n".join(rows))
     (tmp_path / "d.txt").write_text("0 1 2 3\n")  # One point can only be validated on.
+    with pytest.raises(InputError, match="a: the only recording, so nothing is left to train"):
+        open_source(tmp_path / "a.txt").recordings("a", "train")
     source = open_source(tmp_path)
     found = {
         split: {
@@ -89,15 +83,6 @@ def test_refused(tmp_path):
             (tmp_path / name).unlink()
     with pytest.raises(InputError, match="no such file or folder"):
         open_source(tmp_path / "absent")
-
-
-def test_benchmark_folder(tmp_path):
-    (tmp_path / "all").mkdir()
-    source = open_source(tmp_path)
-    assert isinstance(source, EthUcy)
-    assert source.scenes == ("eth", "hotel", "univ", "zara1", "zara2")
-    with pytest.raises(InputError, match=r"crowds_zara01\.txt: missing"):
-        source.recordings("zara1")
 
 
 def test_options_of_reading_reach_the_files(tmp_path):

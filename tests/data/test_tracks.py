@@ -1,7 +1,6 @@
 """The track table: what it refuses, and what resampling may and may not invent."""
 
 import dataclasses
-import time
 
 import numpy as np
 import pytest
@@ -107,19 +106,6 @@ def test_a_selection_forgets_nothing():
         grid.with_ids(np.ones_like(grid.id))
 
 
-def test_interpolates_linearly_between_points():
-    table = one([0, 0.1, 0.2, 0.3, 0.9, 1.0, 1.1], x=[0, 1, 2, 3, 9, 10, 11])
-    grid = resample(table, 0.15)
-    np.testing.assert_allclose(grid.position[:, 0], np.arange(8) * 1.5, atol=1e-12)
-    assert_array_equal(grid.stamp, np.arange(8) * 0.15)
-
-
-def test_a_longer_gap_splits_a_track():
-    grid = resample(one([0, 0.5, 1.0, 2.5, 3.0, 4.0]), 0.5, max_gap=1.0)
-    assert_array_equal(grid.stamp, [0, 0.5, 1.0, 2.5, 3.0, 3.5, 4.0])
-    assert_array_equal(grid.id, 1)
-
-
 def test_decimal_and_accumulated_clocks_meet_the_grid():
     walked = np.random.default_rng(0).normal(size=500)
     for stamp in (np.cumsum(np.full(500, 0.1)), 1.7e9 + np.round(np.arange(500) * 0.1, 3)):
@@ -127,22 +113,10 @@ def test_decimal_and_accumulated_clocks_meet_the_grid():
         assert_array_equal(grid.position[:, 0], walked[::4])
 
 
-def test_agents_share_the_grid_of_the_recording():
-    table = make_tracks("r", [0.3, 1.1, 0.0, 0.8], [1, 1, 2, 2], np.zeros((4, 2)))
-    grid = resample(table, 0.4)
-    assert_array_equal(grid.stamp, [0.4, 0.8, 0.0, 0.4, 0.8])
-    assert_array_equal(resample(table, 0.4, start=0.5).stamp, [0.5, 0.9, 0.5])
-
-
 def test_resample_refuses():
     for arguments in ((0.0,), (np.nan,), (0.4, -1.0), (0.4, 1.0, np.nan), (0.4, 1.0, 99.0)):
         with pytest.raises(InputError, match="r: "):
             resample(one([0, 1, 2]), *arguments)
-
-
-def test_standing_still_stays_exactly_still():
-    grid = resample(one([0, 0.7, 1.3], x=[0.1, 0.1, 0.1]), 0.1)
-    assert_array_equal(grid.position[:, 0], 0.1)
 
 
 @given(tracks(), st.floats(0.05, 1.0), st.floats(0.0, 1.5), st.floats(-0.5, 0.5))
@@ -177,14 +151,3 @@ def test_properties_against_an_agent_by_agent_reference(table, period, max_gap, 
 def test_what_is_on_the_grid_comes_back_bit_for_bit(table, period, max_gap):
     once = resample(table, period, max_gap)
     assert_same(resample(once, period, max_gap=0.0, start=table.stamp.min()), once)
-
-
-def test_a_million_rows_in_a_moment():
-    agents, points = 2000, 500
-    stamp = np.tile(np.arange(points) * 0.1, agents)
-    position = np.random.default_rng(0).normal(size=(agents * points, 2))
-    table = make_tracks("r", stamp, np.repeat(np.arange(agents), points), position)
-    begin = time.process_time()
-    grid = resample(table, 0.4)
-    assert time.process_time() - begin < 2.0
-    assert len(grid.id) == agents * points // 4

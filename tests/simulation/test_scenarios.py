@@ -3,10 +3,9 @@
 import jax
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import ROOM, simulate, synthetic_tracks
+from neurosym_jax.simulation.scenarios import ROOM, simulate
 from neurosym_jax.simulation.tracker import TrackerFaults
 
 SCENARIOS = ["all-forward", "cross-path"]
@@ -84,15 +83,9 @@ def test_cross_path_crosses_and_avoids():
         assert (np.diff(near.astype(int)) == 1).sum() >= 8
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS)
-def test_a_seed_is_a_walk(scenario):
-    first, again, other = (simulate(scenario, seed) for seed in (3, 3, 4))
-    assert_array_equal(first.position, again.position)
-    assert np.abs(first.position - other.position).max() > 0.5
-
-
 def test_a_seed_is_the_same_walk_under_x64():
     single = exact("all-forward", 3)
+    assert np.abs(single.position - exact("all-forward", 4).position).max() > 0.5
     with jax.enable_x64(True):
         double = exact("all-forward", 3)
     # Ten seconds, in which rounding has no time to grow.
@@ -100,31 +93,8 @@ def test_a_seed_is_the_same_walk_under_x64():
     np.testing.assert_allclose(double.position[early], single.position[early], atol=1e-3)
 
 
-def test_synthetic_tracks_stand_on_the_grid():
-    tracks = synthetic_tracks("cross-path", 1)
-    assert tracks.recording == "synthetic/cross-path/1"
-    assert_array_equal(tracks.id, np.repeat([0, 1], 301))
-    assert_array_equal(tracks.stamp, np.tile(np.arange(301) * 0.4, 2))
-    source = simulate("cross-path", 1).position.reshape(2, -1, 2)
-    assert_array_equal(tracks.position, source[:, ::4].reshape(-1, 2))
-
-
-def test_other_rates_keep_their_clock():
-    tracks = exact("all-forward", duration=4.0, people=1, rate=25.0)
-    assert_array_equal(tracks.stamp, np.arange(101) / 25)
-    assert_array_equal(tracks.id, 0)
-
-
 @pytest.mark.parametrize(
-    "change",
-    [
-        {"scenario": "sideways"},
-        {"seed": -1},
-        {"seed": 2**32},
-        {"people": 0},
-        {"rate": 0.0},
-        {"duration": float("inf")},
-    ],
+    "change", [{"scenario": "sideways"}, {"seed": 2**32}, {"people": 0}, {"duration": np.inf}]
 )
 def test_arguments_out_of_range_are_refused(change):
     with pytest.raises(InputError, match="must"):

@@ -9,12 +9,6 @@ from neurosym_jax.simulation.scenarios import simulate, simulate_labelled
 from neurosym_jax.simulation.tracker import TrackerFaults
 
 
-def test_noise_has_its_standard_deviation():
-    truth = simulate("all-forward", 5, faults=TrackerFaults(noise=0.0))
-    seen = simulate("all-forward", 5, faults=TrackerFaults(noise=0.05))
-    assert np.std(seen.position - truth.position) == pytest.approx(0.05, rel=0.05)
-
-
 def test_dropouts_have_their_rate_and_length():
     faults = TrackerFaults(dropout=0.02, dropout_seconds=1.0)
     tracks, person = simulate_labelled("all-forward", 2, people=8, faults=faults)

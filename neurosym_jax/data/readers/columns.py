@@ -36,7 +36,6 @@ class Columns(Format):
 
     title = "table with named columns"
     uses = frozenset({"columns", "unit", "time_unit", "fps"})
-    general = True
 
     def knows(self, head: Head) -> bool:
         """A header with names."""
@@ -50,8 +49,8 @@ class Columns(Format):
         """
         columns = parse_columns(options.columns)
         table = read_table(path)
-        timed = "time" in columns or any(_is_usual("time", name) for name in table.names)
-        clock = "time" if timed and ("time" in columns or "frame" not in columns) else "frame"
+        timed = "frame" not in columns and _places(table.names, "time")
+        clock = "time" if timed or "time" in columns else "frame"
         place = {
             key: _find(table, key, columns.get(key, ""))
             for key in (clock, "id", "x", "y", *(columns.keys() - _USUAL))
@@ -101,20 +100,20 @@ def parse_columns(pairs: Sequence[str]) -> dict[str, str]:
 
 def names_tracks(names: Sequence[str]) -> bool:
     """Whether a header has usual names for a time or frame, an id, x and y."""
-    found = {key for key in _USUAL for name in names if _is_usual(key, name)}
+    found = {key for key in _USUAL if _places(names, key)}
     return found >= {"id", "x", "y"} and bool(found & {"time", "frame"})
 
 
-def _is_usual(key: str, name: str) -> bool:
-    return name.strip().lower() in _USUAL.get(key, ())
+def _places(names: Sequence[str], key: str) -> list[int]:
+    """Places of the columns that are usually called so."""
+    return [at for at, name in enumerate(names) if name.lower() in _USUAL.get(key, ())]
 
 
 def _find(table: Table, key: str, given: str) -> int:
     """Place of the column that serves as `key`: the given one, else the only one of usual name."""
     names = table.names
-    places = [
-        at for at, name in enumerate(names) if (name == given if given else _is_usual(key, name))
-    ]
+    named = [at for at, name in enumerate(names) if name == given]
+    places = named if given else _places(names, key)
     if given and not places and given.isdecimal() and 1 <= int(given[:9]) <= len(names):
         return int(given) - 1
     if len(places) != 1:

@@ -31,19 +31,14 @@ class Text(Format):
 
     title = "rows of `frame ped x y`"
     uses = frozenset({"unit", "fps"})
-    general = True
     names = ("frame", "ped", "x", "y")
 
     def knows(self, head: Head) -> bool:
-        """Also binary files, which the reader refuses with the reason."""
-        return not head.names
+        """Anything, also binary files, which the reader refuses with the reason."""
+        return True
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The rows, with coordinates rounded to four decimals as in SGAN.
-
-        Raises:
-            InputError: naming file, row and reason.
-        """
+        """The rows, with coordinates rounded to four decimals as in SGAN."""
         table = read_table(path, self.names)
         values = table.numbers(*range(len(self.names)))
         metres = values[:, [self.names.index("x"), self.names.index("y")]] * options.metres(path)
@@ -57,7 +52,6 @@ class Obsmat(Text):
 
     title = "ETH's obsmat (`frame id x z y vx vz vy`)"
     uses = frozenset({"fps"})
-    general = False
     names = ("frame", "id", "x", "z", "y", "vx", "vz", "vy")
 
     def knows(self, head: Head) -> bool:
@@ -70,20 +64,13 @@ def read_text(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PER
 
     For the eth recording this is wrong: its frames are 10 apart in a video of 15 a second, which is
     0.67 s. With `eth_stride=6`, 6 frame numbers are one period.
-
-    Raises:
-        InputError: naming file, row and reason.
     """
     return Text().read(path, options, period)[0]
 
 
 def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
-    """Files of one leave-one-out split.
-
-    Args:
-        folder: holds `all/`, `train/` and `val/`.
-        scene: the data set left out of training, a key of `SCENES`; None leaves out none.
-        split: `test` (its whole recordings), `train` or `val` (parts of all others).
+    """Files of one leave-one-out split: `test` has the whole recordings of the data set `scene`,
+    `train` and `val` have parts of all others (None leaves out none).
 
     Raises:
         InputError: for an unknown data set or missing files.

@@ -1,7 +1,6 @@
 """THÖR and THÖR-MAGNI, in the forms in which they are distributed.
 
-- QTM exports: tab-separated (THÖR, 6D) or comma-separated (THÖR-MAGNI) metadata rows, a header
-  `Frame Time ...`, one row per frame, millimetres.
+- QTM exports (THÖR's 6D, THÖR-MAGNI): a header `Frame Time ...`, one row per frame, millimetres.
 - Tracklets of THÖR-MAGNI: `Time,...,x,y,...,ag_id,...,tracklet_id` in metres.
 - Tracks of CLiFF-LHMP: `time,id,x,y,speed,heading` in metres, no header. Every agent has a clock of
   its own, so `tracks.resample` must bring them to one grid before they are a scene.
@@ -69,9 +68,8 @@ class Tracklets(Format):
             InputError: naming file, row and reason.
         """
         table = read_table(path)
-        for name in _TRACKLET:
-            if table.names.count(name) != 1:
-                raise InputError(f"{path}: the header has not one {name}")
+        if lacking := [name for name in _TRACKLET if table.names.count(name) != 1]:
+            raise InputError(f"{path}: the header has not one {lacking[0]}")
         *places, helmet = (table.names.index(name) for name in _TRACKLET)
         values, ids = table.numbers(*places), table.ids(helmet, prefix="Helmet_")
         order = np.lexsort((values[:, 0], values[:, 3]))

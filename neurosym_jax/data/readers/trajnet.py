@@ -16,7 +16,7 @@ import polars as pl
 from neurosym_jax.data.reading import Format, ReadOptions
 from neurosym_jax.data.table import Table, assemble
 from neurosym_jax.data.text import Head, read_text_file
-from neurosym_jax.data.tracks import Tracks, common
+from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
 __all__ = ["Trajnet"]
@@ -45,28 +45,20 @@ class Trajnet(Format):
         """
         points: list[list[str]] = []
         row: list[int] = []
-        rates = set()
+        rate = FPS
         for at, line in enumerate(read_text_file(path).split("\n"), 1):
             if not line.strip():
                 continue
             kind, fields = _content(path, at, line)
             if kind == "scene":
-                rates.add(float(fields.get("fps", FPS)))
+                rate = float(fields.get("fps", FPS))
             elif fields.get("prediction_number") is None:
                 points.append([str(fields.get(key)) for key in _KEYS])
                 row.append(at)
         if not points:
             raise InputError(f"{path}: the file has no track rows")
-        if len(rates) > 1 or not all(1e-3 <= rate <= 1e4 for rate in rates):
-            raise InputError(f"{path}: its scenes have fps {', '.join(map(str, sorted(rates)))}")
         table = Table(path, _KEYS, pl.Series(points, dtype=pl.List(pl.String)), np.array(row))
-        frame = table.whole_numbers(0)
-        steps = np.diff(np.unique(frame))
-        stride = options.stride_of(path, period)
-        step = common(steps) if len(steps) else 1.0
-        stamp = (
-            frame / step / max(rates, default=FPS) if stride is None else frame / stride * period
-        )
+        stamp = table.times(0, options, 1 / rate, any_step=True)
         return [assemble(path, table.row, stamp, table.ids(1), table.numbers(2, 3))]
 
 
@@ -74,7 +66,7 @@ def _content(path: Path, at: int, line: str) -> tuple[str, dict[str, Any]]:
     """Kind and fields of a line; numbers stay the text that they are."""
     try:
         ((kind, fields),) = json.loads(line, parse_float=str, parse_int=str).items()
-        if kind in ("track", "scene") and float(fields.get("fps", 0)) >= 0:
+        if kind in ("track", "scene") and float(fields.get("fps", FPS)) > 0:
             return kind, fields
     except (ValueError, TypeError, AttributeError, RecursionError):
         pass

@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data import ReadOptions, read_any, single_scene, windows_from
-from neurosym_jax.data.readers.columns import Columns
 
 NAMED = ReadOptions(columns=("time=t0", "id=who", "x=px", "y=py"))
 
@@ -29,31 +26,6 @@ def test_usual_names_and_frames(tmp_path, separator):
     assert_allclose(tracks.stamp, [0.4, 0.8])
     assert_array_equal(tracks.id, [4, 4])
     assert_allclose(read_any(tmp_path / "a.csv", ReadOptions(fps=12.5))[0].stamp, [0.8, 1.6])
-
-
-def test_no_names(tmp_path):
-    (tmp_path / "a.txt").write_text("4 10 7 1 2\n4 20 7 1.5 2\n")
-    numbered = ReadOptions(columns=("frame=2", "id=1", "x=4", "y=5", "group=3"))
-    (tracks,) = read_any(tmp_path / "a.txt", numbered)
-    assert_allclose(tracks.stamp, [0.4, 0.8])
-    assert_array_equal(tracks.position, [[1, 2], [1.5, 2]])
-    assert_array_equal(tracks.extras["group"], [7, 7])
-
-
-finite = st.floats(-1e8, 1e8)
-tables = st.dictionaries(
-    st.tuples(finite, st.integers(-(2**50), 2**50)), st.tuples(finite, finite), min_size=1
-)
-
-
-@given(table=tables)
-def test_round_trip(table, tmp_path_factory):
-    path = tmp_path_factory.mktemp("c") / "a"
-    rows = [",".join(map(repr, key + place)) for key, place in table.items()]
-    path.write_text("\n".join(["t0,who,px,py", *rows]))
-    (tracks,) = Columns().read(path, NAMED, 0.4)
-    found = zip(tracks.stamp.tolist(), tracks.id.tolist(), tracks.position.tolist())
-    assert {(time, id): tuple(xy) for time, id, xy in found} == table
 
 
 def test_dates_texts_and_extras(tmp_path):

@@ -6,7 +6,6 @@ from numpy.testing import assert_array_equal
 
 from neurosym_jax.data import ReadOptions, read_any
 from neurosym_jax.data.readers.thor import Qtm
-from neurosym_jax.data.tracks import make_tracks, resample
 from neurosym_jax.data.windows import cut_windows
 
 
@@ -76,22 +75,3 @@ def test_tracklets_of_several_runs(shared, tmp_path):
     path = tmp_path / "a.csv"  # A helmet at one time twice is in two runs.
     path.write_text("Time,x,y,ag_id,tracklet_id\n1,2,3,Helmet_4,5\n1,7,3,Helmet_4,6\n")
     assert [run.recording for run in read_any(path)] == ["a_1", "a_2"]
-
-
-def test_unaligned_clocks_become_scenes(shared):
-    for name in ("thor1_exp-1-run-2", "thor3_exp-3-run-2"):
-        (tracks,) = read_any(shared / f"data/thor/CLiFF-LHMP_{name}.csv")
-        grid = resample(tracks, 0.4)
-        windows = cut_windows([grid], 8, 8)
-        assert windows.scenes > 100
-        assert windows.sizes.max() >= 4
-        # What is observed until a moment is the same whatever comes after it.
-        moment = tracks.stamp.min() + 0.4 * 500
-        moved = tracks.position + 5.0 * (tracks.stamp > moment)[:, None]
-        other = make_tracks(tracks.recording, tracks.stamp, tracks.id, moved)
-        others = cut_windows([resample(other, 0.4)], 8, 8)
-        line = np.unique(grid.stamp)[windows.identity[:, 1] + 7]
-        early = np.repeat(line <= moment + 1e-6, windows.sizes)
-        assert 100 < early.sum() < len(early)
-        assert_array_equal(windows.position[early, :8], others.position[early, :8])
-        assert np.abs(windows.position[early] - others.position[early]).max() > 4

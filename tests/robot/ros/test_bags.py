@@ -182,9 +182,11 @@ def test_text_files_are_streams_too(tmp_path):
 def test_agents_with_clocks_of_their_own_share_frames(tmp_path):
     path = tmp_path / "thor.csv"
     rows = [
-        (n * 0.4 + offset, id, n, n + id) for id, offset in ((1, 0), (2, 0.17)) for n in range(9)
+        (n * 0.4 + offset, id, n / 3, n / 3 + id)
+        for id, offset in ((1, 0), (2, 0.17))
+        for n in range(9)
     ]
-    path.write_text("".join(f"{t:.2f},{id},{x},{y},3.536,0.785\n" for t, id, x, y in rows))
+    path.write_text("".join(f"{t:.2f},{id},{x:.3f},{y:.3f},1.179,0.785\n" for t, id, x, y in rows))
     assert max(len(frame.ids) for frame in read_frames(path)) == 2
 
 
