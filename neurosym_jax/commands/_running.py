@@ -7,12 +7,12 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import tyro
 
 from neurosym_jax.commands._help import short_help
-from neurosym_jax.errors import InputError, InputWarning, printable
+from neurosym_jax.errors import InputError, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 
@@ -37,16 +37,14 @@ def run_command(
 ) -> None:
     """Parse `options` from the command line, call `action`, exit.
 
-    `--help` is short, `--help-all` explains every option. `--plugin FILE.py|MODULE` of every
-    command is imported before the other options are parsed. `prepare` removes arguments that other
-    programs add. The exit status is the integer that `action` returns, else 0; 2 for bad input or a
-    full or read-only disk, 130 after Ctrl-C.
+    `prepare` removes arguments that other programs add. The exit status is the integer that
+    `action` returns, else 0; 2 for bad input or a full or read-only disk, 130 after Ctrl-C.
     """
     tune()
     enable_compilation_cache()
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show(warnings.showwarning)
+            warnings.showwarning = _show
             arguments = load_plugins(prepare(sys.argv[1:] if arguments is None else arguments))
             if {"-h", "--help"} & set(arguments):
                 print(short_help(options, prog or "neurosym"))
@@ -90,13 +88,6 @@ def load_plugins(arguments: Sequence[str]) -> list[str]:
     return others
 
 
-def _show(otherwise: Callable[..., object]) -> Callable[..., None]:
-    """Show warnings about input in one line, others as before."""
-
-    def show(message: Warning | str, category: type[Warning], *where: object) -> None:
-        if issubclass(category, InputWarning):
-            print(f"warning: {printable(str(message))}", file=sys.stderr)
-        else:
-            otherwise(message, category, *where)
-
-    return show
+def _show(message: Warning | str, *_where: Any, **_more: Any) -> None:
+    """Show a warning in one line."""
+    print(f"warning: {printable(str(message))}", file=sys.stderr)

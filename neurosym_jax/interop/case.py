@@ -15,7 +15,7 @@ from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.interop.arguments import generator_config
-from neurosym_jax.interop.names import params_from_torch, torch_names
+from neurosym_jax.interop.names import params_from_torch, torch_names, without_dropout
 from neurosym_jax.models import Generator
 from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
@@ -88,7 +88,7 @@ def _stages(config: GeneratorConfig, params: Any, *given: Any) -> dict[str, Arra
 
 def read_case(row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/") -> Case:
     """The case of a manifest's row and of its arrays [...], among them the weights."""
-    state = state_of(arrays, weights)
+    state = without_dropout(state_of(arrays, weights), row)
     config = generator_config(row, state)
     bounds = np.append(0, arrays["scene_start_end"][:, 1])
     scenes = padded(arrays["traj"], arrays["traj_rel"], bounds, config.obs_len)

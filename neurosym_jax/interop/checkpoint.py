@@ -1,7 +1,6 @@
 """Torch checkpoints of SGAN and NeuroSyM: read without torch, written with it."""
 
 import os
-import re
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.arguments import TORCH_POOLING, assumptions, generator_config
-from neurosym_jax.interop.names import params_from_torch, params_to_torch
+from neurosym_jax.interop.names import params_from_torch, params_to_torch, without_dropout
 from neurosym_jax.interop.pickles import StoredTensor, read_torch_file
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
@@ -40,10 +39,6 @@ EXPORTED = {
 SAME = ("obs_len", "pred_len", "embedding_dim", "mlp_dim", "noise_type", "noise_mix_type")
 OPTIONS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
 """Of poolings; SGAN's constructor takes all of them, whichever pooling it builds."""
-PERCEPTRON = re.compile(
-    r"((?:.+\.)?(?:mlp_pre_pool|mlp_pool|mlp_decoder_context|mlp|real_classifier))\.3\.(\w+)"
-)
-"""A tensor of a perceptron's second layer where dropout stands between the two."""
 
 
 def load_torch_checkpoint(path: str | os.PathLike) -> Model:
@@ -80,9 +75,8 @@ def model_from_torch(contents: Any) -> Model:
     for name, tensor in contents["g_state"].items():
         if not isinstance(name, str) or not isinstance(tensor, np.ndarray | StoredTensor):
             raise InputError(f"g_state is not a state dict: {name!r:.80} is no tensor")
-        # Dropout takes a number in a perceptron, and acts in training only.
-        name = PERCEPTRON.sub(r"\1.2.\2", name) if arguments.get("dropout") else name
         state[name] = np.asarray(tensor)
+    state = without_dropout(state, arguments)
     config = generator_config(arguments, state)
     scene = arguments.get("dataset_name")
     dataset = scene if isinstance(scene, str) else None

@@ -5,6 +5,7 @@ kernels are `[in, out]`, torch's weights `[out, in]`; an LSTM's gates are i, f, 
 """
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,7 +28,7 @@ from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NoPooling
 from neurosym_jax.models.social import Social
 
-__all__ = ["params_from_torch", "params_to_torch", "torch_names"]
+__all__ = ["params_from_torch", "params_to_torch", "torch_names", "without_dropout"]
 
 Config = GeneratorConfig | DiscriminatorConfig
 
@@ -80,6 +81,13 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
             name = name.replace(ours, theirs)
         names[name] = path, shape
     return names
+
+
+def without_dropout(state: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The tensors by their names without dropout, which takes a number in a perceptron."""
+    if not arguments.get("dropout"):
+        return dict(state)
+    return {re.sub(r"(mlp\w*|real_classifier)\.3\.", r"\1.2.", n): a for n, a in state.items()}
 
 
 def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any]:

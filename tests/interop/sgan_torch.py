@@ -3,6 +3,7 @@
 Tests change a line of it, as users change the original, and see what loading and parity say.
 """
 
+import functools
 from itertools import pairwise
 
 import torch
@@ -46,28 +47,6 @@ class PoolHiddenNet(nn.Module):
         return torch.cat(pooled)
 
 
-class SocialPooling(nn.Module):
-    def __init__(self, h_dim, neighborhood_size, grid_size, **options):
-        super().__init__()
-        self.side, self.cells = neighborhood_size, grid_size
-        self.mlp_pool = make_mlp([grid_size**2 * h_dim, h_dim], **options)
-
-    def forward(self, hidden, bounds, position):
-        hidden, grids = hidden.reshape(-1, hidden.shape[-1]), []
-        for start, end in bounds.tolist():
-            h, p = hidden[start:end], position[start:end]
-            apart = p[None] - p[:, None]
-            inside = (apart.abs() < self.side / 2).all(-1) & ~torch.eye(len(p), dtype=torch.bool)
-            scaled = (
-                torch.stack([apart[..., 0], -apart[..., 1]], -1) / self.side + 0.5
-            ) * self.cells
-            cell = (scaled.floor() * torch.tensor([1, self.cells])).sum(-1).long()
-            one = nn.functional.one_hot(torch.where(inside, cell, 0), self.cells**2)
-            one = (one * inside[..., None]).to(h)
-            grids.append(torch.einsum("ijc,jh->ich", one, h).reshape(len(p), -1))
-        return self.mlp_pool(torch.cat(grids))
-
-
 class Decoder(nn.Module):
     def __init__(self, pred_len, embedding_dim, h_dim, num_layers, dropout, pool_net, mlp):
         super().__init__()
@@ -104,28 +83,24 @@ class TrajectoryGenerator(nn.Module):
         self.obs_len, self.pred_len = obs_len, pred_len
         self.noise_mix_type, self.noise_dim = noise_mix_type, noise_dim[0]
         pooling_type = None if pooling_type == "none" else pooling_type
-        options = {"activation": activation}
+        options = {"activation": activation, "dropout": dropout}
         self.encoder = Encoder(embedding_dim, encoder_h_dim, num_layers, dropout)
-
-        def pooling(h_dim, **more):
-            if pooling_type == "pool_net":
-                return PoolHiddenNet(embedding_dim, h_dim, bottleneck_dim, **options, **more)
-            more = {"dropout": dropout}
-            return SocialPooling(h_dim, neighborhood_size, grid_size, **options, **more)
-
+        pooling = functools.partial(
+            PoolHiddenNet, embedding_dim, bottleneck_dim=bottleneck_dim, **options
+        )
         always = pooling_type is not None and pool_every_timestep
         widths = [decoder_h_dim + bottleneck_dim, mlp_dim, decoder_h_dim]
         self.decoder = Decoder(
             pred_len, embedding_dim, decoder_h_dim, num_layers, dropout,
-            pooling(decoder_h_dim, dropout=dropout) if always else None,
-            make_mlp(widths, dropout=dropout, **options) if always else None,
+            pooling(decoder_h_dim) if always else None,
+            make_mlp(widths, **options) if always else None,
         )  # fmt: skip
         self.pool_net = pooling(encoder_h_dim) if pooling_type else None
         pooled = bottleneck_dim if pooling_type else 0
         self.needs_mlp = bool(self.noise_dim or pooled or encoder_h_dim != decoder_h_dim)
         if self.needs_mlp:
             widths = [encoder_h_dim + pooled, mlp_dim, decoder_h_dim - self.noise_dim]
-            self.mlp_decoder_context = make_mlp(widths, dropout=dropout, **options)
+            self.mlp_decoder_context = make_mlp(widths, **options)
 
     def add_noise(self, context, bounds, noise):
         if not self.noise_dim:

@@ -68,11 +68,11 @@ def write_case(folder, torch, network, arguments, change=lambda arrays: None):
         (RELU, {}, "pool_net.mlp_pre_pool (alone): activation LeakyReLU, ours is ReLU"),
         (("512", "300"), {}, EQUAL),
         (None, {"mlp_dim": 20, "bottleneck_dim": 9, "embedding_dim": 3}, EQUAL),
+        (None, {"dropout": 0.5}, EQUAL),
         (None, {"num_layers": 2}, "refused: args: num_layers is 2"),
         (None, {"noise_dim": (0,)}, EQUAL),
         (None, {"noise_mix_type": "ped", "pooling_type": None}, EQUAL),
         (None, {"obs_len": 5, "pred_len": 3, "pool_every_timestep": True}, EQUAL),
-        (None, {"pooling_type": "spool", "bottleneck_dim": 12}, EQUAL),
         (
             ("nn.Linear(h_dim, 2)\n", "nn.Linear(h_dim, 2)\n        self.head = nn.Linear(1, 3)\n"),
             {},
