@@ -19,10 +19,9 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.plugins import loaded
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.network import model_name, named_network, usual_recipe
-from neurosym_jax.training.recipe import make_recipe
+from neurosym_jax.training.network import model_name, named_network
+from neurosym_jax.training.recipe import make_recipe, usual_recipe
 from neurosym_jax.training.run import Run
 
 __all__ = ["Options", "make_run", "run"]
@@ -87,7 +86,8 @@ def run(options: Options) -> None:
     run = make_run(options)
     where = run.dataset or ("files" if options.train_on else "simulations")
     name = f"{model_name(run.network)}_{where}_{options.obs_len}_{options.pred_len}"
-    folder = options.out or Path("runs") / f"{name}_{_recipe(options)}_{options.seed}"
+    recipe = options.recipe or usual_recipe(run.network)
+    folder = options.out or Path("runs") / f"{name}_{recipe}_{options.seed}"
     print(
         f"{name}: {run.training.scenes} scenes, {run.training.agents} agents to train on, "
         f"{run.validation.scenes} scenes to validate on, {run.recipe.steps} steps"
@@ -96,7 +96,9 @@ def run(options: Options) -> None:
         print(text)
     model = train_run(run, folder, resume=options.resume)
     _print_errors(run, model)
-    print(f"model: {folder / 'model'}\ntest it: {_test_of(options, folder)}")
+    data = "" if options.data is None else f" --data {shlex.quote(str(options.data))}"
+    place = shlex.quote(str(folder / "model"))
+    print(f"model: {place}\ntest it: neurosym evaluate --checkpoint {place}{data}")
 
 
 def _print_errors(run: Run, model: Model) -> None:
@@ -110,17 +112,6 @@ def _print_errors(run: Run, model: Model) -> None:
         found = score_forecaster(each.forecaster, each.params, batches, **how)
         ade, fde = found.mean("joint_ade"), found.mean("joint_fde")
         print(f"  {each.name:26}  ADE {ade:.3f}  FDE {fde:.3f}")
-
-
-def _test_of(options: Options, folder: Path) -> str:
-    """The command that tests the model in `folder` on what was left out of its training."""
-    where = [] if options.data is None else ["--data", str(options.data)]
-    if options.dataset == GENERAL:
-        where = ["--data", "RECORDINGS"]
-    elif options.dataset is not None:
-        where += ["--dataset", options.dataset]
-    where += [part for plugin in loaded() for part in ("--plugin", plugin)]
-    return shlex.join(["neurosym", "evaluate", "--checkpoint", str(folder / "model"), *where])
 
 
 def make_run(options: Options) -> Run:
@@ -138,16 +129,10 @@ def make_run(options: Options) -> Run:
         pred_len=pred_len,
         changes=options.network,
     )
-    recipe = make_recipe(
-        _recipe(options), seed=options.seed, steps=options.steps, changes=options.set
-    )
+    name = options.recipe or usual_recipe(network)
+    recipe = make_recipe(name, seed=options.seed, steps=options.steps, changes=options.set)
     source = open_source(options.data, options.dataset, read=options.read, period=options.period)
     learned, validated = _recordings(options, source)
-    learned += [
-        on_grid(tracks, options.period, options.read.max_gap)
-        for place in options.train_also
-        for tracks in recordings_in(place, options.read)
-    ]
     training = cut_windows(learned, obs_len, pred_len, min_agents=recipe.min_agents)
     validation = cut_windows(validated, obs_len, pred_len)
     parts = {"validated": validation}
@@ -170,24 +155,26 @@ def make_run(options: Options) -> Run:
     )
 
 
-def _recipe(options: Options) -> str:
-    return options.recipe or usual_recipe(options.model)
-
-
-def _recordings(options: Options, source: Source) -> list[list[Tracks]]:
+def _recordings(options: Options, source: Source) -> tuple[list[Tracks], list[Tracks]]:
     """Those to train on and those to validate on."""
     if bool(options.train_on) != bool(options.validate_on):
         raise InputError("--train-on and --validate-on go together")
-    if options.train_on:
-        return [source.files(names) for names in (options.train_on, options.validate_on)]
-    if options.dataset is None and options.data is not None:
+    if options.dataset is None and options.data is not None and not options.train_on:
         names = ", ".join(source.scenes)
         raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")
+    besides = [
+        on_grid(tracks, options.period, options.read.max_gap)
+        for place in options.train_also
+        for tracks in recordings_in(place, options.read)
+    ]
+    if options.train_on:
+        return [*source.files(options.train_on), *besides], source.files(options.validate_on)
     names = source.scenes if options.dataset is None else (options.dataset,)
-    return [
+    learned, validated = (
         [tracks for name in names for tracks in source.recordings(name, split)]
         for split in ("train", "val")
-    ]
+    )
+    return [*learned, *besides], validated
 
 
 def _refuse_seen(parts: dict[str, Windows], training: Windows) -> None:

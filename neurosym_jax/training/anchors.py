@@ -36,7 +36,8 @@ class AnchorStream:
         class_of = np.searchsorted(CLASSES, sizes)
         self._classes = [(slots, np.flatnonzero(class_of == i)) for i, slots in enumerate(CLASSES)]
         self._classes = [each for each in self._classes if len(each[1])]
-        shares = [len(of) * sizes[of].mean() ** recipe.crowd_tilt for _, of in self._classes]
+        # A class is drawn as often as it has people.
+        shares = [len(of) * sizes[of].mean() for _, of in self._classes]
         self._shares = np.array(shares) / sum(shares)
 
     def batch(self, step: int) -> tuple[Scene, np.ndarray]:
@@ -57,12 +58,7 @@ class AnchorStream:
 
 
 def company(valid: Array, crowd: Array) -> Array:
-    """[B] number of people in the other scenes of each scene's crowd.
-
-    Args:
-        valid: [B, N] bool.
-        crowd: [B] index of each scene's crowd, below B.
-    """
+    """[B] people of `valid` [B, N] in the other scenes of each scene's `crowd` [B], below B."""
     own = valid.sum(1)
     return (jax.ops.segment_sum(own, crowd, len(valid))[crowd] - own).astype(jnp.float32)
 
@@ -115,13 +111,8 @@ def anchor_step(
 ) -> tuple[TrainState, Array]:
     """The state after one step on a batch, and its loss.
 
-    Args:
-        network: configuration of the network or the table.
-        recipe: of the training.
-        key: of the run, the same for all steps and not consumed.
-        state: before the step; its buffers are donated.
-        scenes: `[B, N, ...]`, before augmentation.
-        crowd: [B] index of each scene's crowd.
+    `scenes` `[B, N, ...]` are not augmented yet; `crowd` [B] is each one's crowd. `key` is the
+    run's, the same for all steps. The buffers of `state` are donated.
     """
     (scenes,) = augment((scenes,), jax.random.fold_in(key, state.step), recipe)
     observed, valid = jnp.asarray(scenes.observed), jnp.asarray(scenes.valid)

@@ -74,19 +74,10 @@ def generator_gradient(
     *,
     label: Array | float,
 ) -> tuple[Any, Metrics]:
-    """Gradient with respect to the parameters `generator`, not clipped.
+    """Gradient with respect to the parameters `generator`, not clipped, and the loss's terms.
 
-    Args:
-        generator_config: the generator.
-        recipe: with the loss.
-        generator: its parameters.
-        discriminator: its parameters; () where the recipe has no adversarial term.
-        groups: the batch.
-        noises: for each group, [k, ...] of k samples, see `draw_group_noise`.
-        label: the discriminator's label that the forecasts should get.
-
-    Returns:
-        The gradient, and `g_loss`, its terms (`g_variety`, `g_adversarial`) and `g_gradient_norm`.
+    `noises` [k, ...] are those of k samples of each group, see `draw_group_noise`. Without
+    adversarial term `discriminator` is (); with one, `label` is what the forecasts should get.
     """
     decode = functools.partial(decode_groups, generator_config)
 

@@ -31,7 +31,7 @@ from neurosym_jax.runtime.environment import code_version
 from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
-from neurosym_jax.training.recipe import RECIPES, Recipe
+from neurosym_jax.training.recipe import RECIPES, Recipe, usual_recipe
 from neurosym_jax.training.rounds import ROUND, rounds_of, start_of
 from neurosym_jax.training.run import Run, record_of, refuse_other_run
 from neurosym_jax.training.step import TrainState
@@ -70,7 +70,7 @@ def train(
         dataset: the data set that was left out, to be tested on; recorded with the model.
         data: names of the data sets learned from, for the card and licences.
         resume: continue the run in `folder`.
-        on_row: called with each row of `metrics.jsonl`, for a dashboard of one's own.
+        on_row: called with each row of `metrics.jsonl`.
 
     Returns:
         The best model by validation, also written to `folder / "model"`.
@@ -79,8 +79,7 @@ def train(
         InputError: for recordings without windows, and as `train_run`.
     """
     network = network or GeneratorConfig()
-    if recipe is None:
-        recipe = RECIPES["ours" if isinstance(network, GeneratorConfig) else "anchors"]
+    recipe = recipe or RECIPES[usual_recipe(network)]
     learned, validated = (
         part
         if isinstance(part, Windows)
@@ -185,12 +184,8 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
     }
 
     def curves(*wanted: str) -> dict[str, Any]:
-        of = {name: [row for row in rows if name in row] for name in wanted}
-        return {
-            name: ([row["step"] for row in known], [row[name] for row in known])
-            for name, known in of.items()
-            if known
-        }
+        pairs = {name: [(r["step"], r[name]) for r in rows if name in r] for name in wanted}
+        return {name: tuple(zip(*points)) for name, points in pairs.items() if points}
 
     losses = curves("loss", "g_loss", "g_adversarial", "d_loss")
     figure = plot_training(losses, curves("val_ade", "val_fde"), "training")

@@ -24,25 +24,19 @@ __all__ = [
 
 
 def squared_displacement_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Array:
-    """SGAN's criterion of one scene: one value a sample, square metres.
+    """[1, k] square metres: SGAN's criterion of one scene, one value a sample.
 
-    Args:
-        forecast: [k, N, pred_len, 2] displacements in metres.
-        truth: [N, pred_len, 2] displacements in metres.
-        valid: [N] bool.
-
-    Returns:
-        [1, k]: squared error summed over agents, steps and coordinates, divided by the number of
-        valid agents and steps.
+    The squared error of the displacements `forecast` [k, N, pred_len, 2] from `truth` [N, pred_len,
+    2], summed over agents, steps and coordinates, by the number of `valid` [N] agents and steps.
     """
     squared = jnp.where(valid[:, None, None], (forecast - truth) ** 2, 0).sum(axis=(1, 2, 3))
     return (squared / (jnp.maximum(valid.sum(), 1) * truth.shape[1]))[None]
 
 
 def distance_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Array:
-    """[2, k] metres: ADE and FDE of each sample of one scene, means over its valid agents.
+    """[2, k] metres: ADE and FDE of each sample of one scene, means over its `valid` [N] agents.
 
-    Arguments are those of `squared_displacement_errors`, but positions in place of displacements.
+    `forecast` [k, N, pred_len, 2] and `truth` [N, pred_len, 2] are positions.
     """
     distance = jnp.where(valid[:, None], safe_norm(forecast - truth), 0)
     agents = jnp.maximum(valid.sum(), 1)
@@ -83,12 +77,9 @@ def criterion_errors(recipe: TrainConfig, scenes: Scene, futures: Array) -> Arra
 
 
 def variety_loss(recipe: TrainConfig, groups: Groups, futures: Sequence[Array]) -> Array:
-    """[] the criterion of the best forecasts.
+    """[] the criterion of the best forecasts: SGAN's summed over scenes, distances' mean of people.
 
-    Args:
-        recipe: its criterion; SGAN's is summed over scenes, distances are averaged over people.
-        groups: the batch.
-        futures: [C, scenes, slots, pred_len, 2] metres of each group, the best by each row.
+    `futures [C, scenes, slots, pred_len, 2]` of each group are the best by each row, in metres.
     """
     by_people = recipe.criterion == "distance"
     weights = (1.0, recipe.fde_weight) if by_people else (1.0,)

@@ -13,14 +13,7 @@ from neurosym_jax.plugins import load_plugin
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
-__all__ = [
-    "ANCHORS",
-    "POOLING_OF",
-    "model_name",
-    "named_network",
-    "named_weighting",
-    "usual_recipe",
-]
+__all__ = ["ANCHORS", "POOLING_OF", "model_name", "named_network", "named_weighting"]
 
 ANCHORS = {"anchors": AnchorConfig, "anchor_table": AnchorTableConfig}
 POOLING_OF = {"sgan": "pool_net", "neurosym": "as_described"}
@@ -36,13 +29,12 @@ def named_network(
     pred_len: int = 8,
     changes: Sequence[str] = (),
 ) -> Any:
-    """The configuration of a generator, an anchors network or an anchor table.
+    """The configuration of `sgan`, `neurosym`, `anchors` or `anchor_table`.
 
     Args:
-        model: `sgan`, `neurosym`, `anchors` or `anchor_table`.
+        model: which.
         pooling: of a generator; default: the paper's. That of NeuroSyM takes weights.
-        weighting: of NeuroSyM (default: `cnd`) or anchors (default: none), see
-            `named_weighting`.
+        weighting: of NeuroSyM (default: `cnd`) or anchors (default: none), see `named_weighting`.
         obs_len: observed steps.
         pred_len: steps to forecast.
         changes: of the published sizes, each NAME=VALUE of a field of the configuration.
@@ -54,12 +46,11 @@ def named_network(
     if model in ANCHORS:
         if pooling is not None:
             raise InputError(f"--pooling {pooling}: {model} has no pooling")
+        config = ANCHORS[model](obs_len=obs_len, pred_len=pred_len)
         weights = [] if weighting is None else [f"weighting={weighting}"]
-        lengths = ANCHORS[model](obs_len=obs_len, pred_len=pred_len)
-        return changed(lengths, [*weights, *changes], "--network", "network")
+        return changed(config, [*weights, *changes], "--network", "network")
     symbolic = model == "neurosym"
-    name = pooling or POOLING_OF[model]
-    known = pooling_names(symbolic=symbolic)
+    name, known = pooling or POOLING_OF[model], pooling_names(symbolic=symbolic)
     if POOLINGS[name] and name not in known:
         raise InputError(f"--pooling {name}: {model} has {', '.join(known)}")
     if weighting is not None and not symbolic:
@@ -81,11 +72,6 @@ def named_weighting(text: str) -> Weighting:
     if module:
         load_plugin(module)
     return component_from_text(name, WEIGHTINGS, f"weighting {text}")
-
-
-def usual_recipe(model: str) -> str:
-    """The name of the recipe that a model is trained by unless another is asked for."""
-    return "anchors" if model in ANCHORS else "ours"
 
 
 def model_name(config: Any) -> str:

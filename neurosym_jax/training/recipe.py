@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from neurosym_jax.configuration import (
     AtLeastOne,
@@ -17,9 +17,9 @@ from neurosym_jax.configuration import (
     Whole,
     changed,
 )
-from neurosym_jax.models.config import DiscriminatorConfig
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 
-__all__ = ["RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe"]
+__all__ = ["RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe", "usual_recipe"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,8 +103,6 @@ class AnchorRecipe(Recipe):
     single_agent_share: Share = 0.2
     batch_people: Count = 640
     """Most people in a batch, padding included."""
-    crowd_tilt: float = 1.0
-    """A size class is drawn in proportion to its scenes times their mean size to this power."""
     crowd_share: Share = 0.7
     """Probability that the scenes of a batch are merged into crowds, see `training.anchors`."""
     crowd_people: Count = 40
@@ -146,17 +144,16 @@ RECIPES: dict[str, Recipe] = {
 def make_recipe(
     name: str, *, seed: int = 0, steps: int | None = None, changes: Sequence[str] = ()
 ) -> Recipe:
-    """The recipe of this name, with changes to it.
-
-    Args:
-        name: a key of `RECIPES`.
-        seed: of everything random.
-        steps: of training; None for the recipe's.
-        changes: each NAME=VALUE of a field, its value as JSON or as text.
+    """The recipe of this name; `changes` are NAME=VALUE, a value as JSON or as text.
 
     Raises:
         InputError: for a change that is not NAME=VALUE of a field, or a value out of its range.
     """
-    if steps is not None:
-        changes = [f"steps={steps}", *changes]
-    return changed(RECIPES[name], [f"seed={seed}", *changes], "--set", f"recipe {name}")
+    of_steps = [] if steps is None else [f"steps={steps}"]
+    every = [f"seed={seed}", *of_steps, *changes]
+    return changed(RECIPES[name], every, "--set", f"recipe {name}")
+
+
+def usual_recipe(network: Any) -> str:
+    """The name of the recipe by which a network is trained unless another is asked for."""
+    return "ours" if isinstance(network, GeneratorConfig) else "anchors"

@@ -49,13 +49,9 @@ class TrainState(NamedTuple):
 def initial_state(
     generator_config: GeneratorConfig, recipe: TrainConfig, key: Array, weighting: Any = None
 ) -> TrainState:
-    """Parameters as SGAN initialises them, and new optimisers.
+    """Parameters as SGAN initialises them, and new optimisers; consumes `key`.
 
-    Args:
-        generator_config: the generator.
-        recipe: of the training.
-        key: consumed.
-        weighting: parameters of the weighting; None for its initial ones.
+    `weighting` are the parameters of the weighting; None for its initial ones.
     """
     of_generator, of_discriminator = jax.random.split(key)
     params = initial_generator(generator_config, of_generator)
@@ -91,17 +87,10 @@ def train_steps(
     state: TrainState,
     batches: Groups,
 ) -> tuple[TrainState, Metrics]:
-    """One compiled call of many steps.
+    """One compiled call of many steps: the state after the last one, and metrics `[steps]`.
 
-    Args:
-        generator_config: the generator.
-        recipe: of the training.
-        key: of the run, the same for all steps and not consumed.
-        state: before the first step; its buffers are donated.
-        batches: groups `[steps, batches, ...]`, see `train_step` for the batches of a step.
-
-    Returns:
-        The state after the last step, and metrics `[steps]`.
+    `batches` are groups `[steps, batches, ...]`, see `train_step`; `key` is the run's, the same for
+    all steps. The buffers of `state` are donated.
     """
 
     def step(state: TrainState, batches: Groups):
@@ -121,12 +110,8 @@ def train_step(
 ) -> tuple[TrainState, Metrics]:
     """A discriminator step on one batch (where there is one), a generator step on the next.
 
-    Args:
-        generator_config: the generator.
-        recipe: of the training.
-        state: before the step.
-        batches: groups with a leading axis of 2 batches, or of 1 without adversarial term.
-        key: consumed.
+    `batches` are groups with a leading axis of 2 batches, or of 1 without adversarial term. `key`
+    is consumed.
     """
     keys = jax.random.split(key, 7)
 

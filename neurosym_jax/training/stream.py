@@ -62,17 +62,10 @@ class SceneStream:
 
 
 def size_classes(sizes: np.ndarray, batch_scenes: int) -> np.ndarray:
-    """The padded sizes, ascending; a scene takes the smallest one that holds it.
+    """[C] padded sizes for scenes of `sizes` [S], ascending; a scene takes the smallest that fits.
 
     A batch has a `quota` of every class, and pooling costs the square of each padded size. The
     classes minimise the sum of costs (dynamic programming over the sizes).
-
-    Args:
-        sizes: [S] agents of each scene.
-        batch_scenes: approximate number of scenes in a batch.
-
-    Returns:
-        [C] int64; the last is the largest size.
     """
     values, counts = np.unique(sizes, return_counts=True)
     below = np.concatenate([[0], np.cumsum(counts)])

@@ -30,14 +30,8 @@ from neurosym_jax.runtime.environment import cpu_cores, provenance
 from neurosym_jax.runtime.files import refuse_unwritable, write_text
 from neurosym_jax.runtime.progress import Progress
 from neurosym_jax.training.card import model_card
-from neurosym_jax.training.network import (
-    ANCHORS,
-    POOLING_OF,
-    model_name,
-    named_network,
-    usual_recipe,
-)
-from neurosym_jax.training.recipe import Recipe, make_recipe
+from neurosym_jax.training.network import ANCHORS, POOLING_OF, model_name, named_network
+from neurosym_jax.training.recipe import Recipe, make_recipe, usual_recipe
 from neurosym_jax.training.sweep_report import write_errors
 
 __all__ = ["Sweep", "SweepRun", "plan_runs", "run_sweep"]
@@ -135,7 +129,7 @@ def plan_runs(sweep: Sweep) -> list[SweepRun]:
         network = named_network(
             **named, obs_len=sweep.obs_len, pred_len=pred_len, changes=sweep.network
         )
-        how = sweep.recipe or usual_recipe(named["model"])
+        how = sweep.recipe or usual_recipe(network)
         recipe = make_recipe(how, seed=seed, steps=sweep.steps, changes=sweep.set)
         name = f"{model_name(network)}_{dataset}_{sweep.obs_len}_{pred_len}_seed{seed}"
         folder = sweep.out / name
@@ -164,12 +158,9 @@ def _networks(sweep: Sweep) -> Iterator[dict[str, Any]]:
 
 
 def run_sweep(sweep: Sweep, runs: Sequence[SweepRun], jobs: int | None = None) -> int:
-    """Train what is left, test all, write `sweep.json` and `sweep.md`; 1 if a training failed.
+    """Train what is left of `runs`, test all, write two files; 1 if a training failed.
 
-    Args:
-        sweep: the options.
-        runs: see `plan_runs`.
-        jobs: trainings at once; None for one a core.
+    `jobs` is the number of trainings at once; None for one a core.
 
     Raises:
         InputError: for a finished run of another recipe, or where no run is finished.
@@ -179,13 +170,12 @@ def run_sweep(sweep: Sweep, runs: Sequence[SweepRun], jobs: int | None = None) -
     refuse_unwritable(out / "sweep.json")
     left = [run for run in runs if not run.finished()]
     print(f"{len(runs)} runs, {len(runs) - len(left)} of them finished before")
-    progress, failed = Progress(len(left)), 0
+    progress = Progress(len(left))
     with ThreadPoolExecutor(jobs or cpu_cores()) as pool:
         tasks = {pool.submit(_train, run): run for run in left}
         for task in as_completed(tasks):
             progress.step(tasks[task].folder.name)
             if reason := task.result():
-                failed += 1
                 print(f"failed: {tasks[task].folder}: {reason}", file=sys.stderr)
     done = [run for run in runs if run.finished()]
     if not done:
@@ -193,7 +183,7 @@ def run_sweep(sweep: Sweep, runs: Sequence[SweepRun], jobs: int | None = None) -
     table = format_table(rows_frame(_test(sweep, done)), "markdown")
     write_text(out / "sweep.md", table)
     print(f"\n{table}\nrows: {out / 'sweep.json'}")
-    return 1 if failed else 0
+    return 1 if len(done) < len(runs) else 0
 
 
 def _train(run: SweepRun) -> str:

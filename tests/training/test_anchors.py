@@ -81,16 +81,6 @@ def test_batches_depend_on_seed_and_step_and_crop_what_is_large(run):
     np.testing.assert_array_equal(never.batch(0)[1], np.arange(8))
 
 
-def test_crowd_tilt_draws_larger_classes_more_often(run, monkeypatch):
-    monkeypatch.setattr(anchors, "CLASSES", (3, 12))
-
-    def large(tilt):
-        stream = AnchorStream(run.training, dataclasses.replace(RECIPE, crowd_tilt=tilt))
-        return np.mean([stream.batch(step)[0].valid.shape[1] == 12 for step in range(200)])
-
-    assert large(0.0) < large(1.0) - 0.1
-
-
 def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
     scenes = AnchorStream(run.training, dataclasses.replace(RECIPE, batch_people=720)).batch(0)[0]
     (moved,) = augment((scenes,), jax.random.key(0), RECIPE)

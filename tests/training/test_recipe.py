@@ -10,24 +10,6 @@ from neurosym_jax.training.network import model_name, named_network, named_weigh
 from neurosym_jax.training.recipe import RECIPES, make_recipe
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ("emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
-        ("ema", "--set ema: must be NAME=VALUE"),
-        ("ema=fast", "ema must be a finite number, not 'fast'"),
-        ("best_k=2.5", r"best_k must be a whole number, not 2\.5"),
-        ("criterion=best", "criterion must be one of squared_displacement, distance"),
-        ('discriminator={"kind": "big"}', "kind must be one of global, local, not 'big'"),
-        ("steps=-25", "recipe ours: steps must be at least 1, not -25"),
-    ],
-)
-def test_recipes_that_cannot_be(change, reason):
-    with pytest.raises(InputError, match=reason) as caught:
-        make_recipe("ours", changes=[change])
-    assert "\n" not in str(caught.value)
-
-
 def test_recipes():
     assert make_recipe("ours") == RECIPES["ours"]
     changes = ("rotate=0.5", "max_agents=null", "label_real=[0.9, 1]", "schedule=cosine")
@@ -35,6 +17,13 @@ def test_recipes():
     assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, 0.5, None)
     assert (changed.label_real, changed.schedule) == ((0.9, 1), "cosine")
     assert changed.learning_rate == RECIPES["sgan"].learning_rate
+    for change, reason in (
+        ("emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
+        ("ema=fast", "recipe ours: ema must be a finite number, not 'fast'"),
+        ('discriminator={"kind": "big"}', "kind must be one of global, local, not 'big'"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            make_recipe("ours", changes=[change])
 
 
 def test_networks():
@@ -75,13 +64,8 @@ def test_weightings(tmp_path, monkeypatch):
     coarse = named_weighting("learned,quantisation_factor=0.1,table=cnd_shipped")
     assert coarse == Learned(table="cnd_shipped", quantisation_factor=0.1)
     assert named_weighting(coarse.name) == coarse
-    for text, reason in (
-        ("cdn", "weighting cdn: unknown weighting 'cdn'"),
-        ("cnd,tabel=cnd", "unknown field 'tabel'"),
-        ("no_such_module:mine", "plugin no_such_module: ModuleNotFoundError"),
-    ):
-        with pytest.raises(InputError, match=reason):
-            named_weighting(text)
+    with pytest.raises(InputError, match="weighting cdn: unknown weighting 'cdn'"):
+        named_weighting("cdn")
     monkeypatch.syspath_prepend(tmp_path)
     # Else the runs of later tests would be told to load it, too.
     monkeypatch.setattr("neurosym_jax.plugins._loaded", {})

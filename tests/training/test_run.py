@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from orbax.checkpoint import v1 as ocp
 
-from neurosym_jax.commands.train import Options, _test_of, make_run
+from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError, InputWarning
 
 SCRIPT = Path(__file__).resolve().parents[2] / "train.py"
@@ -90,12 +90,6 @@ def test_bad_input_is_one_line(files, tmp_path):
     assert process.returncode == 2
     assert errors.startswith("error: --set emma=0.9: must be NAME=VALUE, where NAME is one of")
     assert errors.count("\n") == 1
-
-
-def test_the_next_command_names_data_and_plugins(files, tmp_path, monkeypatch):
-    monkeypatch.setattr("neurosym_jax.commands.train.loaded", lambda: ["mine.py"])
-    command = _test_of(Options(data=files, dataset="check"), tmp_path)
-    assert command.endswith(f"--data {files} --dataset check --plugin mine.py")
 
 
 def test_a_model_knows_its_rate(files):
