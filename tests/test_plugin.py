@@ -150,7 +150,7 @@ def test_every_seam_from_one_file(call, tmp_path):
     assert "reach" in replayed
     assert "Mean of neighbours" in replayed
     assert "weighting halves" in shown
-    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"pairs.png", "states.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"pairs.png"}
 
 
 MISSING = "unknown weighting 'nearness'"

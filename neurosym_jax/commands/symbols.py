@@ -91,7 +91,7 @@ def run(options: Options) -> None:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {number}")
     title, shown = f"{name}, window {number}", windows.take(slice(number, number + 1))
     if not options.forecast:
-        _show_weights(options, model, name, title, windows, shown)
+        _show_weights(options, model, title, windows, shown)
     elif model is not None:
         _show_forecast(options, model, title, shown)
     else:
@@ -99,7 +99,7 @@ def run(options: Options) -> None:
 
 
 def _show_weights(
-    options: Options, model: Model | None, name: str, title: str, windows: Windows, shown: Windows
+    options: Options, model: Model | None, title: str, windows: Windows, shown: Windows
 ) -> None:
     observed = [(b.scene.observed, b.scene.valid) for b in make_batches(windows)]
     if model is None or options.weighting is not None:
@@ -118,17 +118,10 @@ def _show_weights(
     print(f"\n{counts.sum()} observed pair-steps of {windows.scenes} windows:")
     print(format_shares(counts))
 
-    from neurosym_jax.plotting import plot_pairs, plot_states, save_figure
+    from neurosym_jax.plotting import plot_pairs, save_figure
 
-    table = weighting.state_weights()
-    learned = None if table is None else parameters.get("table")
-    figures = {
-        "pairs": plot_pairs(pairs, f"{title}, {weighting.name}{hint}"),
-        "states": plot_states(counts, table, learned, f"{name}, {weighting.name}"),
-    }
-    print()
-    for kind, figure in figures.items():
-        print(save_figure(figure, options.out / f"{kind}.png"))
+    figure = plot_pairs(pairs, f"{title}, {weighting.name}{hint}")
+    print(f"\n{save_figure(figure, options.out / 'pairs.png')}")
 
 
 def _show_forecast(options: Options, model: Model, title: str, shown: Windows) -> None:
@@ -140,8 +133,4 @@ def _show_forecast(options: Options, model: Model, title: str, shown: Windows) -
     lines = [json.dumps(row, allow_nan=False) for row in forecast_rows(found)]
     path = options.out / "forecast.jsonl"
     write_text(path, "\n".join(lines) + "\n")
-
-    from neurosym_jax.plotting import plot_symbol_forecast, save_figure
-
-    figure = plot_symbol_forecast(observed, samples, found, title)
-    print(f"\n{path}\n{save_figure(figure, options.out / 'forecast.png')}")
+    print(f"\n{path}")

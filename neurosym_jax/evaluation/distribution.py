@@ -7,8 +7,6 @@ single forecast is its error. The price is that scores of different k are not co
 that have probabilities [k] are weighted by them in place of 1 / k.
 """
 
-import math
-
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -16,10 +14,7 @@ from jax import Array
 from neurosym_jax.evaluation.best_of_k import distances
 from neurosym_jax.scene import Scene
 
-__all__ = ["LEAST_LOG_DENSITY"]
-
-LEAST_LOG_DENSITY = -20.0
-"""Least log density of an agent's step that counts, nats (Trajectron++)."""
+__all__ = ["energy_score"]
 
 
 def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Array:
@@ -53,36 +48,6 @@ def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     return (error - spread / 2).mean(axis=(1, 2))
 
 
-def kde_nll(forecast: Array, scene: Scene) -> tuple[Array, Array]:
-    """[N] negative log likelihood of positions by a Gaussian kernel density, mean over steps.
-
-    As in Trajectron++ (Salzmann et al., ECCV 2020; `compute_kde_nll`): `scipy.stats.gaussian_kde`,
-    whose kernel is the samples' covariance times k^(-1/3) (Scott's rule in two dimensions), and log
-    densities of no less than `LEAST_LOG_DENSITY`. Samples on a line or a point have no density,
-    where theirs fails: the least one is taken. Fewer than three samples have no value.
-    """
-    k = len(forecast)
-    if k < 3:
-        return _no_value(forecast)
-    tiny, eps = jnp.finfo(forecast.dtype).tiny, jnp.finfo(forecast.dtype).eps
-    centred = forecast - forecast.mean(axis=0)
-    x, y = centred[..., 0], centred[..., 1]
-    factor = k ** (-1 / 3) / (k - 1)
-    xx, xy, yy = (factor * (a * b).sum(axis=0) for a, b in ((x, x), (x, y), (y, y)))  # [N, T]
-    # Cholesky's factor of the kernel's covariance: [[a, 0], [b, c]].
-    a = jnp.sqrt(jnp.maximum(xx, tiny))
-    b = xy / a
-    rest = yy - b**2
-    c = jnp.sqrt(jnp.maximum(rest, tiny))
-    flat = (xx <= tiny) | (rest <= 4 * eps * yy)
-    offset = scene.known_future - forecast
-    u = offset[..., 0] / a
-    v = (offset[..., 1] - b * u) / c
-    density = jax.nn.logsumexp(-(u**2 + v**2) / 2, axis=0) - jnp.log(a * c)
-    density = jnp.where(flat, LEAST_LOG_DENSITY, density - math.log(2 * math.pi * k))
-    return -jnp.maximum(density, LEAST_LOG_DENSITY).mean(axis=-1), jnp.asarray(scene.valid)
-
-
 def coverage_50(forecast: Array, scene: Scene, probability: Array | None) -> tuple[Array, Array]:
     """[N] see `_coverage`."""
     return _coverage(0.5, forecast, scene, probability)
@@ -107,7 +72,8 @@ def _coverage(
     """
     k = len(forecast)
     if k == 1:
-        return _no_value(forecast)
+        nothing = jnp.zeros(forecast.shape[1])
+        return nothing, nothing
     number = _numbers(forecast, probability)
     offset = jnp.square(forecast - scene.known_future)
     to_truth = jnp.sqrt(offset[..., 0] + offset[..., 1])
@@ -155,8 +121,3 @@ def _numbers(forecast: Array, probability: Array | None) -> Array:
     """[k] how many samples each one counts for."""
     k = len(forecast)
     return jnp.ones(k, forecast.dtype) if probability is None else k * probability
-
-
-def _no_value(forecast: Array) -> tuple[Array, Array]:
-    nothing = jnp.zeros(forecast.shape[1])
-    return nothing, nothing

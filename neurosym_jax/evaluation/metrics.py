@@ -96,7 +96,6 @@ METRICS: Registry[Metric] = Registry(
             "energy score", distribution.energy_score, "m", _PROPER, weighted=True
         ),
         "crps": _further("CRPS", distribution.crps, "m", _PROPER, weighted=True),
-        "kde_nll": _further("KDE NLL", distribution.kde_nll, "nats"),
         "coverage_50": _further(
             "covered at 50 %", distribution.coverage_50, "share", _COVERED, weighted=True
         ),

@@ -4,7 +4,5 @@ from .style import PALETTE as PALETTE
 from .style import model_looks as model_looks
 from .style import save_figure as save_figure
 from .symbols import plot_pairs as plot_pairs
-from .symbols import plot_states as plot_states
-from .symbols import plot_symbol_forecast as plot_symbol_forecast
 from .tracks import plot_tracks as plot_tracks
 from .training import plot_training as plot_training

@@ -142,17 +142,17 @@ def test_one_step_and_one_agent(options, tmp_path):
 
 
 def test_further_metrics_where_they_are_asked_for(options, capsys):
-    given = options(metrics=("energy_score", "kde_nll"), dataset="cross-path", samples=4)
+    given = options(metrics=("energy_score", "coverage_50"), dataset="cross-path", samples=4)
     velocity, sampled = run(dataclasses.replace(given, symbols=True))
-    assert {"energy_score", "kde_nll"} < sampled.keys()
+    assert {"energy_score", "coverage_50"} < sampled.keys()
     assert "crps" not in sampled
     assert sampled["energy_score"] < velocity["energy_score"]
-    assert velocity["kde_nll"] is None  # A single forecast has no density.
+    assert velocity["coverage_50"] is None  # A single forecast has no region.
     for row in (velocity, sampled):
         assert 0.1 < row["state_log_low"] < row["state_log"] < 4.4
         assert 0.01 < row["event_log"] < 0.7
     out = capsys.readouterr().out
-    assert {"energy", "KDE", "states", "events"} < set(out.split())
+    assert {"energy", "covered", "states", "events"} < set(out.split())
     assert "states, events: log scores" in out
 
 

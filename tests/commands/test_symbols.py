@@ -32,7 +32,7 @@ def test_states_over_time_as_text(recording, tmp_path, capsys):
     assert "cnd is constant here; try --weighting quantised" in text  # Always two zeros.
     # Of the five windows four have three people, whose 1 and 3 keep their distance.
     assert "pair-steps of 5 windows" in text
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"pairs.png", "states.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"pairs.png"}
 
 
 def test_weights_of_a_model(recording, tmp_path, capsys):
@@ -69,6 +69,5 @@ def test_a_forecast_is_told_written_and_drawn(recording, tmp_path, capsys):
         assert set(row["events"]) >= {"approaches", "meets", "follows"}
         assert len(row["states"]) == 8
         assert all(0 < step["probability"] <= 1 for step in row["states"])
-    assert (out / "forecast.png").stat().st_size > 10_000
     with pytest.raises(InputError, match="--forecast needs a --model"):
         run(Options(recording, forecast=True))

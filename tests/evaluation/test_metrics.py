@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.stats import gaussian_kde
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
@@ -121,30 +120,12 @@ def test_a_single_forecast_scores_its_error():
         assert_allclose(mean("crps", given, truth), np.abs(error).mean(), rtol=1e-5)
 
 
-@pytest.mark.parametrize("metric", ["energy_score", "crps", "kde_nll"])
+@pytest.mark.parametrize("metric", ["energy_score", "crps"])
 def test_nothing_scores_better_than_the_truth_s_distribution(metric):
     forecast, truth = scene(k=200, agents=64, steps=3, seed=2)
     right = mean(metric, forecast, truth)
     for wrong in (forecast * 0.6, forecast * 1.6, forecast + 0.7):
         assert mean(metric, wrong, truth) > right + 0.01
-
-
-def test_kernel_density_is_scipy_s():
-    forecast, truth = scene(agents=5, seed=3)
-    truth[4] += 30
-    forecast = forecast @ np.array([[1.0, 0.9], [0, 0.3]])
-    densities = [
-        max(gaussian_kde(forecast[:, agent, step].T).logpdf(truth[agent, step])[0], -20)
-        for agent in range(5)
-        for step in range(6)
-    ]
-    assert min(densities) == -20
-    assert_allclose(mean("kde_nll", forecast, truth), -np.mean(densities), rtol=1e-4)
-    still = np.repeat(truth[None], 20, axis=0)
-    on_a_line = still + np.linspace(0, 1, 20)[:, None, None, None]
-    for flat in (still, on_a_line):
-        assert mean("kde_nll", flat, truth) == 20
-    assert np.isnan(mean("kde_nll", still[:2], truth))
 
 
 @pytest.mark.parametrize("k", [2, 5, 20])
