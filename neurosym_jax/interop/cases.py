@@ -151,11 +151,6 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     Noises, batch and the parameters before are torch's. Losses, gradients and the parameters after
     are compared, all parameters of a network as one vector.
     """
-    with jax.enable_x64(False):  # Training is in float32.
-        return _compared_training(row, arrays)
-
-
-def _compared_training(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     case = read_case(row, arrays, "g0/")
     generator = case.config
     discriminator = discriminator_config(row, state_of(arrays, "d0/"))

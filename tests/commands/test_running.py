@@ -72,22 +72,6 @@ def test_refused(evaluate, arguments):
     assert REFUSALS[arguments] in line
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        ("--pred-len 8", "has pred_len 12, but --pred-len 8 is asked for"),
-        ("--dataset eth", "leaves zara1 out of its training"),
-    ],
-)
-def test_contradicting_a_published_checkpoint(evaluate, shared, arguments, reason):
-    path = shared / "checkpoints/sgan-models/zara1_12_model.pt"
-    data = ("--data", str(shared / "data/eth_ucy"), "--checkpoint", str(path))
-    status, line = evaluate(*data, *arguments.split())
-    assert status == 2
-    assert line.startswith(f"error: {path}: ")
-    assert reason in line
-
-
 def raising(error):
     def action(options):
         raise error

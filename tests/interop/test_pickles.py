@@ -193,24 +193,7 @@ def test_cut_short_or_a_byte_flipped_anywhere(tmp_path, form):
     assert all(text.startswith(f"{path}: ") and "\n" not in text for text in messages)
 
 
-def test_published_checkpoint_damaged(shared, tmp_path):
-    data = (shared / "checkpoints/sgan-p-models/zara1_12_model.pt").read_bytes()
-    path, rng = tmp_path / "a.pt", np.random.default_rng(1)
-    for length in range(0, len(data), 16001):
-        path.write_bytes(data[:length])
-        with pytest.raises(InputError):
-            load_torch_checkpoint(path)
-    for position in range(0, 4500, 37):
-        damaged = bytearray(data)
-        damaged[position] ^= rng.integers(1, 256)
-        path.write_bytes(damaged)
-        try:
-            load_torch_checkpoint(path)
-        except InputError:
-            continue
-
-
-@pytest.mark.parametrize("dtype", ["float64", "float16", "int64", "int32", "uint8", "bool"])
+@pytest.mark.parametrize("dtype", ["float64", "int64", "bool"])
 @pytest.mark.parametrize("zip_form", [False, True])
 def test_dtypes_written_by_torch(tmp_path, torch, zip_form, dtype):
     tensor = torch.arange(6).reshape(2, 3).to(getattr(torch, dtype)).T
