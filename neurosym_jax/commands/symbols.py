@@ -24,6 +24,7 @@ from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.symbolic.description import (
+    count_states,
     describe_pairs,
     forecast_pairs,
     forecast_rows,
@@ -32,7 +33,6 @@ from neurosym_jax.symbolic.description import (
     format_shares,
 )
 from neurosym_jax.symbolic.forecast import SymbolSettings
-from neurosym_jax.symbolic.transition import count_states
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.network import named_weighting
 
@@ -101,17 +101,16 @@ def run(options: Options) -> None:
 def _show_weights(
     options: Options, model: Model | None, title: str, windows: Windows, shown: Windows
 ) -> None:
-    observed = [(b.scene.observed, b.scene.valid) for b in make_batches(windows)]
     if model is None or options.weighting is not None:
         weighting = named_weighting(options.weighting or "cnd")
-        parameters = initial_parameters(weighting, observed)
+        parameters = initial_parameters(weighting)
     else:
         weighting, parameters = model.config.weighting, model.params.get("weighting", {})
         if weighting is None:
             raise InputError(f"{options.model}: {model.name} weighs no pairs: name a --weighting")
     scene = shown.position, shown.agent, shown.period
     pairs = describe_pairs(weighting, parameters, *scene)
-    counts = count_states(weighting, parameters, observed)
+    counts = count_states(weighting, parameters, (each.scene for each in make_batches(windows)))
     hint = " is constant here; try --weighting quantised" if pairs.constant else ""
     print(f"{title}: {len(pairs.people)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(pairs))

@@ -22,7 +22,6 @@ from .states import all_states as all_states
 from .states import collapse as collapse
 from .states import format_state as format_state
 from .states import validate as validate
-from .transition import Transition as Transition
 from .weighting import Weighting as Weighting
 from .weighting import initial_parameters as initial_parameters
 from .weightings import Ones as Ones

@@ -8,8 +8,7 @@ very instant at which another one arrives there. The `continuity` rule, which Ne
 table uses, drops the second condition: 1160 edges of QTC_C1 instead of 544. A QTC_BC state of a
 pair apart and one of a pair near are compared by the symbols that both have.
 
-Tables are read-only; their rows are those of `states.all_states`. These are diagrams of the theory,
-not frequencies of transitions in data (`transition`).
+Tables are read-only; their rows are those of `states.all_states`.
 """
 
 import functools

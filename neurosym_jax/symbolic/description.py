@@ -1,13 +1,14 @@
 """States and weights of a scene's pairs, observed and forecast, as arrays, text and rows."""
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.scene import make_scene
+from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import (
     EventForecast,
@@ -15,12 +16,14 @@ from neurosym_jax.symbolic.forecast import (
     symbolic_events,
     symbolic_forecast,
 )
+from neurosym_jax.symbolic.qtc import other_pairs
 from neurosym_jax.symbolic.states import all_states, format_state
 from neurosym_jax.symbolic.weighting import Weighting
 
 __all__ = [
     "PairForecasts",
     "ScenePairs",
+    "count_states",
     "describe_pairs",
     "forecast_pairs",
     "forecast_rows",
@@ -64,6 +67,24 @@ def describe_pairs(
     observed = make_scene(position).observed
     codes, alpha = weighting.codes(parameters, observed), weighting.alpha(parameters, observed)
     return ScenePairs(position, people, np.asarray(codes), np.asarray(alpha), period)
+
+
+def count_states(
+    weighting: Weighting, parameters: dict[str, Any], batches: Iterable[Scene]
+) -> np.ndarray:
+    """[81] int64: pair-steps in each state, as the weighting observes them."""
+
+    @jax.jit
+    @jax.vmap
+    def observe(scene: Scene) -> tuple[Any, Any]:
+        others = other_pairs(scene.valid, len(scene.valid))
+        return weighting.codes(parameters, scene.observed), others
+
+    total = np.zeros(81, np.int64)
+    for batch in batches:
+        codes, others = map(np.asarray, observe(batch.bare()))
+        total += np.bincount(codes[others].ravel(), minlength=81)
+    return total
 
 
 def state_texts(calculus: str = "c1") -> list[str]:

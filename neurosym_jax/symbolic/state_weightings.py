@@ -18,7 +18,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import other_pairs
 from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
-from neurosym_jax.symbolic.weighting import Parameters, Scenes, SymbolicWeighting
+from neurosym_jax.symbolic.weighting import Parameters, SymbolicWeighting
 
 __all__ = ["Cnd", "CndShipped", "Learned", "Quantised", "Shuffled", "Soft", "to_wrong_pairs"]
 
@@ -81,7 +81,7 @@ class Learned(TableWeighting):
 
     title = "learned"
 
-    def start(self, scenes: Scenes | None = None) -> Parameters:
+    def start(self) -> Parameters:
         """`table` [81] and `unobserved` []."""
         return {"table": self.state_weights(), "unobserved": 0.0}
 
@@ -107,7 +107,7 @@ class Quantised(TableWeighting):
         if self.learned and not self.quantisation_factor:
             raise InputError("a quantisation_factor of 0 cannot be learned: its logarithm is")
 
-    def start(self, scenes: Scenes | None = None) -> Parameters:
+    def start(self) -> Parameters:
         """`log_quantisation_factor` [] if learned."""
         return {"log_quantisation_factor": np.log(self.quantisation_factor)} if self.learned else {}
 
@@ -143,12 +143,12 @@ class Soft(Quantised):
 
     title = "soft"
 
-    def start(self, scenes: Scenes | None = None) -> Parameters:
+    def start(self) -> Parameters:
         """`log_quantisation_factor` [], `log_temperature` [], `table` [81], `unobserved` []."""
         if not self.learned:
             return {}
         own = {"log_temperature": np.log(self.temperature), "table": self.state_weights()}
-        return {**super().start(scenes), **own, "unobserved": 0.0}
+        return {**super().start(), **own, "unobserved": 0.0}
 
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """See `Weighting.weigh`."""

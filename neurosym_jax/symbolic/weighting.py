@@ -2,13 +2,13 @@
 
 NeuroSyM (Mghames et al., 2023) multiplies the features of a pair by alpha, looked up by the QTC_C1
 state that the pair was last observed in. A weighting is a frozen dataclass: its fields
-are its options, and equal weightings share compiled programs. What it learns or estimates is in the
+are its options, and equal weightings share compiled programs. What it learns is in the
 model's parameters, `params["weighting"]`. The built-in ones are listed in `weightings`.
 """
 
 import abc
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
@@ -20,13 +20,10 @@ from neurosym_jax.configuration import Checked, NotNegative, differences
 from neurosym_jax.symbolic.qtc import Convention, observe
 from neurosym_jax.symbolic.states import encode_state
 
-__all__ = ["Parameters", "Scenes", "SymbolicWeighting", "Weighting", "initial_parameters"]
+__all__ = ["Parameters", "SymbolicWeighting", "Weighting", "initial_parameters"]
 
 Parameters = Mapping[str, Any]
-"""Arrays that a weighting learns or estimates, by name."""
-
-Scenes = Iterable[tuple[Any, Any]]
-"""Batches (positions [B, N, T, 2] metres, valid [B, N]) of the observed part of scenes."""
+"""Arrays that a weighting learns, by name."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +43,8 @@ class Weighting(Checked, abc.ABC):
             valid: [N] bool, False for padding; None for no padding.
         """
 
-    def start(self, scenes: Scenes | None = None) -> Parameters:
-        """Parameters before training; `scenes` is the training data, where known."""
+    def start(self) -> Parameters:
+        """Parameters before training."""
         return {}
 
     def state_weights(self) -> np.ndarray | None:
@@ -118,12 +115,7 @@ class SymbolicWeighting(Weighting):
         }
 
 
-def initial_parameters(
-    weighting: Weighting | None, scenes: Scenes | None = None
-) -> dict[str, np.ndarray]:
-    """Parameters of the weighting before training, float32; empty for None.
-
-    `scenes` is the training data, from which `transition` is estimated.
-    """
-    start = {} if weighting is None else weighting.start(scenes)
+def initial_parameters(weighting: Weighting | None) -> dict[str, np.ndarray]:
+    """Parameters of the weighting before training, float32; empty for None."""
+    start = {} if weighting is None else weighting.start()
     return {name: np.asarray(value, np.float32) for name, value in start.items()}

@@ -18,8 +18,7 @@ from neurosym_jax.symbolic.state_weightings import (
     Shuffled,
     Soft,
 )
-from neurosym_jax.symbolic.transition import Transition
-from neurosym_jax.symbolic.weighting import Parameters, Scenes, Weighting, initial_parameters
+from neurosym_jax.symbolic.weighting import Parameters, Weighting, initial_parameters
 
 __all__ = ["WEIGHTINGS", "Ones", "Zeros", "make_weighting", "register_weighting"]
 
@@ -50,7 +49,7 @@ class Zeros(Weighting):
         return jnp.zeros((positions.shape[0], *positions.shape[:2]), positions.dtype)
 
 
-BUILT_IN = (Cnd, CndShipped, Quantised, Soft, Learned, Transition, Ones, Zeros, Shuffled)
+BUILT_IN = (Cnd, CndShipped, Quantised, Soft, Learned, Ones, Zeros, Shuffled)
 
 WEIGHTINGS: Registry[type[Weighting]] = Registry(
     "weighting", {each.title: each for each in BUILT_IN}
@@ -63,7 +62,7 @@ class FunctionWeighting(Weighting):
     function: ClassVar[Callable[..., Array]]
     initial: ClassVar[Mapping[str, Any]]
 
-    def start(self, scenes: Scenes | None = None) -> Parameters:
+    def start(self) -> Parameters:
         """The parameters that `register_weighting` was given."""
         return self.initial
 

@@ -7,7 +7,6 @@ import jax
 import numpy as np
 from jax import Array
 
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.symbolic.weighting import initial_parameters
@@ -29,10 +28,7 @@ Advance = Callable[[TrainState, int, int], tuple[TrainState, Mapping[str, Any]]]
 def start_of(run: Run) -> TrainState:
     """The state before training."""
     network, recipe = run.network, run.recipe
-    weighting = getattr(network, "weighting", None)
-    batches = make_batches(run.training) if weighting else ()
-    scenes = ((batch.scene.observed, batch.scene.valid) for batch in batches)
-    parameters = initial_parameters(weighting, scenes)
+    parameters = initial_parameters(getattr(network, "weighting", None))
 
     def start(key: Array, parameters: Any) -> TrainState:
         if isinstance(recipe, AnchorRecipe):

@@ -10,7 +10,6 @@ from typing import Any
 
 import jax
 
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.symbolic.weighting import initial_parameters
@@ -36,8 +35,7 @@ def train(generator: GeneratorConfig, recipe: TrainConfig, windows: Windows, see
     recipe = dataclasses.replace(recipe, seed=0)  # So that seeds share a program.
     stream = SceneStream(windows, recipe.batch_scenes, seed, recipe.max_agents)
     key = jax.random.key(seed)
-    scenes = ((batch.scene.observed, batch.scene.valid) for batch in make_batches(windows))
-    weighting = initial_parameters(generator.weighting, scenes)
+    weighting = initial_parameters(generator.weighting)
     state = initial_state(generator, recipe, jax.random.fold_in(key, 0), weighting)
     of_steps = jax.random.fold_in(key, 1)
     for done in range(0, recipe.steps, CHUNK):

@@ -16,7 +16,6 @@ from neurosym_jax.symbolic.cnd import alpha_from_states, alpha_table
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.state_weightings import Cnd, CndShipped, Learned, Soft
 from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.transition import Transition, count_states
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, make_weighting, register_weighting
 
@@ -144,31 +143,7 @@ def test_the_wrong_pairs_get_the_same_weights():
     assert (shuffled != quantised).mean() > 0.2
 
 
-def test_transitions_weigh_as_often_as_they_were_seen():
-    weighting = Transition(quantisation_factor=1.5)
-    scenes = [(np.stack([walks(3, seed)]), np.array([[True, True, seed > 0]])) for seed in range(4)]
-    parameters = initial_parameters(weighting, scenes)
-    seen, states = np.ones((81, 81)), np.zeros(81)
-    for positions, valid in scenes:
-        codes = np.asarray(codes_of(positions[0], 1.5))
-        for i, j in zip(*np.nonzero(np.outer(valid[0], valid[0]) & ~np.eye(3, dtype=bool))):
-            np.add.at(seen, (codes[i, j, :-1], codes[i, j, 1:]), 1)
-            np.add.at(states, codes[i, j], 1)
-    np.testing.assert_array_equal(count_states(weighting, {}, scenes), states)
-    probability = seen / seen.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(parameters["transition"], probability, rtol=1e-6)
-    alpha = weighting.alpha(parameters, scenes[1][0][0])
-    chain = np.asarray(codes_of(scenes[1][0][0], 1.5))[0, 1]
-    wanted = [0, seen[chain[0]].sum() / seen.sum(), *probability[chain[:-1], chain[1:]]]
-    np.testing.assert_allclose(alpha[0, 1], wanted, rtol=1e-5)
-    np.testing.assert_array_equal(initial_parameters(weighting)["transition"], np.float32(1 / 81))
-    total = jax.grad(lambda given: weighting.alpha(given, walks(3)).sum())
-    assert not any(value.any() for value in total(parameters).values())
-
-
-@pytest.mark.parametrize(
-    "text", ["quantised,learned=true", "soft,learned=true", "learned", "transition,learned=true"]
-)
+@pytest.mark.parametrize("text", ["quantised,learned=true", "soft,learned=true", "learned"])
 def test_learned_parameters_have_gradients(text):
     weighting = from_text(text)
     positions = np.random.default_rng(0).normal(0, 0.05, (4, 8, 2)).cumsum(axis=1)

@@ -11,8 +11,6 @@ from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
-from neurosym_jax.symbolic.transition import Transition
-from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training import loop
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.checkpoints import sole_writer
@@ -220,15 +218,3 @@ def test_a_dead_pooling_is_warned_of(learns_nothing, with_recipe, tmp_path, monk
     assert capsys.readouterr().err.count(warning) == 2  # At the validation and at the end.
     card = (tmp_path / "model" / "README.md").read_text()
     assert "people whom their neighbours change | 0.0 %" in card
-
-
-def test_what_a_weighting_estimates_comes_from_the_training_data(run):
-    network = dataclasses.replace(run.network, pooling="as_described", weighting=Transition())
-    state = start_of(dataclasses.replace(run, network=network))
-    positions = [run.training.position[run.training.rows(np.array([s]))] for s in range(13)]
-    scenes = [(p[None, :, : run.training.obs_len], np.ones((1, len(p)), bool)) for p in positions]
-    estimated = initial_parameters(network.weighting, scenes)
-    np.testing.assert_allclose(
-        state.params["weighting"]["transition"], estimated["transition"], rtol=1e-6
-    )
-    assert estimated["transition"].max() > 0.1
