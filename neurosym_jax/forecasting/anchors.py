@@ -116,13 +116,8 @@ def apply_anchors(
 ) -> tuple[Array, Array]:
     """All samples [K, N, pred_len, 2] and log-probabilities [K] of one scene.
 
-    Args:
-        config: of the network or the table.
-        params: of the model; `params["weighting"]` are those of the weighting.
-        observed: [N, obs_len, 2] metres.
-        valid: [N] bool.
-        alpha: [N, N, obs_len] replaces the weighting's; its last step counts.
-        company: see `AnchorNetwork`.
+    `alpha [N, N, obs_len]` replaces the weighting's; its last step counts. The other arguments are
+    those of `AnchorNetwork`.
     """
     weighting = getattr(config, "weighting", None)
     if alpha is None and weighting is not None:
@@ -149,15 +144,10 @@ def _network(config: Any) -> Any:
 def spread_of(samples: Array, probability: Array, valid: Array, count: int) -> Array:
     """[count] indices of the samples that represent all of them best.
 
-    The first is the most probable one. Each further one lowers most the expected distance from a
-    sample, drawn with its probability, to the nearest chosen one; distances are means over people
-    and steps. So the choice of `count` begins with the choice of `count` - 1.
-
-    Args:
-        samples: [K, N, T, 2] metres.
-        probability: [K].
-        valid: [N] bool.
-        count: below K.
+    The first of `samples [K, N, T, 2]` is the most probable one. Each further one lowers most the
+    expected distance from a sample, drawn with its `probability [K]`, to the nearest chosen one;
+    distances are means over people and steps. So the choice of `count` begins with the choice of
+    `count` - 1.
     """
     offset = jnp.square(samples[:, None] - samples).sum(-1)
     apart = jnp.where(valid[:, None], jnp.sqrt(offset), 0).sum((-1, -2))

@@ -45,19 +45,11 @@ def predict_scenes(
     recording: str = "",
     frames: Sequence[int] | None = None,
 ) -> list[np.ndarray]:
-    """`predict` for many scenes, scenes of one padded size at once.
+    """`predict` for many scenes `[N_i, obs_len, 2]`, scenes of one padded size at once.
 
-    Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float rounding. All
-    forecasts are in memory together, 16 pred_len bytes for each sample of a person; pass larger
-    numbers of scenes in parts, with the `frames` of each.
-
-    Args:
-        model: see `load_model`.
-        observed: for each scene `[N_i, obs_len, 2]` metres.
-        samples: k; a deterministic model makes one.
-        seed: with `recording` and `frames`, determines the noise.
-        recording: name of the recording.
-        frames: index of each scene's first observed step in the recording; default: 0, 1, 2, ...
+    Forecast i equals `predict(model, observed[i], frame=frames[i], ...)` up to float rounding;
+    `frames` are 0, 1, 2, ... by default. All forecasts are in memory together, 16 pred_len bytes
+    for each sample of a person; pass larger numbers of scenes in parts, with the `frames` of each.
 
     Returns:
         For each scene `[k, N_i, pred_len, 2]` float64 metres in its own frame.
@@ -93,13 +85,7 @@ def forecast_windows(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Futures of the A agents and probabilities of the S scenes of `windows`.
 
-    Args:
-        model: a deterministic one makes one sample.
-        windows: what is forecast.
-        batches: of all windows.
-        samples: k.
-        seed: of the noise.
-        run: `map`, or an executor's: applies a function to batches.
+    `batches` are all windows; `run` is `map` or an executor's, and applies a function to batches.
 
     Returns:
         [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the same.
@@ -135,11 +121,7 @@ def forecast_batch(
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Futures of the A valid agents of a batch of B scenes, and probabilities of the scenes.
 
-    Args:
-        forecaster: of the model.
-        params: its parameters.
-        scenes: with a leading axis of B scenes.
-        noise: `[k, B, dim]` or `[k, B, N, dim]`, see `batch_noise`.
+    `noise` is `[k, B, dim]` or `[k, B, N, dim]`, see `batch_noise`.
 
     Returns:
         [k, A, pred_len, 2] metres relative to each scene's origin, and [k, B]; None where all are

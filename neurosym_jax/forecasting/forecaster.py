@@ -70,15 +70,10 @@ class Forecaster(abc.ABC):
 
     @abc.abstractmethod
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
-        """Futures of one scene; a function for `jax.vmap` and `jax.jit`.
+        """Futures [k, N, pred_len, 2] of one scene, metres relative to its origin.
 
-        Args:
-            params: of the model.
-            scene: of N slots; without `future` and `origin`.
-            noise: [k, dim], or [k, N, dim] where `noise` is per agent; k = 1 for dim 0.
-
-        Returns:
-            [k, N, pred_len, 2] metres relative to the scene's origin.
+        A function for `jax.vmap` and `jax.jit`. The scene has N slots, and neither `future` nor
+        `origin`; `noise` is [k, dim], or [k, N, dim] where it is per agent; k = 1 for dim 0.
         """
 
     def distribution(self, params: Any, scene: Scene, noise: Array) -> Distribution:

@@ -116,16 +116,7 @@ def predict_distribution(
     samples than it has, `anchors` gives the most probable one and those that with it represent all
     of them best, and the probabilities given that the future is one of these.
 
-    Args:
-        model: see `predict`, as the other arguments.
-        observed: [N, obs_len, 2] metres.
-        samples: k.
-        seed: see `predict`.
-        recording: see `predict`.
-        frame: see `predict`.
-
-    Raises:
-        InputError: as `predict`, and for more samples than the model has.
+    Arguments are those of `predict`: `observed` is [N, obs_len, 2] metres.
     """
     futures, probability = _forecast(model, observed, samples, seed, recording, frame)
     return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability

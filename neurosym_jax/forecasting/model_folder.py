@@ -45,10 +45,7 @@ HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 def save_model(folder: Path | str, model: Model, card: str | None = None) -> None:
     """Write `model` as a new folder, which appears whole or not at all.
 
-    Args:
-        folder: of the model.
-        model: its parameters are nested dictionaries of finite arrays that fit the configuration.
-        card: text of its `README.md`; by default a summary of the configuration.
+    `card` is the text of its `README.md`, by default a summary of the configuration.
 
     Raises:
         InputError: if something is already there or cannot be written, and for a model that would

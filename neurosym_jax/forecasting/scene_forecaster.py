@@ -23,17 +23,7 @@ class SceneForecaster:
     """k futures of each scene it is called with, by one compiled program a bucket of sizes."""
 
     def __init__(self, forecaster: Forecaster, params: Any, *, samples: int, seed: int):
-        """Move `params` to the device; nothing is compiled yet.
-
-        Args:
-            forecaster: of the model.
-            params: its parameters.
-            samples: k; a deterministic forecaster makes one.
-            seed: with a scene's identity, determines the noise.
-
-        Raises:
-            InputError: for a number that is out of range.
-        """
+        """Move `params` to the device; nothing is compiled yet."""
         refuse(Count, {"samples": samples})
         refuse(Seed, {"seed": seed})
         self.forecaster = forecaster

@@ -82,11 +82,8 @@ class AnchorNetwork(nn.Module):
     ) -> tuple[Array, Array]:
         """Forecast positions `[k, N, pred_len, 2]` and log-probabilities `[k]`.
 
-        Args:
-            observed: [N, obs_len, 2] metres.
-            valid: [N] bool.
-            alpha: [N, N] weight of j for i; None for 1.
-            company: number of further people who are counted but not seen; for training only.
+        `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None for 1;
+        `company` is the number of further people who are counted but not seen, in training.
         """
         config = self.config
         hertz, slow = 1 / config.period, SLOW * config.period
@@ -166,14 +163,8 @@ def attend(score: Array, value: Array, gate: Array) -> Array:
     """Attention with an empty slot, `sum_j g_ij exp(s_ij) v_ij / (1 + sum_j g_ij exp(s_ij))`.
 
     A softmax over neighbours alone would give a single neighbour the full weight at any distance.
-
-    Args:
-        score: [N, N, HEADS].
-        value: [N, N, M], an equal part for each head.
-        gate: [N, N], 0 for a neighbour that is not attended to.
-
-    Returns:
-        [N, M].
+    `score [N, N, HEADS]` and `value [N, N, M]`, an equal part for each head, give [N, M];
+    `gate [N, N]` is 0 for a neighbour that is not attended to.
     """
     weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
     share = weight / (1 + weight.sum(1, keepdims=True))

@@ -51,13 +51,9 @@ class Decoder(nn.Module):
     ) -> Array:
         """Forecast displacements [N, pred_len, 2] in metres.
 
-        Args:
-            hidden: [N, decoder_h_dim] first hidden state; the cell state starts at zero.
-            observed: [N, obs_len, 2] positions, metres.
-            displacement: [N, 2] last observed displacement, metres.
-            valid: [N] bool.
-            weigh: if NeuroSyM pools at predicted steps, the alpha of the last `obs_len` positions,
-                observed or predicted, up to a step.
+        `hidden` is the first hidden state [N, decoder_h_dim], `displacement [N, 2]` the last one
+        observed. If NeuroSyM pools at predicted steps, `weigh` gives the alpha of the last
+        `obs_len` positions, observed or predicted, up to a step.
         """
         if not self.config.pool_every_timestep:
             return self._folded(hidden, displacement)

@@ -63,13 +63,7 @@ class _EncounterNetwork(nn.Module):
         self.score = Affine(self.hidden_dim, HEADS)
 
     def __call__(self, track: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`; 0 without a neighbour of positive weight.
-
-        Args:
-            track: [N, T, 2] metres.
-            valid: [N] bool.
-            alpha: [N, N, T] weight of j for i; the last step's is taken.
-        """
+        """Social vectors `[N, bottleneck_dim]`; 0 without a neighbour of positive weight."""
         position, back = track[:, -1], min(2, track.shape[1] - 1)
         velocity = STEPS * (position - track[:, -1 - back]) / max(back, 1)
         speed = _length(velocity)

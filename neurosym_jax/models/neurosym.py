@@ -47,14 +47,7 @@ class _DescribedNetwork(_HistoryNetwork):
     """
 
     def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`.
-
-        Args:
-            hidden: [N, H] encoder states.
-            track: [N, obs_len, 2] metres.
-            valid: [N] bool.
-            alpha: [N, N, obs_len] weight of j's step for i.
-        """
+        """Social vectors `[N, bottleneck_dim]`, see `Pooling.inputs`."""
         first, second = self.mlp.layers
         of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
         of_steps = of_steps.reshape(self.obs_len, self.embedding_dim, self.hidden_dim)

@@ -38,9 +38,9 @@ def max_over_neighbours(
         first_layer: `(shared, own, theirs, of_pair) -> [hidden]` of one pair, before its ReLU: from
             `shared`, and from slices of the next three.
         shared: parameters.
-        agents: arrays with a leading axis of N agents i.
-        neighbours: arrays with a leading axis of N agents j.
-        pairs: arrays `[N, N, ...]` of (i, j).
+        agents: arrays [N, ...] of agents i.
+        neighbours: arrays [N, ...] of agents j.
+        pairs: arrays [N, N, ...] of (i, j).
         second: the second layer, `hidden -> B`.
         valid: [N] bool.
 

@@ -104,7 +104,7 @@ def folder_digest(folder: Path, without: str = "") -> str:
 
 
 def refuse_unwritable(path: Path | str) -> None:
-    """Refuse a path that cannot be written, before the work; its folder is made.
+    """Refuse a path that cannot be written, before the work and not after it.
 
     Raises:
         InputError: naming `path` and the reason.
@@ -113,8 +113,8 @@ def refuse_unwritable(path: Path | str) -> None:
     with _in_words(path):
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
+        folder = next(folder for folder in path.absolute().parents if folder.exists())
+        with tempfile.TemporaryFile(dir=folder):
             pass
 
 

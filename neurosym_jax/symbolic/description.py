@@ -142,14 +142,7 @@ class PairForecasts:
 def forecast_pairs(
     samples: ArrayLike, observed: ArrayLike, people: np.ndarray, settings: SymbolSettings
 ) -> PairForecasts:
-    """States and events of all pairs of a scene.
-
-    Args:
-        samples: [k, N, T, 2] metres.
-        observed: [N, obs_len, 2] metres.
-        people: [N] ids.
-        settings: thresholds and smoothing.
-    """
+    """States and events of all pairs of a scene of `people [N]`, see `symbolic_forecast`."""
     how = dataclasses.asdict(settings)
     states = np.asarray(symbolic_forecast(samples, observed, **how))
     events = jax.tree.map(np.asarray, symbolic_events(samples, observed, **how))

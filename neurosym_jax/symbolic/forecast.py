@@ -103,32 +103,18 @@ def symbolic_events(
     pairs: ArrayLike | None = None,
     **settings: Any,
 ) -> EventForecast:
-    """Probabilities and times of the events of pairs.
+    """Probabilities and times of E events of pairs, [E, N, N] or, for `pairs`, [E, P].
 
-    Args:
-        samples: see `symbolic_forecast`.
-        observed: see `symbolic_forecast`.
-        events: E names, see `events`; None for all, in their order.
-        pairs: see `symbolic_forecast`.
-        **settings: see `SymbolSettings`.
-
-    Returns:
-        Arrays of [E, N, N], or of [E, P] for `pairs`; an agent has no events with itself.
-
-    Raises:
-        InputError: as `symbolic_forecast`, and for an unknown event.
+    `events` are names, None for all of `EVENTS`; see `symbolic_forecast` for the other arguments.
     """
     how, *paths = _checked(samples, observed, pairs, settings)
     return _events(how, tuple(EVENTS) if events is None else tuple(events), *paths)
 
 
 def state_steps(settings: SymbolSettings, k: Array, l: Array) -> Array:
-    """[..., T] rows of the pairs' states among those of the calculus.
+    """[..., T] rows of the pairs' states in `all_states`.
 
-    Args:
-        settings: calculus and thresholds.
-        k: [..., T + 1, 2] metres, the last position observed first.
-        l: the same; leading axes broadcast against those of `k`.
+    Paths `k` and `l` [..., T + 1, 2] begin with the last position observed, and broadcast.
     """
     return state_index(settings.calculus, settings.observe(k, l, settings.calculus))
 
@@ -136,12 +122,10 @@ def state_steps(settings: SymbolSettings, k: Array, l: Array) -> Array:
 def event_steps(settings: SymbolSettings, names: tuple[str, ...], k: Array, l: Array) -> Array:
     """The step at which each of E events first happens to pairs [..., T + 1, 2], see `state_steps`.
 
-    Returns:
-        [E, ...] int32 steps from 0; T where it does not happen.
+    Returns [E, ...] int32 steps from 0; T where it does not happen.
 
     Raises:
-        InputError: for an unknown event, or one that returns another shape or type than `Event`
-            says.
+        InputError: for an event that returns another shape or type than `Event` says.
     """
     states = settings.observe(k, l, "c1")
     k, l = jnp.broadcast_arrays(k, l)

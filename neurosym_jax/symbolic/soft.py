@@ -41,12 +41,12 @@ def soft_symbols(
     """Probabilities of the QTC_C1 symbols of the pair (k, l), differentiable in every array.
 
     Args:
-        k: [..., T, 2] positions in metres.
-        l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
+        k: [..., T, 2] positions in metres, as the other arguments see `qtc.observe`.
+        l: [..., T, 2] positions in metres.
         temperature: metres per step, > 0.
-        quantisation_factor: see `qtc.observe`.
-        side_quantisation_factor: see `qtc.observe`.
-        convention: see `qtc`.
+        quantisation_factor: metres per step.
+        side_quantisation_factor: metres per step.
+        convention: of the symbols.
         straight_through: give the hard symbols probability 1, with the gradients of the soft ones.
 
     Returns:

@@ -35,13 +35,7 @@ class Weighting(Checked, abc.ABC):
 
     @abc.abstractmethod
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
-        """[N, N, T] weights of all ordered pairs of one scene, before the rules of `alpha`.
-
-        Args:
-            parameters: as `start()`, or trained.
-            positions: [N, T, 2] metres.
-            valid: [N] bool, False for padding; None for no padding.
-        """
+        """[N, N, T] weights of all ordered pairs of one scene, see `alpha` for the arguments."""
 
     def start(self) -> Parameters:
         """Parameters before training."""
@@ -66,9 +60,8 @@ class Weighting(Checked, abc.ABC):
         """Weights of the interactions of every ordered pair of one scene.
 
         The state observed from t-1 to t weights the interaction at t, so t = 0 has no state and
-        weighs 0 unless a weighting defines it. An agent weighs 1 for itself at every step.
-        Pairs with an agent that is not valid weigh 0. So does everything in a scene of exactly one
-        valid agent, which interacts with no one; this depends on `valid`, not on the padded size.
+        weighs 0 unless a weighting defines it. An agent weighs 1 for itself; pairs with padding
+        weigh 0, and so does a single valid agent, whatever the padded size.
 
         Args:
             parameters: as `start()`, or trained.
@@ -76,8 +69,7 @@ class Weighting(Checked, abc.ABC):
             valid: [N] bool, False for padding; None for no padding.
 
         Returns:
-            [N, N, T] weights in the floating type of `positions`; (i, j) is how much j matters to
-            i.
+            [N, N, T]; (i, j) is how much j matters to i.
         """
         positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
         present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)

@@ -87,13 +87,8 @@ def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Cal
     `Weighting`, a frozen dataclass whose fields are its options. Weights of an agent for itself, in
     padding and alone are set afterwards (`Weighting.alpha`).
 
-    Args:
-        name: letters, digits and underscores.
-        replace: replace another weighting of this name.
-        **start: initial values of a function's learnable parameters.
-
-    Raises:
-        InputError: for a name that is taken or cannot be one.
+    `start` are initial values of a function's learnable parameters; `replace` replaces another
+    weighting of this name.
     """
 
     def register(weighting: Any) -> Any:
@@ -113,12 +108,8 @@ def make_weighting(
 ) -> Callable[..., Array]:
     """A function `(positions [N, T, 2], valid [N] or None) -> alpha [N, N, T]`, see `alpha`.
 
-    Args:
-        weighting: an instance, or text such as `soft,temperature=0.05`.
-        parameters: trained ones; by default, the initial ones.
-
-    Raises:
-        InputError: for an unknown weighting or option.
+    `weighting` is an instance, or text such as `soft,temperature=0.05`; `parameters` are trained
+    ones, by default the initial ones.
     """
     chosen: Weighting = (
         component_from_text(weighting, WEIGHTINGS, "weighting")
