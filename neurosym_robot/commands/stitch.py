@@ -12,8 +12,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime import files
-from neurosym_robot.tracking.stitching import LinkOptions
-from neurosym_robot.tracking.stitching import stitch as mend
+from neurosym_robot.tracking.stitching import LinkOptions, stitch
 
 __all__ = ["Options", "run", "write_text"]
 
@@ -27,8 +26,8 @@ class Options:
     out: Path
     """File to write; nothing is overwritten."""
     period: float = 0.1
-    """Seconds between numbered frames, in the input and in the file written: 0.1 for most people
-    trackers, 0.4 for ETH/UCY."""
+    """Seconds between the frames of the file written, and of an input that numbers them: 0.1 for
+    most people trackers, 0.4 for ETH/UCY."""
     fill: float = 2.0
     """Fill gaps of up to this many seconds."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
@@ -47,19 +46,15 @@ def run(options: Options) -> None:
     recordings = read_any(options.tracks, options.read, options.period)
     if len(recordings) != 1:
         raise InputError(f"{options.tracks}: holds {len(recordings)} recordings: one is stitched")
-    mended = mend(recordings[0], options.links, options.fill)
+    mended = stitch(recordings[0], options.links, period=options.period, fill=options.fill)
     write_text(options.out, mended.tracks, options.period)
     print(f"{mended.before} ids became {len(np.unique(mended.tracks.id))}: {mended.joined} joins")
-    print(f"{mended.filled} points filled in; {mended.ghosts} dropped, of who was seen for < 1 s")
+    print(f"{mended.ghosts} points dropped, of people who were seen for less than a second")
 
 
 def write_text(path: Path, tracks: Tracks, period: float) -> None:
     """Rows `frame ped x y`, frame by frame, such that `read_text(path, period)` gives them back."""
-    place = tracks.stamp / period
-    # Points may lie between the usual steps: choose the unit of frame numbers that fits them all.
-    fits = [np.abs(place * unit - np.rint(place * unit)).max() < 1e-3 for unit in range(1, 101)]
-    unit = 1 + int(np.argmax(fits)) if any(fits) else 1000
-    frame = np.rint(place * unit).astype(np.int64)
+    frame = np.rint(tracks.stamp / period).astype(np.int64)
     rows = np.lexsort((tracks.id, frame))
     points = tracks.position.tolist()
     lines = [f"{frame[n]}\t{tracks.id[n]}\t{points[n][0]:.6f}\t{points[n][1]:.6f}\n" for n in rows]

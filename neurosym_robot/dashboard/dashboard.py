@@ -72,12 +72,7 @@ class Dashboard(View):
     """Serves the page until `close`; call `show` every frame."""
 
     def __init__(self, moments: Moments, host: str = "127.0.0.1", port: int = 8765):
-        """Serve in background threads.
-
-        Args:
-            moments: describes the stream.
-            host: name or address to serve at; the default is reachable from this computer only.
-            port: 0 for any free port.
+        """Serve in background threads at a name or address; port 0 is any free one.
 
         Raises:
             InputError: if the address cannot be used.

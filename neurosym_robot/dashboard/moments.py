@@ -18,28 +18,69 @@ The last line has the final `score` alone.
 """
 
 import collections
+import functools
 import itertools
 import json
 import math
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 
+from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.data.tracks import LATE, SNAP
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_robot.dashboard.pair_symbols import PairSymbols
+from neurosym_jax.symbolic.state_weightings import Cnd
+from neurosym_jax.symbolic.weighting import Parameters, Weighting
 from neurosym_robot.online.pairs import AT_LEAST, compile_events, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
 
-__all__ = ["MAX_NAMED", "Moments"]
+__all__ = ["MAX_NAMED", "Moments", "PairSymbols"]
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
 MAX_LIKELY = 16  # events told of a forecast
 # Seconds on the page between what was before the clock was set back and what comes after.
 BREAK = 60.0
+
+
+class PairSymbols:
+    """Symbols by the convention of the first NeuroSyM among some models; else the papers'."""
+
+    def __init__(self, models: Mapping[str, Model]):
+        symbolic = {name: each for name, each in models.items() if each.weighting}
+        self.model = next(iter(symbolic), None)
+        """Its name, None where no model weights pairs."""
+        self.weighting: Weighting = Cnd()
+        self._parameters: Parameters = {}
+        if self.model is not None:
+            chosen = symbolic[self.model]
+            self.weighting = chosen.weighting or self.weighting
+            self._parameters = chosen.params.get("weighting", {})
+
+    def __call__(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """The newest state of every pair of people `observed` [N, obs_len, 2], and its weight.
+
+        [N, N] codes as of `states.encode_state`, (i, j) with i as k and j as l; and [N, N] alpha,
+        None where no model weights pairs.
+        """
+        people = len(observed)
+        scene = pad_scene(make_scene(observed), int(bucket_of(people)))
+        codes, alpha = _newest(self.weighting, self._parameters, scene.observed, scene.valid)
+        weights = None if self.model is None else np.asarray(alpha)[:people, :people]
+        return np.asarray(codes)[:people, :people], weights
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _newest(
+    weighting: Weighting, parameters: Parameters, positions: jax.Array, valid: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    codes = weighting.codes(parameters, positions[:, -2:])
+    return codes[:, :, -1], weighting.alpha(parameters, positions, valid)[:, :, -1]
 
 
 class Moments:
@@ -53,37 +94,27 @@ class Moments:
         floor_map: dict[str, Any] | None = None,
         at_least: float = AT_LEAST,
     ):
-        """Before the first frame.
-
-        Args:
-            predictor: of the stream.
-            title: of the page, such as the recording's name.
-            floor_map: see `floor_map.read_floor_map`.
-            at_least: least probability of an event that is shown.
-        """
+        """Begin a page with a title, a map of `read_floor_map`, and events from `at_least` on."""
         self._window = window = predictor.window
-        self._symbols = PairSymbols(predictor.models)
-        self._at_least = at_least
+        self._symbols = symbols = PairSymbols(predictor.models)
+        self._at_least, self._wait = at_least, window.period - SNAP
         compile_events(predictor)
         self._start = self._stamp = self._told = math.nan
-        weighting = None
-        if self._symbols.model is not None:
-            weighting = {"model": self._symbols.model, "name": self._symbols.weighting.name}
-        self._of_events = self._symbols.model or next(iter(predictor.models))
-        likely = {
-            "model": self._of_events,
-            "at_least": at_least,
-            "words": {name: event.in_short(name) for name, event in EVENTS.items()},
-        }
+        self._of_events = symbols.model or next(iter(predictor.models))
+        shown = {"model": symbols.model, "name": symbols.weighting.name}
         self.introduction = _json(
             {
                 "title": title,
                 "period": window.period,
                 "observed": (window.steps - 1) * window.period,
                 "models": list(predictor.models),
-                "weighting": weighting,
+                "weighting": None if symbols.model is None else shown,
                 "map": floor_map,
-                "likely": likely,
+                "likely": {
+                    "model": self._of_events,
+                    "at_least": at_least,
+                    "words": {name: event.in_short(name) for name, event in EVENTS.items()},
+                },
             }
         )
 
@@ -103,7 +134,8 @@ class Moments:
         told = {key: value for key, value in now.items() if key != "score"}
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)
         step = None
-        if forecast is not None and self._is_due(forecast.stamp):
+        if forecast is not None and not 0 <= forecast.stamp - self._told < self._wait:
+            self._told = forecast.stamp
             step = {**self._step(forecast), "score": now["score"]}
         return _json(
             {
@@ -135,46 +167,33 @@ class Moments:
         self._stamp = stamp
         return True
 
-    def _is_due(self, stamp: float) -> bool:
-        """Whether the forecast is a period later than the last one told."""
-        due = not 0 <= stamp - self._told < self._window.period - SNAP
-        self._told = stamp if due else self._told
-        return due
-
     def _step(self, forecast: Forecast) -> dict[str, Any]:
         codes, alpha = self._symbols(forecast.observed)
-        upper = np.triu_indices(len(codes), 1)
-        last = forecast.observed[:, -1:]
+        last, people = forecast.observed[:, -1:], len(codes)
+        events = likely_events(forecast, self._of_events, self._window.period, self._at_least)
         # The most probable of every kind, then the second, so that frequent kinds hide no other.
         turns = collections.Counter()
-        likely = sorted(
-            likely_events(forecast, self._of_events, self._window.period, self._at_least),
-            key=lambda each: turns.update([each.name]) or turns[each.name],
-        )[:MAX_LIKELY]
+        events.sort(key=lambda each: turns.update([each.name]) or turns[each.name])
+        models = {}
+        for name, result in forecast.models.items():
+            ways = np.moveaxis(result.samples - last, 0, 1).reshape(people, len(result.samples), -1)
+            models[name] = {
+                "central": result.central,
+                "weights": np.round(result.weights, 4).tolist(),
+                "samples": np.rint(100 * ways).astype(np.int64).tolist(),
+            }
         return {
             "t": round(forecast.stamp - self._start, 3),
             "ids": [str(id) for id in forecast.ids.tolist()],
-            "seen": np.round(forecast.observed, 3).reshape(len(last), -1).tolist(),
+            "seen": np.round(forecast.observed, 3).reshape(people, -1).tolist(),
             "extrapolated": forecast.extrapolated.tolist(),
-            "models": {
-                name: {
-                    "central": result.central,
-                    "weights": np.round(result.weights, 4).tolist(),
-                    "samples": _centimetres(result.samples - last),
-                }
-                for name, result in forecast.models.items()
-            },
-            "codes": codes[upper].tolist(),
+            "models": models,
+            "codes": codes[np.triu_indices(people, 1)].tolist(),
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
-            "likely": [(*each[:3], *np.round(each[3:], 3).tolist()) for each in likely],
+            "likely": [
+                (*each[:3], *np.round(each[3:], 3).tolist()) for each in events[:MAX_LIKELY]
+            ],
         }
-
-
-def _centimetres(samples: np.ndarray) -> list[list[list[int]]]:
-    """[k, N, pred_len, 2] metres as [N][k][pred_len * 2] whole centimetres."""
-    count, people = samples.shape[:2]
-    by_person = samples.transpose(1, 0, 2, 3).reshape(people, count, -1)
-    return np.rint(100 * by_person).astype(np.int64).tolist()
 
 
 def _json(value: Any) -> str:

@@ -22,11 +22,8 @@ class Programs:
     ):
         """Compile at the start, or begin to.
 
-        Args:
-            sizes: numbers of people that have a program each, ascending.
-            when: when the programs are compiled.
-            report: called with one line for each program.
-            forecast: compiles the forecast of a number of people.
+        `sizes` are the numbers of people that have a program each, ascending; `forecast` compiles
+        the forecast of such a number; `report` is called with one line for each.
         """
         self.sizes, self._when, self._report, self._forecast = sizes, when, report, forecast
         self._ready: set[int] = set()

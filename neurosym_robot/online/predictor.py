@@ -22,7 +22,7 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.compilation import Programs, When
-from neurosym_robot.online.window import Health, Window
+from neurosym_robot.online.window import Health, Window, nearest_first
 
 __all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor", "load_models"]
 
@@ -119,6 +119,8 @@ class Predictor:
         self.seconds_ahead = period * max(each.config.pred_len for each in self.models.values())
         """Seconds from the newest frame to the end of the longest forecast."""
         self.window = Window(lengths.pop(), period, memory=self.seconds_ahead + GRACE, **window)
+        self.health: Health = self.window.health
+        """Counts of what was wrong with the stream so far."""
         self.max_people, self.recording = max_people, recording
         self.dropped: dict[int, str] = {}
         """Why people who are followed have no forecast of the newest frame: "short" of
@@ -136,16 +138,6 @@ class Predictor:
             sorted(sizes), compile, report, lambda size: self._forecast(alone, 0, size)
         )
         """What is compiled for these forecasts, and for what is computed of them."""
-
-    @property
-    def samples(self) -> set[int]:
-        """Numbers of samples of the models."""
-        return {forecaster.samples for forecaster in self._forecasters.values()}
-
-    @property
-    def health(self) -> Health:
-        """Counts of what was wrong with the stream so far."""
-        return self.window.health
 
     def push(
         self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
@@ -184,9 +176,7 @@ class Predictor:
         self.waited += waited
         most = min(slots, self.max_people)
         if len(people) > most:
-            last = observed[:, -1]
-            centre = last.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
-            order = np.argsort(np.linalg.norm(last - centre, axis=1), kind="stable")
+            order = nearest_first(observed[:, -1], focus)
             self.dropped |= dict.fromkeys(people[order[most:]].tolist(), "compiling")
             self.dropped |= dict.fromkeys(people[order[self.max_people :]].tolist(), "crowded")
             near = np.sort(order[:most])
@@ -194,17 +184,10 @@ class Predictor:
         if not len(people):
             return None
         index = self.window.index
-        forecasts = self._forecast(observed, index - self.window.steps + 1, slots)
-        return Forecast(
-            stamp=self.window.stamp,
-            index=index,
-            ids=people,
-            observed=observed,
-            models=forecasts,
-            dropped=self.dropped,
-            latency=time.perf_counter() - began - waited,
-            extrapolated=extrapolated,
-        )
+        models = self._forecast(observed, index - self.window.steps + 1, slots)
+        took = time.perf_counter() - began - waited
+        stamp, dropped = self.window.stamp, self.dropped
+        return Forecast(stamp, index, people, observed, models, dropped, took, extrapolated)
 
     def _forecast(self, observed: np.ndarray, frame: int, slots: int) -> dict[str, ModelForecast]:
         """Of every model; the window of N people, in `slots`, begins at step `frame`."""

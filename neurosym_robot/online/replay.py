@@ -25,9 +25,7 @@ class ReplayEvent(NamedTuple):
     forecast: Forecast | None  # if anybody's window is whole
     scored: Sequence[Forecast] = ()  # those whose future is known now
     skipped: int = 0  # older frames that were observed, but not forecast
-    age: float = (
-        math.nan
-    )  # seconds from the frame's stamp to its forecast, by the recording's clock
+    age: float = math.nan  # seconds from stamp to forecast, by the recording's clock
 
 
 def advance(

@@ -40,14 +40,9 @@ class Status:
     ):
         """Before the first frame.
 
-        Args:
-            predictor: its health is reported.
-            analytics: its errors are reported.
-            report: called with one line at a time.
-            every: seconds between status lines; 0 for none.
-            stale_after: seconds of age, beyond a constant offset of clocks.
-            counts: returns counts of other problems.
-            clock: returns the time [s] that stamps are compared with.
+        `report` is called with one line at a time, the status `every` so many seconds (0: never);
+        `counts` returns counts of other problems, `clock` the time [s] that stamps are compared
+        with.
         """
         self._predictor, self._analytics, self._counts = predictor, analytics, counts
         self._report, self._every, self.stale_after = report, every, stale_after

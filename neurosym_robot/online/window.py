@@ -15,7 +15,7 @@ from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import FAR, is_jump
 
-__all__ = ["Health", "Window"]
+__all__ = ["Health", "Window", "nearest_first"]
 
 
 @dataclasses.dataclass
@@ -28,7 +28,6 @@ class Health:
     backward_stamps: int = 0  # frames refused: older than the newest by less than `reset_after`
     clock_resets: int = 0  # times the clock went back by more, and everything was forgotten
     pauses: int = 0  # gaps between frames longer than `max_gap`
-    bad_ids: int = 0  # people refused: the id is not a whole number
     duplicate_ids: int = 0  # people refused: the id is in the frame already
     bad_positions: int = 0  # people refused: a coordinate is not finite
     far_positions: int = 0  # people left out: a coordinate is 3000 m or beyond
@@ -67,15 +66,13 @@ class Window:
         Raises:
             InputError: for a length or number that is out of range.
         """
-        if not (math.isfinite(period) and period > 2 * SNAP):
+        if not 2 * SNAP < period < math.inf:
             raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
         if not (0 <= max_gap < timeout and 0 <= hold < timeout):
             raise InputError(
                 "max_gap and hold must be shorter than timeout, and not negative; they are "
                 f"{max_gap}, {hold} and {timeout}"
             )
-        if steps < 1 or max_tracks < 1:
-            raise InputError(f"steps and max_tracks must be positive, not {steps}, {max_tracks}")
         self.steps, self.period, self.max_gap = steps, float(period), max_gap
         self.timeout, self.reset_after, self.max_tracks = timeout, reset_after, max_tracks
         self.hold = hold
@@ -107,11 +104,13 @@ class Window:
             focus: [2] metres; of too many people, the nearest to it are followed.
 
         Raises:
-            InputError: if the shapes differ; whatever else is wrong is counted in `health`.
+            InputError: for other shapes or ids; whatever else is wrong is counted in `health`.
         """
         ids, xy = np.asarray(ids), np.asarray(xy, np.float64)
         if ids.ndim != 1 or (len(ids) and xy.shape != (len(ids), 2)):
             raise InputError(f"a frame is ids [N] and xy [N, 2], not {ids.shape} and {xy.shape}")
+        if len(ids) and ids.dtype.kind not in "iu":
+            raise InputError(f"ids must be whole numbers, not {ids.dtype}")
         self.health.frames += 1
         if not self._accept(float(stamp)):
             return False
@@ -213,13 +212,7 @@ class Window:
     def _clean(self, ids: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The people of a frame whose id and position can be used."""
         health = self.health
-        if ids.dtype.kind not in "iu":
-            if ids.dtype.kind != "f":
-                raise InputError(f"ids must be whole numbers, not {ids.dtype}")
-            whole = (np.abs(ids) <= 2.0**53) & (ids == np.rint(ids))
-            health.bad_ids += int((~whole).sum())
-            ids, xy = ids[whole], xy[whole]
-        ids = ids.astype(np.int64)
+        ids, xy = ids.astype(np.int64), xy.reshape(-1, 2)
         finite, near = np.isfinite(xy).all(axis=1), (np.abs(xy) < FAR).all(axis=1)
         health.bad_positions += int((~finite).sum())
         health.far_positions += int((finite & ~near).sum())
@@ -233,10 +226,9 @@ class Window:
         followed = np.isin(ids, self._ids)
         new, room = np.flatnonzero(~followed), self.max_tracks - len(self._ids)
         if len(new) > room:
-            centre = xy.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
-            distance = np.linalg.norm(xy[new] - centre, axis=1)
             self.health.refused += len(new) - room
-            new = new[np.argsort(distance, kind="stable")[:room]]
+            order = nearest_first(xy, focus)
+            new = order[~followed[order]][:room]
         followed[new] = True
         return followed
 
@@ -258,3 +250,9 @@ class Window:
         stamps = np.append(self._stamps, self.stamp)
         recent = stamps > self.stamp - self._kept
         self._ids, self._stamps, self._places = everybody, stamps[recent], places[recent]
+
+
+def nearest_first(xy: np.ndarray, focus: ArrayLike | None) -> np.ndarray:
+    """[N] order of positions [N, 2] by distance from `focus` [2], or else from their centre."""
+    centre = xy.mean(axis=0) if focus is None else np.asarray(focus, np.float64)
+    return np.argsort(np.linalg.norm(xy - centre, axis=1), kind="stable")

@@ -27,11 +27,7 @@ class BagWriter:
     """Writes a new bag; `with BagWriter(path) as bag` closes it whatever happens."""
 
     def __init__(self, path: Path):
-        """Open for writing.
-
-        Args:
-            path: `NAME.bag` is a ROS 1 file; `NAME.db3` and `NAME.mcap` are ROS 2 bags: folders
-                `NAME` with a file in sqlite3 or mcap.
+        """Open `NAME.bag` of ROS 1, or for `NAME.db3` or `NAME.mcap` a folder `NAME` of ROS 2.
 
         Raises:
             InputError: for another ending, a bag that exists, or a folder that cannot be written.

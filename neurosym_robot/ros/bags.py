@@ -33,12 +33,10 @@ TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag re
 def read_frames(
     path: Path, options: ReadOptions = AS_IT_SAYS, source: PeopleSource | None = None
 ) -> Iterator[Frame]:
-    """Frames of a bag or of a file of tracks, in its order.
+    """Frames of a bag, or of a file of tracks that `read_any` reads, in its order.
 
-    Args:
-        path: a bag, or any file that `data.formats.read_any` reads.
-        options: what the file does not say itself; for a bag, `format="bag,topic=/people"`.
-        source: for a bag, which messages belong to the stream.
+    `options` say what the file does not say itself, such as `format="bag,topic=/people"`; `source`
+    says which messages of a bag belong to the stream.
 
     Raises:
         InputError: naming the file and the reason, possibly after some frames of a damaged bag.
@@ -87,11 +85,8 @@ def read_people(
 ) -> Iterator[Frame]:
     """Frames of people in a bag, in the order of recording.
 
-    Args:
-        path: file of ROS 1, or folder or file of ROS 2.
-        topic: of the people; if None, one of `PEOPLE_TOPICS`, else the only one with people.
-        source: which messages belong to the stream and into which frame they are transformed; by
-            default those of one publisher in one frame, with warnings about others.
+    Without `topic`, one of `PEOPLE_TOPICS`, else the only one with people. Without `source`,
+    messages of one publisher in one frame, with warnings about others.
 
     Raises:
         InputError: naming the file and the reason, for a topic or a damaged bag.

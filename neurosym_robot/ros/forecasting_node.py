@@ -73,17 +73,10 @@ class ForecastingNode(abc.ABC):
         status: float = 10.0,
         stale_after: float = STALE_AFTER,
     ):
-        """Advertise all topics whose types there are.
+        """Advertise all topics whose types there are: for each of the models topics of its own.
 
-        Args:
-            predictor: of one or several models, each with topics of its own.
-            report: called with one line at a time.
-            name: of the node.
-            source: which messages belong to the stream.
-            stitcher: mends ids, if given.
-            at_least: least probability of an event that is published.
-            status: seconds between status lines; 0 for none.
-            stale_after: see `Status`.
+        `report` is called with one line at a time; `at_least` is the least probability of an event
+        that is published; `status` is in seconds between status lines.
         """
         self.name, self.predictor, self.stitcher = name, predictor, stitcher
         self.source = source or PeopleSource(report=report)

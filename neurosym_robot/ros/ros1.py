@@ -44,18 +44,10 @@ class ForecastNode(ForecastingNode):
         stitcher: OnlineStitcher | None = None,
         **options: Any,
     ):
-        """Join the graph.
+        """Join the graph of the `master`, a URI; further arguments as of `ForecastingNode`.
 
-        Args:
-            predictor: of one or several models, each with a topic of its own.
-            topic: of the people; None is the first of `PEOPLE_TOPICS`, or the second with a
-                `stitcher`, as the mended people are published on the first.
-            master: URI.
-            remaps: of names in the graph.
-            report: called with one line at a time.
-            name: of the node.
-            stitcher: mends ids, if given.
-            **options: see `ForecastingNode`.
+        People come on `topic`; None is the first of `PEOPLE_TOPICS`, or the second with a
+        `stitcher`, as the mended people are published on the first.
 
         Raises:
             InputError: for an invalid topic, name or URI, or if rosbags is not installed.

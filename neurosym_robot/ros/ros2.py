@@ -70,14 +70,9 @@ class ForecastNode(ForecastingNode):
         name: str = "neurosym_jax",
         **options: Any,
     ):
-        """Join the graph.
+        """Join the graph; further arguments as of `ForecastingNode`.
 
-        Args:
-            predictor: of one or several models, each with topics of its own.
-            topic: of the people.
-            kind: type of their messages, a key of `people.KINDS`.
-            name: of the node.
-            **options: see `ForecastingNode`.
+        People come on `topic` in messages of the type `kind`, a key of `people.KINDS`.
 
         Raises:
             InputError: if ROS 2 has no such message.

@@ -33,16 +33,10 @@ class PeopleSource:
         robot_frame: str = "",
         reach: float = REACH,
     ):
-        """Configure the stream.
+        """Configure the stream as the options of these names say, see `LiveOptions`.
 
-        Args:
-            fixed_frame: frame that coordinates are transformed into; if empty, the frame of the
-                first message, and other frames are refused.
-            several: accept several publishers side by side; their ids are kept apart.
-            report: called with one line when messages begin to be refused.
-            robot_frame: the robot's own frame, such as base_link, to locate the robot.
-            reach: metres; people farther from the sensor (the origin of coordinates that are
-                transformed) or from the robot (of others, if it is located) are left out.
+        `several` publishers side by side have their ids kept apart; `report` is called with one
+        line when messages begin to be refused.
         """
         self.fixed_frame, self.several, self._report = fixed_frame, several, report
         self.robot_frame, self.reach = robot_frame, reach

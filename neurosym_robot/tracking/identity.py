@@ -4,8 +4,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-from neurosym_jax.errors import InputError
-
 __all__ = ["idf1"]
 
 
@@ -17,16 +15,9 @@ def idf1(person: ArrayLike, given: ArrayLike) -> float:
     Args:
         person: [R] whole numbers, the true person of each row; -1 for a false detection.
         given: [R] whole numbers, the id given to it; -1 if the person was missed.
-
-    Raises:
-        InputError: if the shapes differ, or without any person or id.
     """
     person, given = np.asarray(person), np.asarray(given)
-    if person.ndim != 1 or person.shape != given.shape:
-        raise InputError(f"person and given must both be [R], not {person.shape}, {given.shape}")
     total = int((person != -1).sum() + (given != -1).sum())
-    if total == 0:
-        raise InputError("no rows to score")
     both = (person != -1) & (given != -1)
     people, row = np.unique(person[both], return_inverse=True)
     ids, column = np.unique(given[both], return_inverse=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-from neurosym_jax.data.tracks import SNAP, Tracks
+from neurosym_jax.data.tracks import SNAP, Tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.frames import Frame, frames_of_tracks, synchronous
 from neurosym_robot.tracking.following import FAR, RECENT, Follower, Track
@@ -188,16 +188,18 @@ class Stitched(NamedTuple):
     before: int  # ids before
     joined: int  # tracks that continue another
     ghosts: int  # rows dropped: of people seen for less than a second, or far away
-    filled: int  # rows added, by interpolation
 
 
-def stitch(tracks: Tracks, options: LinkOptions | None = None, fill: float = 2.0) -> Stitched:
+def stitch(
+    tracks: Tracks, options: LinkOptions | None = None, *, period: float = 0.1, fill: float = 2.0
+) -> Stitched:
     """Mend a recording.
 
     Args:
         tracks: of the recording; agents with clocks of their own are resampled to one first.
         options: when two tracks are joined.
-        fill: gaps up to this many seconds are filled linearly, at the recording's own rate.
+        period: seconds between the points of the result.
+        fill: gaps up to this many seconds are filled linearly.
 
     Raises:
         InputError: if nobody is seen for a second.
@@ -207,10 +209,10 @@ def stitch(tracks: Tracks, options: LinkOptions | None = None, fill: float = 2.0
     there = ids != NOBODY
     if not there.any():
         raise InputError(f"{tracks.recording}: nobody is seen for {BRIEF:g} s")
-    kept = tracks.take(there).with_ids(ids[there])
-    mended = _fill(kept, fill)
-    added = len(mended.id) - len(kept.id)
-    return Stitched(mended, len(np.unique(tracks.id)), joined, int((~there).sum()), added)
+    mended = tracks.take(there).with_ids(ids[there])
+    start = period * np.floor(mended.stamp.min() / period)
+    mended = resample(mended, period, fill, start)
+    return Stitched(mended, len(np.unique(tracks.id)), joined, int((~there).sum()))
 
 
 def stitched_ids(tracks: Tracks, options: LinkOptions | None = None) -> tuple[np.ndarray, int]:
@@ -238,31 +240,3 @@ def _tracks(tracks: Tracks, push: Callable[..., list[Track | None]]) -> list[Tra
     found = [each for frame in frames_of_tracks(tracks) for each in push(*frame)]
     order = np.lexsort((tracks.id, tracks.stamp))
     return [found[n] for n in np.argsort(order)]
-
-
-def _fill(tracks: Tracks, fill: float) -> Tracks:
-    """Fill gaps of up to `fill` seconds at the times of the recording's frames."""
-    frames = np.unique(tracks.stamp)
-    step = float(np.median(np.diff(frames)))
-    gap = np.diff(tracks.stamp)
-    lost = (np.diff(tracks.id) == 0) & (gap > 1.5 * step) & (gap <= fill + SNAP)
-    row = np.flatnonzero(lost)
-    pieces = np.rint(gap[row] / step).astype(int)
-    row, pieces = np.repeat(row, pieces - 1), np.repeat(pieces, pieces - 1)
-    nth = np.arange(len(row)) - np.searchsorted(row, row) + 1
-    stamp = tracks.stamp[row] + nth / pieces * gap[row]
-    # Snap to existing stamps, so that rounding does not make two frames of one.
-    nearest = np.clip(np.searchsorted(frames, stamp), 1, len(frames) - 1)
-    nearest -= stamp - frames[nearest - 1] < frames[nearest] - stamp
-    stamp = np.where(np.abs(frames[nearest] - stamp) <= step / 4, frames[nearest], stamp)
-    weight = ((stamp - tracks.stamp[row]) / gap[row])[:, None]
-    position = tracks.position[row] + weight * (tracks.position[row + 1] - tracks.position[row])
-    known = tracks.known
-    # An added row has the extras of the row before the gap.
-    both = dataclasses.replace(
-        tracks.take(np.append(np.arange(len(tracks.id)), row)),
-        stamp=np.append(tracks.stamp, stamp),
-        position=np.append(tracks.position, position, axis=0),
-        known=None if known is None else np.append(known, known[row + 1]),
-    )
-    return both.with_ids(both.id)

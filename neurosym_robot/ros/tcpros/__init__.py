@@ -4,8 +4,7 @@ It needs neither rospy nor a ROS installation, because the Python of a robot's R
 the one JAX needs. Services, parameters, actions and UDPROS are not here.
 """
 
-from neurosym_robot.ros.tcpros.names import Topic, global_name, node_name
+from neurosym_robot.ros.tcpros.names import Topic, node_name
 from neurosym_robot.ros.tcpros.node import Node
-from neurosym_robot.ros.tcpros.publisher import Publisher
 
-__all__ = ["Node", "Publisher", "Topic", "global_name", "node_name"]
+__all__ = ["Node", "Topic", "node_name"]

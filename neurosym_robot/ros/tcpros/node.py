@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from neurosym_robot.ros.tcpros.names import Names, Topic, local_host, master_uri, node_name
-from neurosym_robot.ros.tcpros.publisher import Publisher
-from neurosym_robot.ros.tcpros.subscriber import HANDSHAKE, Hear, Refuse, Subscriber
+from neurosym_robot.ros.tcpros.topics import HANDSHAKE, Hear, Publisher, Refuse, Subscriber
 from neurosym_robot.ros.tcpros.wire import prepare, read_header
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
 from neurosym_robot.server import ConnectionServer, deadline
@@ -34,11 +33,8 @@ class Node:
     ):
         """Open the ports.
 
-        Args:
-            name: of the node, unique in the graph; the master ends an older node of that name.
-            master: URI; see `names.master_uri`.
-            report: called with one line about each event of a connection.
-            remaps: "FROM:=TO" each; see `names.Names`.
+        The master ends an older node of that `name`; `report` is called with one line about each
+        event of a connection; `remaps` are "FROM:=TO" each.
 
         Raises:
             InputError: for an invalid name or URI.

@@ -15,8 +15,7 @@ from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.state_weightings import Soft
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_robot.dashboard import ReplayFile
-from neurosym_robot.dashboard.moments import MAX_NAMED
-from neurosym_robot.dashboard.pair_symbols import PairSymbols
+from neurosym_robot.dashboard.moments import MAX_NAMED, PairSymbols
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.replay import ReplayEvent
 

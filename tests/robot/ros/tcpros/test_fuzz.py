@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from neurosym_robot import server
 from neurosym_robot.ros.tcpros import Topic
-from neurosym_robot.ros.tcpros.subscriber import MOST
+from neurosym_robot.ros.tcpros.topics import MOST
 from neurosym_robot.ros.tcpros.wire import (
     ProtocolError,
     decode_header,

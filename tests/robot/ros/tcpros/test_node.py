@@ -106,7 +106,7 @@ def test_another_definition_is_refused_in_one_line(graph, wait):
 
 
 def test_a_subscriber_that_does_not_read_delays_nobody_and_is_dropped(graph, wait, monkeypatch):
-    monkeypatch.setattr("neurosym_robot.ros.tcpros.publisher.SLOW", 0.5)
+    monkeypatch.setattr("neurosym_robot.ros.tcpros.topics.SLOW", 0.5)
     heard, talker = [], graph("talker")
     publisher = talker.advertise(CHATTER)
     graph("listener").subscribe(CHATTER, lambda data, uri: heard.append(data))
