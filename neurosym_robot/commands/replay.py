@@ -37,8 +37,6 @@ class Options(LiveOptions):
     out: Path | None = None
     """Bag of forecasts and observed futures to write: `.bag`, `.db3` or `.mcap`; nothing is
     overwritten."""
-    frame_id: str = ""
-    """Coordinate frame in a bag that is written; by default that of the bag read, else map."""
     html: Path | None = None
     """HTML file to write: the page of --dashboard with its data inside; nothing is overwritten."""
 
@@ -63,8 +61,7 @@ def run(options: Options) -> None:
         files = stack.enter_context(contextlib.ExitStack())
         bag = page = None
         if options.out is not None:
-            frame_id = lambda: options.frame_id or source.frame_id or "map"  # noqa: E731
-            bag = ForecastBag(options.out, predictor.window.period, frame_id, options.at_least)
+            bag = ForecastBag(options.out, predictor.window.period, source, options.at_least)
             files.callback(bag.close)
         if options.html is not None:
             page = ReplayFile(options.html, options.moments(predictor, title))

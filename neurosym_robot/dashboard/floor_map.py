@@ -16,15 +16,11 @@ UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
 
 def read_floor_map(path: Path) -> dict[str, Any]:
-    """A map as ROS's map_server saves it.
-
-    Args:
-        path: the `.yaml` file with `image`, `resolution` [m a pixel], `origin` [x, y, yaw] of the
-            lower left corner in metres and radians, `negate`, `occupied_thresh`, `free_thresh`.
+    """A map as ROS's map_server saves it: a `.yaml` file that names an image.
 
     Returns:
         `image`, a PNG as data URL whose opacity is how occupied a cell is; `width` and `height`
-        [m]; and `origin`.
+        [m]; and `origin` [x, y, yaw] of the lower left corner in metres and radians.
 
     Raises:
         InputError: naming the file and what is wrong with it.

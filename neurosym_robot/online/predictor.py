@@ -132,6 +132,8 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
+        self.samples = {forecaster.samples for forecaster in self._forecasters.values()}
+        """Numbers of samples of the models."""
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
         alone = np.zeros((1, self.window.steps, 2))
         self.programs = Programs(

@@ -50,15 +50,8 @@ def replay(
 ) -> Iterator[ReplayEvent]:
     """Push frames one by one; an event for each.
 
-    At the end, `analytics.finish()` scores the forecasts that still wait.
-
-    Args:
-        frames: of a live stream or a recording.
-        predictor: of one or several models.
-        analytics: scores the forecasts.
-        rate: 1 is the speed of the stamps; infinite does not wait.
-        stitcher: mends ids first, if given.
-        robot: returns the robot's pose [3] at a stamp, if known.
+    At the end, `analytics.finish()` scores the forecasts that still wait. `rate` 1 is the speed of
+    the stamps, infinite does not wait; `robot` returns the robot's pose [3] at a stamp, if known.
 
     Raises:
         InputError: for a rate that is not positive.

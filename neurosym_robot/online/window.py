@@ -51,11 +51,9 @@ class Window:
         hold: float = 0.0,
         memory: float = 0.0,
     ):
-        """An empty window.
+        """An empty window of `steps`, `period` seconds apart; the last is the newest frame.
 
         Args:
-            steps: length of the window; its last step is the newest frame.
-            period: seconds between steps.
             max_gap: longest gap in seconds between two observations that is bridged.
             timeout: seconds after which a track not seen is forgotten.
             reset_after: a stamp this many seconds older than the newest means a clock set back.
@@ -95,13 +93,7 @@ class Window:
     def push(
         self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
     ) -> bool:
-        """Take in one frame; return whether it was accepted.
-
-        Args:
-            stamp: seconds, of the message's header.
-            ids: [N] whole numbers.
-            xy: [N, 2] world metres.
-            focus: [2] metres; of too many people, the nearest to it are followed.
+        """Take in one frame, see `Predictor.push`; return whether it was accepted.
 
         Raises:
             InputError: for other shapes or ids; whatever else is wrong is counted in `health`.

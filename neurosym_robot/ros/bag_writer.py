@@ -1,6 +1,5 @@
 """Bags written without ROS: messages, or the forecasts of a replay."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from neurosym_robot.ros.definitions import (
     shared_typestore,
 )
 from neurosym_robot.ros.messages import ENDINGS, forecast_topic, make_people, makers, truth_message
+from neurosym_robot.ros.source import PeopleSource
 
 __all__ = ["BagWriter", "ForecastBag"]
 
@@ -88,23 +88,17 @@ class BagWriter:
 class ForecastBag(BagWriter):
     """People, forecasts of every model and what happened, on the robot experiment's topics."""
 
-    def __init__(
-        self,
-        path: Path,
-        period: float,
-        frame_id: Callable[[], str] = lambda: "map",
-        at_least: float = AT_LEAST,
-    ):
-        """Open the bag, as `BagWriter`; `frame_id` returns the frame of the coordinates."""
+    def __init__(self, path: Path, period: float, source: PeopleSource, at_least: float = AT_LEAST):
+        """Open the bag, as `BagWriter`; `source` knows the frame of the coordinates."""
         super().__init__(path)
-        self._period, self._frame_id = period, frame_id
+        self._period, self._source = period, source
         self._stamp = 0.0
         self._make = makers(at_least)
 
     def add(self, event: ReplayEvent) -> None:
         """Write a frame with its forecast and the futures that it completed."""
         self._stamp = event.frame.stamp
-        new, forecast, frame_id = self.new, event.forecast, self._frame_id()
+        new, forecast, frame_id = self.new, event.forecast, self._source.frame_id or "map"
         self.write(PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, frame_id))
         for name in () if forecast is None else forecast.models:
             for kind in (HUMANS_TRAJS, FORECAST, EVENTS):
@@ -115,6 +109,7 @@ class ForecastBag(BagWriter):
 
     def score(self, forecast: Forecast) -> None:
         """Write the observed future of a forecast."""
-        message = truth_message(self.new, forecast, self._period, self._frame_id())
+        frame_id = self._source.frame_id or "map"
+        message = truth_message(self.new, forecast, self._period, frame_id)
         if message is not None:
             self.write(TRUTH_TOPIC, self._stamp, message)

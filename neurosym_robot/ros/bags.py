@@ -164,20 +164,14 @@ def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
     """The topic of the people."""
     usable = [name for name, kind in topics.items() if kind in KINDS]
     there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
-    if asked is not None:
-        if asked not in usable:
-            carries = f"carries {topics[asked]}" if asked in topics else "is not there"
-            raise InputError(
-                f"{path}: {asked} {carries}, not {' or '.join(KINDS)}; there are: {there}"
-            )
-        return asked
-    for name in PEOPLE_TOPICS:
-        if name in usable:
-            return name
+    usual = [name for name in PEOPLE_TOPICS if name in usable][:1]
     # Poses may be of anything, such as a robot's hypotheses of its own pose.
-    usable = [name for name in usable if topics[name] != POSES] or usable
-    if len(usable) != 1:
-        wanted = "choose one with --format bag,topic=NAME"
-        wanted = wanted if usable else f"none carries {' or '.join(KINDS)}"
-        raise InputError(f"{path}: which topic has the people? There are: {there}; {wanted}")
-    return usable[0]
+    usual = usual or [name for name in usable if topics[name] != POSES] or usable
+    found = usual if asked is None else [asked] if asked in usable else []
+    if not found:
+        what = "none" if asked is None else f"{asked} is not there, or none that"
+        raise InputError(f"{path}: {what} carries {' or '.join(KINDS)}; there are: {there}")
+    if len(found) > 1:
+        choose = "choose one with --format bag,topic=NAME"
+        raise InputError(f"{path}: which topic has the people? There are: {there}; {choose}")
+    return found[0]

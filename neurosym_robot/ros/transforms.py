@@ -35,13 +35,14 @@ class _Edge:
         old = bisect.bisect_left(self.times, self.times[-1] - KEPT)
         del self.times[:old], self.poses[:old]
 
-    def at(self, stamp: float) -> np.ndarray:
+    def at(self, frame: str, stamp: float) -> np.ndarray:
         """[4, 4] from this frame to the parent's, linear between two poses."""
         times = self.times
         if times == [-np.inf]:
             return _matrix(self.poses[0])
         if not times[0] <= stamp <= times[-1] + AHEAD:
-            raise LookupError(f"known from {times[0]:.2f} to {times[-1]:.2f} s, not at {stamp:.2f}")
+            known = f"known from {times[0]:.2f} to {times[-1]:.2f} s, not at {stamp:.2f}"
+            raise LookupError(f"where {frame} lies is {known}")
         after = bisect.bisect_left(times, stamp)
         if after == len(times) or times[after] == stamp:
             return _matrix(self.poses[min(after, len(times) - 1)])
@@ -101,10 +102,7 @@ class Transforms:
     def _along(self, frames: list[str], stamp: float) -> np.ndarray:
         matrix = np.eye(4)
         for frame in frames:
-            try:
-                matrix = self._edges[frame].at(stamp) @ matrix
-            except LookupError as error:
-                raise LookupError(f"where {frame} lies is {error}") from None
+            matrix = self._edges[frame].at(frame, stamp) @ matrix
         return matrix
 
 

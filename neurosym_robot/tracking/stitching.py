@@ -80,15 +80,10 @@ class OnlineStitcher:
         return Frame(frame.stamp, ids[known], frame.xy[known]), known
 
     def push(self, stamp: float, ids: ArrayLike, xy: ArrayLike) -> np.ndarray:
-        """[N] int64, mended ids of the people of a frame, or `NOBODY`.
+        """[N] int64, mended ids of the people of a frame [s, N whole numbers, m], or `NOBODY`.
 
         Frames out of order are named by what is known but change nothing; a clock set back by more
         than a minute starts anew.
-
-        Args:
-            stamp: seconds.
-            ids: [N] whole numbers.
-            xy: [N, 2] metres.
         """
         wanted = np.asarray(ids).astype(np.int64)
         xy, follower = np.asarray(xy, np.float64).reshape(-1, 2), self._follower
@@ -193,13 +188,10 @@ class Stitched(NamedTuple):
 def stitch(
     tracks: Tracks, options: LinkOptions | None = None, *, period: float = 0.1, fill: float = 2.0
 ) -> Stitched:
-    """Mend a recording.
+    """Mend a recording; its points are then `period` seconds apart.
 
-    Args:
-        tracks: of the recording; agents with clocks of their own are resampled to one first.
-        options: when two tracks are joined.
-        period: seconds between the points of the result.
-        fill: gaps up to this many seconds are filled linearly.
+    Agents with clocks of their own are resampled to one first; gaps of up to `fill` seconds are
+    filled linearly.
 
     Raises:
         InputError: if nobody is seen for a second.

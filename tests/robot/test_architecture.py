@@ -50,29 +50,16 @@ def test_the_core_joins_it_by_entry_points_alone():
 
 def test_a_text_file_is_read_without_ros_or_tracking(tmp_path):
     path = tmp_path / "walk.txt"
-    path.write_text(
-        "".join(f"{10 * t} {who} {0.1 * t} {who}\n" for t in range(30) for who in (1, 2))
-    )
+    rows = [f"{10 * t} {who} {0.1 * t} {who}\n" for t in range(30) for who in (1, 2)]
+    path.write_text("".join(rows))
     script = "import sys; from neurosym_jax.data.formats import read_any; read_any(sys.argv[1]); "
-    script += "print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", script, path], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    command = [sys.executable, "-c", script + "print(*sys.modules)", path]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     modules = done.stdout.split()
     assert "neurosym_robot.plugin" in modules
-    assert [
-        name
-        for name in modules
-        if name.startswith(
-            (
-                "neurosym_robot.online",
-                "neurosym_robot.tracking",
-                "neurosym_robot.ros.bags",
-                "rosbags",
-                "jax.",
-            )
-        )
-    ] == []
+    heavy = ("online", "tracking", "ros.bags")
+    unwanted = (*(f"neurosym_robot.{name}" for name in heavy), "rosbags", "jax.")
+    assert [name for name in modules if name.startswith(unwanted)] == []
 
 
 WITHOUT = """

@@ -94,7 +94,7 @@ def test_which_topic(tmp_path):
     assert len(list(read_people(path))) == len(list(read_people(path, "/one"))) == 1
     with pytest.raises(InputError, match=r"/two is not there.*there are: /chatter .*, /one"):
         list(read_people(path, "/two"))
-    with pytest.raises(InputError, match=r"/chatter carries std_msgs/msg/String, not people_msgs"):
+    with pytest.raises(InputError, match="/chatter is not there, or none that carries"):
         list(read_people(path, "/chatter"))
     shutil.rmtree(path)
     with BagWriter(path.with_suffix(".db3")) as bag:
@@ -177,17 +177,6 @@ def test_text_files_are_streams_too(tmp_path):
     assert_array_equal(tracks.id, [1, 1, 2, 2])
     with pytest.raises(InputError, match="nobody"):
         tracks_of_frames(iter([]), "again")
-
-
-def test_agents_with_clocks_of_their_own_share_frames(tmp_path):
-    path = tmp_path / "thor.csv"
-    rows = [
-        (n * 0.4 + offset, id, n / 3, n / 3 + id)
-        for id, offset in ((1, 0), (2, 0.17))
-        for n in range(9)
-    ]
-    path.write_text("".join(f"{t:.2f},{id},{x:.3f},{y:.3f},1.179,0.785\n" for t, id, x, y in rows))
-    assert max(len(frame.ids) for frame in read_frames(path)) == 2
 
 
 DEBIAN = """

@@ -12,6 +12,7 @@ from neurosym_jax.simulation.scenarios import simulate_labelled
 from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.commands import stitch as command
 from neurosym_robot.online.frames import frames_of_tracks
+from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds
 from neurosym_robot.tracking.identity import idf1
 from neurosym_robot.tracking.stitching import (
     NOBODY,
@@ -96,18 +97,6 @@ def test_far_or_late_or_at_the_same_time_is_somebody_else():
     assert stitch(both).joined == 0
 
 
-def test_random_live_streams_never_crash_and_stay_bounded():
-    rng = np.random.default_rng(0)
-    stitcher = OnlineStitcher(max_tracks=30)
-    for n in range(300):
-        count = 10_000 if n % 100 == 5 else rng.integers(0, 20)
-        stamp = rng.choice([n / 10, n / 10, np.nan, -np.inf, n / 10 - 100])
-        xy = rng.normal(0, 5, (count, 2))
-        xy[rng.random(count) < 0.1] = np.nan
-        assert len(stitcher.push(stamp, rng.integers(0, 50 + n, count), xy)) == count
-        assert len(stitcher._follower.tracks) <= 30
-
-
 def test_ids_that_are_swapped_where_ways_cross_are_put_right():
     t = np.arange(60) / 10
     along, across = np.stack([t, 0 * t], 1), np.stack([0 * t + 3.05, t - 2.6], 1)
@@ -172,3 +161,24 @@ def test_the_command(tmp_path, capsys):
         assert reason in "".join(capsys.readouterr())
     tracks = read_text(out, period=0.1)
     assert_allclose(tracks.stamp, stitch(broken()).tracks.stamp, atol=1e-9)
+
+
+def test_people_without_ids_keep_those_that_they_are_given():
+    rng = np.random.default_rng(0)
+    for scenario in ("all-forward", "cross-path"):
+        nearest, true, given = NearestIds(), [], []
+        for frame in frames_of_tracks(simulate_labelled(scenario, 1, 40.0, 4)[0]):
+            order = rng.permutation(len(frame.ids))
+            given.extend(nearest.push(frame.stamp, frame.xy[order]))
+            true.extend(frame.ids[order])
+        assert idf1(true, given) > 0.97
+    nearest = NearestIds()
+    (one,) = nearest.push(0.0, [[0.0, 0.0]])
+    assert nearest.push(FORGET, [[0.0, 0.0]]) == [one]
+    assert nearest.push(2 * FORGET + 0.1, [[0.0, 0.0]]) != [one]
+    for n in range(5):
+        ids = nearest.push(3 + n / 10, rng.uniform(0, 1000, (3000, 2)) * [[1.0, np.nan]])
+        assert len(np.unique(ids)) == 3000
+        ids = nearest.push(3.05 + n / 10, rng.uniform(0, 1000, (3000, 2)))
+    assert len(nearest._follower.tracks) <= CROWD
+    assert len(nearest.push(np.nan, [[0.0, 0.0]])) == 1

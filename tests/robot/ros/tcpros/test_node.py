@@ -125,18 +125,6 @@ def test_a_subscriber_that_does_not_read_delays_nobody_and_is_dropped(graph, wai
     assert talker.said == ["/chatter: dropped the subscriber /slow, which does not read"]
 
 
-def test_subscribers_that_leave_are_noticed_without_a_message(graph, wait):
-    talker = graph("talker")
-    publisher = talker.advertise(CHATTER)
-    for _ in range(5):
-        _, host, port = call(talker.uri, "requestTopic", "/me", CHATTER.name, [["TCPROS"]])
-        with socket.create_connection((host, port)) as connection:
-            connection.sendall(encode_header({"topic": CHATTER.name, "md5sum": "*"}))
-            read_header(connection)
-    wait(lambda: not talker._data.connections)
-    assert publisher.subscribers == []
-
-
 def test_the_graph_can_ask(graph, master, wait):
     node, other = graph("node"), graph("other")
     node.advertise(CHATTER)
