@@ -46,8 +46,6 @@ class LiveOptions:
     fixed_frame: str = ""
     """Frame into which coordinates are transformed by /tf; by default that of the first message,
     and messages in other frames are left out."""
-    several_publishers: bool = False
-    """Accept all publishers of the topic; by default only the first."""
     robot_frame: str = ""
     """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
     nearest to it are forecast first."""
@@ -85,8 +83,7 @@ class LiveOptions:
 
     def source(self, report: Callable[[str], None]) -> PeopleSource:
         """The stream of people; `report` is called about messages that are left out."""
-        several, robot = self.several_publishers, self.robot_frame
-        return PeopleSource(self.fixed_frame, several, report, robot, self.reach)
+        return PeopleSource(self.fixed_frame, report, self.robot_frame, self.reach)
 
     def stitcher(self) -> OnlineStitcher | None:
         """The stitcher of ids, if the options ask for it."""

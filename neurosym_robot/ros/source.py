@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_robot.online.frames import Frame
-from neurosym_robot.ros.people import id_of_name, see
+from neurosym_robot.ros.people import see
 from neurosym_robot.ros.transforms import Transforms
 from neurosym_robot.tracking.following import FAR, NearestIds
 
@@ -28,17 +28,15 @@ class PeopleSource:
     def __init__(
         self,
         fixed_frame: str = "",
-        several: bool = False,
         report: Callable[[str], None] = print,
         robot_frame: str = "",
         reach: float = REACH,
     ):
         """Configure the stream as the options of these names say, see `LiveOptions`.
 
-        `several` publishers side by side have their ids kept apart; `report` is called with one
-        line when messages begin to be refused.
+        `report` is called with one line when messages begin to be refused.
         """
-        self.fixed_frame, self.several, self._report = fixed_frame, several, report
+        self.fixed_frame, self._report = fixed_frame, report
         self.robot_frame, self.reach = robot_frame, reach
         self.needs_transforms = bool(fixed_frame or robot_frame)
         self.frame_id: str | None = fixed_frame or None
@@ -51,9 +49,7 @@ class PeopleSource:
         self._publisher: str | None = None
         self._heard = -np.inf
         self._said: set[str] = set()
-        self._nearest: collections.defaultdict[str, NearestIds] = collections.defaultdict(
-            NearestIds
-        )
+        self._nearest = NearestIds()
 
     def robot(self, stamp: float) -> np.ndarray | None:
         """[3] metres, metres, radians: the robot's pose in the stream's frame, or None."""
@@ -101,30 +97,22 @@ class PeopleSource:
             text = f"people more than {self.reach:g} m from the sensor or robot are left out"
             self._say(f"{text}; --reach sets the limit")
         xy = xyz[near, :2]
-        if seen.ids is not None:
-            ids = seen.ids[near]
-        else:  # Each publisher has its own, so that two views are not mixed.
-            ids = self._nearest[publisher].push(seen.stamp, xy)
-        if self.several and publisher != self._publisher:
-            ids = np.array([id_of_name(f"{publisher} {id}") for id in ids.tolist()], np.int64)
+        ids = self._nearest.push(seen.stamp, xy) if seen.ids is None else seen.ids[near]
         return Frame(seen.stamp, ids, xy)
 
     def _is_ours(self, publisher: str, received: float) -> bool:
         ours = self._publisher
-        silent = received - self._heard > SILENCE and not self.several
+        silent = received - self._heard > SILENCE
         if ours is None or silent or (ours != publisher and not self.is_there(ours)):
             if ours not in (None, publisher):
                 self._report(f"people come from {publisher} now, not from {ours}")
             self._publisher = ours = publisher
         if publisher == ours:
             self._heard = received
-        elif not self.several:
-            self._refuse(
-                "other_publisher",
-                f"people of a second publisher, {publisher}, are left out beside those of "
-                f"{ours}; --several-publishers takes both in",
-            )
-        return self.several or publisher == ours
+        else:
+            text = f"people of a second publisher, {publisher}, are left out beside those of {ours}"
+            self._refuse("other_publisher", f"{text}; remap one of them")
+        return publisher == ours
 
     def _refuse(self, reason: str, text: str, detail: str = "") -> None:
         self.refused[reason] += 1

@@ -59,16 +59,8 @@ def test_a_second_publisher_waits_until_the_first_is_silent():
     assert source.take(PEOPLE, people(2.3), "/b", 2.3) is not None
     assert source.take(PEOPLE, people(2.4), "/a", 2.4) is None
     assert source.refused == {"other_publisher": 3}
-    assert "--several-publishers" in said[0]
+    assert "/b, are left out beside those of /a; remap one" in said[0]
     assert "now, not from" in said[1]
-
-
-def test_several_publishers_keep_their_ids_apart():
-    source = PeopleSource(several=True, report=pytest.fail)
-    frames = [source.take(PEOPLE, people(n / 10), f"/{n % 2}", n / 10) for n in range(4)]
-    ids = [frame.ids.item() for frame in frames if frame]
-    assert ids[0] == ids[2] == 7
-    assert ids[1] == ids[3] != 7
 
 
 def test_coordinates_are_taken_to_the_fixed_frame():

@@ -142,37 +142,6 @@ def test_nonsense_at_the_port_for_calls(graph, wait):
     assert not node.stopped.is_set()
 
 
-def test_nonsense_as_the_answer_of_a_call():
-    answers = [
-        b"",
-        b"HTTP/1.1 200 OK\r\n\r\n",
-        b"HTTP/1.1 500 no\r\n\r\n",
-        b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\nshort",
-        b"HTTP/1.1 200 OK\r\n\r\n" + b"x" * (5 << 20),
-        b"HTTP/1.1 200 OK\r\n" + b"a: b\r\n" * 500,
-        *(b"HTTP/1.1 200 OK\r\n\r\n" + body for body in BODIES),
-    ]
-
-    for value in (b"<int>1</int>", b"<array><data/></array>", b"<string>no</string>"):
-        body = b"<methodResponse><params><param><value>" + value
-        answers.append(
-            b"HTTP/1.1 200 OK\r\n\r\n" + body + b"</value></param></params></methodResponse>"
-        )
-    waiting = iter(answers)
-
-    def serve(connection: socket.socket) -> None:
-        with contextlib.suppress(OSError):
-            connection.recv(1 << 16)
-            connection.sendall(next(waiting))
-
-    liar = ConnectionServer("127.0.0.1", serve)
-    for _ in answers:
-        with pytest.raises(CallError) as caught:
-            call(f"http://127.0.0.1:{liar.server_address[1]}", "getPid", "/me", timeout=1)
-        assert len(str(caught.value)) < 200
-    liar.close()
-
-
 def test_nobody_answers():
     with socket.create_server(("127.0.0.1", 0)) as silent:
         start = time.monotonic()
