@@ -1,10 +1,8 @@
-"""Tables as text: in Markdown, as CSV, and in aligned columns for a terminal."""
+"""Tables as text: in Markdown, and in aligned columns for a terminal."""
 
-import csv
-import io
 from collections.abc import Iterable, Sequence
 
-__all__ = ["aligned_table", "csv_text", "markdown_table"]
+__all__ = ["aligned_table", "markdown_table"]
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, right: int = 0) -> str:
@@ -21,13 +19,6 @@ def aligned_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows of cells, the head among them, as lines whose columns stand below each other."""
     widths = [max(map(len, column)) for column in zip(*rows)]
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-
-
-def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """Rows of cells, the head among them, as CSV; what is None is empty."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -99,10 +99,10 @@ def make_plan(
         models: (path, model).
         dataset: test on this one only.
         test_on: names of recordings to test on, as one test set.
-        obs_len: refuse models that observe another number of steps.
-        pred_len: refuse models that forecast another number of steps.
-        baselines: forecasters by name, see `baselines_of`.
-        samples: k that is asked for.
+        obs_len: of the models.
+        pred_len: of the models.
+        baselines: see `baselines_of`, as `samples`.
+        samples: k.
         only_matching: leave out models that would be refused.
 
     Raises:
@@ -178,7 +178,7 @@ def baselines_of(
         obs_len: observed steps.
         pred_len: steps to forecast.
         dataset: of ETH/UCY, or general for recordings of other people.
-        samples: k that is asked for.
+        samples: k.
     """
     found: list[tuple[None, Model]] = []
     for name in BASELINES if names is None else names:

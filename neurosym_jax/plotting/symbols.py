@@ -57,5 +57,7 @@ def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
     when.set_xticks(ticks, [f"{pairs.period * step:.1f}" for step in ticks])
     when.grid(visible=False)
     dress(when, "time [s]", "", f"alpha and QTC state: {title}")
-    figure.colorbar(image, ax=when, pad=0.01, label="alpha")
+    bar = figure.colorbar(image, ax=when, pad=0.01)
+    bar.set_label("alpha", fontsize=LABEL)
+    bar.ax.tick_params(labelsize=SMALL)
     return figure

@@ -17,7 +17,6 @@ from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
-from neurosym_jax.simulation.scenarios import synthetic_tracks
 
 NUMBERS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
 SCHEMA = {
@@ -213,13 +212,3 @@ def test_a_metric_that_is_not_finite_is_named(options):
     register_metric("odd", "odd")(lambda forecast, scene: jnp.inf)
     with pytest.raises(InputError, match="metric odd: is not finite for constant velocity on cr"):
         run(options(samples=3, dataset="cross-path"))
-
-
-def test_own_tracks_in_python():
-    tracks = synthetic_tracks("cross-path", 0)
-    model = load_model("sgan_simulations_8")
-    rows = evaluation.evaluate(model, tracks, samples=3, baselines=["constant_velocity"])
-    assert rows["model"].to_list() == ["constant velocity", "SGAN"]
-    assert rows["dataset"][0] == tracks.recording
-    assert 0 < rows["joint_ade_low"][1] < rows["joint_ade"][1] < 1
-    assert "SGAN" in evaluation.format_table(rows)

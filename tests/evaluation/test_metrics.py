@@ -85,17 +85,6 @@ def test_symbols_by_hand():
     assert found["event_log"].mean == pytest.approx(-np.log(3.5 / 4), rel=1e-5)
 
 
-def test_energy_score_and_crps_are_those_of_scoringrules():
-    rules = pytest.importorskip("scoringrules", reason="scoringrules is not installed")
-    forecast, truth = scene()
-    k, agents, steps, _ = forecast.shape
-    joint = rules.es_ensemble(truth.ravel(), forecast.reshape(k, -1), estimator="nrg")
-    found = mean("energy_score", forecast, truth)
-    assert_allclose(found, joint / np.sqrt(agents * steps), rtol=1e-5)
-    each = rules.crps_ensemble(truth, np.moveaxis(forecast, 0, -1), estimator="nrg")
-    assert_allclose(mean("crps", forecast, truth), each.mean(), rtol=1e-5)
-
-
 def test_proper_scores_and_the_central_sample_by_their_formulas():
     forecast, truth = scene(k=7, seed=1)
     apart = np.sqrt(np.square(forecast[:, None] - forecast).sum(axis=(2, 3, 4)))

