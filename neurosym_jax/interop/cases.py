@@ -4,7 +4,6 @@ A kind is a function of a manifest row and the case's arrays that returns `{outp
 theirs)}`; `CASES` has them by name.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 import optax
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.configuration import from_json
 from neurosym_jax.interop.arguments import discriminator_config
 from neurosym_jax.interop.case import (
     Arrays,
@@ -154,20 +152,20 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     case = read_case(row, arrays, "g0/")
     generator = case.config
     discriminator = discriminator_config(row, state_of(arrays, "d0/"))
-    fields = {
-        "best_k": row["best_k"],
-        "learning_rate": row["g_learning_rate"],
-        "d_learning_rate": row["d_learning_rate"],
+    config = TrainConfig(
+        best_k=row["best_k"],
+        learning_rate=row["g_learning_rate"],
+        d_learning_rate=row["d_learning_rate"],
         # Numbers in the manifest, ranges with us.
-        **{name: (row[name], row[name]) for name in ("label_real", "label_fake")},
-        "clip_norm": row["clipping_threshold_g"],
-        "adversarial_weight": 1.0,
-        "criterion": "squared_displacement",
-        "ema": 0.0,
-        "schedule": "constant",
-        "discriminator": dataclasses.asdict(discriminator),
-    }
-    config = from_json(TrainConfig, fields, "manifest")
+        label_real=(row["label_real"], row["label_real"]),
+        label_fake=(row["label_fake"], row["label_fake"]),
+        clip_norm=row["clipping_threshold_g"],
+        adversarial_weight=1.0,
+        criterion="squared_displacement",
+        ema=0.0,
+        schedule="constant",
+        discriminator=discriminator,
+    )
     # As one group, `[scenes, slots, ...]`.
     groups = (case.scenes.replace(origin=None),)
     noises = [arrays["noise_d"][None]], [arrays["noise_g"]]
@@ -176,11 +174,8 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         network = generator if prefix.startswith("g") else discriminator
         return {"params": params_from_torch(state_of(arrays, prefix), network)}
 
-    fresh = jax.eval_shape(lambda: initial_state(generator, config, jax.random.key(0)))
-    # Adam's state is all zeros before its first step.
-    state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), fresh)._replace(
-        params=stored("g0/"), discriminator=stored("d0/")
-    )
+    state = initial_state(generator, config, jax.random.key(0))
+    state = state._replace(params=stored("g0/"), discriminator=stored("d0/"))
     trees, metrics = _two_steps(generator, config, state, groups, noises)
     compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
     for name, tree in trees.items():

@@ -34,8 +34,7 @@ def imported_by(script):
     [
         "from neurosym_jax.__main__ import main; main(['--help'])",
         "from neurosym_jax.__main__ import main; main(['--version'])",
-        "import neurosym_jax; dir(neurosym_jax)",
-        *(f"import {package}" for package in PACKAGES),
+        f"import {', '.join(PACKAGES)}; dir(neurosym_jax)",
     ],
 )
 def test_nothing_heavy_is_imported_before_it_is_asked_for(script):

@@ -32,13 +32,13 @@ def anchors():
 
 @pytest.mark.parametrize(
     ("kind", "mix"),
-    [("as_described", "global"), ("pool_net", "ped"), ("social", "global"), ("anchors", None)],
+    [("as_described", "global"), ("pool_net", "ped"), ("anchors", None)],
 )
 def test_one_program_for_any_number_of_people(model, kind, mix):
     made = anchors() if kind == "anchors" else model(kind, mix)
     program = jax.export.deserialize(bytearray(export_model(made, 5)))
     rng, spec = np.random.default_rng(1), made.forecaster.noise
-    for people in (1, 2, 7, 64):
+    for people in (1, 7):
         observed = np.cumsum(rng.normal(0, 0.2, (people, 4, 2)), axis=1).astype(np.float32)
         observed += rng.uniform(-1, 1, (people, 1, 2)).astype(np.float32)
         identity = make_scene(observed).identity
