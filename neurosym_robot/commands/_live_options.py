@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -119,7 +120,9 @@ class NodeOptions(LiveOptions):
         return {**options, "source": self.source(report), "stitcher": self.stitcher()}
 
     def forecast(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
-        """Run a node with its page, if the options ask for one; then print its summary."""
+        """Run a node until interrupted, with its page if there is one; then print its summary."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: node.stopped.set())
         node.dashboard = self.page(node.predictor, self.name)
         if node.dashboard is not None:
             report(f"the page is at {node.dashboard.url}")

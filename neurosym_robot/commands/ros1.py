@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import signal
 import sys
 
 from neurosym_robot.commands._live_options import NodeOptions
@@ -43,8 +42,6 @@ def run(options: Options) -> None:
         **options.node_options(report),
     )
     try:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: node.stopped.set())
         options.forecast(node, report)
     finally:
         node.close()

@@ -5,7 +5,6 @@
 
 import dataclasses
 import shlex
-import signal
 from typing import Literal
 
 from neurosym_robot.commands._live_options import NodeOptions
@@ -45,8 +44,6 @@ def run(options: Options) -> None:
     )
     report = node.node.get_logger().info
     report(f"listening to {node.topic}")
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: node.stopped.set())
     try:
         options.forecast(node, report)
     finally:

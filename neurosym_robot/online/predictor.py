@@ -33,15 +33,12 @@ GRACE = 1.0  # seconds waited for the end of a future, for people lost for a mom
 class ModelForecast:
     """One model's forecast of N people, float64 metres in the world's frame."""
 
-    samples: np.ndarray
-    """[k, N, pred_len, 2]: sample s is one future of everybody together."""
-    mean: np.ndarray
-    """[N, pred_len, 2]: mean over the samples."""
+    samples: np.ndarray  # [k, N, pred_len, 2]: sample s is one future of everybody together
+    mean: np.ndarray  # [N, pred_len, 2]: over the samples
     central: int
     """The most probable sample; where all have the same probability the medoid, whose squared
     distances to all others have the least sum."""
-    probability: np.ndarray | None = None
-    """[k] of the samples; None where all have the same."""
+    probability: np.ndarray | None = None  # [k] of the samples; None where all have the same
 
     @property
     def weights(self) -> np.ndarray:
@@ -52,27 +49,20 @@ class ModelForecast:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Forecast:
-    """One moment's forecast of N people."""
+    """One moment's forecast of N people; metres are float64 in the world's frame."""
 
-    stamp: float
-    """Seconds, of the newest frame; the future's steps follow period by period."""
-    index: int
-    """Number of that step since time 0, on which the noise depends."""
-    ids: np.ndarray
-    """[N] int64, ascending."""
-    observed: np.ndarray
-    """[N, obs_len, 2] float64 metres in the world's frame, resampled."""
-    models: Mapping[str, ModelForecast]
-    """By name of the model."""
-    dropped: Mapping[int, str]
-    """Why other people who are followed have no forecast, as `Predictor.dropped`."""
-    latency: float
-    """Seconds of this computer's clock, from the frame's arrival to this forecast."""
+    stamp: float  # seconds, of the newest frame; the future's steps follow period by period
+    index: int  # number of that step since time 0, on which the noise depends
+    ids: np.ndarray  # [N] int64, ascending
+    observed: np.ndarray  # [N, obs_len, 2] metres, resampled
+    models: Mapping[str, ModelForecast]  # by name of the model
+    dropped: Mapping[int, str]  # why others who are followed have none, as `Predictor.dropped`
+    latency: float  # seconds of this computer's clock, from the frame's arrival to this forecast
     extrapolated: np.ndarray
     """[N] int64: number of final steps in `observed` that were extrapolated at constant velocity,
     not seen."""
     future: np.ndarray | None = None
-    """[N, pred_len, 2] float64 metres, what happened, NaN if not seen; `Analytics` adds it."""
+    """[N, pred_len, 2] metres, what happened, NaN if not seen; `Analytics` adds it."""
 
 
 class Predictor:

@@ -140,29 +140,24 @@ class Status:
             for name, means in summary["models"].items()
             if means["people"]
         ]
-        wrong = ", ".join(f"{name} {count}" for name, count in self.wrong().items())
+        wrong = _counted(self.wrong())
         return "; ".join([*parts, wrong] if wrong else parts)
 
     def table(self) -> str:
         """The stream and its errors, at the end: several lines."""
         summary, health = self._analytics.summary(), self._predictor.health
-        lines = [f"{health.frames} frames, {summary['forecasts']} forecasts; metres"]
+        nobody = "no person's forecast could be compared with what happened"
+        if not summary["forecasts"]:
+            nobody = "nobody was seen for a whole observation window"
         models = {name: means for name, means in summary["models"].items() if means["people"]}
-        if models:
-            lines += _table(models)
-        elif summary["forecasts"]:
-            lines.append("  no person's forecast could be compared with what happened")
-        else:
-            lines.append("  nobody was seen for a whole observation window")
-        lines += self._ages_in_words()
-        for text, reasons in (
-            ("people without a forecast or a score", summary["dropped"]),
-            ("wrong with the stream", self.wrong()),
-        ):
-            if reasons:
-                shown = [f"{name} {count}" for name, count in reasons.items()]
-                lines.append(f"{text}: {', '.join(shown)}")
-        return "\n".join(lines)
+        lines = [
+            f"{health.frames} frames, {summary['forecasts']} forecasts; metres",
+            *(_table(models) if models else [f"  {nobody}"]),
+            *self._ages_in_words(),
+        ]
+        missing, wrong = _counted(summary["dropped"]), _counted(self.wrong())
+        lines += [f"people without a forecast or a score: {missing}"] if missing else []
+        return "\n".join([*lines, f"wrong with the stream: {wrong}"] if wrong else lines)
 
     def _ages_in_words(self) -> list[str]:
         if not self._ages:
@@ -170,6 +165,10 @@ class Status:
         p50, p99 = 1e3 * np.percentile(self._ages, (50, 99))
         offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
         return [f"age of information p50 {p50:.1f} ms, p99 {p99:.1f} ms{offset}"]
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())
 
 
 def _table(models: dict[str, dict[str, Any]]) -> list[str]:

@@ -18,7 +18,8 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.online.frames import Frame, frames_of_tracks, synchronous
 from neurosym_robot.tracking.following import FAR, RECENT, Follower, Track
 
-__all__ = ["NOBODY", "LinkOptions", "OnlineStitcher", "Stitched", "stitch", "stitched_ids"]
+__all__ = ["NOBODY", "LinkOptions", "OnlineStitcher", "Stitched", "idf1", "stitch"]
+__all__ += ["stitched_ids"]
 
 NOBODY = int(np.iinfo(np.int64).min)
 """Id of a detection that is far away, not finite, or seen too briefly so far."""
@@ -232,3 +233,23 @@ def _tracks(tracks: Tracks, push: Callable[..., list[Track | None]]) -> list[Tra
     found = [each for frame in frames_of_tracks(tracks) for each in push(*frame)]
     order = np.lexsort((tracks.id, tracks.stamp))
     return [found[n] for n in np.argsort(order)]
+
+
+def idf1(person: ArrayLike, given: ArrayLike) -> float:
+    """IDF1: share of rows whose id is right, under the best one-to-one naming of ids after people.
+
+    `2 IDTP / (2 IDTP + IDFP + IDFN)`; 1 is perfect (Ristani et al., ECCV workshops 2016).
+
+    Args:
+        person: [R] whole numbers, the true person of each row; -1 for a false detection.
+        given: [R] whole numbers, the id given to it; -1 if the person was missed.
+    """
+    person, given = np.asarray(person), np.asarray(given)
+    total = int((person != -1).sum() + (given != -1).sum())
+    both = (person != -1) & (given != -1)
+    people, row = np.unique(person[both], return_inverse=True)
+    ids, column = np.unique(given[both], return_inverse=True)
+    together = np.zeros((len(people), len(ids)), int)
+    np.add.at(together, (row, column), 1)
+    right = together[linear_sum_assignment(together, maximize=True)].sum()
+    return float(2 * right / total)

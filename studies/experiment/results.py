@@ -14,7 +14,7 @@ from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.online.analytics import straight
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast
-from neurosym_robot.tracking.identity import idf1
+from neurosym_robot.tracking.stitching import idf1
 
 __all__ = ["PEOPLE", "Recording", "Results", "Score", "complete", "published", "score"]
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
 from neurosym_robot.online.frames import frames_of_tracks
-from neurosym_robot.tracking.identity import idf1
 from neurosym_robot.tracking.stitching import (
     NOBODY,
     LinkOptions,
     OnlineStitcher,
+    idf1,
     stitched_ids,
 )
 from studies.stitching.peers import greedy, norfair_ids

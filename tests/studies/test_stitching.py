@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from neurosym_robot.tracking.identity import idf1
-from neurosym_robot.tracking.stitching import LinkOptions
+from neurosym_robot.tracking.stitching import LinkOptions, idf1
 from studies.stitching.__main__ import offline, online
 from studies.stitching.peers import greedy
 from studies.stitching.situations import SITUATIONS

@@ -4,12 +4,12 @@ import dataclasses
 import os
 import re
 import socket
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from urllib.parse import urlsplit
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["Names", "Topic", "global_name", "local_host", "master_uri", "node_name"]
+__all__ = ["Topic", "global_name", "local_host", "master_uri", "names_of", "node_name"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,26 +39,24 @@ def node_name(name: str) -> str:
     return global_name(name, os.environ.get("ROS_NAMESPACE", ""))
 
 
-class Names:
-    """Global names for the names that a node uses, see https://wiki.ros.org/Names."""
+def names_of(node: str, remaps: Iterable[str] = ()) -> Callable[[str], str]:
+    """What gives a node's names their global ones, see https://wiki.ros.org/Names.
 
-    def __init__(self, node: str, remaps: Iterable[str] = ()):
-        """For the global name of a node and "FROM:=TO" each; InputError for anything else."""
-        self._namespace = node.rpartition("/")[0]
-        self._remaps: dict[str, str] = {}
-        for text in remaps:
-            old, assigned, new = text.partition(":=")
-            if not assigned:
-                raise InputError(f"a remapping is FROM:=TO, not {text!r}")
-            self._remaps[self._global(old)] = self._global(new)
+    Raises:
+        InputError: for a remapping that is not "FROM:=TO".
+    """
+    namespace, new = node.rpartition("/")[0], {}
+    for text in remaps:
+        name, assigned, other = text.partition(":=")
+        if not assigned:
+            raise InputError(f"a remapping is FROM:=TO, not {text!r}")
+        new[global_name(name, namespace)] = global_name(other, namespace)
 
-    def __call__(self, name: str) -> str:
-        """The global name."""
-        found = self._global(name)
-        return self._remaps.get(found, found)
+    def name_of(name: str) -> str:
+        found = global_name(name, namespace)
+        return new.get(found, found)
 
-    def _global(self, name: str) -> str:
-        return global_name(name, self._namespace)
+    return name_of
 
 
 def master_uri(given: str | None = None) -> str:

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from neurosym_robot.ros.tcpros.names import Names, Topic, local_host, master_uri, node_name
+from neurosym_robot.ros.tcpros.names import Topic, local_host, master_uri, names_of, node_name
 from neurosym_robot.ros.tcpros.topics import HANDSHAKE, Hear, Publisher, Refuse, Subscriber
 from neurosym_robot.ros.tcpros.wire import prepare, read_header
 from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
@@ -40,7 +40,7 @@ class Node:
             InputError: for an invalid name or URI.
         """
         self.name, self.master, self._report = node_name(name), master_uri(master), report
-        self.names = Names(self.name, remaps)
+        self.names = names_of(self.name, remaps)
         self.stopped = threading.Event()
         """Set when the graph asks the node to end; its owner then closes it."""
         self._subscribers: dict[str, Subscriber] = {}

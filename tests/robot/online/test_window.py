@@ -48,16 +48,6 @@ def test_every_frame_has_a_window_of_what_was_seen_until_it(start):
     assert compared > 200
 
 
-def test_a_fast_tracker_and_people_who_are_not_known():
-    window, stamps = Window(8, 0.4, memory=5.0), 6 + np.arange(2400) / 400
-    frames(window, stamps)
-    _, positions, _ = window.complete()
-    assert_allclose(positions[0, :, 0], 1 + stamps[-1] - 0.4 * np.arange(7, -1, -1), atol=1e-9)
-    known, unknown = window.resampled([1, 9], stamps[-1] - [5.0, 0.0])
-    assert_allclose(known[:, 0], 1 + stamps[-1] - [5.0, 0.0])
-    assert np.isnan(unknown).all()
-
-
 def test_stamps_that_are_refused_change_nothing_and_a_clock_set_back_begins_anew():
     window = Window(3, 0.4)
     frames(window, 1000 + np.arange(15) / 10)

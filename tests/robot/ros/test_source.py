@@ -3,13 +3,11 @@
 from types import SimpleNamespace as Fields
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_robot.ros.definitions import PEOPLE
 from neurosym_robot.ros.people import KINDS, POSES, see
 from neurosym_robot.ros.source import PeopleSource
-from neurosym_robot.ros.transforms import Transforms
 
 
 def stamp(seconds: float) -> Fields:
@@ -120,20 +118,6 @@ def test_where_the_robot_is_among_the_people():
         robot = source.robot(at)
         assert robot is not None
         assert_allclose(robot, place)
-
-
-def test_transforms_lie_between_their_moments():
-    known = Transforms()
-    for at, turn in ((0.0, 0.0), (1.0, 0.2)):
-        known.hear(transform(at, "map", "odom", at, turn))
-    matrix = known.matrix("odom", "map", 0.5)
-    assert_allclose(matrix[:3, 3], [0.5, 0, 0])
-    assert_allclose(np.arctan2(matrix[1, 0], matrix[0, 0]), 0.1, atol=1e-9)
-    assert_allclose(known.matrix("map", "odom", 0.5) @ matrix, np.eye(4), atol=1e-12)
-    for nonsense in (transform(1.0, "odom", "map", 0.0), transform(2.0, "a", "b", np.nan)):
-        known.hear(nonsense)
-    with pytest.raises(LookupError):
-        known.matrix("b", "map", 1.0)
 
 
 def test_every_kind_says_who_is_where():

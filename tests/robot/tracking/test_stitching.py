@@ -13,11 +13,11 @@ from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.commands import stitch as command
 from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds
-from neurosym_robot.tracking.identity import idf1
 from neurosym_robot.tracking.stitching import (
     NOBODY,
     LinkOptions,
     OnlineStitcher,
+    idf1,
     stitch,
     stitched_ids,
 )
