@@ -26,7 +26,6 @@ from neurosym_jax.runtime.files import write_text
 from neurosym_jax.symbolic.description import (
     count_states,
     describe_pairs,
-    forecast_pairs,
     forecast_rows,
     format_forecast,
     format_pairs,
@@ -126,10 +125,10 @@ def _show_weights(
 def _show_forecast(options: Options, model: Model, title: str, shown: Windows) -> None:
     observed = shown.position[:, : shown.obs_len]
     samples = predict(model, observed, samples=options.samples, seed=options.seed)
-    found = forecast_pairs(samples, observed, shown.agent, SymbolSettings(shown.period))
+    rows = forecast_rows(samples, observed, shown.agent, SymbolSettings(shown.period))
     print(f"{title}: {len(shown.agent)} people, {len(samples)} samples of {model.name}\n")
-    print(format_forecast(found))
-    lines = [json.dumps(row, allow_nan=False) for row in forecast_rows(found)]
+    print(format_forecast(rows))
+    lines = [json.dumps(row, allow_nan=False) for row in rows]
     path = options.out / "forecast.jsonl"
     write_text(path, "\n".join(lines) + "\n")
     print(f"\n{path}")

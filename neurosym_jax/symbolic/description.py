@@ -1,6 +1,7 @@
 """States and weights of a scene's pairs, observed and forecast, as arrays, text and rows."""
 
 import dataclasses
+import itertools
 from collections.abc import Iterable
 from typing import Any
 
@@ -11,7 +12,6 @@ from jax.typing import ArrayLike
 from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import (
-    EventForecast,
     SymbolSettings,
     symbolic_events,
     symbolic_forecast,
@@ -21,11 +21,9 @@ from neurosym_jax.symbolic.states import all_states, format_state
 from neurosym_jax.symbolic.weighting import Weighting
 
 __all__ = [
-    "PairForecasts",
     "ScenePairs",
     "count_states",
     "describe_pairs",
-    "forecast_pairs",
     "forecast_rows",
     "format_forecast",
     "format_pairs",
@@ -114,78 +112,51 @@ def format_shares(counts: np.ndarray) -> str:
     return ", ".join(f"{word} {share:.1f} %" for word, share in zip(words, shares))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PairForecasts:
-    """Probabilities of the states and events of a scene's ordered pairs."""
-
-    settings: SymbolSettings
-    people: np.ndarray
-    """[N] ids."""
-    states: np.ndarray
-    """[N, N, T, S] probabilities in the order of the calculus's states."""
-    events: EventForecast
-    """Arrays [E, N, N, ...] of all `EVENTS`."""
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """Ordered pairs, those with the most probable event first."""
-        surest = np.max(self.events.probability, axis=0)
-        pairs = np.argwhere(~np.eye(len(surest), dtype=bool)).tolist()
-        return sorted(((i, j) for i, j in pairs), key=lambda pair: -surest[pair])
-
-    def likely_states(self, i: int, j: int) -> list[tuple[str, float]]:
-        """The most probable state of each step, as text, and its probability."""
-        texts, states = state_texts(self.settings.calculus), self.states[i, j]
-        return [(texts[row], float(share[row])) for row, share in zip(states.argmax(1), states)]
-
-
-def forecast_pairs(
+def forecast_rows(
     samples: ArrayLike, observed: ArrayLike, people: np.ndarray, settings: SymbolSettings
-) -> PairForecasts:
-    """States and events of all pairs of a scene of `people [N]`, see `symbolic_forecast`."""
+) -> list[dict[str, Any]]:
+    """A row for each ordered pair of `people [N]`: its events, and its likeliest state by step.
+
+    The pair with the most probable event comes first. See `symbolic_forecast` for `samples
+    [k, N, T, 2]` and `observed [N, obs_len, 2]`.
+    """
     how = dataclasses.asdict(settings)
     states = np.asarray(symbolic_forecast(samples, observed, **how))
     events = jax.tree.map(np.asarray, symbolic_events(samples, observed, **how))
-    return PairForecasts(settings, people, states, events)
-
-
-def forecast_rows(found: PairForecasts) -> list[dict[str, Any]]:
-    """A row for every ordered pair: its events, and the most probable state of each step."""
+    texts, surest = state_texts(settings.calculus), events.probability.max(axis=0)
     rows = []
-    for i, j in found.pairs:
-        shares, seconds = found.events.probability[:, i, j], found.events.seconds[:, i, j]
-        events = {
+    for k, l in sorted(itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]):
+        happens = {
             name: {
                 "probability": round(float(share), 4),
-                "seconds": [round(float(time), 3) for time in times]
-                if np.isfinite(times).all()
-                else None,
+                "seconds": np.round(times, 3).tolist() if np.isfinite(times).all() else None,
             }
-            for name, share, times in zip(EVENTS, shares, seconds)
+            for name, share, times in zip(
+                EVENTS, events.probability[:, k, l], events.seconds[:, k, l].astype(float)
+            )
         }
-        states = [
-            {"state": text, "probability": round(share, 4)}
-            for text, share in found.likely_states(i, j)
+        likely = [
+            {"state": texts[share.argmax()], "probability": round(float(share.max()), 4)}
+            for share in states[k, l]
         ]
-        pair = {"k": found.people[i].item(), "l": found.people[j].item()}
-        rows.append({**pair, "period": found.settings.period, "events": events, "states": states})
+        pair = {"k": people[k].item(), "l": people[l].item(), "period": settings.period}
+        rows.append({**pair, "events": happens, "states": likely})
     return rows
 
 
-def format_forecast(found: PairForecasts, at_least: float = 0.3) -> str:
-    """The events of at least this probability, the most probable first.
+def format_forecast(rows: list[dict[str, Any]], at_least: float = 0.3) -> str:
+    """The events of `forecast_rows` of at least this probability, the most probable first.
 
     A time is the median of the first happening, with its quartiles.
     """
     lines = ["event                                    probability  in s (quartiles)"]
-    probability, names = np.asarray(found.events.probability), tuple(EVENTS)
-    likely = np.argwhere(probability >= at_least).tolist()
-    for number, i, j in sorted(likely, key=lambda at: -probability[tuple(at)]):
-        words = EVENTS[names[number]].in_short(names[number])
-        words = words.format(k=found.people[i], l=found.people[j])
-        low, median, high = found.events.seconds[number, i, j]
-        times = f"{median:.1f} ({low:.1f} to {high:.1f})" if np.isfinite(median) else "-"
-        lines.append(f"{words:40} {probability[number, i, j]:11.2f}  {times}")
-    if not likely:
-        lines.append(f"none is as probable as {at_least:g}")
-    return "\n".join(lines)
+    found = [
+        (event["probability"], EVENTS[name].in_short(name).format(**row), event["seconds"])
+        for row in rows
+        for name, event in row["events"].items()
+        if event["probability"] >= at_least
+    ]
+    for share, words, seconds in sorted(found, key=lambda each: -each[0]):
+        times = "{1:.1f} ({0:.1f} to {2:.1f})".format(*seconds) if seconds else "-"
+        lines.append(f"{words:40} {share:11.2f}  {times}")
+    return "\n".join(lines if found else [*lines, f"none is as probable as {at_least:g}"])

@@ -102,17 +102,6 @@ def reference(name: str):
     return forecasts(random_model(name), windows)
 
 
-@pytest.mark.slow
-@EACH
-def test_batch_size(name):
-    if name != "uniform noise":  # Whose programs are those of pool_net but for the noise.
-        assert_same(forecasts(random_model(name), cut(crowd()), slots=1), reference(name))
-    for forecast in reference(name).values():
-        assert np.abs(forecast).max() < 50
-        # Samples differ, so that their order matters.
-        assert np.abs(forecast[0] - forecast[1]).max() > 1e-3
-
-
 @EACH
 def test_order_of_scenes_and_company(name):
     """Another recording before it puts every scene elsewhere in its batch."""

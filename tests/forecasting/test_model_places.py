@@ -7,7 +7,6 @@ import pytest
 from neurosym_jax import load_model
 from neurosym_jax.commands.models import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.forecasting import model_places
 from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.forecasting.model import Model
@@ -106,16 +105,3 @@ def test_what_is_recommended_did_not_learn_from_the_data_set(shipped):
     ]
     with pytest.raises(InputError, match="anchors_eth_12: no such checkpoint"):
         load_model("recommended", dataset="eth", pred_len=12)
-
-
-def test_the_anchor_table_is_a_baseline_where_it_ships(shipped):
-    def names(asked, pred_len, dataset, samples=20):
-        return [model.kind for _, model in baselines_of(asked, 8, pred_len, dataset, samples)]
-
-    plain = ["constant_velocity", "constant_velocity_sampled"]
-    assert names(None, 12, "zara1") == [*plain, "anchor_table"]
-    assert names(None, 12, "zara1", samples=21) == plain
-    assert names(None, 12, "eth") == names(None, 8, "zara1") == plain
-    assert names(["anchor_table"], 12, "zara1") == ["anchor_table"]
-    with pytest.raises(InputError, match="it has parameters to learn, and none ships"):
-        names(["anchor_table"], 12, "eth")

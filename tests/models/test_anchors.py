@@ -92,13 +92,6 @@ def test_what_the_attention_sees(people, geometry, symbols):
     assert (of_state > 1e-4) == bool(geometry or symbols)
 
 
-def test_noise_of_a_standing_person_does_not_turn_the_forecast(network):
-    apply, _ = network
-    still = jnp.zeros((6, 8, 2))
-    noisy = still + 0.002 * jax.random.normal(jax.random.key(0), still.shape)
-    assert jnp.abs(apply(noisy, VALID)[0] - apply(still, VALID)[0]).max() < 0.15
-
-
 @pytest.mark.parametrize(
     "network",
     [AnchorNetwork(SMALL), AnchorTable(AnchorTableConfig(pred_len=6, samples=4))],

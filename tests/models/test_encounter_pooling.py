@@ -35,15 +35,6 @@ def test_order_of_agents_is_the_order_of_results(pool):
     assert np.ptp(pool(), axis=0).min() > 0.01
 
 
-def test_who_is_not_valid_does_not_matter(pool):
-    valid = np.array([True, True, False, True, True, False])
-    elsewhere = np.where(valid[:, None, None], OBSERVED, 7)
-    assert_allclose(pool(elsewhere, valid)[valid], pool(OBSERVED, valid)[valid], atol=1e-6)
-    here = pool(OBSERVED[valid], ALL[valid], ALPHA[np.ix_(valid, valid)])
-    assert_allclose(pool(OBSERVED, valid)[valid], here, atol=1e-6)
-    assert np.abs(pool()[valid] - here).max() > 0.01
-
-
 def test_somebody_alone_hears_nothing_and_gradients_are_finite(pool):
     assert_array_equal(pool(valid=np.arange(N) == 2)[2], 0)
     standing = np.zeros_like(OBSERVED)

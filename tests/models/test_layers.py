@@ -2,7 +2,27 @@ import jax
 import numpy as np
 import pytest
 
+from neurosym_jax.models.cell import LSTMNetwork
 from neurosym_jax.models.layers import Affine
+
+
+def test_initialised_as_torch_does():
+    module = LSTMNetwork(inputs=16, features=64)
+    params = module.init(jax.random.key(0), method=lambda lstm: lstm.input_bias)["params"]
+    shapes = {name: leaf.shape for name, leaf in params.items()}
+    assert shapes == {
+        "input_kernel": (16, 256),
+        "recurrent_kernel": (64, 256),
+        "input_bias": (256,),
+        "recurrent_bias": (256,),
+    }
+    bound = 64**-0.5
+    for leaf in params.values():
+        assert np.abs(leaf).max() <= bound
+        assert np.abs(leaf).max() > 0.95 * bound
+        assert abs(np.std(leaf) - bound / 3**0.5) < 0.1 * bound
+    # Two biases with values of their own.
+    assert np.abs(params["input_bias"] - params["recurrent_bias"]).max() > 0.1 * bound
 
 
 @pytest.mark.parametrize("inputs", [2, 40, 512])

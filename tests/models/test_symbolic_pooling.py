@@ -3,12 +3,12 @@
 import jax
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.neurosym import _DescribedNetwork, _IjcnnNetwork, _RosNetwork
+from neurosym_jax.models.neurosym import _DescribedNetwork, _RosNetwork
 from neurosym_jax.scene import make_scene
 
 N, T, E, H, B = 6, 5, 4, 3, 7
@@ -23,28 +23,26 @@ EACH = pytest.mark.parametrize("module", OF_PAIRS, ids=lambda module: type(modul
 
 
 def with_random_params(module):
-    given = (ALL, ALPHA[0]) if isinstance(module, _IjcnnNetwork) else (OBSERVED, ALL, ALPHA)
-    shapes = jax.eval_shape(module.init, jax.random.key(0), HIDDEN, *given)
+    shapes = jax.eval_shape(module.init, jax.random.key(0), HIDDEN, OBSERVED, ALL, ALPHA)
     rng = np.random.default_rng(1)
     return jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype(np.float32), shapes)
 
 
-def pool(module, params, hidden=HIDDEN, observed=OBSERVED, valid=ALL, alpha=ALPHA):
-    given = (valid, alpha) if isinstance(module, _IjcnnNetwork) else (observed, valid, alpha)
-    return np.asarray(jax.jit(module.apply)(params, hidden, *given))
+def pool(module, params):
+    return np.asarray(jax.jit(module.apply)(params, HIDDEN, OBSERVED, ALL, ALPHA))
 
 
-def literally(params, embed, hidden=HIDDEN):
+def literally(params, embed):
     """`[alpha-weighted embedding of every step, flattened; h_j]`, MLP, maximum over j.
 
     `embed(i, j)` gives the weighted embedding [T, E] of the pair.
     """
     mlp = params["params"]["mlp"]
     rows = []
-    for i in range(len(hidden)):
+    for i in range(N):
         candidates = []
-        for j in range(len(hidden)):
-            x = np.concatenate([embed(i, j).reshape(-1), hidden[j]])
+        for j in range(N):
+            x = np.concatenate([embed(i, j).reshape(-1), HIDDEN[j]])
             for layer in (mlp["layer_0"], mlp["layer_1"]):
                 x = np.maximum(x @ layer["kernel"] + layer["bias"], 0)
             candidates.append(x)
@@ -52,24 +50,17 @@ def literally(params, embed, hidden=HIDDEN):
     return np.array(rows)
 
 
-def as_described(params, alpha):
-    dense = params["params"]["spatial_embedding"]
-
-    def embed(i, j):
-        steps = [
-            alpha[i, j, t] * ((OBSERVED[j, t] - OBSERVED[i, t]) @ dense["kernel"] + dense["bias"])
-            for t in range(T)
-        ]
-        return np.array(steps)
-
-    return literally(params, embed)
-
-
 def test_as_described_is_the_papers_formula():
     module = _DescribedNetwork(*SIZES)
     params = with_random_params(module)
-    assert params["params"]["spatial_embedding"]["kernel"].shape == (2, E)
-    wanted = as_described(params, ALPHA)
+    dense = params["params"]["spatial_embedding"]
+    assert dense["kernel"].shape == (2, E)
+
+    def embed(i, j):
+        offsets = OBSERVED[j] - OBSERVED[i]
+        return ALPHA[i, j][:, None] * (offsets @ dense["kernel"] + dense["bias"])
+
+    wanted = literally(params, embed)
     assert_allclose(pool(module, params), wanted, atol=1e-5)
     # Nothing is compared where the last ReLU has shut everything, or where everybody is the same.
     assert (wanted > 0.1).mean() > 0.5
@@ -90,27 +81,6 @@ def test_ros_embeds_the_whole_history_at_once():
     wanted = literally(params, embed)
     assert_allclose(pool(module, params), wanted, atol=1e-5)
     assert np.ptp(wanted, axis=0).max() > 0.1
-
-
-def test_ijcnn_embeds_zero_and_takes_one_row_an_agent():
-    module = _IjcnnNetwork(*SIZES)
-    params = with_random_params(module)
-    dense = params["params"]["spatial_embedding"]
-    rows = ALPHA[0]
-
-    def embed(i, j):
-        of_zero = (OBSERVED[j] - OBSERVED[j]) @ dense["kernel"] + dense["bias"]
-        return of_zero * rows[j][:, None]
-
-    wanted = literally(params, embed)
-    assert_allclose(pool(module, params, alpha=rows), wanted, atol=1e-5)
-    assert_array_equal(np.ptp(wanted, axis=0), 0)
-    valid = np.array([True, True, False, True, False, False])
-    assert_allclose(
-        pool(module, params, valid=valid, alpha=rows)[valid],
-        pool(module, params, HIDDEN[valid], OBSERVED[valid], ALL[valid], rows[valid]),
-        atol=1e-6,
-    )
 
 
 @EACH

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.events import EVENTS, Encounter, Event, register_event
+from neurosym_jax.symbolic.events import EVENTS, Event, register_event
 from neurosym_jax.symbolic.forecast import symbolic_events, symbolic_forecast
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import all_states
@@ -148,19 +148,3 @@ def test_a_registered_event_is_forecast_like_the_others():
 def test_what_cannot_be_is_refused(crowd, change, message):
     with pytest.raises(InputError, match=message):
         symbolic_forecast(**{**dict(zip(("samples", "observed"), crowd)), **change})
-
-
-@pytest.mark.parametrize("steps", [1, 2, 5, 12])
-def test_what_lasts_and_what_turns_is_that_of_a_loop(steps):
-    sign = np.random.default_rng(steps).integers(-1, 2, (50, steps)).astype(np.int8)
-    nobody = jnp.zeros((50, steps + 1, 2))
-    encounter = Encounter(jnp.zeros((50, steps, 4)), nobody, nobody, period=0.5, speed=0.1)
-    turns, lasts = np.zeros((2, 50, steps), bool)
-    for row, signs in enumerate(sign):
-        known, run = 0, 0
-        for step, now in enumerate(signs):
-            turns[row, step] = known * now < 0
-            known, run = now or known, run + 1 if now > 0 else 0
-            lasts[row, step] = run >= 3
-    np.testing.assert_array_equal(encounter.turns(jnp.asarray(sign)), turns)
-    np.testing.assert_array_equal(encounter.lasting(jnp.asarray(sign > 0), 1.5), lasts)
