@@ -46,5 +46,4 @@ class Bag(Format):
 
 def topic_of(path: Path, options: ReadOptions) -> str | None:
     """The topic that `--format bag,topic=NAME` asks for."""
-    form = format_of(path, options)
-    return form.topic if isinstance(form, Bag) else None
+    return getattr(format_of(path, options), "topic", None)

@@ -14,8 +14,7 @@ from neurosym_jax.scene import Scene, displacements, model_dtype, relative_posit
 
 __all__ = ["Batch", "bucket_of", "gather_scenes", "make_batches", "single_scene"]
 
-BUCKETS = (4, 8, 16, 32, 64)
-"""Sizes of padded scenes, in agents; beyond the last, powers of two."""
+BUCKETS = (4, 8, 16, 32, 64)  # agents of padded scenes; beyond the last, powers of two
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,9 +41,8 @@ def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
         chosen = np.flatnonzero(buckets == bucket)
         size = max(1, slots // bucket)
         for at in range(0, len(chosen), size):
-            index = np.full(size, -1)
             part = chosen[at : at + size]
-            index[: len(part)] = part
+            index = np.pad(part, (0, size - len(part)), constant_values=-1)
             batches.append(Batch(gather_scenes(windows, part, int(bucket), size), index))
     return batches
 

@@ -1,7 +1,6 @@
 """Whether a recording's clock and unit can be true, by how people move in it.
 
-Speeds are taken over steps of about 0.4 s, whatever the recording's own rate, so that noise of a
-fast tracker does not count as walking.
+Speeds are taken over steps of about 0.4 s, so that noise of a fast tracker is not walking.
 """
 
 import numpy as np
@@ -15,9 +14,7 @@ __all__ = ["DOUBTED", "REFUSED", "judge", "pace_of", "steps_of"]
 REFUSED, DOUBTED = (0.9, 4.5), (1.05, 2.5)
 """Outside these paces, m/s, a recording is refused or doubted. Those of ETH/UCY and THÖR are 1.22
 to 2.06, SGAN's eth 3.23 (`python -m studies.bands`)."""
-
-FEW, ENOUGH = 10, 100
-"""Fewer steps say nothing of a recording; fewer than `ENOUGH` are no reason to refuse one."""
+FEW, ENOUGH = 10, 100  # steps that say anything of a recording, and that may refuse one
 
 
 def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:

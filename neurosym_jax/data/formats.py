@@ -1,14 +1,9 @@
-"""The table of file formats, and reading with whichever format fits.
-
-A format is recognised by how a file begins. A plugin adds a format with `register_format`.
-"""
+"""The table of file formats, and reading with the one that knows how a file begins."""
 
 import dataclasses
 import os
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 from neurosym_jax.configuration import component_from_text
 from neurosym_jax.data.evidence import judge
@@ -20,13 +15,10 @@ from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.plugins import load_entry_points
 from neurosym_jax.registry import Registry
 
-__all__ = ["FORMATS", "SUFFIXES", "data_files", "files_in", "format_of", "is_folder", "read_any"]
+__all__ = ["FORMATS", "data_files", "files_in", "format_of", "is_folder", "read_any"]
 __all__ += ["recordings_in", "register_format"]
 
-F = TypeVar("F", bound=Format)
-
-SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson", ".gz")
-"""Endings of the files that are taken from a folder."""
+SUFFIXES = (".txt", ".csv", ".tsv", ".ndjson")  # of the files that are taken from a folder
 
 FORMATS: Registry[type[Format]] = Registry(
     "format",
@@ -42,10 +34,8 @@ FORMATS: Registry[type[Format]] = Registry(
 )
 """The last is asked first whether it knows a file, and `text` knows what nobody else does."""
 
-
-def register_format(name: str, *, replace: bool = False) -> Callable[[type[F]], type[F]]:
-    """Decorate a class of `Format`, which `read_any` then asks first."""
-    return FORMATS.register(name, replace=replace)
+register_format = FORMATS.register
+"""Decorate a class of `Format` with its name."""
 
 
 def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
@@ -78,8 +68,7 @@ def read_any(
 ) -> list[Tracks]:
     """The recordings in a file of any known format, on their own clocks; each has a `reading`.
 
-    The most common step between frame numbers is `frame_period` seconds, unless the format or
-    `options` fix their rate.
+    The most common step of frame numbers is `frame_period` seconds where nothing else is said.
 
     Raises:
         InputError: naming file, row and reason; for an option that the format does not use, and

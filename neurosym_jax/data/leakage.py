@@ -29,7 +29,9 @@ def fingerprint(windows: Windows) -> str:
 def seen_before(found: str, windows: Windows) -> tuple[int, int]:
     """How many shapes in `windows` are in a fingerprint, and how many were looked for there."""
     data = np.frombuffer(base64.b64decode(found), np.uint8).reshape(-1, BYTES)
-    kept = np.pad(data, ((0, 0), (8 - BYTES, 0))).view(">u8").ravel().astype(np.uint64)
+    kept = np.zeros((len(data), 8), np.uint8)
+    kept[:, 8 - BYTES :] = data
+    kept = kept.view(">u8").ravel().astype(np.uint64)
     ours = _hashes(windows)
     if len(kept) == KEPT:
         ours = ours[ours <= kept.max()]
@@ -44,9 +46,8 @@ def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
 
 def is_fingerprint(value: object) -> bool:
     """Whether a value read from a file is what `fingerprint` returns."""
-    if not isinstance(value, str) or re.fullmatch(r"[A-Za-z0-9+/]*", value) is None:
-        return False
-    return len(value) % 8 == 0 and len(value) <= 8 * KEPT
+    words = rf"([A-Za-z0-9+/]{{8}}){{0,{KEPT}}}"
+    return isinstance(value, str) and re.fullmatch(words, value) is not None
 
 
 def _hashes(windows: Windows) -> np.ndarray:

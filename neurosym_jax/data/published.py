@@ -16,7 +16,6 @@ from tqdm import tqdm
 from neurosym_jax.errors import InputError, printable
 
 __all__ = ["COLLECTIONS", "HOME", "data_folder", "download", "find", "licences_of"]
-__all__ += ["published_files"]
 
 HOME = (
     "https://raw.githubusercontent.com/sariahmghames/NeuroSyM-prediction/"
@@ -24,8 +23,7 @@ HOME = (
 )
 """Address of the files, at a fixed commit."""
 
-COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")
-"""Folders in `data_folder()`."""
+COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")  # folders in `data_folder()`
 
 _LICENCES = {"sdd": ("SDD", "CC BY-NC-SA 3.0"), "simulations": ("simulations", "MIT")}
 
@@ -43,13 +41,10 @@ def published_files(collection: str) -> dict[str, dict[str, str]]:
 
 
 def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0) -> tuple[int, int]:
-    """Fetch the files of a collection that `folder` lacks; existing files are never overwritten.
+    """Fetch what `folder` lacks of a collection; return the number of its files and of those.
 
-    `what` is one of `COLLECTIONS`, `folder` its own, and `mirror` the address of a copy of `HOME`.
-    A connection is given up after `timeout` seconds without an answer.
-
-    Returns:
-        Number of files, and of those fetched now.
+    Files are never overwritten. `mirror` is the address of a copy of `HOME`; a connection is given
+    up after `timeout` seconds without an answer.
 
     Raises:
         InputError: naming the file or address and what is wrong with it.
@@ -100,10 +95,7 @@ def data_folder() -> Path:
 
 
 def find(path: Path) -> Path:
-    """`path`, or where it is below the data folder or a collection in it.
-
-    A path that is nowhere is returned unchanged, so that messages name what the user wrote.
-    """
+    """`path`, or where it is below the data folder or a collection in it, if it is anywhere."""
     base = data_folder()
     for candidate in (path, base / path, *(base / name / path for name in COLLECTIONS)):
         if os.path.exists(candidate):

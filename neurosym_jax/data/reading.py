@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["AS_IT_SAYS", "METRES", "Format", "ReadOptions", "Reading", "describe_readings"]
 
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-"""Metres in each unit."""
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # in each unit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,8 +67,7 @@ class ReadOptions:
         return found
 
 
-AS_IT_SAYS = ReadOptions()
-"""No option is set: everything is taken from the files."""
+AS_IT_SAYS = ReadOptions()  # everything is taken from the files
 
 
 @dataclasses.dataclass(frozen=True)

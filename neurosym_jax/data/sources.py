@@ -19,16 +19,14 @@ from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 
-__all__ = ["GENERAL", "EthUcy", "Files", "Source", "Split", "Synthetic", "open_source"]
-__all__ += ["windows_from"]
+__all__ = ["GENERAL", "EthUcy", "Files", "Source", "Synthetic", "open_source", "windows_from"]
 
 Split = Literal["train", "val", "test"]
 
 GENERAL = "general"
 """Held-out data set of models that are trained on all of them and tested on other people."""
 
-TRAIN_SHARE = 0.8
-"""Share of each recording of `Files` that is for training; the rest is for validation."""
+TRAIN_SHARE = 0.8  # of each recording of `Files`; the rest is for validation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Source(abc.ABC):
         """Recordings of one split of `scene`, or of all data sets for `GENERAL`.
 
         Raises:
-            InputError: for an unknown data set, or files that cannot be read.
+            InputError: for an unknown data set.
         """
         if scene not in self.scenes and (scene != GENERAL or split == "test"):
             raise InputError(f"unknown scene {scene!r}: there are {', '.join(self.scenes)}")

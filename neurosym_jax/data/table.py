@@ -21,8 +21,8 @@ from neurosym_jax.errors import InputError, printable
 
 __all__ = ["Table", "assemble", "read_table"]
 
+# Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
 STEPS = (1, 6, 10, 12)
-"""Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,12 +1,10 @@
-"""Files as text, plain or gzip, and the head of a file that shows its format."""
+"""Files as text, and the head of a file that shows its format."""
 
 import codecs
 import dataclasses
 import functools
-import gzip
 import itertools
 import stat
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +13,14 @@ from neurosym_jax.errors import InputError, printable
 
 __all__ = ["Head", "numbers_in", "read_head", "read_text_file", "recording_name", "separator_of"]
 
-_HEAD = 1 << 16  # bytes that formats are recognised by; a THÖR header has about 10,000
-
 
 def recording_name(path: Path) -> str:
     """Name of the recording in a file: its name without the ending."""
-    return printable(Path(path.name.removesuffix(".gz")).stem)
+    return printable(path.stem)
 
 
 def read_text_file(path: Path) -> str:
-    """The text of a UTF-8 file, plain or gzip, without byte-order mark.
+    """The text of a UTF-8 file, without byte-order mark.
 
     Raises:
         InputError: if the file cannot be read or is not text.
@@ -36,16 +32,12 @@ def read_text_file(path: Path) -> str:
 
 
 def _bytes_of(path: Path, size: int = -1) -> bytes:
-    """The first `size` bytes of a regular file, unpacked if it is gzip."""
+    """The first `size` bytes of a regular file."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):  # Opening a pipe would block.
             raise InputError(f"{path}: is a folder, pipe or device, not a file")
         with path.open("rb") as file:
-            packed = file.read(2) == b"\x1f\x8b"
-            file.seek(0)
-            return gzip.GzipFile(fileobj=file).read(size) if packed else file.read(size)
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"{path}: damaged gzip file ({error})") from None
+            return file.read(size)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
 
@@ -86,7 +78,7 @@ class Head:
 def read_head(path: Path) -> Head:
     """How the file at `path` begins."""
     try:
-        return Head(codecs.getincrementaldecoder("utf-8-sig")().decode(_bytes_of(path, _HEAD)))
+        return Head(codecs.getincrementaldecoder("utf-8-sig")().decode(_bytes_of(path, 1 << 16)))
     except UnicodeDecodeError:  # The reader explains it; here it only fits no format.
         return Head("")
 

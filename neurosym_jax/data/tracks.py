@@ -16,18 +16,10 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Tracks", "make_tracks", "on_grid", "resample"]
 
-PERIOD = 0.4
-"""Seconds between the steps of the ETH/UCY benchmark and of every shipped model."""
-
-LATE = 1e11
-"""Latest time accepted, seconds; a float64 of this size still resolves 20 microseconds."""
-
-SNAP = 1e-6
-"""Seconds within which a stamp counts as a grid point, in spite of the rounding of clocks."""
-
-GAP = 1.5
-"""A step of a person longer than this many usual ones is a gap."""
-
+PERIOD = 0.4  # seconds between the steps of the ETH/UCY benchmark and of every shipped model
+SNAP = 1e-6  # seconds within which a stamp counts as a grid point: clocks are rounded
+GAP = 1.5  # a step of a person longer than this many usual ones is a gap
+LATE = 1e11  # latest time accepted, seconds; a float64 of this size resolves 20 microseconds
 MAX_METRES = 1e8  # largest coordinate accepted; UTM and web maps stay below
 DENSE = 100  # largest ratio of grid points to source points; beyond, a mistyped period
 
@@ -42,10 +34,8 @@ class Tracks:
     position: np.ndarray  # [R, 2] float64 metres in the recording's frame
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     """name: [R, ...] further numbers of each row, as a group, a class or a heading."""
-    known: np.ndarray | None = None
-    """[R] seconds: stamp of the last observation that the point depends on, see `resample`."""
-    foreseen: np.ndarray | None = None
-    """[R, 2] metres: the point as extrapolated from observations before `known`."""
+    known: np.ndarray | None = None  # [R] seconds: last observation that the point depends on
+    foreseen: np.ndarray | None = None  # [R, 2] metres: extrapolated from those before `known`
     period: float | None = None  # seconds between points of the grid that all stamps lie on
     reading: Reading | None = None  # how the recording was read from a file
 

@@ -26,13 +26,11 @@ class Windows:
 
     position: np.ndarray  # [A, obs_len + pred_len, 2] float64 metres in the recording's frame
     agent: np.ndarray  # [A] int64 agent ids
-    bounds: np.ndarray
-    """[S + 1] int64; scene s holds the agent windows `bounds[s]:bounds[s + 1]`."""
+    bounds: np.ndarray  # [S + 1] int64; scene s holds the rows `bounds[s]:bounds[s + 1]`
     identity: np.ndarray  # [S, 2] uint32 (recording digest, index of the first stamp)
     obs_len: int  # observed steps; the others are the future
     period: float = PERIOD  # seconds between steps
-    reading: tuple[Reading, ...] = ()
-    """How each recording was read."""
+    reading: tuple[Reading, ...] = ()  # how each recording was read
     extras: Mapping[str, np.ndarray] = dataclasses.field(default_factory=dict)
     """name: [A, ...] further numbers of each agent window, at the last observed step."""
 

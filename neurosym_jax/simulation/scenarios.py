@@ -1,9 +1,8 @@
 """Embedded default data: two people in a 5 m x 8.2 m room for two minutes, simulated from a seed.
 
 The scenarios are those of the NeuroSyM robot experiment: in `all-forward` people walk side by side
-to the room's end and back, in `cross-path` they cross each other's way. Both are walks of a
-social-force model, seen by a 10 Hz tracker with optional faults. Results on them do not rank
-methods for real people; with them everything runs without a download.
+to the room's end and back, in `cross-path` they cross each other's way. A 10 Hz tracker sees them.
+Results on them do not rank methods for real people.
 """
 
 import functools
@@ -23,8 +22,7 @@ __all__ = ["ROOM", "Scenario", "simulate", "simulate_labelled", "synthetic_track
 
 Scenario = Literal["all-forward", "cross-path"]
 
-ROOM = (5.0, 8.2)
-"""Metres along x and y; one corner is the origin."""
+ROOM = (5.0, 8.2)  # metres along x and y; one corner is the origin
 
 
 def synthetic_tracks(scenario: Scenario, seed: int = 0) -> Tracks:

@@ -48,28 +48,13 @@ def test_every_scene_is_in_one_batch_as_it_is_alone(windows, slots):
             if number < 0:
                 assert not batch.scene.valid[row].any()
                 continue
-            part = windows.position[slice(*windows.bounds[number : number + 2])]
-            extras = {
-                name: values[slice(*windows.bounds[number : number + 2])]
-                for name, values in windows.extras.items()
-            }
-            alone = pad_scene(make_scene(part[:, :3], part[:, 3:], extras=extras), bucket)
-            alone = alone.replace(identity=windows.identity[number])
-            single = single_scene(windows, number)
-            for name in ("observed", "displacement", "valid", "identity", "origin", "future"):
-                in_batch = getattr(batch.scene, name)[row]
-                assert_array_equal(in_batch, getattr(alone, name), err_msg=name)
-                assert_array_equal(in_batch, getattr(single, name), err_msg=name)
-                assert in_batch.dtype == getattr(alone, name).dtype
-            for name, values in alone.extras.items():
-                assert_array_equal(batch.scene.extras[name][row], values, err_msg=name)
-                assert_array_equal(single.extras[name], values, err_msg=name)
-
-
-def test_scenes_may_be_gathered_twice(windows):
-    scenes = gather_scenes(windows, np.array([3, 0, 3]), 4, 5)
-    assert scenes.valid.sum(axis=1).tolist() == [2, 1, 2, 0, 0]
-    assert_array_equal(scenes.observed[0], scenes.observed[2])
+            part = windows.take(np.array([number]))
+            scene = make_scene(part.position[:, :3], part.position[:, 3:], extras=part.extras)
+            alone = pad_scene(scene, bucket).replace(identity=windows.identity[number])
+            in_batch = jax.tree.map(lambda array, row=row: array[row], batch.scene)
+            assert in_batch.observed.dtype == alone.observed.dtype
+            for other in (alone, single_scene(windows, number)):
+                jax.tree.map(assert_array_equal, in_batch, other)
 
 
 def test_a_selection_of_windows_forgets_nothing(windows):

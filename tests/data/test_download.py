@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from neurosym_jax.commands.download import Options, run
-from neurosym_jax.data.published import data_folder, find, published_files
+from neurosym_jax.data.published import find, published_files
 from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
 from neurosym_jax.errors import InputError
 
@@ -68,17 +68,6 @@ def served(shared, tmp_path, monkeypatch):
 
 def names(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-
-
-def test_where_data_lie(tmp_path, monkeypatch):
-    monkeypatch.delenv("NEUROSYM_DATA", raising=False)
-    monkeypatch.delenv("XDG_DATA_HOME", raising=False)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert data_folder() == tmp_path / ".local/share/neurosym_jax"
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
-    assert data_folder() == tmp_path / "share/neurosym_jax"
-    monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path / "mine"))
-    assert data_folder() == tmp_path / "mine"
 
 
 @pytest.mark.parametrize(("collection", "count"), [("eth-ucy", 24), ("sgan-checkpoints", 20)])
@@ -145,7 +134,8 @@ def test_what_is_there_is_checked_and_never_overwritten(served, home, tmp_path, 
         ({"to": Path("/dev/null")}, "/dev/null/eth-ucy: "),
     ],
 )
-def test_refused(tmp_path, changes, message):
+def test_refused(tmp_path, changes, message, monkeypatch):
+    monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
     options = {"to": tmp_path, "mirror": "http://127.0.0.1:1"} | changes
     with pytest.raises(InputError, match=message):
         run(Options("eth-ucy", **options))

@@ -37,20 +37,15 @@ def test_no_test_set_is_in_its_training(benchmark, learned):
     assert shared_shapes(validation, learned)[0] == 0
 
 
-@pytest.mark.parametrize("change", ["copy", "shifted", "other ids", "rounded", "a half"])
-def test_a_copy_is_found(benchmark, learned, change):
+def test_a_copy_is_found(benchmark, learned):
+    """Shifted, with other ids and another name, of a half; fewer where it is rounded."""
     (tracks,) = benchmark.recordings("zara2")
-    if change == "shifted":
-        tracks = dataclasses.replace(tracks, position=tracks.position + np.array([431234.5, -5e6]))
-    elif change == "rounded":
-        tracks = dataclasses.replace(tracks, position=tracks.position.round(3))
-    elif change == "other ids":
-        tracks = tracks.with_ids(1000 - tracks.id)
-    elif change == "a half":
-        tracks = tracks.take(tracks.stamp < np.median(tracks.stamp))
-    windows = cut_windows([dataclasses.replace(tracks, recording="mine")], 8, 12)
-    found, looked = seen_before(fingerprint(learned), windows)
-    assert found > (0.2 if change == "rounded" else 0.6) * looked
+    part = tracks.with_ids(1000 - tracks.id).take(tracks.stamp < np.median(tracks.stamp))
+    moved = dataclasses.replace(part, recording="mine", position=part.position + 431234.5)
+    rounded = dataclasses.replace(tracks, position=tracks.position.round(3))
+    for copy, share in ((moved, 0.6), (rounded, 0.2)):
+        found, looked = seen_before(fingerprint(learned), cut_windows([copy], 8, 12))
+        assert found > share * looked
 
 
 def test_an_evaluation_says_so(benchmark, learned):

@@ -98,17 +98,6 @@ def test_counts_of_the_benchmark(shared):
     assert time.process_time() - start < 1.5
 
 
-def test_windows_do_not_cross_gaps():
-    """Ten steps, a pause of an hour, ten more: as many windows as both parts have alone."""
-    steps = walk(10, 2)
-    stamp = np.concatenate([steps.stamp, steps.stamp + 3600])
-    whole = make_tracks("pause", stamp, np.tile(steps.id, 2), np.tile(steps.position, (2, 1)))
-    windows = cut_windows([whole], 4, 4)
-    assert windows.scenes == 2 * cut_windows([steps], 4, 4).scenes
-    (found,) = windows.reading
-    assert (found.recording, found.rows, found.gaps) == ("pause", 40, 1)
-
-
 def walk(frames: int, agents: int, name: str = "walk") -> Tracks:
     frame, agent = np.mgrid[:frames, :agents].reshape(2, -1)
     return make_tracks(name, frame * 0.4, agent, np.stack([frame, agent], axis=1))

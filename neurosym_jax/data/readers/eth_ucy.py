@@ -1,7 +1,6 @@
 """Text files of `frame ped x y`, ETH's obsmat, and the leave-one-out splits of ETH/UCY.
 
-The folder of ETH/UCY as SGAN arranges it has `all/` (whole recordings, for testing), `train/` and
-`val/`.
+As SGAN arranges it, the folder has `all/` (whole recordings, for testing), `train/` and `val/`.
 """
 
 from pathlib import Path
@@ -62,8 +61,8 @@ class Obsmat(Text):
 def read_text(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
     """Read rows `frame ped x y`, whose most common step of frames is `period` seconds as in SGAN.
 
-    For the eth recording this is wrong: its frames are 10 apart in a video of 15 a second, which is
-    0.67 s. With `eth_stride=6`, 6 frame numbers are one period.
+    For eth this is wrong: its frames are 10 apart in a video of 15 a second, which is 0.67 s. With
+    `eth_stride=6`, 6 frame numbers are one period.
     """
     return Text().read(path, options, period)[0]
 

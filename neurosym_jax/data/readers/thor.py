@@ -2,12 +2,10 @@
 
 - QTM exports (THÖR's 6D, THÖR-MAGNI): a header `Frame Time ...`, one row per frame, millimetres.
 - Tracklets of THÖR-MAGNI: `Time,...,x,y,...,ag_id,...,tracklet_id` in metres.
-- Tracks of CLiFF-LHMP: `time,id,x,y,speed,heading` in metres, no header. Every agent has a clock of
-  its own, so `tracks.resample` must bring them to one grid before they are a scene.
+- Tracks of CLiFF-LHMP: `time,id,x,y,speed,heading` in metres, no header, a clock for each agent.
 
-People wear helmets, whose numbers are their ids. Nothing is smoothed or filled in. Sources: A.
-Rudenko et al., "THÖR", RA-L 5(2), 2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024; Y. Zhu et
-al., "CLiFF-LHMP", IROS 2023.
+People wear helmets, whose numbers are their ids. Sources: A. Rudenko et al., "THÖR", RA-L 5(2),
+2020; T. Schreiter et al., "THÖR-MAGNI", IJRR 2024; Y. Zhu et al., "CLiFF-LHMP", IROS 2023.
 """
 
 import itertools
@@ -26,7 +24,6 @@ from neurosym_jax.errors import InputError
 __all__ = ["Cliff", "Qtm", "Tracklets"]
 
 _TRACKLET = ("Time", "x", "y", "tracklet_id", "ag_id")
-_CLIFF = ("time", "id", "x", "y", "speed", "heading")
 _HELMET = re.compile(r"Helmet_(\d{1,18})\s+(?:Centroid_)?X")
 
 
@@ -43,7 +40,7 @@ class Cliff(Format):
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The tracks, on their own clocks."""
-        table = read_table(path, _CLIFF)
+        table = read_table(path, ("time", "id", "x", "y", "speed", "heading"))
         table.whole_numbers(1)
         values = table.numbers(0, 2, 3, 4, 5)
         return [assemble(path, table.row, values[:, 0], table.ids(1), values[:, 1:3])]
@@ -59,10 +56,7 @@ class Tracklets(Format):
         return set(_TRACKLET) <= set(head.names)
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The runs in a file.
-
-        A tracklet is a part of the way of one helmet in one run. Tracklets are numbered run by run:
-        the next run begins where a helmet comes back at an earlier time.
+        """The runs in a file: the next one begins where a helmet comes back at an earlier time.
 
         Raises:
             InputError: naming file, row and reason.
@@ -106,9 +100,7 @@ class Qtm(Format):
         return any(line.startswith(starts) and "Helmet" in line for line in head.lines)
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The people with helmets.
-
-        A helmet is not visible in a frame where its coordinates are all zero, or any is empty.
+        """The people with helmets, where their coordinates are not all zero, and none is empty.
 
         Raises:
             InputError: naming file, row and reason.

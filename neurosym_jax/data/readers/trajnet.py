@@ -1,9 +1,8 @@
 """TrajNet++ files: a JSON object a line, `{"track": ...}` points and `{"scene": ...}` rows.
 
 A track row has `f` (frame), `p` (pedestrian), `x`, `y` (metres); one with `prediction_number` is a
-forecast and is skipped. Of a scene row only `fps` is read. The format is that of P. Kothari, S.
-Kreiss and A. Alahi, "Human Trajectory Forecasting in Crowds", IEEE T-ITS 2021
-(trajnetplusplustools).
+forecast and is skipped. Of a scene row only `fps` is read. The format is that of P. Kothari et al.,
+"Human Trajectory Forecasting in Crowds", IEEE T-ITS 2021 (trajnetplusplustools).
 """
 
 import json
@@ -21,9 +20,7 @@ from neurosym_jax.errors import InputError
 
 __all__ = ["Trajnet"]
 
-FPS = 2.5
-"""Steps a second where no scene row says."""
-
+FPS = 2.5  # steps a second where no scene row says
 _KEYS = ("f", "p", "x", "y")
 
 
