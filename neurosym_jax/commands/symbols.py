@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from neurosym_jax.configuration import Count, Seed, refuse
+from neurosym_jax.configuration import Count, Seed, component_from_text, refuse
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
@@ -33,7 +33,7 @@ from neurosym_jax.symbolic.description import (
 )
 from neurosym_jax.symbolic.forecast import SymbolSettings
 from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.training.network import named_weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 __all__ = ["Options", "run"]
 
@@ -101,7 +101,8 @@ def _show_weights(
     options: Options, model: Model | None, title: str, windows: Windows, shown: Windows
 ) -> None:
     if model is None or options.weighting is not None:
-        weighting = named_weighting(options.weighting or "cnd")
+        text = options.weighting or "cnd"
+        weighting = component_from_text(text, WEIGHTINGS, f"--weighting {text}")
         parameters = initial_parameters(weighting)
     else:
         weighting, parameters = model.config.weighting, model.params.get("weighting", {})

@@ -3,17 +3,14 @@
 from collections.abc import Sequence
 from typing import Any
 
-from neurosym_jax.configuration import changed, component_from_text, differences
+from neurosym_jax.configuration import changed, differences
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchor_table import AnchorTableConfig
 from neurosym_jax.models.anchors import AnchorConfig
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS, pooling_names
-from neurosym_jax.plugins import load_plugin
-from neurosym_jax.symbolic.weighting import Weighting
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
-__all__ = ["ANCHORS", "POOLING_OF", "model_name", "named_network", "named_weighting"]
+__all__ = ["ANCHORS", "POOLING_OF", "model_name", "named_network"]
 
 ANCHORS = {"anchors": AnchorConfig, "anchor_table": AnchorTableConfig}
 POOLING_OF = {"sgan": "pool_net", "neurosym": "as_described"}
@@ -34,7 +31,8 @@ def named_network(
     Args:
         model: which.
         pooling: of a generator; default: the paper's. That of NeuroSyM takes weights.
-        weighting: of NeuroSyM (default: `cnd`) or anchors (default: none), see `named_weighting`.
+        weighting: of NeuroSyM (default: `cnd`) or anchors (default: none), as
+            KIND[,FIELD=VALUE...].
         obs_len: observed steps.
         pred_len: steps to forecast.
         changes: of the published sizes, each NAME=VALUE of a field of the configuration.
@@ -55,23 +53,11 @@ def named_network(
         raise InputError(f"--pooling {name}: {model} has {', '.join(known)}")
     if weighting is not None and not symbolic:
         raise InputError(f"--weighting {weighting}: {model} weights no pairs; neurosym does")
-    weights = named_weighting(weighting or "cnd") if symbolic else None
+    weights: Any = weighting  # A configuration reads the text.
     config = GeneratorConfig(
         obs_len=obs_len, pred_len=pred_len, pooling=POOLINGS[name](), weighting=weights
     )
     return changed(config, changes, "--network", "network")
-
-
-def named_weighting(text: str) -> Weighting:
-    """The weighting KIND[,FIELD=VALUE...]; `MODULE:KIND` imports the module that registers it.
-
-    Raises:
-        InputError: for a module that cannot be imported, or whatever else is not a weighting.
-    """
-    module, _, name = text.rpartition(":")
-    if module:
-        load_plugin(module)
-    return component_from_text(name, WEIGHTINGS, f"weighting {text}")
 
 
 def model_name(config: Any) -> str:

@@ -81,12 +81,9 @@ def refuse_other_run(record: dict[str, Any], ours: dict[str, Any], folder: Path)
     """
     ours = json.loads(json.dumps(ours))
     for name, value in ours.items():
-        if name != "environment" and record.get(name) != value:
+        if name != "environment" and record[name] != value:
             raise InputError(f"{folder}: holds another run: its {name} differs")
-    for name, value in ours["environment"].items():
-        if (before := record["environment"].get(name)) != value:
-            print(
-                f"warning: {folder}: the run began with {name} {before} and goes on with {value}: "
-                "it will not end with the same bits",
-                file=sys.stderr,
-            )
+    for name, now in ours["environment"].items():
+        if (before := record["environment"].get(name)) != now:
+            text = f"the run began with {name} {before} and goes on with {now}: other bits"
+            print(f"warning: {folder}: {text}", file=sys.stderr)

@@ -172,12 +172,6 @@ def _text(compared: pl.DataFrame) -> str:
         ]
         where = "mean over test sets" if whole == MEAN else whole
         parts.append(f"Difference to {reference}, {where}:\n\n{markdown_table(head, lines)}")
-    single = compared.filter(pl.col("test_set") != MEAN)
-    apart = single.filter((pl.col("low_95") > 0) | (pl.col("high_95") < 0))
-    parts.append(
-        f"Of the {len(single)} comparisons on single test sets, {len(apart)} leave out 0; by "
-        f"chance alone it would be about {0.05 * len(single):.0f}."
-    )
     return "\n\n".join([*parts, INTERVALS])
 
 

@@ -5,8 +5,7 @@ import pytest
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import AsDescribed, Social
 from neurosym_jax.symbolic.state_weightings import Cnd, Learned
-from neurosym_jax.symbolic.weightings import Ones
-from neurosym_jax.training.network import model_name, named_network, named_weighting
+from neurosym_jax.training.network import model_name, named_network
 from neurosym_jax.training.recipe import RECIPES, make_recipe
 
 
@@ -29,8 +28,11 @@ def test_recipes():
 def test_networks():
     assert named_network(pred_len=12).pred_len == 12
     assert named_network(pooling="social").pooling == Social()
-    symbolic = named_network("neurosym", weighting="ones")
-    assert (symbolic.pooling, symbolic.weighting) == (AsDescribed(), Ones())
+    symbolic = named_network("neurosym", weighting="learned,quantisation_factor=0.1")
+    assert (symbolic.pooling, symbolic.weighting) == (
+        AsDescribed(),
+        Learned(quantisation_factor=0.1),
+    )
     changed = named_network("neurosym", changes=["noise_type=uniform", "encoder_h_dim=48"])
     assert (changed.noise_type, changed.encoder_h_dim) == ("uniform", 48)
     assert (changed.pooling, changed.weighting) == (AsDescribed(), Cnd())
@@ -42,6 +44,7 @@ def test_networks():
         ({"weighting": "cnd"}, "--weighting cnd: sgan weights no pairs; neurosym does"),
         ({"pooling": "encounter"}, "--pooling encounter: sgan has none, pool_net, social"),
         ({"model": "neurosym", "pooling": "none"}, "--pooling none: neurosym has as_described"),
+        ({"model": "neurosym", "weighting": "cdn"}, "weighting: unknown weighting 'cdn'"),
         ({"changes": ["noise_dim=99"]}, "network: noise_dim must lie in"),
         ({"changes": ["noise=uniform"]}, "--network noise=uniform: must be NAME=VALUE"),
     ],
@@ -58,19 +61,3 @@ def test_names():
     assert model_name(named_network("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
     anchors = named_network("anchors", changes=["hidden=32"], pred_len=12)
     assert model_name(anchors) == "anchors_hidden_32"
-
-
-def test_weightings(tmp_path, monkeypatch):
-    coarse = named_weighting("learned,quantisation_factor=0.1,table=cnd_shipped")
-    assert coarse == Learned(table="cnd_shipped", quantisation_factor=0.1)
-    assert named_weighting(coarse.name) == coarse
-    with pytest.raises(InputError, match="weighting cdn: unknown weighting 'cdn'"):
-        named_weighting("cdn")
-    monkeypatch.syspath_prepend(tmp_path)
-    # Else the runs of later tests would be told to load it, too.
-    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})
-    (tmp_path / "weightings_of_mine.py").write_text(
-        "from neurosym_jax.symbolic import register_weighting\n"
-        "register_weighting('all_alike')(lambda positions, valid: 0 * positions[:, None, :, 0])\n"
-    )
-    assert named_weighting("weightings_of_mine:all_alike").name == "all_alike"
