@@ -130,7 +130,7 @@ def _read(
         from rosbags.highlevel import AnyReader
 
         for file in files:
-            _refuse_unfinished(file)
+            _refuse_damaged(file)
         whole = path.is_file() or (path / "metadata.yaml").is_file()
         with AnyReader([path] if whole else files, default_typestore=store) as reader:
             chosen = choose({each.topic: each.msgtype for each in reader.connections})
@@ -148,10 +148,8 @@ def _read(
         raise InputError(f"{path}: cannot be read as a bag: {reason}{advice}") from None
 
 
-def _refuse_unfinished(file: Path) -> None:
-    """ValueError for a database that its recorder did not finish, or that is damaged."""
-    if any(file.with_name(file.name + end).is_file() for end in ("-wal", "-journal")):
-        raise ValueError("its recorder did not finish it")
+def _refuse_damaged(file: Path) -> None:
+    """ValueError for a database that is damaged, of which rosbags would read a part."""
     if file.suffix == ".db3":
         uri = f"{file.absolute().as_uri()}?mode=ro"
         with closing(sqlite3.connect(uri, uri=True)) as base:

@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from neurosym_jax.data.tracks import SNAP, Tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.frames import Frame, frames_of_tracks, synchronous
-from neurosym_robot.tracking.following import FAR, RECENT, Follower, Track
+from neurosym_robot.tracking.following import RECENT, Follower, Track
 
 __all__ = ["NOBODY", "LinkOptions", "OnlineStitcher", "Stitched", "idf1", "stitch"]
 __all__ += ["stitched_ids"]
@@ -67,7 +67,7 @@ class OnlineStitcher:
     """
 
     def __init__(self, options: LinkOptions | None = None, max_tracks: int = 1024):
-        """Follow up to `max_tracks` people; the others keep their ids."""
+        """Follow up to `max_tracks` people; the others are `NOBODY`."""
         self.options = LinkOptions() if options is None else options
         self.joined = 0
         self._follower = Follower(max(FORGET, self.options.max_gap), max_tracks)
@@ -91,16 +91,11 @@ class OnlineStitcher:
         if np.isfinite(stamp) and stamp < follower.stamp - follower.forget:
             follower.clear()
         if np.isfinite(stamp) and stamp > follower.stamp:
-            found, near = self.follow(float(stamp), wanted, xy), np.all(np.abs(xy) < FAR, axis=1)
-            # People who are not followed for lack of room keep their ids.
-            names = [
-                (id if here else NOBODY) if track is None else track.name
-                for id, track, here in zip(wanted.tolist(), found, near.tolist())
-            ]
+            tracks = self.follow(float(stamp), wanted, xy)
         else:
-            known = {track.id: track.name for track in follower.tracks}
-            names = [known.get(id, id) for id in wanted.tolist()]
-        return np.array([NOBODY if name is None else name for name in names], np.int64)
+            of_id = {track.id: track for track in follower.tracks}
+            tracks = [of_id.get(id) for id in wanted.tolist()]
+        return _names(tracks)
 
     def follow(self, stamp: float, ids: np.ndarray, xy: np.ndarray) -> list[Track | None]:
         """The tracks of a frame's people, which may get their names later; None if not followed."""
@@ -224,8 +219,13 @@ def stitched_ids(tracks: Tracks, options: LinkOptions | None = None) -> tuple[np
         return given, 0
     stitcher = OnlineStitcher(options, len(tracks.id))
     found = _tracks(tracks.take(np.array(there)), stitcher.follow)
-    given[there] = [NOBODY if each is None or each.name is None else each.name for each in found]
+    given[there] = _names(found)
     return given, stitcher.joined
+
+
+def _names(tracks: list[Track | None]) -> np.ndarray:
+    named = [None if track is None else track.name for track in tracks]
+    return np.array([NOBODY if name is None else name for name in named], np.int64)
 
 
 def _tracks(tracks: Tracks, push: Callable[..., list[Track | None]]) -> list[Track | None]:
