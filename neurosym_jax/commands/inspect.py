@@ -17,9 +17,6 @@ from neurosym_jax.errors import InputError, InputWarning, printable
 
 __all__ = ["Options", "describe", "run"]
 
-WINDOWS = ((8, 8), (8, 12))
-"""Observed and predicted steps of the windows that are counted."""
-
 
 @dataclasses.dataclass(frozen=True)
 class Options:
@@ -75,21 +72,21 @@ def describe(tracks: Tracks) -> str:
     longest = f", the longest {step[gap].max():.2f} s" if gap.any() else ""
     middle, top = np.quantile(speed[~gap], (0.5, 1)) if len(step) else (np.nan, np.nan)
     width, height = np.ptp(tracks.position, axis=0)
-    scenes = []
-    for obs_len, pred_len in WINDOWS:
-        try:
-            windows = cut_windows([on_grid(tracks)], obs_len, pred_len)
-            counted = f"{windows.scenes} ({windows.agents} people in them)"
-        except InputError:  # too short for one window
-            counted = "0"
-        scenes.append(f"{obs_len}+{pred_len}: {counted}")
     lines = [
         f"  {printable(tracks.recording)}",
         f"    people {len(np.unique(tracks.id))}, points {len(tracks.id)}, duration "
         f"{np.ptp(tracks.stamp):.1f} s{rate}, {gap.sum()} gaps{longest}",
         f"    area {width:.1f} x {height:.1f} m, speeds median {middle:.2f}, fastest {top:.2f} m/s",
         f"    one step in twenty is faster than {pace_of(tracks)[1]:.2f} m/s",
-        f"    scenes {', '.join(scenes)}",
+        f"    scenes 8+8: {_scenes(tracks, 8)}, 8+12: {_scenes(tracks, 12)}",
     ]
     warned = tracks.reading.warnings if tracks.reading else ()
     return "\n".join([*lines, *(f"    warning: {printable(line)}" for line in warned)])
+
+
+def _scenes(tracks: Tracks, pred_len: int) -> str:
+    try:
+        windows = cut_windows([on_grid(tracks)], 8, pred_len)
+    except InputError:  # too short for one window
+        return "0"
+    return f"{windows.scenes} ({windows.agents} people in them)"

@@ -55,8 +55,8 @@ class Parity:
 
     @property
     def ok(self) -> bool:
-        """Whether all outputs are within the tolerance."""
-        return all(row.ok for row in self.rows)
+        """Whether something was compared, and all of it is within the tolerance."""
+        return bool(self.rows) and all(row.ok for row in self.rows)
 
     def __str__(self) -> str:
         """An aligned table and the verdict."""

@@ -11,10 +11,10 @@ import pytest
 from neurosym_jax import predict
 from neurosym_jax.commands.export import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.noise import scene_noise
+from neurosym_jax.forecasting.parameters import nested_parameters
 from neurosym_jax.interop.export import export_model
 from neurosym_jax.scene import make_scene
 
@@ -24,10 +24,9 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "run_exported.py"
 
 def anchors():
     config = FORECASTERS["anchors"].Config(obs_len=4, pred_len=3)
-    params = initial_anchors(config, jax.random.key(0))
-    rng = np.random.default_rng(0)
-    drawn = jax.tree.map(lambda a: rng.normal(0, 0.1, a.shape).astype(np.float32), params)
-    return Model(config, drawn, kind="anchors")
+    shapes, rng = FORECASTERS["anchors"](config).shapes(), np.random.default_rng(0)
+    drawn = {name: rng.normal(0, 0.1, shape).astype("f") for name, shape in shapes.items()}
+    return Model(config, nested_parameters(drawn), kind="anchors")
 
 
 @pytest.mark.parametrize(
