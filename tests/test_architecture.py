@@ -9,6 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "neurosym_jax"
 LIBRARIES = {
     # library: who may import it, by the beginning of the path in the package
+    "distributed": ("runtime/",),
     "flax": ("models/", "scene.py"),
     "matplotlib": ("plotting/",),
     "orbax": ("training/",),
@@ -18,7 +19,7 @@ LIBRARIES = {
     "torch": ("interop/",),
     "tyro": ("commands/",),
 }
-ON_DEMAND = {"matplotlib", "orbax", "safetensors", "torch"}
+ON_DEMAND = {"distributed", "matplotlib", "orbax", "safetensors", "torch"}
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
 ROOMS = (
     *("data", "simulation", "symbolic", "models", "forecasting", "evaluation", "training"),

@@ -1,5 +1,6 @@
 """Evaluate models beside baselines: tables, figures, JSON."""
 
+import contextlib
 import dataclasses
 import itertools
 import sys
@@ -14,13 +15,14 @@ from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names
 from neurosym_jax.evaluation.plan import BASELINES, Test, load_models, load_tests, make_plan
-from neurosym_jax.evaluation.report import check_report, write_report
+from neurosym_jax.evaluation.report import check_report, logged, write_report
 from neurosym_jax.evaluation.results import Result, Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
 from neurosym_jax.evaluation.summary import rows_frame, summarise
 from neurosym_jax.evaluation.tables import Style, format_table, notes, text_tables
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import find_model, shipped_models, shipped_name
+from neurosym_jax.runtime.cluster import cluster_map
 from neurosym_jax.runtime.environment import provenance
 
 __all__ = ["Options", "run"]
@@ -101,13 +103,15 @@ class Options:
     table: Style = "text"
     """Format of the printed tables; csv, markdown and latex go alone to the standard output."""
     json: Path = Path("results/evaluation.json")
-    """File of the report."""
+    """File of the report; rows are kept beside it, in .jsonl, as they come."""
     figures: bool = True
     """Draw figures."""
     plots: Path = Path("results/figures")
     """Folder of the figures; or a prefix of their names that ends in .png, .pdf or .svg."""
     save_forecasts: Annotated[Path | None, _named("FILE")] = None
     """Also write all forecasts, as .npz or .ndjson (TrajNet++), a file for each model."""
+    cluster: Annotated[str | None, _named("ADDRESS")] = None
+    """Address of a Dask scheduler whose workers evaluate test sets in parallel."""
 
 
 def run(options: Options) -> list[Row]:
@@ -125,15 +129,17 @@ def run(options: Options) -> list[Row]:
         PROTOCOLS[options.protocol].by_scene,
     )
     text = options.table == "text"
-    if text and not chosen and source.about:
-        print(f"{source.about}\n")
     results: list[Result] = []
-    found = evaluate_tests(tests, settings)
-    for _, of_test in itertools.groupby(found, lambda result: result.test_set):
-        results += (members := list(of_test))
-        if text:
-            table = summarise(rows_frame([result.row for result in members]))
-            print(text_tables(table, whole=chosen or bool(further)))
+    parallel = cluster_map(options.cluster) if options.cluster else contextlib.nullcontext()
+    with parallel as run_on_cluster:
+        if text and not chosen and source.about:
+            print(f"{source.about}\n")
+        found = logged(options.json, evaluate_tests(tests, settings, run_on_cluster))
+        for _, of_test in itertools.groupby(found, lambda result: result.test_set):
+            results += (members := list(of_test))
+            if text:
+                table = summarise(rows_frame([result.row for result in members]))
+                print(text_tables(table, whole=chosen or bool(further)))
     rows = [result.row for result in results]
     readings = {how.recording: how for test in tests for how in test.windows.reading}
     paths = [find_model(path) for test in tests for path, _ in test.entries if path]

@@ -1,18 +1,22 @@
-"""The report of an evaluation: a JSON file of its rows and facts, replaced when whole."""
+"""The report of an evaluation: its rows and facts as JSON, replaced when whole.
+
+Beside `evaluation.json`, `evaluation.jsonl` has the rows as they come.
+"""
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.results import Result
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.runtime import files
 
-__all__ = ["FORMAT", "check_report", "read_report", "write_report"]
+__all__ = ["FORMAT", "check_report", "logged", "read_report", "write_report"]
 
 FORMAT = 2
 
@@ -22,6 +26,15 @@ def write_report(path: Path, rows: Sequence[dict[str, Any]], facts: Mapping[str,
     if check_report(path):
         print(f"replacing the report in {path}", file=sys.stderr)
     files.write_json(path, {"format": FORMAT, **facts, "rows": list(rows)})
+
+
+def logged(path: Path, results: Iterable[Result]) -> Iterator[Result]:
+    """Yield `results`, and append the row of each to the log beside the report at `path`."""
+    log = path.with_suffix(".jsonl")
+    files.write_text(log, "")
+    for result in results:
+        files.append_text(log, json.dumps(result.row, allow_nan=False) + "\n")
+        yield result
 
 
 def read_report(path: Path) -> pl.DataFrame:
@@ -40,11 +53,19 @@ def check_report(path: Path) -> bool:
     """Whether a report is at `path` already.
 
     Raises:
-        InputError: when `path` holds anything else or cannot be written.
+        InputError: when `path`, or the log of rows beside it, holds anything else or cannot be
+            written.
     """
-    files.refuse_unwritable(path)
-    if path.exists() and _report(path) is None:
-        raise InputError(f"{path}: is not a report of ours, so it is not overwritten")
+    if path.suffix == ".jsonl":
+        raise InputError(f"{path}: rows are kept in a .jsonl beside the report: name it .json")
+    log = path.with_suffix(".jsonl")
+    for each in (path, log):
+        files.refuse_unwritable(each)
+    foreign = log.exists() and log.read_bytes()[:13] not in (b"", b'{"checkpoint"')
+    if foreign or (path.exists() and _report(path) is None):
+        raise InputError(
+            f"{log if foreign else path}: is not a report of ours, so it is not overwritten"
+        )
     return path.exists()
 
 

@@ -4,8 +4,10 @@ While one model is evaluated, the programs of those that follow are compiled, in
 """
 
 import dataclasses
+import functools
+import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -14,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.batching import single_scene
+from neurosym_jax.data.batching import make_batches, single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
@@ -135,16 +137,34 @@ def evaluate(
     return rows_frame([result.row for result in evaluate_tests(tests, settings)])
 
 
-def evaluate_tests(tests: Sequence[Test], settings: Settings) -> Iterator[Result]:
-    """Yield the results of all tests in their order, the entries of each in theirs."""
-    pool = ThreadPoolExecutor(cpu_cores())
+def evaluate_tests(
+    tests: Sequence[Test], settings: Settings, run: Callable[..., Iterable[Any]] | None = None
+) -> Iterator[Result]:
+    """Yield the results of all tests in their order, the entries of each in theirs.
+
+    Each test set is a task of `run`, see `cluster_map`; default: all here, in threads.
+    """
     progress = Progress(sum(len(test.entries) for test in tests))
+    results: Iterable[Result] = _here(settings, tests)
+    if run is not None:
+        # Batches repeat the windows: they are made again where they are needed.
+        tasks = [dataclasses.replace(test, batches=[]) for test in tests]
+        results = itertools.chain.from_iterable(run(functools.partial(_task, settings), tasks))
+    for result in results:
+        progress.step(f"{result.name} on {result.test_set.dataset}")
+        yield result
+
+
+def _task(settings: Settings, test: Test) -> list[Result]:
+    return list(_here(settings, [dataclasses.replace(test, batches=make_batches(test.windows))]))
+
+
+def _here(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:
+    pool = ThreadPoolExecutor(cpu_cores())
     try:
         programs = _compile(pool, tests, settings)
         for test in tests:
-            for result in _evaluate_test(programs, test, settings):
-                progress.step(f"{result.name} on {result.test_set.dataset}")
-                yield result
+            yield from _evaluate_test(programs, test, settings)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 

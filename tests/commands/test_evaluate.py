@@ -100,6 +100,8 @@ def test_default_run(options, tmp_path, capsys):
         f"synthetic/cross-path/{number}" for number in range(2)
     }
     assert report == {"format": 2, "protocol": "sgan", "rows": rows}
+    log = (tmp_path / "rows.jsonl").read_text()
+    assert [json.loads(line) for line in log.splitlines()] == rows
     assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
     assert [row["samples"] for row in rows] == [1, 3]
     for row in rows:
@@ -210,5 +212,10 @@ def test_every_real_sample_of_thor(shared, options):
 @mock.patch.dict(METRICS)
 def test_a_metric_that_is_not_finite_is_named(options):
     register_metric("odd", "odd")(lambda forecast, scene: jnp.inf)
+    given = options(samples=3, dataset="cross-path")
+    log = given.json.with_suffix(".jsonl")
+    log.write_text('{"checkpoint": null}\n')
     with pytest.raises(InputError, match="metric odd: is not finite for constant velocity on cr"):
-        run(options(samples=3, dataset="cross-path"))
+        run(given)
+    assert not given.json.exists()
+    assert log.read_text() == ""

@@ -27,6 +27,11 @@ def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
 
 @pytest.mark.parametrize("content", [b"thesis", b"[]", b'{"format": 1}', b"\xff\x00", b""])
 def test_nothing_else_is_overwritten(tmp_path, content):
+    log = tmp_path / "rows.jsonl"
+    log.write_bytes(content)
+    if content:
+        with pytest.raises(InputError, match=r"rows.jsonl: is not a report of ours"):
+            check_report(tmp_path / "rows.json")
     path = tmp_path / "mine.json"
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"mine.json: is not a report of ours"):
