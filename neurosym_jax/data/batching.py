@@ -1,8 +1,4 @@
-"""Padded batches of scenes in a few static shapes, so that compilation stays cheap.
-
-A batch is a `Scene` with a leading axis of scenes of one bucket of sizes. The last batch of a
-bucket is filled up with empty scenes (no valid agent).
-"""
+"""Padded batches of scenes in a few static shapes, so that compilation stays cheap."""
 
 import dataclasses
 
@@ -19,7 +15,7 @@ BUCKETS = (4, 8, 16, 32, 64)  # agents of padded scenes; beyond the last, powers
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Batch:
-    """Padded scenes of one bucket."""
+    """Padded scenes of one bucket of sizes, filled up with empty scenes (no valid agent)."""
 
     scene: Scene  # arrays with a leading axis of B scenes and N = bucket agent slots
     index: np.ndarray  # [B] int64 index of each scene in the windows; -1 for an empty scene

@@ -107,13 +107,10 @@ def recordings_in(place: Path, options: ReadOptions = AS_IT_SAYS) -> list[Tracks
 
 
 def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
-    """The recordings of a folder, in order of name; at least one.
+    """The recordings of a folder, in order of name; warn of tables without columns of tracks.
 
     Raises:
         InputError: for a folder that is missing or has none.
-
-    Warns:
-        InputWarning: of a table that is left out because it has no columns of tracks.
     """
     found = []
     for path in files_in(folder):

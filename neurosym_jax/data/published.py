@@ -1,7 +1,7 @@
 """Published collections that this project reads: fetching, their place here, their licences.
 
-`published.tsv` pins every file. A collection appears in its folder whole; until then it grows in
-`NAME.part` beside it, and the next call fetches the files that are still missing.
+`published.tsv` pins every file. Until a collection is whole it grows in `NAME.part` beside its
+folder, and the next call fetches the files that are still missing.
 """
 
 import csv
@@ -86,8 +86,7 @@ def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0)
 
 
 def data_folder() -> Path:
-    """Folder of the user's data: `$NEUROSYM_DATA`, else `neurosym_jax` in `$XDG_DATA_HOME`
-    (default `~/.local/share`)."""
+    """`$NEUROSYM_DATA`, else `neurosym_jax` in `$XDG_DATA_HOME` (default `~/.local/share`)."""
     if own := os.environ.get("NEUROSYM_DATA"):
         return Path(own)
     base = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")

@@ -135,9 +135,8 @@ def open_source(
 ) -> Source:
     """The source at `data`: ETH/UCY as SGAN arranges it, a recording, or a folder of recordings.
 
-    `data` may also be below the folder of downloaded data; by default it is the downloaded
-    collection that has the data set `scene` or, if none is asked for, the model's held-out
-    `model_scene`, else the simulations. Steps are `period` seconds.
+    The path may be below the folder of downloads. By default it is the downloaded collection that
+    has the data set `scene`, or else the model's held-out `model_scene`, or the simulations.
 
     Raises:
         InputError: if nothing is there.

@@ -1,7 +1,6 @@
 """Tables: the fields of a file of rows, which become numbers or ids when a reader asks for them.
 
-So the first field that does not fit is reported with its row (the line of the file), its column and
-its text. The last step of every reader is `assemble`.
+So the first field that does not fit is reported with its line in the file, its column and its text.
 """
 
 import csv
@@ -200,10 +199,7 @@ def assemble(
     *,
     recording: str | None = None,
 ) -> Tracks:
-    """Tracks of the lines `row` [R] of a file, in any order: see `make_tracks`.
-
-    `recording` is by default the file's name without its ending.
-    """
+    """Tracks of the lines `row` [R] of a file, in any order; the last step of every reader."""
     order = np.argsort(id, kind="stable")
     back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
     warnings = [

@@ -1,9 +1,7 @@
 """Cut recordings into windows of people who are present together: SGAN's windows, exactly.
 
 A window spans `obs_len + pred_len` consecutive steps of its recording and holds the agents seen at
-every one of them. It never crosses a step longer than the recording's own, which no window of
-SGAN's on ETH/UCY does. Its observed part depends on nothing recorded later. Windows are stored
-agent by agent; `data.batching` pads scenes.
+every one of them. Its observed part depends on nothing recorded later.
 """
 
 import dataclasses

@@ -126,21 +126,6 @@ def test_what_is_there_is_checked_and_never_overwritten(served, home, tmp_path, 
     assert (folder / "mine.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"mirror": "ftp://a"}, "ftp://a/: "),
-        ({"mirror": "http://127.0.0.1:1"}, "refused"),
-        ({"to": Path("/dev/null")}, "/dev/null/eth-ucy: "),
-    ],
-)
-def test_refused(tmp_path, changes, message, monkeypatch):
-    monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
-    options = {"to": tmp_path, "mirror": "http://127.0.0.1:1"} | changes
-    with pytest.raises(InputError, match=message):
-        run(Options("eth-ucy", **options))
-
-
 def test_thor_by_hand(home, capsys):
     assert run(Options("thor")) == 2
     out = capsys.readouterr().out

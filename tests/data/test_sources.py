@@ -1,7 +1,6 @@
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import Files, Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
@@ -83,16 +82,3 @@ def test_refused(tmp_path):
             (tmp_path / name).unlink()
     with pytest.raises(InputError, match="no such file or folder"):
         open_source(tmp_path / "absent")
-
-
-def test_options_of_reading_reach_the_files(tmp_path):
-    for part in ("all", "train"):
-        (tmp_path / part).mkdir()
-    for path in ("all/biwi_eth", "train/biwi_eth_train", "train/crowds_zara01_train"):
-        (tmp_path / f"{path}.txt").write_text("0 1 0 0\n10 1 1 0\n20 1 2 0\n")
-    source = open_source(tmp_path, read=ReadOptions(eth_stride=6))
-    (tracks,) = source.recordings("eth")
-    assert_allclose(tracks.position[:, 0], [0, 0.6, 1.2, 1.8])
-    assert [len(tracks.id) for tracks in source.recordings("hotel", "train")] == [4, 3]
-    (tracks,) = source.files(["crowds_zara01_train"])
-    assert len(tracks.id) == 3

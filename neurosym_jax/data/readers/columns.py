@@ -1,7 +1,6 @@
 """A user's own table, whose columns are named, numbered or have usual names.
 
-The time is a number, ISO 8601, or a frame number; ids may be texts. A column of scenes, runs or
-cameras splits the table into recordings.
+A column of scenes, runs or cameras splits the table into recordings.
 """
 
 import re
@@ -105,7 +104,6 @@ def names_tracks(names: Sequence[str]) -> bool:
 
 
 def _places(names: Sequence[str], key: str) -> list[int]:
-    """Places of the columns that are usually called so."""
     return [at for at, name in enumerate(names) if name.lower() in _USUAL.get(key, ())]
 
 

@@ -15,40 +15,24 @@ def written(path, template="{} {} {} {}", scale=1, end="\n", before="", after=""
     return path
 
 
-@pytest.mark.parametrize("scale", [1, 6, 10])
 @pytest.mark.parametrize(
-    "template",
+    ("template", "around"),
     [
-        "{} {} {} {}",
-        "{}\t{}\t{}\t{}\t",
-        "{}, {}, {}, {}",
-        "{};{};{};{}",
-        "  {}   {}  {} {}  ",
-        "{}.0\t{}.0\t{}\t{}",
-        "{:.8e} {:.8e} {:.8e} {:.8e}",
+        ("{} {} {} {}", {"scale": 6}),
+        ("{}\t{}\t{}\t{}\t", {"end": "\r\n"}),
+        ("{}, {}, {}, {}", {"before": "\ufeff# frame ped x y\n\n"}),
+        ("{};{};{};{}", {"after": "\n\n   \n# the end"}),
+        ("  {}   {}  {} {}  ", {"scale": 10}),
+        ("{}.0\t{}.0\t{}\t{}", {"scale": 10}),
+        ("{:.8e} {:.8e} {:.8e} {:.8e}", {"scale": 10}),
     ],
 )
-def test_dialects(tmp_path, template, scale):
-    tracks = read_text(written(tmp_path / "mine.txt", template, scale))
+def test_dialects(tmp_path, template, around):
+    tracks = read_text(written(tmp_path / "mine.txt", template, **around))
     assert tracks.recording == "mine"
     assert_array_equal(tracks.id, [3, 3, 3, 7, 7])
     assert_allclose(tracks.stamp, [0, 0.4, 0.8, 0, 0.4], atol=1e-12)
     assert_array_equal(tracks.position, [[0.25, 4], [0.5, 4.125], [1, 4], [1.5, -2], [1.75, -2]])
-
-
-@pytest.mark.parametrize(
-    "around",
-    [
-        {"end": "\r\n"},
-        {"before": "\ufeff# frame ped x y\n\n"},
-        {"after": "\n\n   \n# the end"},
-    ],
-)
-def test_what_surrounds_the_rows(tmp_path, around):
-    plain = read_text(written(tmp_path / "a.txt"))
-    other = read_text(written(tmp_path / "b.txt", **around))
-    for name in ("stamp", "id", "position"):
-        assert_array_equal(getattr(plain, name), getattr(other, name))
 
 
 def test_coordinates_are_rounded_as_sgan_does_and_frames_begin_anywhere(tmp_path):
