@@ -126,14 +126,10 @@ def apply_anchors(
     return _network(config).apply({"params": params["params"]}, observed, valid, last, company)
 
 
-def initial_anchors(config: Any, key: Array, weighting: Any = None) -> Any:
-    """New parameters of `config`; `weighting` are those of its weighting, by default initial.
-
-    `key` [] is consumed.
-    """
+def initial_anchors(config: Any, key: Array) -> Any:
+    """New parameters of `config` and of its weighting; consumes `key`."""
     params = _network(config).init(key, jnp.zeros((1, config.obs_len, 2)), jnp.ones(1, bool))
-    if weighting is None:
-        weighting = initial_parameters(getattr(config, "weighting", None))
+    weighting = initial_parameters(getattr(config, "weighting", None))
     return {**params, "weighting": jax.tree.map(jnp.asarray, weighting)} if weighting else params
 
 

@@ -9,7 +9,6 @@ from jax import Array
 
 from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
-from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.anchors import AnchorStream, anchor_step
 from neurosym_jax.training.recipe import AnchorRecipe
 from neurosym_jax.training.run import Run
@@ -28,14 +27,13 @@ Advance = Callable[[TrainState, int, int], tuple[TrainState, Mapping[str, Any]]]
 def start_of(run: Run) -> TrainState:
     """The state before training."""
     network, recipe = run.network, run.recipe
-    parameters = initial_parameters(getattr(network, "weighting", None))
 
-    def start(key: Array, parameters: Any) -> TrainState:
+    def start(key: Array) -> TrainState:
         if isinstance(recipe, AnchorRecipe):
-            return new_state(recipe, initial_anchors(network, key, parameters))
-        return initial_state(network, recipe, key, parameters)
+            return new_state(recipe, initial_anchors(network, key))
+        return initial_state(network, recipe, key)
 
-    return jax.jit(start, compiler_options=COMPILED_QUICKLY)(_key(run, 0), parameters)
+    return jax.jit(start, compiler_options=COMPILED_QUICKLY)(_key(run, 0))
 
 
 def rounds_of(run: Run) -> Advance:

@@ -46,18 +46,11 @@ class TrainState(NamedTuple):
     discriminator_optimizer: Any = ()
 
 
-def initial_state(
-    generator_config: GeneratorConfig, recipe: TrainConfig, key: Array, weighting: Any = None
-) -> TrainState:
-    """Parameters as SGAN initialises them, and new optimisers; consumes `key`.
-
-    `weighting` are the parameters of the weighting; None for its initial ones.
-    """
+def initial_state(generator_config: GeneratorConfig, recipe: TrainConfig, key: Array) -> TrainState:
+    """Parameters as SGAN initialises them, and new optimisers; consumes `key`."""
     of_generator, of_discriminator = jax.random.split(key)
     params = initial_generator(generator_config, of_generator)
-    if weighting is None:
-        weighting = initial_parameters(generator_config.weighting)
-    if weighting:
+    if weighting := initial_parameters(generator_config.weighting):
         params = {**params, "weighting": jax.tree.map(jnp.asarray, weighting)}
     if recipe.gentle_pooling:
         params = started(params)

@@ -12,7 +12,6 @@ import jax
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.step import initial_state, train_steps
 from neurosym_jax.training.stream import SceneStream
@@ -35,8 +34,7 @@ def train(generator: GeneratorConfig, recipe: TrainConfig, windows: Windows, see
     recipe = dataclasses.replace(recipe, seed=0)  # So that seeds share a program.
     stream = SceneStream(windows, recipe.batch_scenes, seed, recipe.max_agents)
     key = jax.random.key(seed)
-    weighting = initial_parameters(generator.weighting)
-    state = initial_state(generator, recipe, jax.random.fold_in(key, 0), weighting)
+    state = initial_state(generator, recipe, jax.random.fold_in(key, 0))
     of_steps = jax.random.fold_in(key, 1)
     for done in range(0, recipe.steps, CHUNK):
         groups = jax.tree.map(lambda leaf: leaf[:, None], stream.steps(done, CHUNK))
