@@ -71,7 +71,10 @@ def _usage(modules: dict[str, str]) -> str:
 
 def _summary(module: str) -> str:
     """First line of a command's docstring, read without importing the command."""
-    spec = importlib.util.find_spec(module)
+    try:
+        spec = importlib.util.find_spec(module)
+    except ImportError:  # An entry point stays when its package is removed.
+        spec = None
     if spec is None or spec.origin is None:
         return f"(not found: {module})"
     text = Path(spec.origin).read_text(encoding="utf-8")
