@@ -43,10 +43,8 @@ class Encounter:
         return self.states[..., "kl".index(who)] > 0
 
     def side(self, who: str) -> Array:
-        """[..., T] side of `who`'s way on which the other is: -1 right, 1 left, 0 straight on.
-
-        `who` moves to the right (q3 is +) of the line to someone on the left.
-        """
+        """[..., T] side of `who`'s way on which the other is: -1 right, 1 left, 0 straight on."""
+        # `who` moves to the right (q3 is +) of the line to someone on the left.
         return self.states[..., 2 + "kl".index(who)]
 
     @property
@@ -56,11 +54,9 @@ class Encounter:
         return ahead.astype(jnp.int8) - behind.astype(jnp.int8)
 
     def place(self, who: str) -> tuple[Array, Array]:
-        """Where the other is at the end of each step, relative to `who`'s direction.
+        """Where the other is at the end of each step: [..., T] int8 1 left, -1 right; bool ahead.
 
-        Returns:
-            [..., T] int8 1 on the left, -1 on the right, 0 on the line of the step; and [..., T]
-            bool ahead. While `who` stands these are 0 and False.
+        While `who` stands these are 0 and False.
         """
         own, other = (self.k, self.l) if who == "k" else (self.l, self.k)
         v, to = jnp.diff(own, axis=-2), (other - own)[..., 1:, :]
@@ -70,10 +66,7 @@ class Encounter:
         return jnp.where(moves, jnp.sign(left), 0).astype(jnp.int8), moves & (along > 0)
 
     def crosses(self, who: str) -> Array:
-        """[..., T] bool: `who` comes from one side of the other's way to the other side.
-
-        At 30 to 150 degrees, both walking, within 5 m.
-        """
+        """[..., T] bool: `who` crosses the other's way at 30 to 150 degrees within 5 m."""
         side, _ = self.place("l" if who == "k" else "k")
         return self.turns(side) & self.angle_between(30, 150) & self.within(5)
 

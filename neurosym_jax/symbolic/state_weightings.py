@@ -6,7 +6,6 @@ over symbols that fade into each other, and `shuffled`, a control, gives weights
 """
 
 import dataclasses
-from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -64,20 +63,8 @@ class CndShipped(Cnd):
 
 
 @dataclasses.dataclass(frozen=True)
-class TableWeighting(Cnd):
-    """A weighting that uses, or starts from, one of the two tables."""
-
-    table: Literal["cnd", "cnd_shipped"] = "cnd"
-    """The weights of the states."""
-
-    def state_weights(self) -> np.ndarray:
-        """See `Weighting.state_weights`."""
-        return (Cnd() if self.table == "cnd" else CndShipped()).state_weights()
-
-
-@dataclasses.dataclass(frozen=True)
-class Learned(TableWeighting):
-    """81 free weights, one a state, and one for the first step; they start at the table and 0."""
+class Learned(Cnd):
+    """81 free weights, one a state, and one for the first step; they start at `cnd` and 0."""
 
     title = "learned"
 
@@ -87,7 +74,7 @@ class Learned(TableWeighting):
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantised(TableWeighting):
+class Quantised(Cnd):
     """`cnd` of symbols that are 0 below 5 cm a step.
 
     A learned threshold has straight-through gradients: symbols are hard, their gradients those of
@@ -156,7 +143,7 @@ class Soft(Quantised):
 
 
 @dataclasses.dataclass(frozen=True)
-class Shuffled(TableWeighting):
+class Shuffled(Cnd):
     """The weights of `quantised` with the wrong pairs, and the last step first.
 
     Each neighbour of an agent gets those of the next nearer one, the nearest those of the farthest:

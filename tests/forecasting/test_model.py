@@ -9,13 +9,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.batching import make_batches
-from neurosym_jax.data.readers.eth_ucy import read_split
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, predict_scenes, unpacked
 from neurosym_jax.forecasting.model import Model, predict
-from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
@@ -186,53 +184,6 @@ def test_seed_and_identity_act():
         assert np.abs(predict(model, observed, samples=K, **change) - base).max() > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("observed", "message"),
-    [
-        (np.zeros((2, 8, 2)), "observed has 8 steps; the model observes 4"),
-        (np.full((2, 4, 2), np.nan), "agent 0, step 0 is not finite"),
-        (np.zeros((4, 2)), "observed must be"),
-    ],
-)
-def test_predict_refuses(observed, message):
-    with pytest.raises(InputError, match=message):
-        predict(random_model("pool_net"), observed)
-
-
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ({"samples": 0}, "samples must be at least 1, not 0"),
-        ({"samples": 2.5}, "samples must be a whole number, not 2.5"),
-        ({"seed": -1}, r"seed must lie in \[0, 2\*\*32\), not -1"),
-        ({"seed": 2**32}, "seed must lie in"),
-    ],
-)
-def test_numbers_that_are_refused(how, message):
-    with pytest.raises(InputError, match=message):
-        predict(random_model("pool_net"), np.zeros((2, 4, 2)), **how)
-
-
-@pytest.mark.slow
-def test_published_checkpoint_on_real_people(shared):
-    """All at once, with weights that people use: batches, company, the map, padding, x64."""
-    model = load_model(shared / "checkpoints/sgan-p-models/zara1_8_model.pt")
-    (tracks,) = read_split(shared / "data/eth_ucy", "zara1", "test")
-    early = tracks.stamp <= np.unique(tracks.stamp)[80]
-
-    def part(shift=0.0):
-        recording = make_tracks(
-            "zara1", tracks.stamp[early], tracks.id[early], tracks.position[early] + shift
-        )
-        return cut_windows([recording], 8, 8)
-
-    wanted = forecasts(model, part())
-    assert_same(forecasts(model, part(), slots=1), wanted)
-    assert_same(forecasts(model, part(UTM)), wanted)
-    with jax.enable_x64(True):
-        assert_same(forecasts(model, part()), wanted, atol=1e-4)
-
-
 def test_a_model_shows_itself_in_five_lines():
     weighting = Quantised(quantisation_factor=0.1)
     config = GeneratorConfig(pooling="as_described", weighting=weighting, pred_len=12)
@@ -245,3 +196,19 @@ def test_a_model_shows_itself_in_five_lines():
         "weighting=quantised,quantisation_factor=0.1)",
         "  params: 2,050 numbers",
     ]
+
+
+@pytest.mark.parametrize(
+    ("observed", "how", "message"),
+    [
+        (np.zeros((2, 8, 2)), {}, "observed has 8 steps; the model observes 4"),
+        (np.full((2, 4, 2), np.nan), {}, "agent 0, step 0 is not finite"),
+        (np.zeros((4, 2)), {}, "observed must be"),
+        (np.zeros((2, 4, 2)), {"samples": 0}, "samples must be at least 1, not 0"),
+        (np.zeros((2, 4, 2)), {"samples": 2.5}, "samples must be a whole number, not 2.5"),
+        (np.zeros((2, 4, 2)), {"seed": -1}, r"seed must lie in \[0, 2\*\*32\), not -1"),
+    ],
+)
+def test_predict_refuses(observed, how, message):
+    with pytest.raises(InputError, match=message):
+        predict(random_model("pool_net"), observed, **how)

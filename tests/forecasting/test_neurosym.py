@@ -90,16 +90,6 @@ def test_padding_batch_order_and_place(name):
     assert_allclose(away - make_scene(observed).origin, plain, rtol=0, atol=1e-5)
 
 
-@EACH
-def test_the_weighting_acts(name):
-    shipped, ones, zeros = (
-        by_batch(random_model(name, weighting), walks(), 5)
-        for weighting in ("cnd_shipped", "ones", "zeros")
-    )
-    assert np.abs(shipped - zeros).max() > 1e-4
-    assert np.abs(ones - zeros).max() > 1e-2
-
-
 def test_the_earlier_release_forecasts_nothing_but_parity_cases(tmp_path):
     config = GeneratorConfig(pooling="neurosym_ijcnn", pred_len=4)
     model = Model(config, random_params(config))
