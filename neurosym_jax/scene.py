@@ -93,17 +93,11 @@ def make_scene(
     frame: int = 0,
     extras: Mapping[str, ArrayLike] = MappingProxyType({}),
 ) -> Scene:
-    """A scene from world positions.
+    """A scene from world positions [N, obs_len, 2] and, where known, [N, pred_len, 2], metres.
 
     Under `jax.jit`, `jax.vmap` or `jax.grad` nothing is checked or rounded, and the precision is
-    that of `observed`: subtract an origin from map coordinates first.
-
-    Args:
-        observed: [N, obs_len, 2] metres in any frame.
-        future: [N, pred_len, 2] metres in the same frame, where known.
-        recording: name of the recording, part of the scene's identity.
-        frame: index of the first step within the recording, the rest of its identity.
-        extras: name: [N, ...] further numbers of each agent.
+    that of `observed`: subtract an origin from map coordinates first. The name of the `recording`
+    and the index `frame` of the first step in it are the scene's identity.
 
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.

@@ -32,15 +32,13 @@ def forecast(
     `quantised` (straight through) have another.
 
     Args:
-        config: of the generator or of anchors, `Model.config`.
-        params: `Model.params`; a weighting's parameters, such as thresholds, are in
-            `params["weighting"]`.
+        config: `Model.config` of a generator or of anchors.
+        params: `Model.params`; those of a weighting, such as thresholds, are `params["weighting"]`.
         observed: [N, obs_len, 2] metres. Map coordinates lose precision in float32 before this
             function sees them: subtract an origin, or use x64.
-        noise: of a generator, [k, noise_dim], or [k, N, noise_dim] where the config says per agent
-            ("ped"); anchors take none and forecast all their samples.
-        alpha: [N, N, obs_len] weight of each pair's step, of which anchors use the last; default:
-            the model's own weighting.
+        noise: [k, noise_dim], or [k, N, noise_dim] where it is per agent; anchors take none and
+            forecast all their samples.
+        alpha: [N, N, obs_len], of which anchors use the last step; default: the model's own.
         valid: [N] bool, False for padding; default: no padding.
 
     Returns:
