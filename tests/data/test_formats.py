@@ -1,6 +1,5 @@
-"""Every format is known by its content and survives damage; folders and formats of one's own."""
+"""Rates, folders, and files that are damaged or large."""
 
-import dataclasses
 import time
 import warnings
 
@@ -11,8 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from neurosym_jax.commands.inspect import describe
-from neurosym_jax.data import Format, ReadOptions, make_tracks, read_any, register_format
-from neurosym_jax.data.formats import FORMATS, data_files, format_of
+from neurosym_jax.data import ReadOptions, read_any
+from neurosym_jax.data.formats import data_files
 from neurosym_jax.data.tracks import on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
@@ -27,17 +26,6 @@ SAMPLES = {
     "trajnet": '{"track": {"f": 0, "p": 1, "x": 1, "y": 2}}\n',
     "columns": "t,id,x,y\n0,1,2,3\n",
 }
-
-
-@pytest.mark.parametrize("kind", SAMPLES)
-def test_each_is_known_by_its_content(tmp_path, kind):
-    assert set(SAMPLES) == set(FORMATS) - {"bag"}, "bags are tested with neurosym_robot"
-    path = tmp_path / "recording.dat"
-    content = SAMPLES[kind].encode()
-    for written in (content, b"\xef\xbb\xbf" + content):
-        path.write_bytes(written)
-        assert type(format_of(path)) is FORMATS[kind]
-        assert len(read_any(path)) == 1
 
 
 def test_rates_of_frames(tmp_path):
@@ -75,42 +63,6 @@ def test_folders(tmp_path):
         (tmp_path / name).unlink()
     with pytest.warns(InputWarning), pytest.raises(InputError, match="its tables have no columns"):
         data_files(tmp_path)
-
-
-@dataclasses.dataclass(frozen=True)
-class Pipes(Format):
-    title = "tracks between pipes"
-    uses = frozenset({"unit"})
-    shift: float = 0.0
-
-    def knows(self, head):
-        return head.text.startswith("#!pipes")
-
-    def read(self, path, options, period):
-        rows = [line.split("|") for line in path.read_text().splitlines()[1:]]
-        stamp, who, x, y = np.array(rows, float).T
-        position = options.metres(path) * np.stack([x, y], axis=1) + self.shift
-        return [make_tracks(path.stem, stamp, who, position)]
-
-
-def test_a_format_of_ones_own(tmp_path):
-    """It is asked before those that take what nobody else knows, and has options."""
-    path = tmp_path / "walk.csv"
-    path.write_text("#!pipes\n0.0|7|1000|2000\n0.4|7|1500|2000\n")
-    register_format("pipes")(Pipes)
-    try:
-        (tracks,) = read_any(path, ReadOptions(unit="mm"))
-        assert tracks.position.tolist() == [[1, 2], [1.5, 2]]
-        assert tracks.reading is not None
-        assert (tracks.reading.format, tracks.reading.rows) == ("pipes", 2)
-        with pytest.raises(InputError, match="--fps is of no use for tracks between pipes"):
-            read_any(path, ReadOptions(fps=25))
-        (tracks,) = read_any(path, ReadOptions(format="pipes,shift=10"))
-        assert tracks.position[0].tolist() == [1010, 2010]
-        with pytest.raises(InputError, match=r"walk\.csv: unknown field 'shfit' for Pipes"):
-            read_any(path, ReadOptions(format="pipes,shfit=10"))
-    finally:
-        FORMATS.pop("pipes")
 
 
 def survive(path):

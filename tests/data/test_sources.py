@@ -1,17 +1,9 @@
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.sources import Files, Synthetic, open_source
+from neurosym_jax.data.sources import Files, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
-
-
-def test_without_data_the_simulations():
-    source = open_source(None)
-    assert isinstance(source, Synthetic)
-    assert source.scenes == ("all-forward", "cross-path")
-    with pytest.raises(InputError, match="unknown scene 'eth': there are all-forward, cross-path"):
-        source.recordings("eth")
 
 
 def test_each_file_is_a_scene(tmp_path):
@@ -26,6 +18,8 @@ def test_each_file_is_a_scene(tmp_path):
     assert_array_equal(by_name.position, by_path.position)
     with pytest.raises(InputError, match="c: no such file, nor a recording among a, b"):
         source.files(["a", "c"])
+    with pytest.raises(InputError, match="unknown scene 'eth': there are a, b"):
+        source.recordings("eth")
 
 
 def test_leave_one_recording_out(tmp_path):

@@ -60,12 +60,10 @@ def recordings(draw) -> Tracks:
 
 @given(
     st.lists(recordings(), min_size=1, max_size=2),
-    st.integers(1, 3),
-    st.integers(1, 3),
-    st.integers(1, 3),
-    st.integers(1, 3),
+    st.tuples(*[st.integers(1, 3)] * 4),
 )
-def test_equal_to_a_loop(parts, obs_len, pred_len, skip, min_agents):
+def test_equal_to_a_loop(parts, numbers):
+    obs_len, pred_len, skip, min_agents = numbers
     length = obs_len + pred_len
     wanted = [
         scene for tracks in parts for scene in windows_by_loop(tracks, length, skip, min_agents)

@@ -47,7 +47,9 @@ def test_swaps_happen_between_people_who_are_close():
     assert (apart[swapped] < 0.8).all()
 
 
-@pytest.mark.parametrize("fault", [{"dropout": 1.5}, {"id_switch": float("nan")}, {"noise": -0.1}])
-def test_faults_out_of_range_are_refused(fault):
+def test_what_is_out_of_range_is_refused():
+    for change in ({"scenario": "sideways"}, {"seed": 2**32}, {"people": 0}, {"duration": np.inf}):
+        with pytest.raises(InputError, match="must"):
+            simulate(**{"scenario": "cross-path", **change})
     with pytest.raises(InputError, match="must"):
-        TrackerFaults(**fault)
+        TrackerFaults(dropout=1.5)
