@@ -93,7 +93,7 @@ class Options:
     """Minimum number of people in a scene; default: the protocol's."""
     baselines: Annotated[tuple[str, ...] | None, _named("NAME ...")] = None
     """Forecasters to evaluate beside the models; default: constant velocity and, with --checkpoint
-    or --all, its sampled form and the anchor table of the test set."""
+    or --all, its sampled form."""
     metrics: Annotated[tuple[str, ...], _named("NAME ...")] = ()
     """Further metrics by name, see docs/metrics.md, or `all` but those of --symbols."""
     symbols: bool = False
@@ -218,7 +218,6 @@ def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) ->
         test_on=options.test_on,
         **_lengths(options),
         baselines=baselines,
-        samples=options.samples,
         # A folder of models, or what ships, is not named model by model.
         only_matching=len(models) != len(options.checkpoint),
     )

@@ -106,7 +106,7 @@ def _print_errors(run: Run, model: Model) -> None:
     config, samples = run.network, run.samples
     batches = make_batches(run.validation)
     print(f"on the {run.validation.scenes} validation scenes, joint best of {samples}, metres:")
-    of = baselines_of(None, config.obs_len, config.pred_len, run.dataset, samples)
+    of = baselines_of(None, config.obs_len, config.pred_len)
     for each in (model, *(baseline for _, baseline in of)):
         how = {"samples": samples, "seed": run.recipe.seed, "metrics": ("joint_ade", "joint_fde")}
         found = score_forecaster(each.forecaster, each.params, batches, **how)

@@ -15,7 +15,7 @@ from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_name
+from neurosym_jax.forecasting.model_places import find_checkpoints
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.models.poolings import POOLINGS
@@ -34,8 +34,8 @@ __all__ = [
     "make_test",
 ]
 
-BASELINES = ("constant_velocity", "constant_velocity_sampled", "anchor_table")
-"""Forecasters that every model is tested beside, by name; the last one where it ships."""
+BASELINES = ("constant_velocity", "constant_velocity_sampled")
+"""Forecasters that every model is tested beside, by name."""
 LENGTH = 8
 """Steps observed, and forecast, where no model says how many."""
 
@@ -87,7 +87,6 @@ def make_plan(
     obs_len: int | None = None,
     pred_len: int | None = None,
     baselines: Sequence[str] | None = None,
-    samples: int = 20,
     only_matching: bool = False,
 ) -> dict[TestSet, Entries]:
     """Plan the entries of each test set, by the source's order of datasets, then by horizon.
@@ -101,8 +100,7 @@ def make_plan(
         test_on: names of recordings to test on, as one test set.
         obs_len: of the models.
         pred_len: of the models.
-        baselines: see `baselines_of`, as `samples`.
-        samples: k.
+        baselines: see `baselines_of`.
         only_matching: leave out models that would be refused.
 
     Raises:
@@ -125,14 +123,9 @@ def make_plan(
             tested.setdefault(test_set, []).append((path, model))
     if not tested:
         tested = {TestSet(name, obs_len or LENGTH, pred_len or LENGTH): [] for name in everywhere}
-    if baselines is None and test_on and isinstance(source, EthUcy):
-        baselines = BASELINES[:2]  # The anchor table for other recordings learned from these.
     order = [*everywhere, *source.scenes]
     sets = sorted(tested, key=lambda of: (order.index(of.dataset), of.obs_len, of.pred_len))
-    return {
-        of: [*baselines_of(baselines, of.obs_len, of.pred_len, of.dataset, samples), *tested[of]]
-        for of in sets
-    }
+    return {of: [*baselines_of(baselines, of.obs_len, of.pred_len), *tested[of]] for of in sets}
 
 
 def _contradiction(
@@ -161,36 +154,11 @@ def _contradiction(
 
 
 def baselines_of(
-    names: Sequence[str] | None,
-    obs_len: int,
-    pred_len: int,
-    dataset: str | None = None,
-    samples: int = 20,
+    names: Sequence[str] | None, obs_len: int, pred_len: int
 ) -> list[tuple[None, Model]]:
-    """The baselines of a test set.
-
-    One with parameters is the shipped model `NAME_DATASET_STEPS` that did not learn from the test
-    set, such as `anchor_table_zara1_12`.
-
-    Args:
-        names: of forecasters; None for `BASELINES`, without those that do not ship for this test
-            set or have fewer samples.
-        obs_len: observed steps.
-        pred_len: steps to forecast.
-        dataset: of ETH/UCY, or general for recordings of other people.
-        samples: k.
-    """
-    found: list[tuple[None, Model]] = []
-    for name in BASELINES if names is None else names:
-        place = find_model(shipped_name(name, dataset, pred_len))
-        if place.is_dir():
-            model = load_model(place)
-            enough = getattr(model.config, "samples", samples) >= samples
-            if names is not None or (enough and model.config.obs_len == obs_len):
-                found.append((None, model))
-        elif names is not None or name != BASELINES[-1]:
-            found.append((None, baseline(name, obs_len, pred_len)))
-    return found
+    """The baselines of a test set, by names of forecasters; None for `BASELINES`."""
+    names = BASELINES if names is None else names
+    return [(None, baseline(name, obs_len, pred_len)) for name in names]
 
 
 def baseline(name: str, obs_len: int, pred_len: int) -> Model:
@@ -202,10 +170,7 @@ def baseline(name: str, obs_len: int, pred_len: int) -> Model:
     forecaster = FORECASTERS[name]
     config = forecaster.Config(obs_len=obs_len, pred_len=pred_len)
     if forecaster(config).shapes():
-        raise InputError(
-            f"forecaster {name}: cannot be a baseline, it has parameters to learn, and none ships "
-            "for this test set"
-        )
+        raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
     return Model(config, {}, kind=name)
 
 

@@ -127,7 +127,7 @@ def evaluate(
     tests = [
         make_test(
             TestSet(name, obs_len, pred_len),
-            [*baselines_of(baselines, obs_len, pred_len, entries[0][1].dataset, samples), *entries],
+            [*baselines_of(baselines, obs_len, pred_len), *entries],
             [on_grid(tracks, period) for tracks in recordings],
             min_agents,
         )

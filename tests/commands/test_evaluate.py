@@ -18,33 +18,11 @@ from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
 
-NUMBERS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
-SCHEMA = {
-    "checkpoint": str | None,
-    "model": str,
-    "dataset": str,
-    **dict.fromkeys(("obs_len", "pred_len", "samples", "seed", "seeds", "scenes", "agents"), int),
-    "blocks": int,
-    **{f"{name}{end}": float for name in NUMBERS for end in ("", "_low", "_high")},
-    **{f"{name}_std": float | None for name in NUMBERS},
-    **{f"seconds_{name}": float for name in ("loading", "compiling", "evaluating")},
-    "latency": float,
-    "forecasts_per_second": float,
-}
-
 # Joint ADE and FDE of best-of-20 that the authors publish for their checkpoints.
 ZOO = {
     "sgan-models/zara1_8": (0.21, 0.42),
     "sgan-p-models/hotel_12": (0.43, 0.88),
 }
-
-
-def assert_fits(row):
-    for name, kind in SCHEMA.items():
-        assert isinstance(row[name], kind), name
-    further = row.keys() - SCHEMA.keys()
-    assert all(name.startswith("collision_rate") for name in further)
-    assert all(np.isfinite(value) for value in row.values() if isinstance(value, float))
 
 
 @pytest.fixture
@@ -105,7 +83,8 @@ def test_default_run(options, tmp_path, capsys):
     assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
     assert [row["samples"] for row in rows] == [1, 3]
     for row in rows:
-        assert_fits(row)
+        assert all(np.isfinite(value) for value in row.values() if isinstance(value, float))
+        assert row["joint_ade_low"] < row["joint_ade"] < row["joint_ade_high"]
         assert 0 <= row["collision_rate"] <= 1
         assert row["joint_ade"] >= row["marginal_ade"] - 1e-9
         assert row["dataset"] == "cross-path"
@@ -124,11 +103,10 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
     rows = run(options(checkpoint=given, samples=2, dataset="cross-path", collisions=False, seed=5))
     assert [row["checkpoint"] for row in rows] == [None, None, *given]
     for row in rows:
-        assert_fits(row)
         assert "collision_rate" not in row
         assert (row["pred_len"], row["seed"]) == (8, 5)
     assert f"assumed of {small}: forward as in the released code" in capsys.readouterr().out
-    for metric in NUMBERS:
+    for metric in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
         assert rows[2][metric] == rows[3][metric]
 
 
