@@ -1,8 +1,8 @@
 """Show a recording's QTC symbols and weights.
 
-States of a scene's pairs over time as text; alpha as a heat map over pairs and time; the frequency
-of each state in all scenes, and its weight. With --forecast, the probabilities of the pairs' events
-and states in the model's samples, as text, JSON lines and a figure.
+States of a scene's pairs over time as text, and alpha as a heat map over pairs and time. With
+--forecast, the probabilities of the pairs' events and states in the model's samples, as text and
+JSON lines.
 """
 
 import dataclasses
@@ -14,7 +14,6 @@ import numpy as np
 import tyro
 
 from neurosym_jax.configuration import Count, Seed, component_from_text, refuse
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
@@ -24,12 +23,10 @@ from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.symbolic.description import (
-    count_states,
     describe_pairs,
     forecast_rows,
     format_forecast,
     format_pairs,
-    format_shares,
 )
 from neurosym_jax.symbolic.forecast import SymbolSettings
 from neurosym_jax.symbolic.weighting import initial_parameters
@@ -90,16 +87,14 @@ def run(options: Options) -> None:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {number}")
     title, shown = f"{name}, window {number}", windows.take(slice(number, number + 1))
     if not options.forecast:
-        _show_weights(options, model, title, windows, shown)
+        _show_weights(options, model, title, shown)
     elif model is not None:
         _show_forecast(options, model, title, shown)
     else:
         raise InputError("--forecast needs a --model that forecasts")
 
 
-def _show_weights(
-    options: Options, model: Model | None, title: str, windows: Windows, shown: Windows
-) -> None:
+def _show_weights(options: Options, model: Model | None, title: str, shown: Windows) -> None:
     if model is None or options.weighting is not None:
         text = options.weighting or "cnd"
         weighting = component_from_text(text, WEIGHTINGS, f"--weighting {text}")
@@ -108,14 +103,10 @@ def _show_weights(
         weighting, parameters = model.config.weighting, model.params.get("weighting", {})
         if weighting is None:
             raise InputError(f"{options.model}: {model.name} weighs no pairs: name a --weighting")
-    scene = shown.position, shown.agent, shown.period
-    pairs = describe_pairs(weighting, parameters, *scene)
-    counts = count_states(weighting, parameters, (each.scene for each in make_batches(windows)))
+    pairs = describe_pairs(weighting, parameters, shown.position, shown.agent, shown.period)
     hint = " is constant here; try --weighting quantised" if pairs.constant else ""
     print(f"{title}: {len(pairs.people)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(pairs))
-    print(f"\n{counts.sum()} observed pair-steps of {windows.scenes} windows:")
-    print(format_shares(counts))
 
     from neurosym_jax.plotting import plot_pairs, save_figure
 

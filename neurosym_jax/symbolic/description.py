@@ -2,32 +2,28 @@
 
 import dataclasses
 import itertools
-from collections.abc import Iterable
 from typing import Any
 
 import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.scene import Scene, make_scene
+from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import (
     SymbolSettings,
     symbolic_events,
     symbolic_forecast,
 )
-from neurosym_jax.symbolic.qtc import other_pairs
 from neurosym_jax.symbolic.states import all_states, format_state
 from neurosym_jax.symbolic.weighting import Weighting
 
 __all__ = [
     "ScenePairs",
-    "count_states",
     "describe_pairs",
     "forecast_rows",
     "format_forecast",
     "format_pairs",
-    "format_shares",
     "state_texts",
 ]
 
@@ -67,24 +63,6 @@ def describe_pairs(
     return ScenePairs(position, people, np.asarray(codes), np.asarray(alpha), period)
 
 
-def count_states(
-    weighting: Weighting, parameters: dict[str, Any], batches: Iterable[Scene]
-) -> np.ndarray:
-    """[81] int64: pair-steps in each state, as the weighting observes them."""
-
-    @jax.jit
-    @jax.vmap
-    def observe(scene: Scene) -> tuple[Any, Any]:
-        others = other_pairs(scene.valid, len(scene.valid))
-        return weighting.codes(parameters, scene.observed), others
-
-    total = np.zeros(81, np.int64)
-    for batch in batches:
-        codes, others = map(np.asarray, observe(batch.bare()))
-        total += np.bincount(codes[others].ravel(), minlength=81)
-    return total
-
-
 def state_texts(calculus: str = "c1") -> list[str]:
     """The S states of a calculus as text, such as `-+0+`; those of `c1` by their codes."""
     return [format_state(state, "") for state in all_states(calculus)]
@@ -102,14 +80,6 @@ def format_pairs(pairs: ScenePairs) -> str:
         pair = f"({pairs.people[i]}, {pairs.people[j]})"
         lines.append(f"{pair:18}" + " ".join(f"{cell:>5}" for cell in cells))
     return "\n".join(lines)
-
-
-def format_shares(counts: np.ndarray) -> str:
-    """Per cent of the pair-steps by number of zero symbols, from `counts [81]` by state."""
-    zeros = [text.count("0") for text in state_texts()]
-    shares = 100 * np.bincount(zeros, counts, 5) / counts.sum()
-    words = ("no symbol is 0", "one", "two", "three", "all")
-    return ", ".join(f"{word} {share:.1f} %" for word, share in zip(words, shares))
 
 
 def forecast_rows(
