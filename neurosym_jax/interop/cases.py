@@ -174,7 +174,9 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         network = generator if prefix.startswith("g") else discriminator
         return {"params": params_from_torch(state_of(arrays, prefix), network)}
 
-    state = initial_state(generator, config, jax.random.key(0))
+    shapes = jax.eval_shape(lambda: initial_state(generator, config, jax.random.key(0)))
+    # Adam's state is all zeros before its first step.
+    state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
     state = state._replace(params=stored("g0/"), discriminator=stored("d0/"))
     trees, metrics = _two_steps(generator, config, state, groups, noises)
     compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
