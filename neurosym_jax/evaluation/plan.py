@@ -1,6 +1,7 @@
 """What is tested on what: models, and baselines beside them, on the windows of a dataset."""
 
 import dataclasses
+import functools
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -55,14 +56,18 @@ class TestSet:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Test:
-    """A test set, read and batched, and the models to test on it."""
+    """A test set, read, and the models to test on it."""
 
     test_set: TestSet
     entries: Entries
     windows: Windows
-    batches: list[Batch]
     seconds: float
-    """Time taken to read, cut and batch it."""
+    """Time taken to read and cut it."""
+
+    @functools.cached_property
+    def batches(self) -> list[Batch]:
+        """All scenes, padded."""
+        return make_batches(self.windows)
 
 
 def load_models(
@@ -224,5 +229,4 @@ def make_test(
                 InputWarning,
                 stacklevel=2,
             )
-    batches = make_batches(windows)
-    return Test(test_set, entries, windows, batches, time.perf_counter() - since)
+    return Test(test_set, entries, windows, time.perf_counter() - since)

@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.batching import make_batches, single_scene
+from neurosym_jax.data.batching import single_scene
 from neurosym_jax.data.tracks import Tracks, on_grid
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
@@ -147,16 +147,14 @@ def evaluate_tests(
     progress = Progress(sum(len(test.entries) for test in tests))
     results: Iterable[Result] = _here(settings, tests)
     if run is not None:
-        # Batches repeat the windows: they are made again where they are needed.
-        tasks = [dataclasses.replace(test, batches=[]) for test in tests]
-        results = itertools.chain.from_iterable(run(functools.partial(_task, settings), tasks))
+        results = itertools.chain.from_iterable(run(functools.partial(_task, settings), tests))
     for result in results:
         progress.step(f"{result.name} on {result.test_set.dataset}")
         yield result
 
 
 def _task(settings: Settings, test: Test) -> list[Result]:
-    return list(_here(settings, [dataclasses.replace(test, batches=make_batches(test.windows))]))
+    return list(_here(settings, [test]))
 
 
 def _here(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:

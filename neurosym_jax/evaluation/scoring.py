@@ -2,9 +2,8 @@
 
 import functools
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -141,7 +140,6 @@ def score(
     valid: ArrayLike | None = None,
     *,
     observed: ArrayLike | None = None,
-    extras: Mapping[str, ArrayLike] = MappingProxyType({}),
     metrics: Sequence[str] | None = None,
     probability: ArrayLike | None = None,
 ) -> Scores:
@@ -152,15 +150,13 @@ def score(
         future: [N, T, 2] metres in the same frame, the truth.
         valid: [N] bool, agents that count, one at least; positions of the others are ignored.
         observed: [N, obs_len, 2] metres in the same frame, for metrics of symbols.
-        extras: [N, ...] of each agent by name, for metrics that ask for them.
         metrics: names; by default those that are computed without being named.
         probability: [k] of the samples; default: all have the same.
     """
     future = np.asarray(future, np.float64)
     there = np.ones(len(future), bool) if valid is None else np.asarray(valid)
     seen = future[:, :1] if observed is None else np.asarray(observed)
-    others = {name: np.asarray(values)[there] for name, values in extras.items()}
-    scene = make_scene(seen[there], future[there], extras=others)
+    scene = make_scene(seen[there], future[there])
     samples = relative_positions(np.asarray(forecast)[:, there], np.asarray(scene.origin))
     # A program for each bucket, not for each number of people.
     padded = pad_scene(scene, int(bucket_of(len(there))))

@@ -6,7 +6,6 @@ A model has its own colour and line in every figure.
 import textwrap
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
-from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -50,23 +49,28 @@ INK = "#222222"
 TRUTH = GREEN
 """Colour of the true future, as in the live view."""
 
+DOTTED, DASHED, DASH_DOT = ":", "--", "-."  # The styles of the robot paper.
 # The first part found in a model's title decides; a NeuroSyM's title holds its weighting.
-_COLOURS = {
-    "sampled": "#999999",
-    "constant": GREY,
-    "linear": GREY,
-    "cnd": BLUE,
-    "ones": AMBER,
-    "learned": PURPLE,
-    "quantised": "#7A6400",
-    "shuffled": "#882255",
-    "neurosym": BLUE,
-    "sgan": RED,
+_LOOKS = {
+    "sampled": ("#999999", (0, (6, 1, 1, 1, 1, 1))),
+    "constant": (GREY, DASHED),
+    "linear": (GREY, DASHED),
+    "cnd": (BLUE, DOTTED),
+    "ones": (AMBER, DOTTED),
+    "learned": (PURPLE, DOTTED),
+    "quantised": ("#7A6400", DOTTED),
+    "shuffled": ("#882255", DOTTED),
+    "neurosym": (BLUE, DOTTED),
+    "sgan": (RED, DASH_DOT),
 }
-_OTHER_COLOURS = (PURPLE, AMBER, SKY, "#7A6400", "#882255", "#44AA99", "#332288", RED, BLUE)
-# The styles of the robot paper.
-_LINES = {"neurosym": ":", "sgan": "-.", "constant": "--", "linear": "--"}
-_OTHER_LINES = ((0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (1, 3)), (0, (2, 1)), (0, (6, 1, 2, 1)))
+_OTHERS = (
+    (PURPLE, (0, (8, 3))),
+    (AMBER, (0, (1, 3))),
+    (SKY, (0, (2, 1))),
+    ("#44AA99", (0, (6, 1, 2, 1))),
+    ("#332288", (0, (4, 1, 1, 1, 1, 1))),
+    ("#882255", (0, (3, 3))),
+)
 _UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
 
@@ -76,25 +80,12 @@ def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     NeuroSyM is blue and dotted, SGAN red and dash-dotted, constant velocity grey and dashed, and so
     on. An unknown kind, or a second model of one kind, takes the next of a cycle.
     """
-    names = list(dict.fromkeys(names))
-    colours = _chosen(names, _COLOURS, _OTHER_COLOURS)
-    lines = _chosen(names, _LINES, _OTHER_LINES)
-    return {
-        name: {"color": colour, "linestyle": line}
-        for name, colour, line in zip(names, colours, lines)
-    }
-
-
-def _chosen(names: list[str], by_kind: dict[str, Any], others: tuple[Any, ...]) -> list[Any]:
-    found: list[Any] = []
-    rest = cycle(others)
-    for name in names:
-        look = next((look for kind, look in by_kind.items() if kind in name.lower()), None)
-        if look is None or look in found:
-            tried = [next(rest) for _ in others]
-            look = next((other for other in tried if other not in found), tried[0])
-        found.append(look)
-    return found
+    looks: dict[str, Any] = {}
+    for name in dict.fromkeys(names):
+        own = [look for kind, look in _LOOKS.items() if kind in name.lower()][:1]
+        free = [look for look in (*own, *_OTHERS) if look not in looks.values()]
+        looks[name] = [*free, _OTHERS[len(looks) % len(_OTHERS)]][0]
+    return {name: {"color": colour, "linestyle": line} for name, (colour, line) in looks.items()}
 
 
 def new_figure(
