@@ -1,42 +1,41 @@
 """The arms of the study: networks that differ in one thing, on every data set the same."""
 
 import dataclasses
+from typing import Any
 
 import jax.numpy as jnp
 from jax import Array
 
+from neurosym_jax.models.anchors import AnchorConfig
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.symbolic.cnd import alpha_from_states
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.state_weightings import to_wrong_pairs
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
-from neurosym_jax.training.recipe import RECIPES
+from neurosym_jax.training.recipe import RECIPES, AnchorRecipe, Recipe, TrainConfig
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
 
-__all__ = ["ARMS", "RECIPE", "SETS", "Arm", "register"]
+__all__ = ["ARMS", "SETS", "Arm", "register"]
 
-RECIPE = dataclasses.replace(
-    RECIPES["ours"],
-    steps=600,
-    batch_scenes=8,
-    max_agents=16,
-    best_k=10,
-    rotate=0.5,
-    jitter=0.0,
+ours, anchors = RECIPES["ours"], RECIPES["anchors"]
+assert isinstance(ours, TrainConfig)
+assert isinstance(anchors, AnchorRecipe)
+# No errors are added to positions: they would blur the symbols of what is learned from.
+SHORT = dataclasses.replace(
+    ours, steps=600, batch_scenes=8, max_agents=16, best_k=10, rotate=0.5, jitter=0.0
 )
-"""No errors are added to positions: they would blur the symbols of what is learned from."""
+WHOLE = dataclasses.replace(SHORT, steps=1500, batch_scenes=16, max_agents=None)
+OF_ANCHORS = dataclasses.replace(anchors, steps=600, jitter=0.0, min_agents=2)
 
 
 @dataclasses.dataclass(frozen=True)
 class Arm:
-    """A network, and how many seeds it is trained with on each data set."""
+    """A network, its training, and the number of seeds on each data set."""
 
-    generator: GeneratorConfig
+    network: Any
+    recipe: Recipe
     seeds: dict[str, int]
-    about: str
-    first: bool = False
-    """Whether the answer rests on it."""
 
 
 def _right(positions: Array, valid: Array) -> Array:
@@ -54,49 +53,65 @@ def _from_first(observed: Array) -> Array:
     return jnp.concatenate([jnp.zeros_like(observed[..., :1]), observed], axis=-1)
 
 
-def _constant(positions: Array, valid: Array) -> Array:
-    """[N, N, T] 1/15, what `cnd` is of real tracks, but at the first step, too."""
-    return jnp.full((len(positions), *positions.shape[:2]), 1 / 15, positions.dtype)
-
-
 def register() -> None:
     """Make the weightings of this study known by name; done again, they replace themselves."""
     register_weighting("on_ones_path", replace=True)(_right)
     register_weighting("on_ones_path_wrong_pairs", replace=True)(_wrong)
-    register_weighting("fifteenth", replace=True)(_constant)
 
 
 register()
 
+CONTROLS = {"control": 1.0, "control_20": 0.2, "control_10": 0.1, "control_05": 0.05}
+"""Simulations, and the strength of the reaction to others, of the full one."""
+REAL = ("corridors", "zara2")
+TENTHS = ("corridors_tenth", "zara2_tenth")
+SETS = (*CONTROLS, *REAL, *TENTHS)
 
-def _network(pooling: str, weighting: str | None = None) -> GeneratorConfig:
-    return GeneratorConfig(
+
+def _generator(pooling: str, weighting: str | None, recipe: Recipe, **seeds: int) -> Arm:
+    network = GeneratorConfig(
         obs_len=LENGTHS[0],
         pred_len=LENGTHS[1],
         pooling=POOLINGS[pooling](),
         weighting=None if weighting is None else WEIGHTINGS[weighting](),
     )
+    return Arm(network, recipe, seeds)
 
 
-def _arm(about: str, seeds: tuple[int, int, int], *network: str, first: bool = False) -> Arm:
-    return Arm(_network(*network), dict(zip(SETS, seeds)), about, first)
+def _papers(weighting: str | None, seeds: int, pooling: str = "as_described") -> Arm:
+    return _generator(pooling, weighting, WHOLE, corridors=seeds, zara2=seeds)
 
 
-SETS = ("control", "corridors", "zara2")
+def _anchors(geometry: bool, symbols: bool, tenths: int = 0) -> Arm:
+    network = AnchorConfig(
+        obs_len=LENGTHS[0], pred_len=LENGTHS[1], geometry=geometry, symbols=symbols
+    )
+    seeds = dict.fromkeys(REAL, 24) | dict.fromkeys(TENTHS, tenths)
+    return Arm(network, OF_ANCHORS, seeds)
+
+
+WEAK = {name: 12 for name in CONTROLS if name != "control"}
 
 ARMS = {
-    "ones": _arm("encounter pooling", (4, 24, 24), "encounter", "ones", first=True),
-    "quantised": _arm("symbols, 5 cm a step", (0, 24, 24), "encounter", "quantised", first=True),
-    "shuffled": _arm("with the wrong pairs", (0, 24, 24), "encounter", "shuffled", first=True),
-    "right": _arm("what people go by", (4, 0, 0), "encounter", "on_ones_path", first=True),
-    "wrong": _arm(
-        "with the wrong pairs", (4, 0, 0), "encounter", "on_ones_path_wrong_pairs", first=True
+    "encounter": _generator("encounter", "ones", SHORT, control=4, corridors=24, zara2=24, **WEAK),
+    "encounter, quantised": _generator("encounter", "quantised", SHORT, corridors=24, zara2=24),
+    "encounter, shuffled": _generator("encounter", "shuffled", SHORT, corridors=24, zara2=24),
+    "encounter, learned": _generator(
+        "encounter", "learned", SHORT, control=4, corridors=4, zara2=4
     ),
-    "no pooling": _arm("nobody looks at anybody", (4, 4, 12), "none"),
-    "SGAN": _arm("SGAN's pooling", (0, 4, 4), "pool_net"),
-    "learned": _arm("81 weights, from `cnd`", (4, 4, 4), "encounter", "learned"),
-    "NeuroSyM ones": _arm("the papers' pooling", (0, 4, 0), "as_described", "ones"),
-    "NeuroSyM 1/15": _arm("a constant", (0, 4, 0), "as_described", "fifteenth"),
-    "NeuroSyM quantised": _arm("symbols, 5 cm a step", (0, 4, 0), "as_described", "quantised"),
+    "encounter, right": _generator("encounter", "on_ones_path", SHORT, control=4, **WEAK),
+    "encounter, wrong": _generator("encounter", "on_ones_path_wrong_pairs", SHORT, control=4),
+    "no pooling": _generator("none", None, SHORT, control=4, corridors=4, zara2=12),
+    "papers": _papers("ones", 24),
+    "papers, quantised": _papers("quantised", 24),
+    "papers, none": _papers(None, 8, "none"),
+    "papers, cnd": _papers("cnd", 8),
+    "papers, shuffled": _papers("shuffled", 8),
+    "papers, learned": _papers("learned", 8),
+    "anchors, nothing": _anchors(False, False),
+    "anchors, symbols": _anchors(False, True),
+    "anchors, geometry": _anchors(True, False, 12),
+    "anchors, both": _anchors(True, True, 12),
 }
-"""By name."""
+"""By name. `papers` is SGAN with the pooling that the papers describe, `encounter` and `anchors`
+see how neighbours move."""

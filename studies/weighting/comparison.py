@@ -1,107 +1,107 @@
-"""What the runs of two arms say of their difference: intervals, tests, and what was in reach.
+"""Differences between arms in the table of runs: intervals, tests, and what was in reach.
 
-The unit is the seed: of each, the two arms' errors on the same scenes with the same noise are
-subtracted. Percent are of the reference's mean.
+The unit is the seed: the errors of two arms with one seed, on the same scenes, are subtracted.
+Percent are of the reference's mean.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+import polars as pl
 
-from neurosym_jax.evaluation.bootstrap import ErrorsByScene, holm, paired_difference
+from neurosym_jax.evaluation.bootstrap import holm
 
-__all__ = ["LEVEL", "MARGIN", "Comparison", "adjusted", "compare", "verdict"]
+__all__ = ["LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
 
 MARGIN = 2.0
 """Per cent: the smallest difference of interest."""
 LEVEL = 0.05
+ALIVE = 0.95
+"""Least share of people with a near neighbour whom a run's network changes for it."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """An arm less a reference, by one metric on one data set; below 0 the arm is better."""
+    """An arm minus a reference, by one metric on one data set; below 0 the arm is better."""
 
+    dataset: str
     arm: str
     reference: str
     metric: str
     seeds: int
     percent: float
-    low: float
-    """Per cent: with `high` the interval of 95 % by Student's t over seeds."""
-    high: float
-    wide_low: float
-    """Per cent: with `wide_high` the interval over seeds and test scenes, see `paired`."""
-    wide_high: float
+    half: float
+    """Per cent: half the 95 % interval by Student's t over seeds."""
     p: float
     """p value of no difference."""
     p_equivalent: float
     """p value of a difference of `MARGIN` or more."""
     reach: float
-    """Per cent: the least margin that equivalence would be shown within, were there no difference,
-    in nine of ten such studies."""
+    """Per cent: the least margin within which nine of ten such studies would show equivalence,
+    were there no difference."""
 
 
-def compare(
-    arm: str, reference: str, runs: Mapping[str, Mapping[int, ErrorsByScene]], metric: str
-) -> Comparison:
-    """Compare two arms on the seeds that both have; `runs` by arm and seed."""
-    common = sorted(set(runs[arm]) & set(runs[reference]))
-    ours, theirs = ([runs[name][seed] for seed in common] for name in (arm, reference))
-    found = paired_difference(ours, theirs, numbers=common)
-    at = found.metrics.index(metric)
-    unit = 100 / float(np.mean([run.mean[at] for run in theirs]))
-    each = found.seeds[:, at] * unit
-    half, reach = _student(each)
-    wide = found.intervals(metric)["both"]
-    assert wide is not None
-    return Comparison(
-        arm,
-        reference,
-        metric,
-        len(common),
-        float(each.mean()),
-        float(each.mean() - half),
-        float(each.mean() + half),
-        wide.low * unit,
-        wide.high * unit,
-        found.p_value(metric),
-        found.p_equivalent(metric, MARGIN / unit),
-        reach,
-    )
+class Runs:
+    """The table of runs, without those whose network ignores neighbours."""
+
+    def __init__(self, table: Path):
+        """Read `table`, see `__main__`."""
+        rows = pl.read_csv(table)
+        dead = rows.filter((pl.col("metric") == "neighbour_near") & (pl.col("value") < ALIVE))
+        of_run = ["set", "arm", "seed"]
+        self.dead = dead.select(*of_run, "value")
+        self.rows = rows.join(self.dead, on=of_run, how="anti")
+
+    def values(self, dataset: str, arm: str, metric: str) -> dict[int, float]:
+        """The metric of each seed."""
+        wanted = {"set": dataset, "arm": arm, "metric": metric}
+        found = self.rows.filter(**wanted).select("seed", "value")
+        return dict(found.iter_rows())
+
+    def compare(
+        self, dataset: str, arm: str, reference: str, metric: str = "interacting joint_ade"
+    ) -> Comparison | None:
+        """The comparison over the seeds that both arms have; None for fewer than three."""
+        from scipy.stats import t, ttest_1samp  # They take half a second to import.
+
+        ours, theirs = (self.values(dataset, name, metric) for name in (arm, reference))
+        common = sorted(set(ours) & set(theirs))
+        if (n := len(common)) < 3:
+            return None
+        each = np.array([ours[seed] - theirs[seed] for seed in common])
+        each *= 100 / np.mean([theirs[seed] for seed in common])
+        error = each.std(ddof=1) / np.sqrt(n)
+        below = ttest_1samp(each, MARGIN, alternative="less").pvalue
+        above = ttest_1samp(each, -MARGIN, alternative="greater").pvalue
+        return Comparison(
+            dataset,
+            arm,
+            reference,
+            metric,
+            n,
+            float(each.mean()),
+            float(t.ppf(0.975, n - 1) * error),
+            float(ttest_1samp(each, 0).pvalue),
+            float(max(below, above)),
+            # Both one-sided tests have to succeed: each may fail in one of twenty.
+            float(2 * t.ppf(0.95, n - 1) * error),
+        )
 
 
-def _student(each: np.ndarray) -> tuple[float, float]:
-    """Half the 95 % interval of the mean of `each [n]`, and the margin in reach at 90 % power."""
-    from scipy.stats import t  # It takes half a second to import.
-
-    n = len(each)
-    if n == 1:
-        return np.nan, np.nan
-    error = each.std(ddof=1) / np.sqrt(n)
-    # Both one-sided tests have to succeed: each may fail in one of twenty.
-    return float(t.ppf(0.975, n - 1) * error), float(2 * t.ppf(0.95, n - 1) * error)
+def adjusted(comparisons: Sequence[Comparison]) -> list[Comparison]:
+    """The primary comparisons with p values corrected together by Holm's method."""
+    p = holm([each.p for each in comparisons])
+    equivalent = holm([each.p_equivalent for each in comparisons])
+    return [
+        dataclasses.replace(each, p=float(different), p_equivalent=float(same))
+        for each, different, same in zip(comparisons, p, equivalent)
+    ]
 
 
-def adjusted(comparisons: Sequence[Comparison]) -> tuple[np.ndarray, np.ndarray]:
-    """`p` and `p_equivalent` [m] of all primary comparisons together, by Holm."""
-    return (
-        holm([each.p for each in comparisons]),
-        holm([each.p_equivalent for each in comparisons]),
-    )
-
-
-def verdict(
-    comparisons: Sequence[Comparison], p: np.ndarray, equivalent: np.ndarray, seen: bool
-) -> str:
-    """What the primary comparisons of one data set say: `yes`, `no`, or `open`.
-
-    Args:
-        comparisons: `quantised` less each of its references, by joint ADE.
-        p: adjusted, of no difference.
-        equivalent: adjusted, of a difference of `MARGIN` or more.
-        seen: whether the control was; if not, nothing is a no.
-    """
-    if all(each.percent < 0 for each in comparisons) and (p < LEVEL).all():
-        return "yes"
-    return "no" if seen and (equivalent < LEVEL).all() else "open"
+def answer(comparison: Comparison) -> str:
+    """What an adjusted comparison says, by the protocol's rules."""
+    if comparison.p < LEVEL:
+        return "helps" if comparison.percent < 0 else "harms"
+    return f"no effect beyond {MARGIN:g} %" if comparison.p_equivalent < LEVEL else "open"

@@ -43,8 +43,8 @@ def _path_table() -> np.ndarray:
 ON_ONES_PATH = _path_table()
 
 
-def control(scenes: int, seed: int) -> Windows:
-    """Windows of `scenes` scenes, each a simulation of its own."""
+def control(scenes: int, seed: int, strength: float = 1.0) -> Windows:
+    """Windows of `scenes` scenes, each a simulation of its own; `strength` scales reactions."""
     draw = np.random.default_rng(seed)
     observed, forecast = LENGTHS
     angle = draw.uniform(0, 2 * np.pi, (scenes, PEOPLE))
@@ -59,7 +59,7 @@ def control(scenes: int, seed: int) -> Windows:
         velocity = velocity + draw.normal(0, WOBBLE, velocity.shape)
         path.append(path[-1] + PERIOD * velocity)
         if step == observed - 1:
-            force = _giving_way(path[-2], path[-1], velocity)
+            force = strength * _giving_way(path[-2], path[-1], velocity)
     return Windows(
         position=np.stack(path, axis=2).reshape(-1, observed + forecast, 2),
         agent=np.tile(np.arange(PEOPLE), scenes),

@@ -18,6 +18,7 @@ from neurosym_jax.data.readers.eth_ucy import read_split
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
+from studies.weighting.arms import CONTROLS
 from studies.weighting.control import LENGTHS, control
 
 __all__ = ["load"]
@@ -45,8 +46,14 @@ def load(name: str, data: Path) -> tuple[Windows, Windows]:
     Raises:
         InputError: for a file that is missing.
     """
-    if name == "control":
-        return control(1500, 1), control(200, 2)
+    if name in CONTROLS:
+        return tuple(
+            control(scenes, seed, CONTROLS[name]) for scenes, seed in ((1500, 1), (200, 2))
+        )
+    if name.endswith("_tenth"):
+        learned, tested = load(name.removesuffix("_tenth"), data)
+        some = np.random.default_rng(0).permutation(learned.scenes)[: learned.scenes // 10]
+        return learned.take(np.sort(some)), tested
     if name == "corridors":
         learned, tested = (
             [read_corridor(data / "hermes" / f"{run}.txt") for run in runs]

@@ -1,159 +1,115 @@
-"""The page, its figure and its table, of the runs that are there."""
+"""The page and its figures, of the table of runs."""
 
-import csv
-import io
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import numpy as np
+from matplotlib.figure import Figure
 
-from neurosym_jax.data.windows import Windows
-from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.plotting.style import save_figure
+from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, new_figure, save_figure
 from neurosym_jax.runtime.files import write_text
-from studies.weighting.alpha import interacting_share, spread
-from studies.weighting.arms import ARMS, RECIPE, SETS
-from studies.weighting.comparison import LEVEL, MARGIN, Comparison, adjusted, compare, verdict
-from studies.weighting.figure import forest
-from studies.weighting.text import ANSWER, TEXT, TITLES
+from studies.weighting.arms import CONTROLS, REAL, TENTHS
+from studies.weighting.comparison import MARGIN, Comparison, Runs, adjusted, answer
+from studies.weighting.scores import EVENTS
+from studies.weighting.text import ANSWER, TEXT
 
 __all__ = ["write"]
 
-Runs = Mapping[str, Mapping[str, Mapping[int, ErrorsByScene]]]
-"""By set, arm and seed."""
-
-PRIMARY = ("interacting joint_ade", "interacting energy_score")
-WITHDRAWN = ("SGAN", "NeuroSyM ones", "NeuroSyM 1/15", "NeuroSyM quantised")
-"""Arms whose networks ignored their neighbours."""
-CONTROL = (("right", "ones"), ("right", "wrong"))
-REAL = (("quantised", "ones"), ("quantised", "shuffled"))
-
-
-def write(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]], out: Path) -> None:
-    """Write `weighting.md`, `weighting.csv` and `weighting.png` to `out`."""
-    rows = {
-        name: [
-            compare(arm, "ones", arms, PRIMARY[0])
-            for arm in ARMS
-            if arm != "ones" and arm not in WITHDRAWN and _seeds(arms, arm) > 1
-        ]
-        for name, arms in runs.items()
-    }
-    save_figure(forest(rows, TITLES), out / "weighting.png")
-    write_text(out / "weighting.csv", _table_of_runs(runs))
-    write_text(out / "weighting.md", _document(runs, windows))
+QUESTIONS = (
+    ("papers, quantised", "papers"),
+    ("anchors, symbols", "anchors, nothing"),
+    ("anchors, both", "anchors, geometry"),
+)
+"""The primary comparisons, on each real data set."""
+FURTHER = (
+    *(("papers, none", "papers"), ("papers, cnd", "papers"), ("papers, shuffled", "papers")),
+    *(("papers, learned", "papers"), ("anchors, geometry", "anchors, nothing")),
+    *(("encounter, quantised", "encounter"), ("encounter, shuffled", "encounter")),
+)
 
 
-def _seeds(arms: Mapping[str, Mapping[int, ErrorsByScene]], arm: str) -> int:
-    return len(arms.get(arm, {}))
-
-
-def _table_of_runs(runs: Runs) -> str:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["set", "arm", "seed", "metric", "value", "counted"])
-    for name, arms in runs.items():
-        for arm, seeds in arms.items():
-            for seed, errors in seeds.items():
-                for metric, value, count in zip(
-                    errors.metrics, errors.mean, errors.counts.sum(axis=0)
-                ):
-                    table.writerow([name, arm, seed, metric, f"{value:.6f}", f"{count:.0f}"])
-    return text.getvalue()
-
-
-def _document(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str:
-    primary = [
-        (name, compare(*pair, runs[name], metric))
-        for name in SETS[1:]
-        for metric in PRIMARY
-        for pair in REAL
+def write(table: Path) -> None:
+    """Write `weighting.md` and its two figures beside `table`."""
+    runs = Runs(table)
+    primary = adjusted([each for pair in QUESTIONS for each in _on(runs, REAL, pair)])
+    further = [each for pair in FURTHER for each in _on(runs, REAL, pair)]
+    strata = [
+        each
+        for pair in QUESTIONS[1:]
+        for event in EVENTS
+        for each in _on(runs, REAL, pair, f"{event} joint_ade")
     ]
-    control = [compare(*pair, runs["control"], PRIMARY[0]) for pair in CONTROL]
-    seen = all(each.percent < 0 and each.p < LEVEL for each in control)
-    p, equivalent = adjusted([each for _, each in primary])
-    answers = {}
-    for name in SETS[1:]:
-        at = [
-            index
-            for index, (of, each) in enumerate(primary)
-            if of == name and each.metric == PRIMARY[0]
-        ]
-        answers[name] = verdict([primary[index][1] for index in at], p[at], equivalent[at], seen)
-    return TEXT.format(
+    tenths = list(_on(runs, TENTHS, QUESTIONS[2]))
+    weak = list(_on(runs, list(CONTROLS)[1:], ("encounter, right", "encounter")))
+    save_figure(_forest([*primary, *further]), table.with_suffix(".png"))
+    if strata:
+        save_figure(_forest(strata), table.with_name("weighting_events.png"))
+    text = TEXT.format(
         answer=ANSWER,
-        verdicts="; ".join(f"{name}: **{answer}**" for name, answer in answers.items()),
-        steps=RECIPE.steps,
-        scenes=RECIPE.batch_scenes,
-        margin=MARGIN,
-        primary=_comparisons(primary, p, equivalent),
-        worth=_worth(runs, windows),
+        primary=_table(primary, last="answer"),
+        further=_table(further),
+        strata=_table(strata),
+        tenths=_table(tenths),
+        weak=_table(weak),
+        dead="; ".join(" ".join(map(str, run)) for run in runs.dead.iter_rows()) or "none",
     )
+    write_text(table.with_suffix(".md"), text)
 
 
-def _comparisons(
-    found: list[tuple[str, Comparison]],
-    p: np.ndarray | None = None,
-    equivalent: np.ndarray | None = None,
-) -> str:
-    """A row a comparison; p values are adjusted ones, if they are given."""
+def _on(
+    runs: Runs, sets: Iterable[str], pair: tuple[str, str], metric: str = "interacting joint_ade"
+) -> list[Comparison]:
+    found = (runs.compare(name, *pair, metric) for name in sets)
+    return [each for each in found if each is not None]
+
+
+def _table(comparisons: Sequence[Comparison], last: str = "") -> str:
+    if not comparisons:
+        return "Not run yet."
     rows = [
         [
-            name,
+            each.dataset,
             f"{each.arm} − {each.reference}",
-            _plain(each.metric).removesuffix(", interacting"),
-            f"{_percent(each.percent)} % ({_percent(each.low)} to {_percent(each.high)})",
-            _p(each.p if p is None else p[index]),
-            _p(each.p_equivalent if equivalent is None else equivalent[index]),
+            each.metric.removesuffix(" joint_ade"),
+            str(each.seeds),
+            f"{each.percent:+.1f} ± {each.half:.1f} %".replace("-", "−"),
+            _p(each.p),
+            _p(each.p_equivalent),
+            f"{each.reach:.1f} %",
+            *([f"**{answer(each)}**"] if last else []),
         ]
-        for index, (name, each) in enumerate(found)
+        for each in comparisons
     ]
-    head = ["data", "arms", "error", "difference (95 %)", "p, different"]
-    return markdown_table([*head, f"p, within {MARGIN:g} %"], rows, right=3)
-
-
-def _worth(runs: Runs, windows: Mapping[str, tuple[Windows, Windows]]) -> str:
-    rows = []
-    for name, (learned, tested) in windows.items():
-        varies = [
-            f"{100 * spread(tested, weighting)[0]:.0f} %" for weighting in ("cnd", "quantised")
-        ]
-        rows.append(
-            [
-                name,
-                f"{learned.scenes} / {tested.scenes}",
-                f"{100 * interacting_share(tested):.0f} %",
-                *varies,
-                _difference(runs[name], ("ones", "no pooling")),
-            ]
-        )
-    head = ["data", "scenes learned / tested", "interacting", "spread of `cnd`"]
-    return markdown_table([*head, "of `quantised`", "`encounter`"], rows, right=5)
-
-
-def _difference(
-    arms: Mapping[str, Mapping[int, ErrorsByScene]],
-    pair: tuple[str, str],
-    metric: str = PRIMARY[0],
-) -> str:
-    """Per cent and interval, or nothing where an arm has less than two runs."""
-    if min(_seeds(arms, arm) for arm in pair) < 2:
-        return ""
-    each = compare(*pair, arms, metric)
-    return f"{_percent(each.percent)} % ({_percent(each.low)} to {_percent(each.high)})"
-
-
-def _percent(value: float) -> str:
-    return f"{value:+.1f}".replace("-", "−")
-
-
-def _plain(metric: str) -> str:
-    group, name = metric.split(" ")
-    words = {"central_ade": "k = 1 ADE", "excess_collisions": "excess collisions"}
-    name = words.get(name, name.replace("_", " ").replace("ade", "ADE").replace("fde", "FDE"))
-    return f"{name}, {group}"
+    head = ["data", "arms", "people", "seeds", "difference (95 %)", "p, different"]
+    head += [f"p, within {MARGIN:g} %", "margin in reach", *([last] if last else [])]
+    return markdown_table(head, rows, right=5)
 
 
 def _p(value: float) -> str:
     return "< .001" if value < 0.001 else f"{value:.3f}".removeprefix("0")
+
+
+def _forest(comparisons: Sequence[Comparison]) -> Figure:
+    """Differences in per cent with their intervals, a panel a data set, and the margin's band."""
+    rows = list(dict.fromkeys((each.arm, each.reference, each.metric) for each in comparisons))
+    figure, grid = new_figure(WIDTH, 0.9 + 0.22 * len(rows), 1, len(REAL), sharey=True)
+    for axes, name in zip(grid[0], REAL):
+        dress(axes)
+        axes.set_title(name, fontsize=LABEL, color=INK, loc="left")
+        axes.axvspan(-MARGIN, MARGIN, color="#EEEEEE", lw=0, zorder=0)
+        axes.axvline(0, color="#888888", lw=0.8, zorder=1)
+        for each in (each for each in comparisons if each.dataset == name):
+            place = rows.index((each.arm, each.reference, each.metric))
+            ends = [each.percent - each.half, each.percent + each.half]
+            axes.plot(ends, [place, place], color="#0072B2", lw=1.8)
+            axes.plot(each.percent, place, color="#0072B2", marker="D", ms=4, ls="none")
+        axes.grid(visible=False, axis="y")
+    several = len({metric for *_, metric in rows}) > 1
+    labels = [
+        f"{arm} − {reference}" + f" ({metric.split()[0]})" * several
+        for arm, reference, metric in rows
+    ]
+    grid[0, 0].set_yticks(range(len(rows)), labels, fontsize=SMALL, color=INK)
+    grid[0, 0].set_ylim(len(rows) - 0.4, -0.6)
+    figure.supxlabel("difference in per cent; left: better", fontsize=LABEL, color=INK)
+    return figure

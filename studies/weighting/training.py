@@ -1,6 +1,6 @@
 """Trainings of the study: `neurosym_jax.training`'s own steps, many in one process.
 
-What a run of `neurosym train` does besides (validation, checkpoints, curves) is left out: the last
+What a run of `neurosym train` does besides (validation, saved states, curves) is left out: the last
 state is what is tested, so no arm is favoured by a choice of the best. Seeds of an arm share its
 program, which a run of its own would trace for each.
 """
@@ -11,32 +11,37 @@ from typing import Any
 import jax
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.training.recipe import TrainConfig
-from neurosym_jax.training.step import initial_state, train_steps
+from neurosym_jax.forecasting.anchors import initial_anchors
+from neurosym_jax.training.anchors import AnchorStream, anchor_step
+from neurosym_jax.training.recipe import AnchorRecipe, Recipe, TrainConfig
+from neurosym_jax.training.rounds import ROUND
+from neurosym_jax.training.step import initial_state, new_state, train_steps
 from neurosym_jax.training.stream import SceneStream
 
 __all__ = ["train"]
 
-CHUNK = 25
-"""Steps of one compiled call."""
 
-
-def train(generator: GeneratorConfig, recipe: TrainConfig, windows: Windows, seed: int) -> Any:
+def train(network: Any, recipe: Recipe, windows: Windows, seed: int) -> Any:
     """Parameters after all steps of `recipe`, whose own seed does not matter.
 
     Args:
-        generator: the network.
+        network: configuration of a generator or of anchors.
         recipe: how it is trained; its `steps` are a multiple of 25.
         windows: what it learns from.
         seed: of initial values, batches, augmentation and noise; those of two arms are the same.
     """
-    recipe = dataclasses.replace(recipe, seed=0)  # So that seeds share a program.
-    stream = SceneStream(windows, recipe.batch_scenes, seed, recipe.max_agents)
-    key = jax.random.key(seed)
-    state = initial_state(generator, recipe, jax.random.fold_in(key, 0))
-    of_steps = jax.random.fold_in(key, 1)
-    for done in range(0, recipe.steps, CHUNK):
-        groups = jax.tree.map(lambda leaf: leaf[:, None], stream.steps(done, CHUNK))
-        state, _ = train_steps(generator, recipe, of_steps, state, groups)
+    start, steps = (jax.random.fold_in(jax.random.key(seed), part) for part in (0, 1))
+    shared = dataclasses.replace(recipe, seed=0)  # So that seeds share a program.
+    if isinstance(shared, AnchorRecipe):
+        anchors = AnchorStream(windows, dataclasses.replace(shared, seed=seed))
+        state = new_state(shared, initial_anchors(network, start))
+        for step in range(shared.steps):
+            state, _ = anchor_step(network, shared, steps, state, *anchors.batch(step))
+        return state.average
+    assert isinstance(shared, TrainConfig)
+    stream = SceneStream(windows, shared.batch_scenes, seed, shared.max_agents)
+    state = initial_state(network, shared, start)
+    for done in range(0, shared.steps, ROUND):
+        groups = jax.tree.map(lambda leaf: leaf[:, None], stream.steps(done, ROUND))
+        state, _ = train_steps(network, shared, steps, state, groups)
     return state.params
