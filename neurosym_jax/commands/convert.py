@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.interop.checkpoint import export_torch_checkpoint
+from neurosym_jax.interop.checkpoint import export_torch_checkpoint, load_torch_checkpoint
 
 __all__ = ["Options", "run"]
 
@@ -20,6 +20,8 @@ class Options:
     """A .pt file of SGAN or NeuroSyM; or a model's folder or name."""
     to: Annotated[Path, tyro.conf.Positional]
     """The new folder; or a new .pt file, which torch writes."""
+    ignore_arg: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
+    """Unknown arguments of the checkpoint that do not change its network."""
 
 
 def run(options: Options) -> None:
@@ -29,7 +31,10 @@ def run(options: Options) -> None:
         InputError: for a model that cannot be read or that torch does not have, and a path that is
             there already.
     """
-    model = load_model(options.model)
+    if options.ignore_arg:
+        model = load_torch_checkpoint(options.model, options.ignore_arg)
+    else:
+        model = load_model(options.model)
     if options.to.suffix == ".pt":
         export_torch_checkpoint(options.to, model)
     else:

@@ -48,7 +48,7 @@ def run(options: Options) -> int:
     if options.directory is not None and not module and not checkpoint:
         parity = run_parity(options.directory, options.tolerance)
     elif options.directory is None and module and checkpoint:
-        model = load_torch_checkpoint(checkpoint)
+        model = load_torch_checkpoint(checkpoint, ignored=None)
         print(f"assumed, for the checkpoint does not say: {'; '.join(model.assumed)}\n")
         python = options.python or sys.executable
         keep = options.keep

@@ -14,6 +14,7 @@ from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 
 __all__ = ["TORCH_POOLING", "assumptions", "discriminator_config", "generator_config"]
+__all__ += ["unknown"]
 
 TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
 """SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""
@@ -95,9 +96,13 @@ def assumptions(arguments: Mapping[str, Any], config: GeneratorConfig) -> tuple[
         found.append("activation relu")
     if config.weighting is not None and "weighting" not in arguments:
         found.append(f"pairs weighted by {config.weighting.name}")
-    for name in sorted(set(arguments) - {*NEEDED, *FIXED, *WIDTHS, *PASSED.split()}):
-        found.append(f"the unknown argument {name} changes nothing")
+    found += [f"the unknown argument {name} changes nothing" for name in unknown(arguments)]
     return tuple(found)
+
+
+def unknown(arguments: Mapping[str, Any]) -> list[str]:
+    """Names of the arguments that the released code does not have."""
+    return sorted(set(arguments) - {*NEEDED, *FIXED, *WIDTHS, *PASSED.split()})
 
 
 def _needed(arguments: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import os
 from collections import OrderedDict
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.interop.arguments import TORCH_POOLING, assumptions, generator_config
+from neurosym_jax.interop.arguments import TORCH_POOLING, assumptions, generator_config, unknown
 from neurosym_jax.interop.names import params_from_torch, params_to_torch, without_dropout
 from neurosym_jax.interop.pickles import StoredTensor, read_torch_file
 from neurosym_jax.models.config import GeneratorConfig
@@ -41,8 +42,12 @@ OPTIONS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
 """Of poolings; SGAN's constructor takes all of them, whichever pooling it builds."""
 
 
-def load_torch_checkpoint(path: str | os.PathLike) -> Model:
+def load_torch_checkpoint(path: str | os.PathLike, ignored: Collection[str] | None = ()) -> Model:
     """The generator that SGAN, NeuroSyM or `export_torch_checkpoint` wrote to `path`.
+
+    Args:
+        path: the file.
+        ignored: names of unknown arguments that do not change the network; None for all.
 
     Raises:
         InputError: naming `path` and what is missing or wrong: an unreadable, damaged or foreign
@@ -50,12 +55,12 @@ def load_torch_checkpoint(path: str | os.PathLike) -> Model:
     """
     contents = read_torch_file(path)
     try:
-        return model_from_torch(contents)
+        return model_from_torch(contents, ignored)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def model_from_torch(contents: Any) -> Model:
+def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Model:
     """The generator in the dictionary that SGAN's training saves.
 
     It is `g_state`, which SGAN's own evaluation uses, never `g_best_state`. NeuroSyM's files do not
@@ -71,6 +76,12 @@ def model_from_torch(contents: Any) -> Model:
         if not isinstance(contents.get(name), dict):
             raise InputError(f"has no {name}: not a checkpoint of SGAN, or one without weights")
     arguments = {str(name): value for name, value in contents["args"].items()}
+    names = unknown(arguments)
+    if refused := [name for name in names if ignored is not None and name not in ignored]:
+        raise InputError(
+            f"unknown argument {refused[0]!r}, which may change the network: if it does not, "
+            f"`neurosym convert --ignore-arg {refused[0]}`"
+        )
     state = {}
     for name, tensor in contents["g_state"].items():
         if not isinstance(name, str) or not isinstance(tensor, np.ndarray | StoredTensor):

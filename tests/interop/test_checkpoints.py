@@ -186,11 +186,15 @@ def test_dropout_takes_a_number_in_a_perceptron():
 def test_what_is_assumed_is_said(tmp_path, torch):
     assert model_from_torch(contents_of()).assumed == ("forward as in the released code",)
     contents = contents_of(activation=DROP, heads=4)
-    assumed = model_from_torch(contents).assumed
+    with pytest.raises(InputError, match=r"unknown argument 'heads'.*--ignore-arg heads"):
+        model_from_torch(contents)
+    assumed = model_from_torch(contents, ["heads"]).assumed
     assert assumed[1:] == ("activation relu", "the unknown argument heads changes nothing")
     tensors = {k: torch.from_numpy(v) for k, v in contents["g_state"].items()}
     torch.save({**contents, "g_state": tensors}, tmp_path / "a.pt")
-    convert.run(convert.Options(tmp_path / "a.pt", tmp_path / "a"))
+    with pytest.raises(InputError, match="--ignore-arg heads"):
+        convert.run(convert.Options(tmp_path / "a.pt", tmp_path / "a"))
+    convert.run(convert.Options(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",)))
     assert "activation relu; the unknown" in (tmp_path / "a" / "README.md").read_text()
 
 
