@@ -1,6 +1,7 @@
 """What a metric is, and the table of all metrics; `scoring` computes them."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -60,9 +61,10 @@ class Metric:
         return f"{value:.3f}" + (f" {self.unit}" if self.unit not in ("", "m") else "")
 
 
-def _further(title: str, compute: Compute, unit: str = "m", about: str = "", **more: Any) -> Metric:
-    return Metric(title, compute, unit, about, by_default=False, **more)
-
+_further = functools.partial(Metric, by_default=False)
+_on_host = functools.partial(_further, on_host=True)
+_weighted = functools.partial(_further, weighted=True)
+_moves = functools.partial(_further, moves=True)
 
 _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
@@ -85,38 +87,20 @@ METRICS: Registry[Metric] = Registry(
         "marginal_fde": Metric("marginal FDE", best_of_k.marginal_fde, "m", _MARGINAL),
         "horizon": Metric("mean displacement error", best_of_k.horizon),
         "collision_rate": Metric("people in collision", collision.rate, "share", on_host=True),
-        "truth_collision_rate": _further(
-            "truth's collisions", collision.truth_rate, "share", on_host=True
-        ),
-        "excess_collisions": _further(
-            "collisions beyond truth's", collision.excess, "share", on_host=True
-        ),
+        "truth_collision_rate": _on_host("truth's collisions", collision.truth_rate, "share"),
+        "excess_collisions": _on_host("collisions beyond truth's", collision.excess, "share"),
         "miss_rate": _further("missed by 2 m", best_of_k.missed, "share", _MISS),
-        "energy_score": _further(
-            "energy score", distribution.energy_score, "m", _PROPER, weighted=True
+        "energy_score": _weighted("energy score", distribution.energy_score, "m", _PROPER),
+        "crps": _weighted("CRPS", distribution.crps, "m", _PROPER),
+        "coverage_50": _weighted("covered at 50 %", distribution.coverage_50, "share", _COVERED),
+        "coverage_90": _weighted("covered at 90 %", distribution.coverage_90, "share", _COVERED),
+        "central_ade": _weighted("central ADE", distribution.central_ade, "m", _CENTRAL),
+        "central_fde": _weighted("central FDE", distribution.central_fde, "m", _CENTRAL),
+        "neighbour_share": _moves("changed by neighbours", neighbours.share, "share", _NEIGHBOURS),
+        "neighbour_near": _moves(
+            "changed by near neighbours", neighbours.near, "share", _NEIGHBOURS
         ),
-        "crps": _further("CRPS", distribution.crps, "m", _PROPER, weighted=True),
-        "coverage_50": _further(
-            "covered at 50 %", distribution.coverage_50, "share", _COVERED, weighted=True
-        ),
-        "coverage_90": _further(
-            "covered at 90 %", distribution.coverage_90, "share", _COVERED, weighted=True
-        ),
-        "central_ade": _further(
-            "central ADE", distribution.central_ade, "m", _CENTRAL, weighted=True
-        ),
-        "central_fde": _further(
-            "central FDE", distribution.central_fde, "m", _CENTRAL, weighted=True
-        ),
-        "neighbour_share": _further(
-            "changed by neighbours", neighbours.share, "share", _NEIGHBOURS, moves=True
-        ),
-        "neighbour_near": _further(
-            "changed by near neighbours", neighbours.near, "share", _NEIGHBOURS, moves=True
-        ),
-        "neighbour_move": _further(
-            "moved by neighbours", neighbours.move, "m", _NEIGHBOURS, moves=True
-        ),
+        "neighbour_move": _moves("moved by neighbours", neighbours.move, "m", _NEIGHBOURS),
         "state_log": _further("states log", symbol_scores.state_log, "nats", _SYMBOLS),
         "event_log": _further("events log", symbol_scores.event_log, "nats", _SYMBOLS),
     },
