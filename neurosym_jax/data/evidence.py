@@ -51,6 +51,12 @@ def judge(tracks: Tracks, options: ReadOptions) -> tuple[list[str], list[str]]:
             f"the clock too {wrong} (--fps, --time-unit; SGAN's eth needs --eth-stride 6), or are "
             f"coordinates {unit} (--unit)?"
         )
+    held = _held(tracks)
+    if steps >= FEW and held > 0.01:
+        (serious if held > 0.1 else doubted).append(
+            f"{held:.1%} of the points repeat the one before and are followed by a leap: are "
+            "positions held until the next is there?"
+        )
     whole = np.all(tracks.position == np.rint(tracks.position))
     if whole and options.unit is None and len(tracks.id) > 20 and np.ptp(tracks.position) > 20:
         serious.append("all coordinates are whole numbers, as pixels are: say --unit m, cm, mm, ..")
@@ -73,6 +79,15 @@ def judge(tracks: Tracks, options: ReadOptions) -> tuple[list[str], list[str]]:
             f"{tracks.stamp[at]:.2f} s: is a person two?"
         )
     return refused, doubted
+
+
+def _held(tracks: Tracks) -> float:
+    """Share of points that repeat the one before, and are followed by a leap."""
+    length = np.linalg.norm(np.diff(tracks.position, axis=0), axis=1)
+    length[np.diff(tracks.id) != 0] = np.nan
+    usual = np.median(length[length > 0]) if np.any(length > 0) else np.inf
+    still, leap, after = length[:-2], length[1:-1], length[2:]
+    return np.sum((still == 0) & (leap > np.maximum(1.6 * after, 0.5 * usual))) / len(tracks.id)
 
 
 def _strides(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:

@@ -80,7 +80,7 @@ def read_any(
     path = Path(path)
     form = format_of(path, options)
     options.metres(path)
-    for option in {"columns", "fps", "time_unit", "unit"} - form.uses:
+    for option in {"columns", "fps", "keep", "time_unit", "unit"} - form.uses:
         if getattr(options, option):
             shown = option.replace("_", "-")
             raise InputError(f"{path}: --{shown} is of no use for {form.title}, which fixes it")

@@ -31,6 +31,9 @@ class ReadOptions:
     a number, such as 0.032 for pixels of 3.2 cm."""
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
     """Unit of a table's times; default: seconds."""
+    keep: tuple[str, ...] = ()
+    """Kinds of rows that are people, where a table's column label, class, type, category, ... says
+    what each row is; default: person, pedestrian, human, adult, ...; others are left out."""
     fps: float | None = None
     """Frames per second, where frames are numbered; default: their most common step is 0.4 s."""
     eth_stride: float | None = None

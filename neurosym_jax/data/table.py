@@ -43,6 +43,10 @@ class Table:
             at = int(np.argmax(wrong))
             raise InputError(f"{self.path}: row {self.row[at]}: {reason(at)}")
 
+    def take(self, rows: np.ndarray) -> "Table":
+        """The rows of a mask [R]."""
+        return dataclasses.replace(self, fields=self.fields.filter(rows), row=self.row[rows])
+
     def column(self, place: int) -> pl.Series:
         """[R] texts of a column, without blanks and quotes around them."""
         return _stripped(self.fields.list.get(place))
@@ -198,11 +202,15 @@ def assemble(
     extras: Mapping[str, np.ndarray] = MappingProxyType({}),
     *,
     recording: str | None = None,
+    said: Sequence[str] = (),
 ) -> Tracks:
-    """Tracks of the lines `row` [R] of a file, in any order; the last step of every reader."""
+    """Tracks of the lines `row` [R] of a file, in any order; the last step of every reader.
+
+    Its warnings are those `said`, and one where time runs backward.
+    """
     order = np.argsort(id, kind="stable")
     back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
-    warnings = [
+    warnings = [*said] + [
         f"row {row[first]}: time runs backward for agent {id[first]} ({len(back)} times in all); "
         "the rows are sorted"
         for first in back[:1]

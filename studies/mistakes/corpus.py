@@ -55,6 +55,15 @@ def own_clocks() -> np.ndarray:
     return np.concatenate([CROWD.t[CROWD.id == id] - CROWD.t[CROWD.id == id][0] for id in IDS])
 
 
+def frozen(share: float) -> Crowd:
+    """Each point is, by chance, the one before."""
+    x, y = CROWD.x.copy(), CROWD.y.copy()
+    for at in np.flatnonzero(RNG.random(SIZE) < share):
+        if at and CROWD.id[at] == CROWD.id[at - 1]:
+            x[at], y[at] = x[at - 1], y[at - 1]
+    return CROWD.but(x=x, y=y)
+
+
 def where(chosen: np.ndarray, x: float, y: float) -> Crowd:
     """Some positions are another place."""
     return CROWD.but(x=np.where(chosen, x, CROWD.x), y=np.where(chosen, y, CROWD.y))
@@ -71,6 +80,7 @@ TENTH = RNG.random(SIZE) >= 0.1
 STILL = CROWD.but(x=0 * CROWD.x + CROWD.id, y=0 * CROWD.y)
 FAST = make_crowd(rate=25)
 TRACKER = make_crowd(rate=10)
+ROBOT = np.where(CROWD.id == 5, "robot", "person")
 DETECTIONS = CROWD.rows(np.lexsort((RNG.random(SIZE), CROWD.step)))
 BY_FRAME = DETECTIONS.but(
     id=np.concatenate([np.arange(n) for n in np.unique(DETECTIONS.step, return_counts=True)[1]])
@@ -107,6 +117,17 @@ MISTAKES = [
     refused("--fps beside times", "is a time", table(), fps=25.0),
     read("frame and time agree", table(**FRAMES)),
     refused("frame and time, of another rate", "too slow", table(t=CROWD.step * 1.001, **FRAMES)),
+    refused(
+        "frame goes on where time begins again",
+        "disagree",
+        table(t=np.where(CROWD.step > 90, CROWD.t - 36.2, CROWD.t), **FRAMES),
+    ),
+    refused("frame backward beside time", "disagree", table(frame=-CROWD.step)),
+    refused(
+        "frame of a row off by ten steps",
+        "disagree",
+        table(frame=10 * CROWD.step + 100 * (CROWD.id == 9)),
+    ),
     refused("everybody's clock begins at 0", "begin at one moment", table(t=own_clocks())),
     warned("rows in another order", "runs backward", table(CROWD.rows(RNG.permutation(SIZE)))),
     read("a stamp moved by 1 ms", table(t=CROWD.t + 0.001 * (np.arange(SIZE) == 99))),
@@ -120,6 +141,23 @@ MISTAKES = [
         changed("run", "note", of=two_runs("run")),
         columns=("note=note",),
     ),
+    warned("label robot", "left out", table(label=ROBOT)),
+    warned("type car", "left out", table(type=np.where(CROWD.id % 7, "Pedestrian", "Car"))),
+    warned("Object Class robot", "left out", table(**{"Object Class": ROBOT})),
+    warned(
+        "robot in the second of two columns",
+        "left out",
+        table(label=["person"] * SIZE, agent_type=ROBOT),
+    ),
+    warned(
+        "label robot, named as an extra", "left out", table(kind=ROBOT), columns=("group=kind",)
+    ),
+    refused("class in numbers", "--keep", table(**{"class": CROWD.id % 2})),
+    refused("agent_type robot alone", "--keep", table(agent_type=["robot"] * SIZE)),
+    refused("--keep names no kind", "--keep", table(label=ROBOT), keep=("cyclist",)),
+    refused("--keep without kinds", "--keep", table(), keep=("person",)),
+    read("label ped throughout", table(label=["ped"] * SIZE)),
+    read("every kind kept", table(label=ROBOT), keep=("person", "Robot")),
     refused("coordinates in 0..1", "metres", text(CROWD.scaled(16, 6))),
     refused("z-scores", "metres", text(CROWD.scaled(SPREAD, 6))),
     refused("a map at a tenth", "metres", text(CROWD.scaled(10))),
@@ -163,6 +201,8 @@ MISTAKES = [
     refused(
         "everybody twice, under other ids", "twice", text() + text(CROWD.but(id=CROWD.id + 500))
     ),
+    refused("a fifth of positions frozen", "held", text(frozen(0.2))),
+    warned("a twentieth of positions frozen", "held", text(frozen(0.05))),
     refused("nobody moves", "too slow", text(STILL)),
     refused("missing positions are 0, 0", "", text(where(FEW, 0, 0))),
     warned(
@@ -172,7 +212,7 @@ MISTAKES = [
     ),
     refused("missing positions are -3000", "", text(where(FEW, -3000, -3000))),
     warned("noise of half a metre", "", text(CROWD.but(x=CROWD.x + RNG.normal(0, 0.5, SIZE)))),
-    warned("positions in whole metres", "", text(CROWD.scaled(1, 0))),
+    refused("positions in whole metres", "", text(CROWD.scaled(1, 0))),
     refused(
         "moves instead of positions",
         "",

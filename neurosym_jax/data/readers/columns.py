@@ -1,6 +1,7 @@
 """A user's own table, whose columns are named, numbered or have usual names.
 
-A column of scenes, runs or cameras splits the table into recordings.
+A column of scenes, runs or cameras splits the table into recordings. Columns of kinds (label,
+class, type) say which rows are people. Frames beside times must agree with them.
 """
 
 import re
@@ -27,6 +28,12 @@ _USUAL = {
 }
 _RECORDINGS = {"scene", "scene_id", "run", "run_id", "camera", "camera_id", "recording", "video"}
 _RECORDINGS |= {"recording_id", "video_id", "sequence", "session"}
+_KINDS = re.compile(
+    r"((agent|actor|obj|object|track)[ _-]?)?(class|label|type|kind|category)([ _-]?(name|id))?",
+    re.IGNORECASE,
+)
+_PEOPLE = {"person", "persons", "people", "human", "humans", "ped", "peds", "pedestrian"}
+_PEOPLE |= {"pedestrians", "walker", "adult", "child", "visitor", "worker", "man", "woman"}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -34,7 +41,7 @@ class Columns(Format):
     """A user's own table."""
 
     title = "table with named columns"
-    uses = frozenset({"columns", "unit", "time_unit", "fps"})
+    uses = frozenset({"columns", "fps", "keep", "time_unit", "unit"})
 
     def knows(self, head: Head) -> bool:
         """A header with names."""
@@ -56,8 +63,12 @@ class Columns(Format):
         }
         if len({place[key] for key in (clock, "id", "x", "y")}) < 4:
             raise InputError(f"{path}: {clock}, id, x and y are four columns")
+        table, said = _people(table, options.keep, {place[key] for key in (clock, "id", "x", "y")})
+        names, recording = _recordings_of(table, set(place.values()))
         if clock == "time":
             stamp = _seconds(table, place[clock], options)
+            if "time" not in columns:
+                _refuse_other_frames(table, place[clock], stamp, recording)
         elif options.time_unit:
             raise InputError(f"{path}: --time-unit is of no use: the column counts frames")
         else:
@@ -65,7 +76,6 @@ class Columns(Format):
         position = table.numbers(place["x"], place["y"]) * options.metres(path)
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
         ids = table.ids(place["id"])
-        names, recording = _recordings_of(table, set(place.values()))
         return [
             assemble(
                 path,
@@ -75,6 +85,7 @@ class Columns(Format):
                 position[at],
                 {key: values[at] for key, values in extras.items()},
                 recording=name,
+                said=said,
             )
             for number, name in enumerate(names)
             for at in [recording == number]
@@ -144,6 +155,52 @@ def _seconds(table: Table, place: int, options: ReadOptions) -> np.ndarray:
             f"frame={name} --fps 25), or is that their unit (--time-unit s or ms)?"
         )
     return stamp
+
+
+def _refuse_other_frames(
+    table: Table, clock: int, stamp: np.ndarray, recording: np.ndarray
+) -> None:
+    """Refuse a column of frames that counts anything but the times [R] of a recording."""
+    places = _places(table.names, "frame")
+    if len(places) != 1:
+        return
+    frame = table.numbers(places[0], missing=True)[:, 0]
+    for number in np.unique(recording):
+        at = np.flatnonzero((recording == number) & np.isfinite(frame))
+        first, index = np.unique(frame[at], return_index=True)
+        if len(first) < 3:
+            continue
+        rate, start = np.polyfit(first - first[0], stamp[at][index], 1)
+        off = np.max(np.abs(stamp[at] - start - rate * (frame[at] - first[0])))
+        if rate <= 0 or off > 0.1 + 2 * rate + 1e-3 * np.ptp(stamp[at]):
+            frames, times = table.names[places[0]], table.names[clock]
+            raise InputError(
+                f"{table.path}: columns {frames!r} and {times!r} disagree: say which is right, "
+                f"--columns frame={frames} or time={times}"
+            )
+
+
+def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, list[str]]:
+    """The rows of people by every column of kinds, and a line for what each leaves out."""
+    places = [at for at, name in enumerate(table.names) if _KINDS.fullmatch(name)]
+    places = [at for at in places if at not in used]
+    wanted, said = {kind.lower() for kind in keep} or _PEOPLE, []
+    if keep and not places:
+        raise InputError(f"{table.path}: --keep: no column is a label, class, type or category")
+    for at in places:
+        name, kinds = table.names[at][:30], table.column(at)
+        mask = kinds.str.to_lowercase().is_in(wanted).to_numpy()
+        others = kinds.filter(~mask).unique(maintain_order=True)
+        shown = printable(", ".join(kind[:30] or "nothing" for kind in others[:6]))
+        if not mask.any():
+            raise InputError(
+                f"{table.path}: column {name!r} has {shown}: say with --keep which are people"
+            )
+        if not mask.all():
+            count = np.sum(~mask)
+            said.append(f"{count} rows with {name} {shown} are left out (--keep says who is kept)")
+            table = table.take(mask)
+    return table, said
 
 
 def _recordings_of(table: Table, used: set[int]) -> tuple[list[str], np.ndarray]:
