@@ -4,6 +4,7 @@ rosbags is imported when a bag is read.
 """
 
 import dataclasses
+import os
 from pathlib import Path
 
 from neurosym_jax.data.formats import format_of, register_format
@@ -18,10 +19,10 @@ SUFFIXES = (".bag", ".mcap", ".db3")
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a bag, by its name or, for a folder, by the names in it."""
-    if path.suffix in SUFFIXES or (path / "metadata.yaml").is_file():
+    if path.suffix in SUFFIXES or os.path.isfile(path / "metadata.yaml"):
         return True
     # Without metadata, a folder with a file of its name is an unfinished bag of ROS 2.
-    return any((path / f"{path.name}_0{end}").is_file() for end in SUFFIXES)
+    return any(os.path.isfile(path / f"{path.name}_0{end}") for end in SUFFIXES)
 
 
 @register_format("bag")

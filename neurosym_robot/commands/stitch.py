@@ -1,6 +1,7 @@
 """Join tracks that occlusions broke."""
 
 import dataclasses
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -38,7 +39,7 @@ class Options:
 
 def run(options: Options) -> None:
     """Read, stitch and write; InputError names the file and the reason."""
-    if options.out.exists():
+    if os.path.exists(options.out):
         raise InputError(f"{options.out}: already there, and nothing is overwritten")
     files.refuse_unwritable(options.out)
     if not 0 < options.period < float("inf"):

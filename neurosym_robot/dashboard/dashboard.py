@@ -7,6 +7,7 @@ import base64
 import contextlib
 import functools
 import hashlib
+import os
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -115,7 +116,7 @@ class ReplayFile(View):
         """
         if path.suffix not in (".html", ".htm"):
             raise InputError(f"{path}: a replay is written as .html")
-        if path.exists():
+        if os.path.exists(path):
             raise InputError(f"{path}: already there, and nothing is overwritten")
         self.path, self._moments, self._files = path, moments, contextlib.ExitStack()
         beside = self._files.enter_context(new_file(path))

@@ -1,5 +1,6 @@
 """Bags written without ROS: messages, or the forecasts of a replay."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ class BagWriter:
             raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
         self.ros = 1 if path.suffix == ".bag" else 2
         self.path = path if self.ros == 1 else path.with_suffix("")
-        if self.path.exists():
+        if os.path.exists(self.path):
             raise InputError(f"{self.path}: already there, and nothing is overwritten")
         self._store = shared_typestore(self.ros)
         from rosbags import rosbag1, rosbag2

@@ -5,6 +5,7 @@ the tool that mends it. `bag_writer.py` writes bags.
 """
 
 import dataclasses
+import os
 import sqlite3
 import warnings
 from collections.abc import Callable, Collection, Iterator
@@ -44,8 +45,8 @@ def read_frames(
     path = Path(path)
     if is_bag(path):
         return read_people(path, topic_of(path, options), source)
-    if not path.is_file():
-        raise InputError(f"{path}: " + ("not a bag" if path.exists() else "no such file"))
+    if not os.path.isfile(path):
+        raise InputError(f"{path}: " + ("not a bag" if os.path.exists(path) else "no such file"))
     recordings = read_any(path, options)
     if len(recordings) != 1:
         raise InputError(f"{path}: holds {len(recordings)} recordings, and a stream is one")
@@ -121,7 +122,7 @@ def _read(
 ) -> Iterator[tuple[str, Any, str, float]]:
     """Topic, message, publisher's name (known in ROS 1 only), and time of recording [s]."""
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise InputError(f"{path}: no such file or folder")
     store = shared_typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
     files = [path] if path.is_file() else sorted(path.iterdir())

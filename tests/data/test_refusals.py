@@ -101,6 +101,7 @@ def test_what_is_no_file(tmp_path):
         (tmp_path / "folder.csv", "is a folder, pipe or device, not a file"),
         (Path("/dev/zero"), "is a folder, pipe or device, not a file"),
         (tmp_path / "absent", "cannot be read"),
+        (tmp_path / ("a" * 5000), "cannot be read"),
     ):
         with pytest.raises(InputError, match=message):
             read_any(place)
