@@ -152,6 +152,7 @@ MISTAKES = [
     warned(
         "label robot, named as an extra", "left out", table(kind=ROBOT), columns=("group=kind",)
     ),
+    warned("a column that somewhere says robot", "left out", table(role=ROBOT)),
     refused("class in numbers", "--keep", table(**{"class": CROWD.id % 2})),
     refused("agent_type robot alone", "--keep", table(agent_type=["robot"] * SIZE)),
     refused("--keep names no kind", "--keep", table(label=ROBOT), keep=("cyclist",)),

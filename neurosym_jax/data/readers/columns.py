@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 
 from neurosym_jax.data.reading import Format, ReadOptions
 from neurosym_jax.data.table import Table, assemble, read_table
@@ -34,6 +35,8 @@ _KINDS = re.compile(
 )
 _PEOPLE = {"person", "persons", "people", "human", "humans", "ped", "peds", "pedestrian"}
 _PEOPLE |= {"pedestrians", "walker", "adult", "child", "visitor", "worker", "man", "woman"}
+_OTHERS = {"robot", "robots", "car", "vehicle", "truck", "bus", "cart", "bicycle", "bike", "biker"}
+_OTHERS |= {"cyclist", "bicyclist", "motorcycle", "motorcyclist", "scooter", "skater", "dog"}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -182,14 +185,19 @@ def _refuse_other_frames(
 
 def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, list[str]]:
     """The rows of people by every column of kinds, and a line for what each leaves out."""
-    places = [at for at, name in enumerate(table.names) if _KINDS.fullmatch(name)]
-    places = [at for at in places if at not in used]
+    places = [
+        at
+        for at, name in enumerate(table.names)
+        if at not in used
+        # By its name or, of the first columns (there may be millions), by what it says.
+        and (_KINDS.fullmatch(name) or (at < 50 and _lower(table, at).is_in(_OTHERS).any()))
+    ]
     wanted, said = {kind.lower() for kind in keep} or _PEOPLE, []
     if keep and not places:
         raise InputError(f"{table.path}: --keep: no column is a label, class, type or category")
     for at in places:
         name, kinds = table.names[at][:30], table.column(at)
-        mask = kinds.str.to_lowercase().is_in(wanted).to_numpy()
+        mask = _lower(table, at).is_in(wanted).to_numpy()
         others = kinds.filter(~mask).unique(maintain_order=True)
         shown = printable(", ".join(kind[:30] or "nothing" for kind in others[:6]))
         if not mask.any():
@@ -201,6 +209,10 @@ def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, l
             said.append(f"{count} rows with {name} {shown} are left out (--keep says who is kept)")
             table = table.take(mask)
     return table, said
+
+
+def _lower(table: Table, place: int) -> pl.Series:
+    return table.column(place).str.to_lowercase()
 
 
 def _recordings_of(table: Table, used: set[int]) -> tuple[list[str], np.ndarray]:
