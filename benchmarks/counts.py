@@ -3,7 +3,7 @@
 python -m benchmarks.counts            # prints them
 python -m benchmarks.counts --write    # makes them the baseline
 
-`tests/test_counts.py` fails where one is above `benchmarks/baseline.json`. FLOPs and bytes are
+`tests/test_benchmarks.py` fails where one is above `benchmarks/baseline.json`. FLOPs and bytes are
 those of XLA's cost analysis of the program before it is optimised, in which the body of a loop over
 steps counts once: they show growth, not the work (which `benchmarks.light` has).
 

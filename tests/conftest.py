@@ -46,12 +46,10 @@ os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"
 
 # They import jax, which reads the environment.
 import jax  # noqa: E402
-import numpy as np  # noqa: E402
 
 from neurosym_jax.forecasting.model import Model  # noqa: E402
-from neurosym_jax.models import Generator  # noqa: E402
 from neurosym_jax.models.config import GeneratorConfig  # noqa: E402
-from neurosym_jax.scene import make_scene  # noqa: E402
+from tests.networks import random_model  # noqa: E402
 
 jax.config.update("jax_debug_nans", True)
 
@@ -73,15 +71,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         left = [item for item in items if item.get_closest_marker("rounding")]
         config.hook.pytest_deselected(items=left)
         items[:] = [item for item in items if item not in left]
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item):
-    """Report a missing dependency once in the summary, however many tests it skips."""
-    report = yield
-    if report.when == "setup" and report.skipped and isinstance(report.longrepr, tuple):
-        report.longrepr = (str(item.config.rootpath / "tests"), None, report.longrepr[2])
-    return report
 
 
 @pytest.fixture(scope="session")
@@ -106,13 +95,6 @@ def model() -> Callable[..., Model]:
             obs_len=4,
             pred_len=3,
         )
-        scene, alpha = make_scene(np.zeros((1, 4, 2))), np.zeros((1, 1, 4))
-        noise = np.zeros(config.noise_dim)
-        shapes = jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise, alpha)
-        rng = np.random.default_rng(1)
-        params = jax.tree.map(
-            lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
-        )
-        return Model(config, params)
+        return random_model(config)
 
     return make

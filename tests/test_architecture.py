@@ -93,25 +93,19 @@ def test_rooms_import_what_is_left_of_them():
     assert wrong == LATER
 
 
-def test_commands_are_not_imported():
-    users = {file for file, names in FILES.items() for name, _ in names if ours(name) == "commands"}
-    assert {file for file in users if not file.startswith("commands/")} <= {"__main__.py"}
-
-
-def test_the_core_names_no_plugin():
-    paths = [path for path in PACKAGE.rglob("*") if path.suffix in (".py", ".pyi")]
-    texts = {path: path.read_text(encoding="utf-8") for path in paths}
-    assert {path for path, text in texts.items() if "neurosym_robot" in text} == set()
-
-
-def test_the_package_imports_no_studies_or_tests():
-    outside = {
+def test_the_core_uses_no_command_study_test_or_robot():
+    outside = {"studies", "tests", "benchmarks", "examples"}
+    users = {
         file
         for file, names in FILES.items()
         for name, _ in names
-        if name.split(".")[0] in ("studies", "tests", "benchmarks", "examples")
+        if name.split(".")[0] in outside
+        or (ours(name) == "commands" and not file.startswith("commands/"))
     }
-    assert outside == set()
+    assert users <= {"__main__.py"}
+    paths = [path for path in PACKAGE.rglob("*") if path.suffix in (".py", ".pyi")]
+    naming = {path for path in paths if "neurosym_robot" in path.read_text(encoding="utf-8")}
+    assert naming == set()
 
 
 def test_files_are_short_and_say_what_they_are():

@@ -1,19 +1,19 @@
-"""One file of somebody's own adds one of each kind, and each is seen where its kind is seen."""
+"""Names are registered once, plugins imported once, and a missing plugin is named."""
 
-from pathlib import Path
+import dataclasses
 from unittest import mock
 
-import numpy as np
 import pytest
 
 from neurosym_jax.__main__ import main
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.parameters import nested_parameters
+from neurosym_jax.plugins import load_plugin, loaded
+from neurosym_jax.registry import Registry
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
 from neurosym_jax.training.network import named_network
+from tests.networks import random_model
 
-ROOT = Path(__file__).parents[1]
 MISSING = "unknown weighting 'nearness'"
 
 
@@ -23,10 +23,8 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     with mock.patch.dict(WEIGHTINGS):
         register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)
         network = named_network("neurosym", weighting="nearness")
-        shapes = Model(network, {}).forecaster.shapes()
-        assert shapes is not None
-        params = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
-        save_model(model, Model(network, nested_parameters(params), plugins=("near.py",)))
+        own = dataclasses.replace(random_model(network, std=1.0), plugins=("near.py",))
+        save_model(model, own)
         assert load_model(model).plugins == ("near.py",)
     (tmp_path / "near.py").write_text("raise SystemExit('imported')")
     monkeypatch.chdir(tmp_path)
@@ -49,3 +47,40 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
         refusal("symbols", *asked),
     ):
         assert "(--plugin FILE adds one)" in line
+
+
+def test_names_are_kept_in_order_and_taken_once():
+    registry: Registry[int] = Registry("number", {"two": 2})
+    assert registry.register("one")(1) == 1
+    registry.register("two", 2)
+    assert dict(registry) == {"two": 2, "one": 1}
+    with pytest.raises(InputError, match="another number 'two' already"):
+        registry.register("two", 3)
+    registry.register("two", 3, replace=True)
+    assert list(registry.items()) == [("two", 3), ("one", 1)]
+    with pytest.raises(InputError, match=r"unknown number 'six': there are two, one"):
+        registry["six"]
+    with pytest.raises(InputError, match=r"unknown number 'oen': did you mean 'one'\? there are"):
+        registry["oen"]
+    with pytest.raises(InputError, match="cannot name a number"):
+        registry.register("one, two", 3)
+
+
+def test_a_plugin_is_imported_once(tmp_path, capsys):
+    path = tmp_path / "mine.py"
+    path.write_text("print('imported')")
+    load_plugin(str(path))
+    load_plugin(str(path))
+    assert capsys.readouterr().out == "imported\n"
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other/mine.py"
+    other.write_text("1 / 0")
+    for plugin, reason in {
+        str(other): "ZeroDivisionError: division by zero",
+        str(tmp_path / "absent.py"): "no such file",
+        "no_such_module": "ModuleNotFoundError",
+    }.items():
+        with pytest.raises(InputError, match=f"plugin {plugin}: .*{reason}"):
+            load_plugin(plugin)
+    assert loaded().count(str(path)) == 1
+    assert str(other) not in loaded()

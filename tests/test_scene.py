@@ -33,22 +33,14 @@ def test_the_same_numbers_anywhere_on_the_map(offset):
     for name in ("observed", "displacement", "future"):
         assert_array_equal(getattr(here, name), getattr(there, name))
     assert_allclose(there.origin - here.origin, offset, atol=1e-8)
-
-
-def test_standing_is_standing_anywhere():
-    standing = np.broadcast_to([[[0.1, 0.7]]], (1, 8, 2)) + np.array([4e5, 5e6])
+    standing = np.broadcast_to([[[0.1, 0.7]]], (1, 8, 2)) + offset
     assert not make_scene(standing).displacement.any()
 
 
-def test_under_x64():
+def test_padding():
     with jax.enable_x64(True):
         scene = make_scene(WORLD, FUTURE)
     assert scene.observed.dtype == scene.displacement.dtype == scene.future.dtype == np.float64
-    assert_allclose(to_world(scene.observed, scene), WORLD, rtol=0, atol=1e-12)
-
-
-def test_padding():
-    scene = make_scene(WORLD, FUTURE)
     padded = pad_scene(scene, 5)
     assert padded.valid.tolist() == [True] * 3 + [False] * 2
     for name in ("observed", "displacement", "future"):

@@ -53,17 +53,9 @@ def test_everything_works_outside_a_clone(installed, tmp_path):
         "models": [neurosym, "models"],
         "python": [sys.executable, "-c", python],
     }
-    running = {
-        name: subprocess.Popen(
-            command,
-            cwd=tmp_path,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        for name, command in commands.items()
-    }
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    how |= {"cwd": tmp_path, "env": environment}
+    running = {name: subprocess.Popen(command, **how) for name, command in commands.items()}
     said = {name: process.communicate(timeout=300)[0] for name, process in running.items()}
     for name, process in running.items():
         assert process.returncode == 0, said[name]

@@ -13,6 +13,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, scene_identity
 from neurosym_jax.symbolic import Cnd, Soft, initial_parameters
+from tests.networks import random_params
 
 LENGTHS = {"obs_len": 5, "pred_len": 3}
 OBSERVED = 5.0 + np.random.default_rng(0).normal(0, 0.4, (3, 5, 2)).cumsum(axis=1)
@@ -24,11 +25,9 @@ FORECAST = jax.jit(forecast, static_argnums=0)
 def model_of(weighting):
     pooling = "as_described" if weighting else "pool_net"
     config = GeneratorConfig(pooling=f"{pooling},hidden_dim=16", weighting=weighting, **LENGTHS)
-    alpha = jnp.zeros((3, 3, 5))
-    scene = make_scene(OBSERVED)
-    params = Generator(config).init(jax.random.key(1), scene, jnp.zeros(8), alpha)
-    # At their first size the networks would hardly look at each other.
-    params = jax.tree.map(lambda leaf: 1.5 * leaf, params)
+    params = random_params(
+        Generator(config), make_scene(OBSERVED), np.zeros(8), np.zeros((3, 3, 5))
+    )
     return Model(config, {**params, "weighting": initial_parameters(config.weighting)})
 
 
@@ -62,21 +61,18 @@ def test_padding_and_a_batch_change_nothing(soft):
 
 @pytest.mark.parametrize("given", [False, True], ids=["own", "given"])
 def test_gradients(soft, given):
-    """By the learned threshold (or by an alpha that is given), positions and noise."""
+    """By all parameters (or by an alpha that is given), positions and noise."""
     rng = np.random.default_rng(2)
     with jax.enable_x64(True):
         params = jax.tree.map(jnp.float64, soft.params)
-        weighting = params["weighting"]
-        first = rng.uniform(0.2, 1, (3, 3, 5)) if given else weighting
+        first = rng.uniform(0.2, 1, (3, 3, 5)) if given else params
         arguments = jax.tree.map(jnp.float64, (first, OBSERVED, NOISE))
         along = jax.tree.map(lambda leaf: jnp.asarray(rng.normal(size=leaf.shape)), arguments)
 
         def value(step):
             first, observed, noise = jax.tree.map(lambda a, b: a + step * b, arguments, along)
-            every = {**params, "weighting": weighting if given else first}
-            return (
-                FORECAST(soft.config, every, observed, noise, first if given else None) ** 2
-            ).mean()
+            how = (params, observed, noise, first) if given else (first, observed, noise)
+            return (FORECAST(soft.config, *how) ** 2).mean()
 
         slope = jax.grad(value)(0.0)
         assert abs(slope) > 1e-4

@@ -1,4 +1,5 @@
 import dataclasses
+import hashlib
 import json
 import shutil
 import subprocess
@@ -12,18 +13,12 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.parameters import flat_parameters, nested_parameters
+from neurosym_jax.forecasting.parameters import flat_parameters
 from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.poolings import POOLINGS
+from tests.networks import random_model
 
-
-def random_model(config):
-    rng = np.random.default_rng(0)
-    shapes = Model(config, {}).forecaster.shapes().items()
-    params = {name: rng.normal(size=shape).astype(np.float32) for name, shape in shapes}
-    return Model(config, nested_parameters(params), "zara1")
-
-
-MODEL = random_model(GeneratorConfig(pooling="pool_net,hidden_dim=16"))
+MODEL = random_model(GeneratorConfig(pooling="pool_net,hidden_dim=16"), "zara1")
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +32,25 @@ def saved(tmp_path_factory):
 def copy(saved, tmp_path):
     """A copy of the folder that a test may damage."""
     return shutil.copytree(saved, tmp_path / "copy")
+
+
+@pytest.fixture
+def sign():
+    """`sign(folder, change, params)`: as somebody does who knows how the digest is made."""
+
+    def write(folder, change=lambda config: None, params=None):
+        config = json.loads((folder / "config.json").read_text())
+        del config["sha256"]
+        change(config)
+        if params is not None:
+            (folder / "params.safetensors").write_bytes(params)
+        rest = json.dumps(config).removeprefix("{").encode()
+        others = [(folder / name).read_bytes() for name in ("README.md", "params.safetensors")]
+        sha256 = hashlib.sha256(b"".join([rest, *others])).hexdigest()
+        head = b'{\n  "sha256": "' + sha256.encode() + b'",\n'
+        (folder / "config.json").write_bytes(head + rest)
+
+    return write
 
 
 def refusal(folder):
@@ -53,14 +67,11 @@ def test_round_trip(saved):
     assert (loaded.config, loaded.dataset, loaded.kind) == (MODEL.config, "zara1", "generator")
     jax.tree.map(assert_array_equal, loaded.params, MODEL.params)
     assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {np.dtype(np.float32)}
-    assert {path.name for path in saved.iterdir()} == {
-        *("README.md", "config.json", "params.safetensors"),
-    }
+    files = {"README.md", "config.json", "params.safetensors"}
+    assert {path.name for path in saved.iterdir()} == files
     assert (saved / "README.md").read_text().startswith("# SGAN, to be tested on zara1\n")
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
-
-
-def test_anybody_can_check_the_digest(saved):
+    # Anybody can check the digest.
     command = "(tail -n +3 config.json; cat README.md params.safetensors) | sha256sum"
     found = subprocess.run(["sh", "-c", command], cwd=saved, capture_output=True, check=True).stdout
     assert found.split()[0].decode() == json.loads((saved / "config.json").read_text())["sha256"]
@@ -92,10 +103,9 @@ def test_every_flipped_bit_is_refused(copy, tmp_path):
         assert load_model(path.parent).dataset == "zara1"
 
 
-@pytest.mark.parametrize("text", ["", "{}", "\x00", "[" * 100_000])
-def test_config_that_is_none(copy, text):
-    (copy / "config.json").write_text(text)
-    assert "damaged" in refusal(copy)
+def header(**entries):
+    text = json.dumps(entries).encode()
+    return len(text).to_bytes(8, "little") + text
 
 
 @pytest.mark.parametrize(
@@ -112,21 +122,7 @@ def test_config_that_is_none(copy, text):
         (lambda all: all.update(seen="A" * 15), "seen is not a fingerprint"),
         (lambda all: all.update(forecaster="nobody"), "unknown forecaster 'nobody'"),
         (lambda all: all.pop("dataset"), "must have the fields"),
-    ],
-)
-def test_wrong_values_under_a_right_digest(copy, sign, change, message):
-    sign(copy, change)
-    assert message in refusal(copy)
-
-
-def header(**entries):
-    text = json.dumps(entries).encode()
-    return len(text).to_bytes(8, "little") + text
-
-
-@pytest.mark.parametrize(
-    ("params", "message"),
-    [
+        # Parameters that promise what is not there.
         (b"", "cannot be read"),
         (header(), "describes another network"),
         (header(a={"dtype": "F32", "shape": [2**40], "data_offsets": [0, 2**42]}), "cannot be"),
@@ -134,9 +130,36 @@ def header(**entries):
         ((2**40).to_bytes(8, "little") + b"{}", "cannot be read"),
     ],
 )
-def test_parameters_that_promise_what_is_not_there(copy, sign, params, message):
-    sign(copy, params=params)
+def test_wrong_values_under_a_right_digest(copy, sign, change, message):
+    sign(copy, params=change) if isinstance(change, bytes) else sign(copy, change)
     assert message in refusal(copy)
+    for text in ("", "{}", "\x00", "[" * 100_000):
+        (copy / "config.json").write_text(text)
+        assert "damaged" in refusal(copy)
+
+
+@pytest.mark.parametrize(
+    ("kind", "weighting"), [("as_described", "quantised"), ("neurosym_ros", "cnd_shipped")]
+)
+def test_a_folder_names_variant_and_weighting(tmp_path, sign, kind, weighting):
+    config = GeneratorConfig(pooling=f"{kind},hidden_dim=16", weighting=weighting, pred_len=4)
+    model, folder = random_model(config), tmp_path / "m"
+    save_model(folder, model)
+    fields = json.loads((folder / "config.json").read_text())["config"]
+    assert POOLINGS.name_of(config.pooling) == kind
+    assert fields["pooling"] == {"kind": kind, **vars(config.pooling)}
+    assert fields["weighting"] == {"kind": weighting, **vars(config.weighting)}
+    loaded = load_model(folder)
+    assert loaded.config == config
+    jax.tree.map(assert_array_equal, loaded.params, model.params)
+    other = "neurosym_ros" if kind == "as_described" else "as_described"
+    for broken, message in (
+        ({"weighting": {"kind": "cnd", "tabel": "cnd"}}, "unknown field 'tabel'"),
+        ({"pooling": "pool_net"}, "has no symbols for a weighting"),
+        ({"pooling": f"{other},hidden_dim=15"}, "describes another network"),
+    ):
+        sign(folder, lambda all, broken=broken: all.update(config={**fields, **broken}))
+        assert message in refusal(folder)
 
 
 def test_parameters_that_are_not_finite(copy, sign, tmp_path):
@@ -150,6 +173,11 @@ def test_parameters_that_are_not_finite(copy, sign, tmp_path):
     sign(copy, params=save(params))
     assert "not finite: params/encoder/lstm/input_bias" in refusal(copy)
     assert not (tmp_path / "new").exists()
+    # Nor are those written that would not come back.
+    odd = ((1, 2), {"a": [1.0]}, {"a/b": np.zeros(1)}, {"a": {}}, {1: np.zeros(1)}, {"a": "b"})
+    for params in odd:
+        with pytest.raises(InputError, match="parameter"):
+            flat_parameters(params)
 
 
 def test_nothing_is_overwritten(saved, tmp_path):
@@ -165,15 +193,6 @@ def test_nothing_is_overwritten(saved, tmp_path):
 def test_what_is_no_model(tmp_path):
     assert "no such checkpoint" in refusal(tmp_path / "absent")
     assert "it has no config.json" in refusal(tmp_path)
-    (tmp_path / "noise.pt").write_bytes(bytes(range(256)) * 9)
-    refusal(tmp_path / "noise.pt")
-    (tmp_path / "empty.pt").write_bytes(b"")
-    refusal(tmp_path / "empty.pt")
-
-
-@pytest.mark.parametrize(
-    "params", [(1, 2), {"a": [1.0]}, {"a/b": np.zeros(1)}, {"a": {}}, {1: np.zeros(1)}, {"a": "b"}]
-)
-def test_parameters_that_would_not_come_back(params):
-    with pytest.raises(InputError, match="parameter"):
-        flat_parameters(params)
+    for content in (bytes(range(256)) * 9, b""):
+        (tmp_path / "noise.pt").write_bytes(content)
+        refusal(tmp_path / "noise.pt")

@@ -10,6 +10,7 @@ import pytest
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchor_table import AnchorTable, AnchorTableConfig
 from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
+from tests.networks import random_params
 
 SMALL = AnchorConfig(pred_len=6, samples=4, hidden=8, symbols=True)
 VALID = jnp.ones(6, bool)
@@ -26,9 +27,7 @@ def people():
 @pytest.fixture(scope="module")
 def network(people):
     """`apply` of a small network whose parameters are all far from 0, and another's with them."""
-    rng = np.random.default_rng(0)
-    params = jax.eval_shape(AnchorNetwork(SMALL).init, jax.random.key(0), people, VALID)
-    params = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape) * 0.2, x.dtype), params)
+    params = random_params(AnchorNetwork(SMALL), people, VALID, std=0.2, seed=0)
     return jax.jit(lambda *inputs: AnchorNetwork(SMALL).apply(params, *inputs)), params
 
 
@@ -78,10 +77,9 @@ def test_neighbours_are_seen_within_the_radius_only(network, people):
 def test_what_the_attention_sees(people, geometry, symbols):
     """With symbols alone a neighbour's speed is unseen; with neither, the neighbour."""
     config = dataclasses.replace(SMALL, geometry=bool(geometry), symbols=bool(symbols))
-    rng, network = np.random.default_rng(1), AnchorNetwork(config)
+    network = AnchorNetwork(config)
     pair = jnp.stack([people[0], people[0] + jnp.array([3.0, 1.0])])
-    shapes = jax.eval_shape(network.init, jax.random.key(0), pair, VALID[:2])
-    params = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape) * 0.2, x.dtype), shapes)
+    params = random_params(network, pair, VALID[:2], std=0.2)
     apply = jax.jit(lambda observed: network.apply(params, observed, VALID[:2])[0][:, 0])
     last = pair[1, -1]
     faster, stands = (pair.at[1].set(last + (pair[1] - last) * by) for by in (1.05, 0.0))
@@ -99,7 +97,7 @@ def test_what_the_attention_sees(people, geometry, symbols):
 )
 def test_gradients_are_finite_where_people_stand_on_one_spot(network):
     observed, valid = jnp.zeros((3, 8, 2)), jnp.array([True, True, False])
-    params = jax.jit(network.init)(jax.random.key(0), observed, valid)
+    params = random_params(network, observed, valid, std=0.2)
 
     def loss(params, observed):
         forecast, log_probability = network.apply(params, observed, valid)

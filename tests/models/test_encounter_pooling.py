@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.models.encounter import _EncounterNetwork
+from tests.networks import random_params
 
 N, T, B = 6, 5, 8
 RNG = np.random.default_rng(0)
@@ -19,7 +20,7 @@ MODULE = _EncounterNetwork(12, B)
 @pytest.fixture(scope="module")
 def pool():
     """`(observed, valid, alpha) -> [N, B]` with random parameters."""
-    params = MODULE.init(jax.random.key(1), OBSERVED, ALL, ALPHA)
+    params = random_params(MODULE, OBSERVED, ALL, ALPHA)
     apply = jax.jit(MODULE.apply)
 
     def pool(observed=OBSERVED, valid=ALL, alpha=ALPHA):
@@ -37,11 +38,10 @@ def test_order_of_agents_is_the_order_of_results(pool):
 
 def test_somebody_alone_hears_nothing_and_gradients_are_finite(pool):
     assert_array_equal(pool(valid=np.arange(N) == 2)[2], 0)
-    standing = np.zeros_like(OBSERVED)
+    standing, params = np.zeros_like(OBSERVED), random_params(MODULE, OBSERVED, ALL, ALPHA)
 
     def total(observed, alpha, valid):
-        pooled, _ = MODULE.init_with_output(jax.random.key(0), observed, valid, alpha)
-        return jnp.square(pooled).sum()
+        return jnp.square(MODULE.apply(params, observed, valid, alpha)).sum()
 
     gradients = jax.jit(jax.grad(total, argnums=(0, 1)))
     for valid in (ALL, np.arange(N) == 2):

@@ -12,6 +12,7 @@ from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
+from tests.networks import random_params
 
 CONFIGS = {
     "pool_net": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=4),
@@ -20,9 +21,6 @@ CONFIGS = {
     "social": GeneratorConfig(pooling="social,grid_size=4", pred_len=4),
     "every step": GeneratorConfig(
         pool_every_timestep=True, pooling="pool_net,hidden_dim=16", decoder_h_dim=40, pred_len=4
-    ),
-    "symbols": GeneratorConfig(
-        pooling="as_described,hidden_dim=16", pred_len=4, weighting="quantised"
     ),
     "symbols, every step": GeneratorConfig(
         pooling="as_described,hidden_dim=16",
@@ -41,15 +39,6 @@ def example(config, agents=5):
     return make_scene(rng.normal(0, 0.4, (agents, config.obs_len, 2)).cumsum(axis=1))
 
 
-def random_params(module, *arguments):
-    """Of the size that torch would draw, so that outputs are of ordinary size."""
-    rng = np.random.default_rng(1)
-    shapes = jax.eval_shape(lambda key: module.init(key, *arguments), jax.random.key(0))
-    return jax.tree.map(
-        lambda leaf: rng.normal(0, leaf.shape[0] ** -0.5, leaf.shape).astype(np.float32), shapes
-    )
-
-
 def weights_of(config, scene):
     """Alpha of what was observed, and what gives that of predicted steps."""
     if not config.symbolic:
@@ -64,6 +53,14 @@ def sigmoid(x):
 
 def dense(x, layer):
     return x @ layer["kernel"] + layer["bias"]
+
+
+def lstm_step(lstm, hidden, cell, x):
+    gates = x @ lstm["input_kernel"] + lstm["input_bias"]
+    gates = gates + hidden @ lstm["recurrent_kernel"] + lstm["recurrent_bias"]
+    i, f, g, o = np.split(gates, 4, axis=1)
+    cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
+    return sigmoid(o) * np.tanh(cell), cell
 
 
 def unfolded(config, params, scene, noise):
@@ -99,16 +96,8 @@ def unfolded(config, params, scene, noise):
     track, step = observed, np.asarray(scene.displacement)[:, -1]
     steps = []
     for _ in range(config.pred_len):
-        lstm = decoder["lstm"]
-        gates = (
-            dense(step, decoder["spatial_embedding"]) @ lstm["input_kernel"]
-            + lstm["input_bias"]
-            + hidden @ lstm["recurrent_kernel"]
-            + lstm["recurrent_bias"]
-        )
-        i, f, g, o = np.split(gates, 4, axis=1)
-        cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
-        hidden = sigmoid(o) * np.tanh(cell)
+        embedded = dense(step, decoder["spatial_embedding"])
+        hidden, cell = lstm_step(decoder["lstm"], hidden, cell, embedded)
         step = dense(hidden, decoder["hidden2pos"])
         track = np.concatenate([track, track[:, -1:] + step[:, None]], axis=1)
         steps.append(step)
@@ -134,22 +123,6 @@ def test_against_the_unfolded_chain(config):
     assert np.abs(wanted).max() > 0.05
 
 
-def scores_by_loop(config, params, positions, displacement):
-    params = params["params"]
-    hidden = Encoder(LSTM(), config.embedding_dim, config.h_dim).apply(
-        {"params": params["encoder"]}, displacement
-    )
-    if config.kind == "global":
-        pooling = PoolNetwork(
-            config.embedding_dim, config.h_dim, config.pool_hidden_dim, config.h_dim
-        )
-        valid = np.ones(len(positions), bool)
-        hidden = pooling.apply({"params": params["pooling"]}, hidden, positions[:, 0], valid)
-    for layer in ("layer_0", "layer_1"):
-        hidden = np.maximum(dense(hidden, params["classifier"][layer]), 0)
-    return hidden[:, 0]
-
-
 @pytest.mark.parametrize("kind", ["global", "local"])
 def test_discriminator(kind):
     config = DiscriminatorConfig(kind=kind, pool_hidden_dim=16)
@@ -158,11 +131,22 @@ def test_discriminator(kind):
     params = random_params(Discriminator(config), *trajectory)
     bias = params["params"]["classifier"]["layer_1"]["bias"]
     params["params"]["classifier"]["layer_1"]["bias"] = bias * 0 + 3  # So that scores live.
-    scores = jax.jit(Discriminator(config).apply)(params, *trajectory)
-    wanted = scores_by_loop(config, params, scene.observed, scene.displacement)
+    apply = jax.jit(Discriminator(config).apply)
+    scores = apply(params, *trajectory)
+    parts = params["params"]
+    wanted = Encoder(LSTM(), config.embedding_dim, config.h_dim).apply(
+        {"params": parts["encoder"]}, scene.displacement
+    )
+    if kind == "global":
+        pooling = PoolNetwork(config.embedding_dim, config.h_dim, 16, config.h_dim)
+        first = {"params": parts["pooling"]}, wanted, scene.observed[:, 0], scene.valid
+        wanted = pooling.apply(*first)
+    for layer in ("layer_0", "layer_1"):
+        wanted = np.maximum(dense(wanted, parts["classifier"][layer]), 0)
+    wanted = wanted[:, 0]
     assert_allclose(scores, wanted, atol=1e-5)
     assert scores.shape == (5,)
     assert scores.min() > 0
 
     padded = [jnp.pad(part, [(0, 3)] + [(0, 0)] * (part.ndim - 1)) for part in trajectory]
-    assert_allclose(jax.jit(Discriminator(config).apply)(params, *padded)[:5], scores, atol=1e-5)
+    assert_allclose(apply(params, *padded)[:5], scores, atol=1e-5)

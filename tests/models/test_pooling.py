@@ -1,21 +1,29 @@
+"""Poolings, folded as they are, against their formulas written out for every pair."""
+
 import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from neurosym_jax.errors import InputError
+from neurosym_jax.models import Generator
+from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.neurosym import _DescribedNetwork, _RosNetwork
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.models.social import _GridNetwork
+from neurosym_jax.scene import make_scene
+from tests.networks import random_params
 
+N, T, E, H, B = 6, 5, 4, 3, 7
 RNG = np.random.default_rng(0)
-HIDDEN = RNG.normal(size=(6, 5)).astype(np.float32)
-POSITIONS = RNG.uniform(-1.5, 1.5, (6, 2)).astype(np.float32)
-ALL = np.ones(6, bool)
-
-
-def with_random_params(module):
-    shapes = jax.eval_shape(module.init, jax.random.key(0), HIDDEN, POSITIONS, ALL)
-    rng = np.random.default_rng(1)
-    return jax.tree.map(lambda leaf: rng.normal(0, 0.5, leaf.shape).astype(np.float32), shapes)
+HIDDEN = RNG.normal(size=(N, H)).astype(np.float32)
+OBSERVED = RNG.normal(0, 0.5, (N, T, 2)).cumsum(axis=1).astype(np.float32)
+POSITIONS = RNG.uniform(-1.5, 1.5, (N, 2)).astype(np.float32)
+ALPHA = RNG.uniform(size=(N, N, T)).astype(np.float32)
+ALL = np.ones(N, bool)
+HIDDEN_POOLING = PoolNetwork(embedding_dim=E, h_dim=H, hidden_dim=9, bottleneck_dim=B)
+GRID = _GridNetwork(h_dim=H, grid_size=4, neighborhood_size=2.0)
+DESCRIBED, ROS = (network(T, E, H, 9, B) for network in (_DescribedNetwork, _RosNetwork))
 
 
 def relu_layers(x, mlp):
@@ -25,66 +33,101 @@ def relu_layers(x, mlp):
     return x
 
 
-def pooled_by_pairs(params, hidden, positions):
-    """SGAN's pooling as its code has it: concatenate for each pair, then the maximum over j."""
-    dense, mlp = params["params"]["spatial_embedding"], params["params"]["mlp"]
-    rows = []
-    for i in range(len(hidden)):
-        candidates = []
-        for j in range(len(hidden)):
-            embedded = (positions[j] - positions[i]) @ dense["kernel"] + dense["bias"]
-            candidates.append(relu_layers(np.concatenate([embedded, hidden[j]]), mlp))
-        rows.append(np.max(candidates, axis=0))
-    return np.array(rows)
+def dense(x, layer):
+    return x @ layer["kernel"] + layer["bias"]
 
 
-def pooled_by_grid(params, hidden, positions, cells, side):
-    """S-LSTM's pooling: the hidden states of others, summed where they stand around i."""
-    rows = []
-    for i in range(len(hidden)):
-        grid = np.zeros((cells, cells, hidden.shape[1]))
-        for j in range(len(hidden)):
-            x, y = positions[j] - positions[i]
-            if j == i or abs(x) >= side / 2 or abs(y) >= side / 2:
-                continue
-            column = int(np.floor((x + side / 2) / side * cells))
-            row = int(np.floor((side / 2 - y) / side * cells))
-            grid[row, column] += hidden[j]
-        rows.append(relu_layers(grid.reshape(-1), params["params"]["mlp"]))
-    return np.array(rows)
+def assert_maximum_over_pairs(module, position, embed, *alpha):
+    """The module is `MLP [embed(i, j); h_j]`, of which the maximum over j is taken."""
+    params = random_params(module, HIDDEN, position, ALL, *alpha, std=0.5)
+    layer, mlp = params["params"]["spatial_embedding"], params["params"]["mlp"]
+    wanted = np.array(
+        [
+            np.max(
+                [
+                    relu_layers(np.concatenate([embed(layer, i, j).ravel(), HIDDEN[j]]), mlp)
+                    for j in range(N)
+                ],
+                axis=0,
+            )
+            for i in range(N)
+        ]
+    )
+    found = jax.jit(module.apply)(params, HIDDEN, position, ALL, *alpha)
+    assert_allclose(found, wanted, atol=1e-5)
+    # Nothing is compared where the last ReLU has shut everything, or where everybody is the same.
+    assert np.ptp(wanted, axis=0).max() > 0.1
+    return layer, wanted
 
 
-def test_hidden_pooling_against_literal_pairs():
-    module = PoolNetwork(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3)
-    params = with_random_params(module)
-    wanted = pooled_by_pairs(params, HIDDEN, POSITIONS)
-    assert_allclose(jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL), wanted, atol=1e-5)
-    assert wanted.any()
+def test_hidden_pooling_is_that_of_sgans_code():
+    def embed(layer, i, j):
+        return dense(POSITIONS[j] - POSITIONS[i], layer)
+
+    assert_maximum_over_pairs(HIDDEN_POOLING, POSITIONS, embed)
 
 
-def test_social_pooling_against_a_loop():
-    module = _GridNetwork(h_dim=5, grid_size=4, neighborhood_size=2.0)
-    params = with_random_params(module)
-    wanted = pooled_by_grid(params, HIDDEN, POSITIONS, 4, 2.0)
-    assert_allclose(jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL), wanted, atol=1e-5)
-    alone = relu_layers(np.zeros(80), params["params"]["mlp"])
-    assert np.abs(wanted - alone).max() > 0.1
+def test_as_described_is_the_papers_formula():
+    def embed(layer, i, j):
+        return ALPHA[i, j][:, None] * dense(OBSERVED[j] - OBSERVED[i], layer)
+
+    layer, wanted = assert_maximum_over_pairs(DESCRIBED, OBSERVED, embed, ALPHA)
+    assert (wanted > 0.1).mean() > 0.5
+    assert layer["kernel"].shape == (2, E)
 
 
-MODULES = [
-    PoolNetwork(embedding_dim=4, h_dim=5, hidden_dim=9, bottleneck_dim=3),
-    _GridNetwork(h_dim=5, grid_size=4, neighborhood_size=2.0),
-]
+def test_ros_embeds_the_whole_history_at_once():
+    def embed(layer, i, j):
+        history = (OBSERVED[j] - OBSERVED[i]).reshape(-1)  # Time-major: x0, y0, x1, y1, ...
+        return dense(history, layer).reshape(T, E) * ALPHA[i, j][:, None]
+
+    layer, _ = assert_maximum_over_pairs(ROS, OBSERVED, embed, ALPHA)
+    assert layer["kernel"].shape == (2 * T, E * T)
 
 
-@pytest.mark.parametrize("module", MODULES)
+def test_social_pooling_sums_hidden_states_where_others_stand():
+    params = random_params(GRID, HIDDEN, POSITIONS, ALL, std=0.5)
+    mlp, rows = params["params"]["mlp"], []
+    for i in range(N):
+        grid = np.zeros((4, 4, H))
+        for j in set(range(N)) - {i}:
+            x, y = POSITIONS[j] - POSITIONS[i]
+            if abs(x) < 1 and abs(y) < 1:
+                grid[int(np.floor((1 - y) * 2)), int(np.floor((x + 1) * 2))] += HIDDEN[j]
+        rows.append(relu_layers(grid.reshape(-1), mlp))
+    found = jax.jit(GRID.apply)(params, HIDDEN, POSITIONS, ALL)
+    assert_allclose(found, np.array(rows), atol=1e-5)
+    assert np.abs(np.array(rows) - relu_layers(np.zeros(16 * H), mlp)).max() > 0.1
+
+
+@pytest.mark.parametrize("module", [HIDDEN_POOLING, GRID], ids=["hidden", "grid"])
 def test_only_valid_agents_count(module):
-    params = with_random_params(module)
+    params = random_params(module, HIDDEN, POSITIONS, ALL, std=0.5)
+    apply = jax.jit(module.apply)
     valid = np.array([True, True, False, True, False, False])
-    pooled = jax.jit(module.apply)(params, HIDDEN, POSITIONS, valid)
-    alone = jax.jit(module.apply)(params, HIDDEN[valid], POSITIONS[valid], np.ones(3, bool))
+    pooled = apply(params, HIDDEN, POSITIONS, valid)
+    alone = apply(params, HIDDEN[valid], POSITIONS[valid], np.ones(3, bool))
     assert_allclose(pooled[valid], alone, atol=1e-6)
     assert np.isfinite(pooled).all()
-    everybody = jax.jit(module.apply)(params, HIDDEN, POSITIONS, ALL)
+    everybody = apply(params, HIDDEN, POSITIONS, ALL)
     assert np.abs(everybody[valid] - alone).max() > 1e-3
-    assert np.isfinite(jax.jit(module.apply)(params, HIDDEN, POSITIONS, ~ALL)).all()
+    assert np.isfinite(apply(params, HIDDEN, POSITIONS, ~ALL)).all()
+
+
+@pytest.mark.parametrize("module", [DESCRIBED, ROS], ids=["as_described", "ros"])
+def test_gradients_where_people_coincide(module):
+    params = random_params(module, HIDDEN, OBSERVED, ALL, ALPHA, std=0.5)
+
+    def total(params, hidden, observed, alpha):
+        return module.apply(params, hidden, observed, ALL, alpha).sum()
+
+    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, HIDDEN, 0 * OBSERVED, ALPHA)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
+    assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
+
+
+def test_a_missing_alpha_is_named():
+    config = GeneratorConfig(pooling="as_described,hidden_dim=4", obs_len=T)
+    scene, noise = make_scene(OBSERVED), np.zeros(config.noise_dim)
+    with pytest.raises(InputError, match=r"NeuroSyM needs alpha .* nj\.forecast"):
+        jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise)

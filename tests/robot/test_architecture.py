@@ -71,7 +71,7 @@ sys.exit(pytest.main([*fast, *sys.argv[1:]]))
 """
 CORE = (
     *("test_architecture.py", "commands/test_main.py", "data/test_formats.py"),
-    *("evaluation/test_metrics.py", "forecasting/test_baselines.py"),
+    *("evaluation/test_metrics.py", "forecasting/test_forecasters.py"),
 )
 
 

@@ -1,7 +1,6 @@
 """Symbols against definitions in plain loops, QSRlib's cases and the released code."""
 
 import functools
-import itertools
 import json
 import math
 from pathlib import Path
@@ -17,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import adjacency
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import ABSENT, CALCULI, collapse, format_state, validate
+from neurosym_jax.symbolic.states import CALCULI, collapse, format_state, validate
 from tests.symbolic import literal
 
 CONVENTIONS = literal.CONVENTIONS
@@ -35,26 +34,6 @@ b1 = functools.partial(c1, calculus="b1")
 @functools.partial(jax.jit, static_argnames="convention")
 def pairs(positions, convention="distance"):
     return observe(positions[:, None], positions, convention=convention)
-
-
-@pytest.mark.parametrize(
-    ("k", "l", "expected"),
-    [
-        ([1, 0], [4, 0], "- 0 0 0"),
-        ([-1, 0], [5, 0], "+ + 0 0"),
-        ([0, 1], [4, 0], "+ 0 - 0"),  # at a right angle, so further away; left of k's view of l
-        ([0, -1], [4, 0], "+ 0 + 0"),
-        ([1, 1], [3, 1], "- - - +"),
-        ([0, 0], [4, 1], "0 + 0 +"),
-        ([0, 0], [4, 0], "0 0 0 0"),
-    ],
-)
-def test_a_step_of_two_people_four_metres_apart(k, l, expected):
-    k, l = np.array([[0, 0], k]), np.array([[4, 0], l])
-    assert format_state(c1(k, l)[0]) == expected
-    assert format_state(b1(k, l)[0]) == expected[:3]
-    unsigned = expected[:4] + expected[4:].replace("-", "+")
-    assert format_state(c1(k, l, convention="as_published")[0]) == unsigned
 
 
 @pytest.mark.rounding
@@ -76,12 +55,14 @@ def test_a_movement_of_exactly_the_quantisation_factor_is_none():
 def test_every_symbol_is_that_of_the_definition(convention, thresholds, x64):
     factor, side = thresholds
     given = {"quantisation_factor": factor, "side_quantisation_factor": side}
+    # Of one shape, to be compiled once: after their step kings stand.
+    kings = [[path + path[-1:] * 6 for path in side] for side in literal.unit_steps()]
+    walks = [one + other for one, other in zip(kings, literal.grid_walks(200))]
+    expected = [literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)]
     with jax.enable_x64(x64):
-        for walks in (literal.unit_steps(), literal.grid_walks(200)):
-            expected = [literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)]
-            found = c1(*map(np.array, walks), convention=convention, **given)
-            np.testing.assert_array_equal(found, expected)
-    assert (np.array(expected) == 0).mean(axis=(0, 1)).min() > 0.1
+        found = c1(*map(np.array, walks), convention=convention, **given)
+    np.testing.assert_array_equal(found, expected)
+    assert (np.array(expected)[81:] == 0).mean(axis=(0, 1)).min() > 0.1
 
 
 @pytest.mark.rounding
@@ -156,27 +137,11 @@ def test_symmetries(convention, pair, turns, shift, angle):
     np.testing.assert_array_equal(jnp.where(states == 0, 0, turned), states)
 
 
-def test_all_pairs_of_a_scene_by_broadcasting():
-    positions = np.random.default_rng(0).normal(size=(5, 8, 2)).cumsum(axis=1)
-    states = pairs(positions)
-    assert states.shape == (5, 5, 7, 4)
-    assert states.dtype == jnp.int8
-    for i, j in itertools.permutations(range(5), 2):
-        np.testing.assert_array_equal(states[i, j], c1(positions[i], positions[j]))
-
-
 def test_mirrored_distances_tie_even_where_a_compiler_fuses_a_product_and_a_sum():
     """3 4 and 4 3 are as long; a fused x * x + y * y rounds them differently."""
     draw = np.random.default_rng(0)
     steps = np.stack([start := draw.normal(size=(2000, 2)), start[:, ::-1]], axis=1)
     assert not np.asarray(b1(steps, np.zeros((2000, 2, 2))))[..., 0].any()
-
-
-def test_pairs_have_sides_up_to_the_distance_near():
-    k, l = np.zeros((4, 2)), np.array([[9.0, 0], [4, 0], [4.1, 0], [2, 0]])
-    found = np.asarray(c1(k, l, calculus="bc1", near=4.0))
-    np.testing.assert_array_equal(found[:, 2] != ABSENT, [True, False, True])
-    assert found.dtype == np.int8
 
 
 @pytest.mark.parametrize(

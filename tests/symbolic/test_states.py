@@ -5,9 +5,6 @@ import itertools
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from neurosym_jax.symbolic.cnd import adjacency, alpha_table
 from neurosym_jax.symbolic.state_weightings import CndShipped
@@ -15,19 +12,11 @@ from neurosym_jax.symbolic.states import (
     ABSENT,
     CALCULI,
     all_states,
-    collapse,
     encode_state,
     format_state,
     state_index,
-    validate,
 )
 from tests.symbolic import literal
-
-
-def chain(*texts):
-    """States written such as `- 0 + -`; `x` is absent."""
-    values = {"-": -1, "0": 0, "+": 1, "x": int(ABSENT)}
-    return np.array([[values[symbol] for symbol in text.split()] for text in texts], "i1")
 
 
 def test_states_have_codes_rows_and_texts():
@@ -35,8 +24,8 @@ def test_states_have_codes_rows_and_texts():
     for calculus in CALCULI:
         rows = all_states(calculus)
         np.testing.assert_array_equal(state_index(calculus, jnp.asarray(rows)), range(len(rows)))
-    assert format_state(chain("- 0 + -")[0]) == "- 0 + -"
-    assert format_state(chain("- 0 x x")[0], ",") == "-,0"
+    assert format_state(np.array([-1, 0, 1, -1])) == "- 0 + -"
+    assert format_state(np.array([-1, 0, ABSENT, ABSENT]), ",") == "-,0"
 
 
 @pytest.mark.parametrize(("calculus", "edges"), [("b1", 16), ("c1", 544)])
@@ -45,14 +34,11 @@ def test_states_and_edges_are_those_of_the_theory(calculus, edges):
     np.testing.assert_array_equal(all_states(calculus), rows)
     np.testing.assert_array_equal(adjacency(calculus), literal.neighbours(rows))
     assert adjacency(calculus).sum() == 2 * edges
-    with pytest.raises(ValueError, match="read-only"):
-        adjacency(calculus)[0] = 0
-
-
-def test_continuity_alone_has_more_edges():
-    expected = np.array(literal.neighbours(literal.states("c1"), "continuity"))
-    np.testing.assert_array_equal(adjacency("c1", "continuity"), expected)
-    assert expected.sum() == 2 * 1160
+    # By continuity alone there are more.
+    if calculus == "c1":
+        expected = np.array(literal.neighbours(rows, "continuity"))
+        np.testing.assert_array_equal(adjacency("c1", "continuity"), expected)
+        assert expected.sum() == 2 * 1160
 
 
 def test_a_diagram_of_pairs_near_and_apart():
@@ -76,37 +62,3 @@ def test_alphas():
     np.testing.assert_array_equal(alpha_table(include_self=True), 1 / (degrees + 1))
     shipped = [literal.shipped_alpha(state) for state in rows]
     np.testing.assert_array_equal(CndShipped().state_weights(), shipped)
-
-
-@pytest.mark.parametrize(
-    ("given", "wanted"),
-    [
-        (("- 0", "+ 0"), ("- 0", "0 0", "+ 0")),
-        (("- 0", "0 +"), ("- 0", "0 0", "0 +")),  # q2 may not leave 0 while q1 arrives there.
-        (("0 0", "+ -"), ("0 0", "+ -")),  # They may leave 0 together.
-        (("+ 0 x x", "- 0 + +"), ("+ 0 x x", "0 0 + +", "- 0 + +")),
-    ],
-)
-def test_validate_lets_jumps_pass_through_zero_and_departures_wait(given, wanted):
-    found = validate(chain(*given))
-    np.testing.assert_array_equal(found, chain(*wanted))
-    assert found.dtype == np.int8
-
-
-@given(
-    states=arrays(np.int8, st.tuples(st.integers(1, 9), st.just(4)), elements=st.integers(-1, 1))
-)
-def test_chains_are_those_of_the_plain_loop(states):
-    """QSRlib's formula, read state by state."""
-    collapsed = [states[0]]
-    for state in states[1:]:
-        if (state != collapsed[-1]).any():
-            collapsed.append(state)
-    valid = [collapsed[0]]
-    for p, c in itertools.pairwise(collapsed):
-        m = np.where(p * c == -1, 0, c)
-        if ((p != 0) & (m == 0)).any():
-            m = np.where(p == 0, 0, m)
-        valid += [m, c] if (m != c).any() else [c]
-    np.testing.assert_array_equal(collapse(states), collapsed)
-    np.testing.assert_array_equal(validate(collapse(states)), valid)

@@ -1,10 +1,12 @@
 """Small windows and a small recipe, so that a run takes a second once it is compiled."""
 
 import dataclasses
+import json
 
 import jax
 import numpy as np
 import pytest
+from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.models.config import GeneratorConfig
@@ -87,3 +89,33 @@ def with_recipe(run):
         return dataclasses.replace(run, recipe=dataclasses.replace(run.recipe, **changes))
 
     return changed
+
+
+@pytest.fixture(scope="session")
+def final():
+    """`final(folder)` of a run: the leaves of its last state, its model's digest, its metrics."""
+
+    def read(folder):
+        state = ocp.load(str(max((folder / "checkpoints").glob("step_*")) / "state"))
+        model = json.loads((folder / "model" / "config.json").read_text())
+        leaves = {name: array.tobytes() for name, array in state.items()}
+        return leaves, model["sha256"], (folder / "metrics.jsonl").read_bytes()
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def stop_at():
+    """`stop_at(patch, stream, method, step)`: the stream's batches from `step` on are a Ctrl-C."""
+
+    def change(patch, stream, method, step):
+        batches = getattr(stream, method)
+
+        def until(self, first, *count):
+            if first >= step:
+                raise KeyboardInterrupt
+            return batches(self, first, *count)
+
+        patch.setattr(stream, method, until)
+
+    return change

@@ -121,21 +121,13 @@ def test_the_table_learns(anchors_run, tmp_path):
     assert model.name == "anchor table"
 
 
-def test_a_resumed_run_ends_with_the_same_bits(anchors_run, done, tmp_path, monkeypatch):
-    batch = AnchorStream.batch
-
-    def until(self, step):
-        if step >= 20:
-            raise KeyboardInterrupt
-        return batch(self, step)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(AnchorStream, "batch", until)
+def test_a_resumed_run_ends_with_the_same_bits(anchors_run, done, tmp_path, stop_at, final):
+    with pytest.MonkeyPatch.context() as patched:
+        stop_at(patched, AnchorStream, "batch", 20)
         with pytest.raises(KeyboardInterrupt):
             train_run(anchors_run, tmp_path)
     train_run(anchors_run, tmp_path, resume=True)
-    for name in ("metrics.jsonl", "model/params.safetensors"):
-        assert (tmp_path / name).read_bytes() == (done / name).read_bytes()
+    assert final(tmp_path) == final(done)
 
 
 def test_a_recipe_of_another_network_is_refused(run):

@@ -7,7 +7,6 @@ import shutil
 import jax
 import numpy as np
 import pytest
-from orbax.checkpoint import v1 as ocp
 
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
@@ -17,21 +16,6 @@ from neurosym_jax.training.checkpoints import sole_writer
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.rounds import start_of
 from neurosym_jax.training.stream import SceneStream
-
-
-class Stop(Exception):
-    pass
-
-
-def batches_from(monkeypatch, step, change):
-    """Batches from `step` on are `change(batches)`."""
-    steps = SceneStream.steps
-
-    def changed(self, first, count):
-        groups = steps(self, first, count)
-        return change(groups) if first >= step else groups
-
-    monkeypatch.setattr(SceneStream, "steps", changed)
 
 
 @pytest.fixture
@@ -46,34 +30,25 @@ def learns_nothing(monkeypatch):
     monkeypatch.setattr(loop, "rounds_of", lambda run: advance)
 
 
-def final(folder):
-    """Every leaf of the final state, the digest of the model, and the metrics."""
-    state = ocp.load(str(max((folder / "checkpoints").glob("step_*")) / "state"))
-    model = json.loads((folder / "model" / "config.json").read_text())
-    leaves = {name: array.tobytes() for name, array in state.items()}
-    return leaves, model["sha256"], (folder / "metrics.jsonl").read_bytes()
+def rows_of(folder):
+    return [json.loads(line) for line in (folder / "metrics.jsonl").open()]
 
 
 @pytest.fixture(scope="module")
-def told():
-    """The rows that the run of `done` tells while it goes on."""
-    return []
-
-
-@pytest.fixture(scope="module")
-def done(run, told, tmp_path_factory):
+def done(run, tmp_path_factory):
     """The folder of a run left alone."""
-    folder = tmp_path_factory.mktemp("alone")
-    train_run(run, folder / "run", on_row=told.append)
-    return folder / "run"
+    folder = tmp_path_factory.mktemp("alone") / "run"
+    rows = []
+    train_run(run, folder, on_row=rows.append)
+    assert rows == rows_of(folder)
+    return folder
 
 
 @pytest.mark.slow
-def test_what_a_run_leaves(run, done, told):
+def test_what_a_run_leaves(run, done):
     names = {path.name for path in done.iterdir()}
     assert names >= {"checkpoints", "metrics.jsonl", "curves.png", "run.json", "model"}
-    rows = [json.loads(line) for line in (done / "metrics.jsonl").open()]
-    assert rows == told
+    rows = rows_of(done)
     assert [row["step"] for row in rows] == [25, 50, 75]
     assert all(np.isfinite(list(row.values())).all() for row in rows)
     facts = json.loads((done / "run.json").read_text())
@@ -104,13 +79,10 @@ def test_the_card(done, tmp_path):
     assert "test on zara1: constant velocity" in text
 
 
-def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch):
-    def stop(groups):
-        raise Stop
-
+def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch, stop_at, final):
     with monkeypatch.context() as patched:
-        batches_from(patched, 50, stop)
-        with pytest.raises(Stop):
+        stop_at(patched, SceneStream, "steps", 50)
+        with pytest.raises(KeyboardInterrupt):
             train_run(run, tmp_path)
     assert not (tmp_path / "model").exists()
     # What a kill may leave: rows beyond the saved state, half a line.
@@ -120,7 +92,7 @@ def test_resumed_runs_end_with_the_same_bits(run, done, tmp_path, monkeypatch):
     assert final(tmp_path) == final(done)
 
 
-def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path):
+def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path, final):
     shutil.copytree(done, tmp_path / "run")
     for lost in ((), ("run.json", "curves.png")):
         shutil.rmtree(tmp_path / "run" / "model")
@@ -130,7 +102,7 @@ def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path):
         assert final(tmp_path / "run") == final(done)
 
 
-def test_what_cannot_be_resumed_is_refused(run, with_recipe, done, tmp_path):
+def test_what_cannot_be_resumed_or_written_is_refused(run, with_recipe, done, tmp_path):
     before = (done / "metrics.jsonl").read_bytes()
     other = dataclasses.replace(run, network=dataclasses.replace(run.network, mlp_dim=4))
     for changed, resume, message in (
@@ -145,6 +117,14 @@ def test_what_cannot_be_resumed_is_refused(run, with_recipe, done, tmp_path):
     (tmp_path / "model").mkdir()
     with pytest.raises(InputError, match="holds a finished model"):
         train_run(run, tmp_path, resume=True)
+    (tmp_path / "file").touch()
+    for folder in ("file", "file/run", "n" * 300):
+        with pytest.raises(InputError, match="cannot be written"):
+            train_run(run, tmp_path / folder)
+    with sole_writer(tmp_path), pytest.raises(InputError, match="another process is training"):
+        train_run(run, tmp_path)
+    with sole_writer(tmp_path):
+        pass
 
 
 def test_another_environment_is_told(run, done, capsys, monkeypatch):
@@ -156,23 +136,16 @@ def test_another_environment_is_told(run, done, capsys, monkeypatch):
     assert f"began with threads {before} and goes on with 77" in capsys.readouterr().err
 
 
-def test_a_folder_that_cannot_be_used_is_refused(run, tmp_path):
-    (tmp_path / "file").touch()
-    for folder in ("file", "file/run", "n" * 300):
-        with pytest.raises(InputError, match="cannot be written"):
-            train_run(run, tmp_path / folder)
-    with sole_writer(tmp_path), pytest.raises(InputError, match="another process is training"):
-        train_run(run, tmp_path)
-    with sole_writer(tmp_path):
-        pass
+def test_a_loss_that_is_not_finite_stops_the_run(run, done, tmp_path, monkeypatch, final):
+    steps = SceneStream.steps
 
-
-def test_a_loss_that_is_not_finite_stops_the_run(run, done, tmp_path, monkeypatch):
-    def poisoned(groups):
-        return tuple(scene.replace(future=scene.future + np.nan) for scene in groups)
+    def poisoned(self, first, count):
+        bad = np.nan if first >= 25 else 0.0
+        groups = steps(self, first, count)
+        return tuple(scene.replace(future=scene.future + bad) for scene in groups)
 
     with monkeypatch.context() as patched:
-        batches_from(patched, 25, poisoned)
+        patched.setattr(SceneStream, "steps", poisoned)
         with jax.debug_nans(False), pytest.raises(TrainingError) as caught:
             train_run(run, tmp_path)
     message = str(caught.value)

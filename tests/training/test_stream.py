@@ -1,36 +1,16 @@
 import dataclasses
-import itertools
 
 import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.training import stream
 from neurosym_jax.training.rollout import draw_group_noise
-from neurosym_jax.training.stream import SceneStream, quota, size_classes
+from neurosym_jax.training.stream import SceneStream
 
 
 def sums(scene):
     """A number that tells scenes apart: padding is zero."""
     return np.asarray(scene.displacement).sum(axis=(-3, -2, -1)).round(4)
-
-
-def cost(classes, sizes, batch_scenes):
-    members = np.bincount(np.searchsorted(classes, sizes), minlength=len(classes))
-    pairs = quota(members, len(sizes), batch_scenes) * np.square(classes)
-    return pairs.sum() + stream.COST_OF_A_CLASS * len(classes)
-
-
-def test_no_other_classes_cost_less():
-    sizes = np.random.default_rng(0).choice([2, 3, 9, 14, 40, 65], 300)
-    values = np.unique(sizes)
-    found = size_classes(sizes, 64)
-    assert found[-1] == values[-1]
-    subsets = itertools.chain.from_iterable(
-        itertools.combinations(values[:-1], count) for count in range(len(values))
-    )
-    costs = [cost(np.array([*subset, values[-1]]), sizes, 64) for subset in subsets]
-    assert cost(found, sizes, 64) == min(costs)
 
 
 def test_every_scene_once_an_epoch_of_its_class(windows):
@@ -78,14 +58,6 @@ def test_large_scenes_are_cropped_to_an_agent_and_its_nearest(make_windows):
         seen.add(frozenset(nearest.argmin(axis=1)))
     assert seen <= neighbourhoods
     assert len(seen) > len(neighbourhoods) / 2
-
-
-def test_a_crowd_on_one_spot_keeps_the_focal_agent(make_windows):
-    windows = make_windows([9], seed=5)
-    windows.position[:, windows.obs_len - 1] = 1.0
-    (group,) = SceneStream(windows, 1, seed=0, max_agents=3).steps(0, 50)
-    agents = {row.tobytes() for row in group.displacement.reshape(-1, windows.obs_len, 2)}
-    assert len(agents) == 9
 
 
 def test_noise_has_the_kind_and_shape_asked_for(batch, run):

@@ -41,14 +41,9 @@ def test_a_run_is_what_its_command_trains(monkeypatch):
     plugins = []
     monkeypatch.setattr("neurosym_jax.training.sweep.loaded", lambda: ["mine.py"])
     monkeypatch.setattr("neurosym_jax.commands._running.load_plugin", plugins.append)
-    sweep = dataclasses.replace(
-        CHOSEN,
-        models=("sgan", "social", "neurosym", "neurosym_ros"),
-        set=("batch_scenes=4", "rotate=0"),
-        network=("encoder_h_dim=16",),
-        steps=10,
-    )
-    for run in plan_runs(sweep):
+    changes = {"set": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
+    models = ("sgan", "social", "neurosym", "neurosym_ros")
+    for run in plan_runs(dataclasses.replace(CHOSEN, models=models, steps=10, **changes)):
         options = tyro.cli(Options, args=load_plugins(run.arguments))
         assert plugins.pop() == "mine.py"
         assert (options.out, options.resume) == (run.folder, True)
@@ -59,17 +54,10 @@ def test_a_run_is_what_its_command_trains(monkeypatch):
 
 @pytest.mark.slow
 def test_a_sweep_is_finished_once_and_reports_what_failed(tmp_path, monkeypatch, capsys):
-    sweep = dataclasses.replace(
-        CHOSEN,
-        models=("none",),  # The least to compile.
-        set=("batch_scenes=4", "best_k=2", "max_agents=4"),
-        steps=25,
-        out=tmp_path / "sweep",
-    )
+    how = {"set": ("batch_scenes=4", "best_k=2", "max_agents=4"), "steps": 25}
+    sweep = dataclasses.replace(CHOSEN, models=("none",), out=tmp_path / "sweep", **how)
     first, second = plan_runs(sweep)
-    (deadly := tmp_path / "deadly.py").write_text(
-        "import os, signal\nos.kill(os.getpid(), signal.SIGKILL)"
-    )
+    (deadly := tmp_path / "deadly.py").write_text("import os\nos.kill(os.getpid(), 9)")
     killed = dataclasses.replace(first, arguments=(*first.arguments, "--plugin", str(deadly)))
     second.model.mkdir(parents=True)  # Not the model of a finished run.
     with pytest.raises(InputError, match="no run was finished"):

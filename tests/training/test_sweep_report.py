@@ -1,3 +1,4 @@
+import itertools
 import json
 
 import numpy as np
@@ -18,37 +19,19 @@ def folder(tmp_path):
     """A sweep of three models of which one is 9 cm better than the others, on two test sets."""
     draw = np.random.default_rng(0)
     rows, errors = [], []
-    for model, better in BETTER.items():
-        for scene, count in (("eth", 70), ("zara1", 160)):
-            agents = np.full(count, 3.0)
-            for seed in range(3):
-                each = 0.5 - better + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
-                identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
-                counts = np.repeat(agents[:, None], 4, axis=1)
-                errors.append(ErrorsByScene(METRICS, each * counts, counts, identity, 16))
-                mean = errors[-1].mean
-                rows.append(
-                    {
-                        "checkpoint": f"{model}_{scene}_{seed}",
-                        "model": model,
-                        "dataset": scene,
-                        "scenes": count,
-                        "agents": 3 * count,
-                        "blocks": 4,
-                        "obs_len": 8,
-                        "pred_len": 8,
-                        "samples": 20,
-                        "seeds": 1,
-                        "latency": 0.001,
-                        "forecasts_per_second": 1000.0,
-                        **{
-                            f"{name}{of}": value
-                            for name, value in zip(METRICS, mean.tolist())
-                            for of in ("", "_low", "_high", "_std")
-                        },
-                        "training_seed": seed,
-                    }
-                )
+    about = {"blocks": 4, "obs_len": 8, "pred_len": 8, "samples": 20, "seeds": 1}
+    about |= {"latency": 0.001, "forecasts_per_second": 1000.0}
+    cases = itertools.product(BETTER, (("eth", 70), ("zara1", 160)), range(3))
+    for model, (scene, count), seed in cases:
+        each = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
+        identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
+        counts = np.full((count, 4), 3.0)
+        errors.append(ErrorsByScene(METRICS, each * counts, counts, identity, 16))
+        means = zip(METRICS, errors[-1].mean.tolist())
+        values = {f"{m}{of}": v for m, v in means for of in ("", "_low", "_high", "_std")}
+        row = {"model": model, "dataset": scene, "scenes": count, "agents": 3 * count}
+        name = {"checkpoint": f"{model}_{scene}_{seed}", "training_seed": seed}
+        rows.append({**about, **row, **values, **name})
     constant = {"model": "constant velocity", "checkpoint": None, "training_seed": None}
     rows.insert(0, {**rows[0], **constant})
     errors.insert(0, errors[0])
@@ -80,10 +63,16 @@ def test_what_is_better_is_called_so(folder):
     assert row["seeds"] == 3
 
 
-def test_the_reference(folder):
+def test_refusals(folder, tmp_path_factory):
     against_cnd = write_report(folder, against=("cnd",))
     assert "minus NeuroSyM, cnd" in against_cnd
     assert "minus SGAN" not in against_cnd
+    with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN; NeuroSyM"):
+        write_report(folder, against=("soft",))
+    with pytest.raises(InputError, match=r"must end in \.md"):
+        write_report(folder, out=folder / "r.txt")
+    with pytest.raises(InputError, match=r"sweep\.json"):
+        write_report(tmp_path_factory.mktemp("empty"))
     path = folder / "sweep.json"
     data = json.loads(path.read_text())
     for row in data["rows"]:
@@ -91,21 +80,7 @@ def test_the_reference(folder):
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match="--against names the reference; there are a; b; NeuroSyM"):
         write_report(folder)
-
-
-def test_one_horizon_is_compared(folder):
-    path = folder / "sweep.json"
-    data = json.loads(path.read_text())
     data["rows"][1]["pred_len"] = 12
     path.write_text(json.dumps(data))
     with pytest.raises(InputError, match=r"\(8, 8\), \(8, 12\).*--pred-len"):
         write_report(folder)
-
-
-def test_what_is_not_there(folder, tmp_path_factory):
-    with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN; NeuroSyM"):
-        write_report(folder, against=("soft",))
-    with pytest.raises(InputError, match=r"must end in \.md"):
-        write_report(folder, out=folder / "r.txt")
-    with pytest.raises(InputError, match=r"sweep\.json"):
-        write_report(tmp_path_factory.mktemp("empty"))
