@@ -13,12 +13,22 @@ from neurosym_robot.online.pairs import likely_events
 ADE = "#errors tbody tr:has-text('{}') td[data-key=joint_ade]"
 
 
-def write_replay(events, path, moments):
-    file = ReplayFile(path, moments)
-    for event in events:
-        file.show(*event)
-    file.close()
-    return path.as_uri()
+@pytest.fixture
+def play(page, moments, tmp_path):
+    """`play(events)` opens a new file of them, which it returns; `stop` goes to its end."""
+
+    def make(events, stop=True) -> str:
+        path = tmp_path / f"replay{len(list(tmp_path.iterdir()))}.html"
+        file = ReplayFile(path, moments)
+        for event in events:
+            file.show(*event)
+        file.close()
+        page.goto(path.as_uri())
+        if stop:
+            press(page, "End")
+        return path.as_uri()
+
+    return make
 
 
 @pytest.fixture
@@ -108,12 +118,10 @@ def test_what_is_old_is_not_called_live(page, moments, stream):
     dashboard.close()
 
 
-def test_a_file_to_share(page, moments, stream, tmp_path):
-    events = list(stream(20))
-    uri = write_replay(events, tmp_path / "replay.html", moments)
+def test_a_file_to_share(page, play, stream):
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
-    page.goto(uri)
+    uri = play(stream(20), stop=False)
     assert page.title() == "three people </script>"
     page.get_by_text("playing").wait_for()
     page.wait_for_function("() => timeline.value > 3")
@@ -130,49 +138,44 @@ def test_a_file_to_share(page, moments, stream, tmp_path):
     assert asked == [uri]  # It needs nothing else.
 
 
-def test_who_has_no_forecast_and_why(page, moments, stream, tmp_path):
-    page.goto(write_replay(stream(2.05), tmp_path / "young.html", moments))
-    press(page, "End")
+def test_who_has_no_forecast_and_why(page, play, stream):
+    play(stream(2.05))
     missing = page.locator("#missing").inner_text()
     assert missing.startswith("seen for 1.9 of 2.8 s, or with a gap")
     assert all(str(2**53 + n) in missing for n in range(3))
     *events, (event, now, _) = stream(6)
     lost = event.frame._replace(ids=event.frame.ids[1:], xy=event.frame.xy[1:])
     more = [(event._replace(frame=lost), {**now, "missing": {2**53 + 2: "compiling"}}, None)]
-    page.goto(write_replay(events + more, tmp_path / "old.html", moments))
-    press(page, "End")
+    play(events + more)
     missing = page.locator("#missing").inner_text()
     assert "program for so many people is being compiled: 9007199254740994" in missing
-    page.goto(write_replay(stream(6), tmp_path / "all.html", moments))
-    press(page, "End")
+    play(stream(6))
     assert page.locator("#missing").inner_text() == "All 3 people have a forecast."
 
 
-def test_who_comes_near_the_robot(page, moments, stream, tmp_path):
+def test_who_comes_near_the_robot(page, play, stream):
     events = list(stream(6.1))
     forecast = events[-1][0].forecast
     # The robot follows the first person's most probable path a metre beside it, at its speed.
-    path = forecast.models["SGAN"].samples[2, 0] if False else forecast.observed[0]
+    path = forecast.observed[0]
     speed = (path[-1] - path[-2]) / 0.4
     aside = np.array([-speed[1], speed[0]]) / np.hypot(*speed)
     robots = [path[-1] + aside + speed * (n - 60) / 10 for n in range(61)]
     events = [(*event[:2], np.array([*at, 0.0])) for event, at in zip(events, robots)]
-    page.goto(write_replay(events, tmp_path / "replay.html", moments))
-    press(page, "End")
+    play(events)
     near = page.locator("#near tbody tr", has_text=str(2**53)).inner_text().split("\t")
     samples = forecast.models["SGAN"].samples
     robot = path[-1] + aside + speed * 0.4 * np.arange(1, 9)[:, None]
     least = np.linalg.norm(samples[:, 0] - robot, axis=-1).min(axis=1)
     assert near[1] == "1.0 m"
     assert float(near[2].split()[0]) <= min(1.0, least[2]) + 0.06
-    page.goto(write_replay(stream(4), tmp_path / "none.html", moments))
+    play(stream(4), stop=False)
     page.get_by_text("The robot's place is not known").wait_for()
 
 
-def test_the_pair_and_what_is_likely(page, moments, stream, tmp_path):
+def test_the_pair_and_what_is_likely(page, moments, play, stream):
     events = list(stream(6.05))
-    page.goto(write_replay(events, tmp_path / "replay.html", moments))
-    press(page, "End")
+    play(events)
     page.evaluate("analysis.open = true")
     one, other = str(2**53), str(2**53 + 2)
     page.locator("#k").select_option(one)
@@ -195,10 +198,8 @@ def test_the_pair_and_what_is_likely(page, moments, stream, tmp_path):
     assert any(re.sub(r"\W+", "", e.words(forecast.ids)) == re.sub(r"\W+", "", line) for e in told)
 
 
-def test_by_keyboard_and_on_a_phone(page, moments, stream, tmp_path):
-    uri = write_replay(stream(8), tmp_path / "replay.html", moments)
-    page.goto(uri)
-    press(page, "End")
+def test_by_keyboard_and_on_a_phone(page, play, stream):
+    play(stream(8))
     whole = page.locator("#scene").screenshot()
     page.get_by_role("checkbox", name="SGAN").uncheck()
     assert page.locator("#scene").screenshot() != whole

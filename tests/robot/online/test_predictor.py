@@ -64,7 +64,6 @@ def test_a_frame_that_is_only_observed_changes_no_other_forecast(model):
         assert some.observe(*frame)
         forecast = some.forecast() if n % 3 == 0 else None
         if forecast is not None:
-            assert wanted is not None
             assert forecast.stamp == wanted.stamp == frame[0]
             for one, other in zip(forecast.models.values(), wanted.models.values()):
                 assert_array_equal(one.samples, other.samples)
@@ -95,7 +94,6 @@ def test_the_most_central_sample(model):
     predictor = Predictor(model(), samples=6, max_people=4)
     for n in range(4):
         forecast = predictor.push(n * 0.4, [1, 2], [[n * 0.4, 0], [0, 1]])
-    assert forecast is not None
     (result,) = forecast.models.values()
     between = result.samples[:, None] - result.samples[None]
     assert result.central == (between**2).sum(axis=(1, 2, 3, 4)).argmin()
@@ -121,27 +119,6 @@ def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
     assert compile_seconds() == compiled
 
 
-@pytest.mark.parametrize(
-    ("models", "options", "reason"),
-    [
-        ({}, {}, "steps"),
-        (None, {"samples": 0}, "samples"),
-        (None, {"seed": -1}, "seed"),
-    ],
-)
-def test_misuse_is_refused(model, models, options, reason):
-    with pytest.raises(InputError, match=reason):
-        Predictor(model() if models is None else models, **options)
-
-
-def test_the_models_steps_are_the_windows(model):
-    one = model()
-    other = dataclasses.replace(one, config=dataclasses.replace(one.config, period=0.2))
-    assert Predictor(other, max_people=1, samples=1).window.period == 0.2
-    with pytest.raises(InputError, match=r"steps of one length, not \[0\.2, 0\.4\] s"):
-        Predictor({"one": one, "other": other})
-
-
 def test_a_recording_waits_for_programs_that_it_needs(model):
     said: list[str] = []
     predictor = Predictor(model(), samples=2, max_people=40, compile="needed", report=said.append)
@@ -149,7 +126,6 @@ def test_a_recording_waits_for_programs_that_it_needs(model):
     ids = np.arange(10)
     for n in range(4):
         forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
-    assert forecast is not None
     assert len(forecast.ids) == 10
     assert said == ["compiling for up to 16 people (3 of 5)"]
     assert forecast.latency < 0.5
@@ -184,7 +160,6 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
     # What the people present need comes next, before the program for eight.
     begun[16].wait(20)
     forecast = push(4)
-    assert forecast is not None
     # The middle of all is at 4.5: these are the nearest.
     assert forecast.ids.tolist() == [3, 4, 5, 6]
     assert set(forecast.dropped.values()) == {"compiling"}
@@ -194,7 +169,6 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
             break
         time.sleep(0.1)
     forecast = push(5)
-    assert forecast is not None
     assert len(forecast.ids) == 10
     (result,) = forecast.models.values()
     expected = predict(model(), forecast.observed, samples=2, frame=2)
@@ -211,3 +185,17 @@ def test_names_of_models_side_by_side():
         load_models(())
     with pytest.raises(InputError, match="differ in kind or name"):
         load_models((sgan, sgan))
+
+
+def test_misuse_is_refused(model):
+    one = model()
+    other = dataclasses.replace(one, config=dataclasses.replace(one.config, period=0.2))
+    assert Predictor(other, max_people=1, samples=1).window.period == 0.2
+    for models, options, reason in (
+        ({}, {}, "steps"),
+        (one, {"samples": 0}, "samples"),
+        (one, {"seed": -1}, "seed"),
+        ({"one": one, "other": other}, {}, r"steps of one length, not \[0\.2, 0\.4\] s"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            Predictor(models, **options)

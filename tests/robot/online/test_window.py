@@ -143,11 +143,7 @@ def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
 
 @pytest.mark.parametrize(
     ("options", "reason"),
-    [
-        ({"period": 0.0}, "period"),
-        ({"timeout": 0.5}, "timeout"),
-        ({"hold": 20.0}, "hold"),
-    ],
+    [({"period": 0.0}, "period"), ({"timeout": 0.5}, "timeout"), ({"hold": 20.0}, "hold")],
 )
 def test_misuse_is_refused(options, reason):
     with pytest.raises(InputError, match=reason):

@@ -1,8 +1,7 @@
 """Bags of all three kinds give back what was written, and damaged ones say so in one line."""
 
-import shutil
-import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +11,12 @@ from neurosym_jax.data.formats import data_files, files_in, is_folder, read_any
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.simulation.scenarios import simulate
+from neurosym_robot.commands import ros2
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.bag_writer import BagWriter
 from neurosym_robot.ros.bags import read_frames, read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS
+from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, typestore
 from neurosym_robot.ros.messages import make_trajectories
 from neurosym_robot.ros.people import seconds_of, see
 
@@ -84,48 +84,10 @@ def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
         assert "\n" not in str(error.value)
 
 
-def test_which_topic(tmp_path):
-    path = tmp_path / "run.mcap"
-    with BagWriter(path) as bag:
-        frame = frames()[0]
-        bag.write("/chatter", frame.stamp, bag.new("std_msgs/msg/String"))
-        bag.write("/one", frame.stamp, messages.make_people(bag.new, frame))
-    path = bag.path
-    assert len(list(read_people(path))) == len(list(read_people(path, "/one"))) == 1
-    with pytest.raises(InputError, match=r"/two is not there.*there are: /chatter .*, /one"):
-        list(read_people(path, "/two"))
-    with pytest.raises(InputError, match="/chatter is not there, or none that carries"):
-        list(read_people(path, "/chatter"))
-    shutil.rmtree(path)
-    with BagWriter(path.with_suffix(".db3")) as bag:
-        for topic in ("/one", "/two"):
-            bag.write(topic, 1.0, messages.make_people(bag.new, frame))
-    with pytest.raises(InputError, match=r"which topic has the people.*/one.*/two.*bag,topic="):
-        list(read_people(path))
-    shutil.rmtree(path)
-    with BagWriter(path.with_suffix(".bag")) as bag:
-        bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
-    with pytest.raises(InputError, match="none carries people_msgs/msg/People"):
-        list(read_people(bag.path))
-
-
-def test_the_filtered_topic_is_preferred_and_humans_are_people_too(tmp_path):
-    frame = frames()[0]
-    with BagWriter(tmp_path / "run.bag") as bag:
-        moved = messages.make_people(bag.new, frame._replace(xy=frame.xy + 1))
-        bag.write(PEOPLE_TOPICS[1], 1.0, moved)
-        bag.write(TOPIC, 1.0, messages.make_people(bag.new, frame))
-        humans = make_trajectories(bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
-        bag.write("/humans", 1.0, humans.trajs[0])
-    assert_array_equal(next(read_people(bag.path)).xy, frame.xy)
-    assert_array_equal(next(read_people(bag.path, "/humans")).ids, [-5, 6])
-
-
 def test_whatever_reads_tracks_reads_bags(tmp_path):
     first, second = write(tmp_path / "first.bag"), write(tmp_path / "second.mcap")
     (tracks,) = read_any(first)
     wanted = tracks_of_frames(iter(frames()), "first")
-    assert tracks.reading is not None
     assert (tracks.recording, tracks.reading.format) == ("first", "bag")
     assert_array_equal(tracks.id, wanted.id)
     assert_array_equal(tracks.position, wanted.position)
@@ -134,35 +96,39 @@ def test_whatever_reads_tracks_reads_bags(tmp_path):
     assert data_files(tmp_path) == files_in(tmp_path) == [first, second]
 
 
-def test_which_topic_is_said_by_an_option(tmp_path):
+@pytest.fixture
+def topics(tmp_path):
+    """A bag of text, of people on three topics, and of humans, each once."""
+    frame = frames()[0]
     with BagWriter(tmp_path / "run.bag") as bag:
-        for n, topic in enumerate(("/one", "/two")):
-            frame = Frame(
-                1.0 + n, np.array([7, 7, 8]), np.array([[n, 0.0], [1, 1], [-3000, -3000]])
-            )
-            bag.write(topic, 1.0, messages.make_people(bag.new, frame))
-    with pytest.raises(InputError, match="which topic"):
+        for n, topic in enumerate((*PEOPLE_TOPICS[::-1], "/two")):
+            moved = frame._replace(xy=frame.xy + n)
+            bag.write(topic, 1.0, messages.make_people(bag.new, moved))
+        bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
+        humans = make_trajectories(bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
+        bag.write("/humans", 1.0, humans.trajs[0])
+    return bag.path
+
+
+def test_the_filtered_topic_is_preferred_and_humans_are_people_too(topics):
+    frame = frames()[0]
+    assert PEOPLE_TOPICS[::-1].index(TOPIC) == 1
+    assert_array_equal(next(read_people(topics)).xy, frame.xy + 1)
+    assert_array_equal(next(read_people(topics, "/two")).xy, frame.xy + 2)
+    assert_array_equal(next(read_people(topics, "/humans")).ids, [-5, 6])
+
+
+def test_which_topic_is_said_by_an_option(tmp_path):
+    ids, xy = np.array([7, 7, 8]), np.array([[1.0, 0.0], [1, 1], [-3000, -3000]])
+    with BagWriter(tmp_path / "run.bag") as bag:
+        for topic in ("/one", "/two"):
+            bag.write(topic, 1.0, messages.make_people(bag.new, Frame(2.0, ids, xy)))
+    with pytest.raises(InputError, match=r"which topic has the people.*/one.*/two.*bag,topic="):
         read_any(bag.path)
     far = pytest.warns(InputWarning, match="people more than 60 m")
     with far, pytest.warns(InputWarning, match="1 positions are left out"):
         (tracks,) = read_any(bag.path, ReadOptions(format="bag,topic=/two"))
     assert_array_equal(tracks.position, [[1, 0]])
-
-
-def test_bad_paths_and_values(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        list(read_frames(tmp_path / "none.bag"))
-    with pytest.raises(InputError, match="not a bag"):
-        list(read_frames(tmp_path))
-    with pytest.raises(InputError, match=r"ends in \.bag"):
-        BagWriter(tmp_path / "run.txt")
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot be written"):
-        BagWriter(tmp_path / "file" / "run.bag")
-    with BagWriter(tmp_path / "new" / "run.bag") as bag:
-        people = messages.make_people(bag.new, frames()[0])
-        with pytest.raises(InputError, match="does not fit"):
-            bag.write(TOPIC, -1.0, people)
 
 
 def test_text_files_are_streams_too(tmp_path):
@@ -171,50 +137,49 @@ def test_text_files_are_streams_too(tmp_path):
     got = list(read_frames(path))
     assert [frame.ids.tolist() for frame in got] == [[1], [1, 2], [2]]
     assert [frame.stamp for frame in got] == pytest.approx([0, 0.4, 0.8])
-    with pytest.raises(InputError, match="unknown field 'topic' for Text"):
-        read_frames(path, ReadOptions(format="text,topic=/people"))
-    tracks = tracks_of_frames(iter(got), "again")
-    assert_array_equal(tracks.id, [1, 1, 2, 2])
-    with pytest.raises(InputError, match="nobody"):
-        tracks_of_frames(iter([]), "again")
+    assert_array_equal(tracks_of_frames(iter(got), "again").id, [1, 1, 2, 2])
 
 
-DEBIAN = """
-import sys
-import rosbag
-from genpy.dynamic import generate_dynamic
-source, target = sys.argv[1:]
-with rosbag.Bag(source) as old, rosbag.Bag(target, "w") as new:
-    for topic, message, time in old.read_messages():
-        assert message._md5sum == "18722f4b8db20cc2369740732357847b", message._md5sum
-        new.write(topic, message, time)
-"""
+def read(path, **options):
+    return list(read_frames(path, ReadOptions(**options)))
 
 
-def test_debians_rosbag_reads_ours_and_we_its(tmp_path):
-    python = "/usr/bin/python3"
-    if subprocess.run([python, "-c", "import rosbag"], capture_output=True).returncode:
-        pytest.skip("Debian's python3-rosbag is not installed")
-    source, target = write(tmp_path / "run.bag"), tmp_path / "debian.bag"
-    done = subprocess.run(
-        [python, "-c", DEBIAN, source, target], capture_output=True, text=True, env={}
-    )
-    assert done.returncode == 0, done.stderr
-    for a, b in zip(read_people(source), read_people(target), strict=True):
-        assert a.stamp == b.stamp
-        assert_array_equal(a.xy, b.xy)
+@pytest.mark.parametrize(
+    ("use", "reason"),
+    [
+        (lambda bag, text: read(bag, format="bag,topic=/no"), "/no is not there.*: /chatter .*"),
+        (lambda bag, text: read(bag, format="bag,topic=/chatter"), "or none that carries"),
+        (lambda bag, text: read(text, format="text,topic=/x"), "unknown field 'topic' for Text"),
+        (lambda bag, text: read(bag.with_name("none.bag")), "no such file"),
+        (lambda bag, text: read(bag.parent), "not a bag"),
+        (lambda bag, text: BagWriter(text), r"ends in \.bag"),
+        (lambda bag, text: BagWriter(text / "run.bag"), "cannot be written"),
+        (lambda bag, text: tracks_of_frames(iter([]), "again"), "nobody"),
+    ],
+)
+def test_refusals(topics, tmp_path, use, reason):
+    text = tmp_path / "tracks.txt"
+    text.write_text("0 1 0 0\n")
+    with pytest.raises(InputError, match=reason) as error:
+        use(topics, text)
+    assert "\n" not in str(error.value)
 
 
-def test_without_rosbags_it_says_what_to_install(tmp_path):
-    path = tmp_path / "run.bag"
-    path.touch()
-    code = (
-        "import sys; sys.modules['rosbags'] = None\n"
-        "from neurosym_robot.ros.bags import read_people\n"
-        "from pathlib import Path\n"
-        "from neurosym_jax.errors import InputError\n"
-        f"try: list(read_people(Path({str(path)!r})))\n"
-        "except InputError as error: print(error)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "pip install 'neurosym-jax[robot]'" in done.stdout, done.stderr
+def test_a_bag_without_people_and_a_stamp_that_does_not_fit(tmp_path):
+    with BagWriter(tmp_path / "new" / "run.bag") as bag:
+        bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
+        with pytest.raises(InputError, match="does not fit"):
+            bag.write(TOPIC, -1.0, messages.make_people(bag.new, frames()[0]))
+    with pytest.raises(InputError, match="none carries people_msgs/msg/People"):
+        read(bag.path)
+
+
+def test_a_missing_library_is_named_with_its_remedy(monkeypatch):
+    for name in [name for name in sys.modules if name.startswith("rosbags.")]:
+        monkeypatch.delitem(sys.modules, name)
+    for library in ("rosbags", "rclpy"):
+        monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(InputError, match=r"pip install 'neurosym-jax\[robot\]'"):
+        typestore(1)
+    with pytest.raises(InputError, match="this needs rclpy"):
+        ros2.run(ros2.Options(model=(Path("none"),)))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.pairs import likely_events
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros import messages
@@ -55,16 +54,6 @@ def test_the_checksums_are_those_of_the_robot():
     }
     for name, checksum in wanted.items():
         assert store.generate_msgdef(name)[1] == checksum
-
-
-def test_people_there_and_back(store, new):
-    for ids in ([3, -7, 2**52 + 5], []):
-        xy = np.random.default_rng(0).normal(size=(len(ids), 2))
-        frame = Frame(1700000000.123456, np.array(ids, np.int64), xy)
-        back = see(PEOPLE, received(store, messages.make_people(new, frame)))
-        assert back.stamp == pytest.approx(frame.stamp, abs=1e-6)
-        assert_array_equal(back.ids, frame.ids)
-        assert_array_equal(back.xy, frame.xy)
 
 
 def test_names_that_are_no_numbers_have_ids_of_their_own():
@@ -130,15 +119,6 @@ def test_events_in_words_and_numbers(store, new, forecast):
         assert (event.name, event.words) == (each.name, each.words(forecast.ids))
         assert (event.k, event.l) == (forecast.ids[each.k], forecast.ids[each.l])
         assert_allclose([event.probability, event.seconds], each[3:], rtol=1e-6)
-
-
-def test_lines_for_rviz(store, new, forecast):
-    message = messages.markers_message(new, forecast, "SGAN", 0.4, "map")
-    seen, lost = received(store, message).markers
-    assert (seen.ns, seen.type, len(seen.points)) == ("SGAN/4", 4, 5)
-    assert seen.color.a == 1 > lost.color.a > 0
-    end = forecast.models["SGAN"].samples[3, 0, -1]
-    assert_allclose([seen.points[-1].x, seen.points[-1].y], end)
 
 
 TRACKED = {

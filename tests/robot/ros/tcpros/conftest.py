@@ -31,17 +31,18 @@ class Master:
             table.clear()
 
     def registerPublisher(self, caller, topic, type, uri):
-        self.nodes[caller] = uri
-        if uri not in self.publishers[topic]:
-            self.publishers[topic].append(uri)
+        self._register(self.publishers[topic], caller, uri)
         self._tell(topic)
         return self.subscribers[topic]
 
     def registerSubscriber(self, caller, topic, type, uri):
-        self.nodes[caller] = uri
-        if uri not in self.subscribers[topic]:
-            self.subscribers[topic].append(uri)
+        self._register(self.subscribers[topic], caller, uri)
         return self.publishers[topic]
+
+    def _register(self, uris, caller, uri):
+        self.nodes[caller] = uri
+        if uri not in uris:
+            uris.append(uri)
 
     def unregisterPublisher(self, caller, topic, uri):
         self.publishers[topic].remove(uri)
@@ -83,7 +84,7 @@ def graph(master):
     def make(name: str) -> Node:
         said: list[str] = []
         node = Node(name, master.uri, said.append)
-        node.said = said  # type: ignore
+        node.said = said
         nodes.append(node)
         return node
 
