@@ -1,3 +1,4 @@
+import dataclasses
 import functools
 import pickle
 from unittest import mock
@@ -9,13 +10,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from neurosym_jax.configuration import component_from_text
+from neurosym_jax.configuration import Positive, component_from_text
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import alpha_from_states, alpha_table
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.state_weightings import Cnd, CndShipped, Learned, Soft
 from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, make_weighting, register_weighting
 
 NAMES = tuple(WEIGHTINGS)
@@ -192,6 +193,22 @@ def test_a_function_as_a_weighting():
             register_weighting(name)(nearness)
     register_weighting("nearness", replace=True)(lambda positions, valid: 0 * positions[..., 0])
     assert initial_parameters(from_text("nearness")) == {}
+
+
+@mock.patch.dict(WEIGHTINGS)
+def test_a_class_as_a_weighting_has_options():
+    @register_weighting("constant")
+    @dataclasses.dataclass(frozen=True)
+    class Constant(Weighting):
+        value: Positive = 0.5
+
+        def weigh(self, parameters, positions, valid):
+            return jnp.full((len(positions), *positions.shape[:2]), self.value)
+
+    assert from_text("constant,value=0.25") == Constant(0.25)
+    assert alpha_of(walks(2), weighting=Constant(0.25))[0, 1, 0] == 0.25
+    with pytest.raises(InputError, match="value must be positive"):
+        make_weighting("constant,value=0")
 
 
 def test_the_name_is_the_text_form():

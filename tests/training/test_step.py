@@ -10,7 +10,7 @@ from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.losses import distance_errors, squared_displacement_errors
 from neurosym_jax.training.rollout import decode_groups, draw_group_noise, encode_groups
-from neurosym_jax.training.step import TrainState, initial_state, train_step, update
+from neurosym_jax.training.step import TrainState, clipping, initial_state, train_step, update
 from neurosym_jax.training.stream import SceneStream
 from tests.networks import drawing
 
@@ -162,6 +162,14 @@ def test_the_rate_warms_up_and_falls_to_zero(run, groups):
     wanted = [0.1 * t / 10 for t in range(10)]
     wanted += [0.05 * (1 + np.cos(np.pi * (t - 10) / 90)) for t in range(10, 101)]
     np.testing.assert_allclose(moves, wanted, atol=1e-5)
+
+
+def test_clipping(run):
+    ones = {"a": jnp.ones((3, 4)), "b": jnp.ones(4)}
+    for norm, wanted in ((2.0, 0.5), (8.0, 1.0), (0.0, 1.0)):
+        clip = clipping(dataclasses.replace(run.recipe, clip_norm=norm))
+        for leaf in jax.tree.leaves(clip.update(ones, clip.init(ones))[0]):
+            np.testing.assert_allclose(leaf, wanted, rtol=1e-6)
 
 
 @pytest.mark.slow
