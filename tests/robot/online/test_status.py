@@ -69,3 +69,14 @@ def test_a_constant_offset_is_told_and_not_called_stale(late, way):
     assert f"of which {late:.1f} s are a constant offset" in stream.status.line()
     stream.now += 2.5
     assert stream.status.stale
+
+
+def test_counts_and_a_table_of_little():
+    stream = Clocked()
+    stream.predictor.health = Health(frames=3, duplicate_stamps=2)
+    stream.status.published(0.01, skipped=4)
+    assert stream.status.wrong() == {"skipped": 4, "duplicate stamps": 2}
+    table = stream.status.table()
+    assert "nobody was seen" in table
+    assert "skipped 4, duplicate stamps 2" in table
+    assert "no people yet" in stream.status.line()

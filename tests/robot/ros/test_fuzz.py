@@ -135,6 +135,17 @@ def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
     assert "malformed" in node.status.line()
 
 
+def test_forecasts_that_ros_has_no_time_for(node):
+    frames = [
+        Frame(stamp + n / 10, np.arange(3), np.ones((3, 2)))
+        for stamp in (2**31 - 5, -100)
+        for n in range(40)
+    ]
+    for frame in frames:
+        work(node, people(node, frame))
+    assert node.malformed == len(frames)
+
+
 def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecast_node):
     """All frames that wait are observed, so that the forecast is that of a node that kept up."""
     idle, loaded = (forecast_node(name=name) for name in ("idle", "loaded"))

@@ -141,6 +141,16 @@ def test_a_tracker_without_ghosts_has_its_newcomers_published_at_once():
         assert (ids[0] == n) == (n >= 10), n
 
 
+def test_a_jump_is_somebody_new():
+    t = np.arange(80) / 10
+    xy = np.stack([np.where(t < 4, t, t + 10), 0 * t], 1)
+    for given in both_ways(make_tracks("r", t, np.full(80, 5), xy)):
+        before, after = people(given[:40]), people(given[40:])
+        assert before == {5}
+        assert len(after) == 1
+        assert not after & before
+
+
 def test_the_command(tmp_path, capsys):
     source, out = tmp_path / "in.txt", tmp_path / "out.txt"
     command.write_text(source, broken(), 0.1)
