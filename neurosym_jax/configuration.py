@@ -16,29 +16,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry
 
-__all__ = [
-    "AtLeastOne",
-    "BelowOne",
-    "Checked",
-    "Count",
-    "Interval",
-    "NotNegative",
-    "Positive",
-    "Rule",
-    "Seed",
-    "Share",
-    "Whole",
-    "changed",
-    "component_from_text",
-    "component_text",
-    "differences",
-    "from_json",
-    "parse_json",
-    "refuse",
-    "to_json",
-]
+__all__ = ["AtLeastOne", "BelowOne", "Checked", "Count", "Interval", "NotNegative", "Positive"]
+__all__ += ["Rule", "Seed", "Share", "Whole", "changed", "component_from_text", "differences"]
+__all__ += ["from_json", "parse_json", "refuse", "to_json"]
 
 Config = TypeVar("Config")
 
@@ -82,9 +64,9 @@ class Checked:
         for name, hint in _hints(type(self)).items():
             value, table = getattr(self, name), _table(hint)
             if isinstance(value, str) and table is not None:
-                object.__setattr__(self, name, component_from_text(value, table, name))
-        for name, hint in _hints(type(self)).items():
-            if wanted := _misfit(value := getattr(self, name), hint):
+                value = component_from_text(value, table, name)
+                object.__setattr__(self, name, value)
+            if wanted := _misfit(value, hint):
                 raise InputError(f"{name} must {wanted}, not {value!r}")
 
 
@@ -176,14 +158,8 @@ def component_from_text(text: str, table: Registry[Any], source: str) -> Any:
         InputError: naming `source`, for an unknown name or field, or a value that does not fit.
     """
     name, *changes = text.split(",")
-    options = [change.partition("=") for change in changes]
-    fields = {field: _value(text) for field, _, text in options}
-    return _component({"kind": name, **fields}, table, source)
-
-
-def component_text(component: Any, table: Registry[Any]) -> str:
-    """The name of a component and its options that differ from their defaults."""
-    return ",".join([table.name_of(component), *differences(component)])
+    options = {field: _value(text) for field, _, text in (each.partition("=") for each in changes)}
+    return _component({"kind": name, **options}, table, source)
 
 
 def differences(config: Any) -> list[str]:
@@ -195,7 +171,7 @@ def differences(config: Any) -> list[str]:
         if value == (make() if callable(make) else field.default):
             continue
         if table is not None and value is not None:
-            value = component_text(value, table)
+            value = ",".join([table.name_of(value), *differences(value)])
         found.append(f"{field.name}={value if isinstance(value, str) else json.dumps(value)}")
     return found
 
@@ -205,18 +181,16 @@ def _build(cls: Any, fields: Mapping[str, Any], source: str) -> Any:
     for name in fields:
         if name not in hints:
             raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
-    values = {name: _inner(fields[name], hints[name], f"{source}: {name}") for name in fields}
     try:
-        return cls(**values)
+        return cls(**{name: _inner(fields[name], hints[name], name) for name in fields})
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
 
 
 def _inner(value: Any, hint: Any, source: str) -> Any:
+    """A field's value from its form in JSON; `Checked` reads the text of components."""
     table = _table(hint)
     config = next((each for each in _parts(hint) if dataclasses.is_dataclass(each)), None)
-    if table is not None and isinstance(value, str):
-        return component_from_text(value, table, source)
     if table is not None and isinstance(value, dict):
         return _component(value, table, source)
     if config is not None and isinstance(value, dict):
@@ -224,13 +198,12 @@ def _inner(value: Any, hint: Any, source: str) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _component(fields: Mapping[str, Any], table: Registry[Any], source: str) -> Any:
-    options = dict(fields)
+def _component(fields: dict[str, Any], table: Registry[Any], source: str) -> Any:
     try:
-        cls = table[str(options.pop("kind", None))]
+        cls = table[str(fields.get("kind"))]
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
-    return _build(cls, options, source)
+    return _build(cls, {name: fields[name] for name in fields if name != "kind"}, source)
 
 
 def _value(text: str) -> Any:

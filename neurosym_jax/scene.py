@@ -23,18 +23,8 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 
-__all__ = [
-    "AnyArray",
-    "Scene",
-    "checked_positions",
-    "displacements",
-    "make_scene",
-    "model_dtype",
-    "pad_scene",
-    "relative_positions",
-    "scene_identity",
-    "to_world",
-]
+__all__ = ["AnyArray", "Scene", "checked_positions", "displacements", "make_scene", "model_dtype"]
+__all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
 
 DECIMALS = 8
 """Of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""

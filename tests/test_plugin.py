@@ -8,8 +8,7 @@ import pytest
 from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.plugins import load_plugin, loaded
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry, load_plugin, loaded
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
 from neurosym_jax.training.network import named_network
 from tests.networks import random_model

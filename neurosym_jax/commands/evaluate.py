@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal, NamedTuple
 import tyro
 
 from neurosym_jax.configuration import Count, Seed, refuse
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, describe_readings
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
+from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names
 from neurosym_jax.evaluation.plan import BASELINES, Test, load_models, load_tests, make_plan
@@ -146,7 +147,7 @@ def run(options: Options) -> list[Row]:
     facts = {
         "protocol": options.protocol,
         "provenance": provenance([how.file for how in readings.values() if how.file], paths),
-        "recordings": [how.to_json() for how in readings.values()],
+        "recordings": [dataclasses.asdict(how) for how in readings.values()],
     }
     write_report(options.json, rows, facts)
     said = _assumptions(models)

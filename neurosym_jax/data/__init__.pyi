@@ -4,7 +4,7 @@ from .batching import single_scene as single_scene
 from .formats import read_any as read_any
 from .formats import register_format as register_format
 from .reading import Format as Format
-from .reading import Reading as Reading
+from .reading import Head as Head
 from .reading import ReadOptions as ReadOptions
 from .sources import EthUcy as EthUcy
 from .sources import Files as Files
@@ -12,7 +12,7 @@ from .sources import Source as Source
 from .sources import Synthetic as Synthetic
 from .sources import open_source as open_source
 from .sources import windows_from as windows_from
-from .text import Head as Head
+from .tracks import Reading as Reading
 from .tracks import Tracks as Tracks
 from .tracks import make_tracks as make_tracks
 from .tracks import on_grid as on_grid

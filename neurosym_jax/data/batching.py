@@ -10,8 +10,6 @@ from neurosym_jax.scene import Scene, displacements, model_dtype, relative_posit
 
 __all__ = ["Batch", "bucket_of", "gather_scenes", "make_batches", "single_scene"]
 
-BUCKETS = (4, 8, 16, 32, 64)  # agents of padded scenes; beyond the last, powers of two
-
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Batch:
@@ -22,11 +20,8 @@ class Batch:
 
 
 def bucket_of(agents: np.ndarray | int) -> np.ndarray:
-    """Padded size of scenes with `agents` [...] agents."""
-    agents = np.asarray(agents)
-    small = np.array(BUCKETS)[np.searchsorted(BUCKETS, np.minimum(agents, BUCKETS[-1]))]
-    large = 2 ** np.ceil(np.log2(np.maximum(agents, 1))).astype(int)
-    return np.where(agents <= BUCKETS[-1], small, large)
+    """Padded size of scenes with `agents` [...] agents: a power of two, at least 4."""
+    return 2 ** np.ceil(np.log2(np.maximum(agents, 4))).astype(int)
 
 
 def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:
@@ -68,21 +63,19 @@ def gather_scenes(
     step = displacements(position[:, : windows.obs_len])
     position = relative_positions(position, origin[scene, None])
 
-    def padded(rows: np.ndarray, dtype: np.dtype | None = None) -> np.ndarray:
-        out = np.zeros((count, slots, *rows.shape[1:]), dtype or model_dtype())
-        out[scene, slot] = rows
+    def padded(values: np.ndarray, dtype: np.dtype | None = None) -> np.ndarray:
+        out = np.zeros((count, slots, *values.shape[1:]), dtype or values.dtype)
+        out[scene, slot] = values
         return out
 
-    valid = np.zeros((count, slots), bool)
-    valid[scene, slot] = True
     identity = np.zeros((count, 2), np.uint32)
     identity[: len(chosen)] = windows.identity[chosen]
     return Scene(
-        observed=padded(position[:, : windows.obs_len]),
-        displacement=padded(step),
-        valid=valid,
+        observed=padded(position[:, : windows.obs_len], model_dtype()),
+        displacement=padded(step, model_dtype()),
+        valid=padded(np.ones(len(rows), bool)),
         identity=identity,
         origin=origin,
-        future=padded(position[:, windows.obs_len :]),
-        extras={name: padded(of[rows], of.dtype) for name, of in windows.extras.items()},
+        future=padded(position[:, windows.obs_len :], model_dtype()),
+        extras={name: padded(of[rows]) for name, of in windows.extras.items()},
     )

@@ -3,6 +3,8 @@
 Speeds are taken over steps of about 0.4 s, so that noise of a fast tracker is not walking.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import polars as pl
 
@@ -36,49 +38,48 @@ def pace_of(tracks: Tracks) -> tuple[int, float]:
     return len(here), pace if pace > 1 or np.median(time) > PERIOD / 2 else np.nan
 
 
-def judge(tracks: Tracks, options: ReadOptions) -> tuple[list[str], list[str]]:
-    """Reasons to refuse a recording, and to doubt it, a line each."""
-    refused: list[str] = []
-    doubted: list[str] = []
+def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
+    """Yield whether to refuse a recording, or only to doubt it, and the reason in a line."""
     steps, pace = pace_of(tracks)
-    serious = refused if steps >= ENOUGH else doubted
-    slow = pace < DOUBTED[0]
-    if slow or pace > DOUBTED[1]:
-        wrong, unit = ("slow", "more than metres") if slow else ("fast", "cm, mm or pixels")
-        outside = not REFUSED[0] <= pace <= REFUSED[1]
-        (serious if outside else doubted).append(
+    enough = steps >= ENOUGH
+    if pace < DOUBTED[0] or pace > DOUBTED[1]:
+        wrong, unit = ("slow", "more than metres") if pace < 2 else ("fast", "cm, mm or pixels")
+        yield (
+            enough and not REFUSED[0] <= pace <= REFUSED[1],
             f"one step in twenty is faster than {pace:.2f} m/s, of walking people 1.2 to 2.1: is "
             f"the clock too {wrong} (--fps, --time-unit; SGAN's eth needs --eth-stride 6), or are "
-            f"coordinates {unit} (--unit)?"
+            f"coordinates {unit} (--unit)?",
         )
     held = _held(tracks)
     if steps >= FEW and held > 0.01:
-        (serious if held > 0.1 else doubted).append(
+        yield (
+            enough and held > 0.1,
             f"{held:.1%} of the points repeat the one before and are followed by a leap: are "
-            "positions held until the next is there?"
+            "positions held until the next is there?",
         )
     whole = np.all(tracks.position == np.rint(tracks.position))
     if whole and options.unit is None and len(tracks.id) > 20 and np.ptp(tracks.position) > 20:
-        serious.append("all coordinates are whole numbers, as pixels are: say --unit m, cm, mm, ..")
+        yield enough, "all coordinates are whole numbers, as pixels are: say --unit m, cm, mm, .."
     ids, first = np.unique(tracks.id, return_index=True)
     together = np.mean(tracks.stamp[first] == tracks.stamp.min())
     ends = len(np.unique(tracks.stamp[np.append(first[1:], len(tracks.id)) - 1]))
     if len(ids) >= 20 and together > 0.9 and ends > len(ids) / 4:
-        serious.append(f"{together:.0%} of the people begin at one moment: has each an own clock?")
+        yield enough, f"{together:.0%} of the people begin at one moment: has each an own clock?"
     twins = pl.DataFrame([tracks.stamp, *tracks.position.T]).is_duplicated()
     if twins.any():
-        (serious if twins.sum() > 0.1 * len(twins) else doubted).append(
-            f"{twins.sum()} points are another person's, too: is everybody there twice?"
+        yield (
+            enough and twins.sum() > 0.1 * len(twins),
+            f"{twins.sum()} points are another person's, too: is everybody there twice?",
         )
     step, speed = steps_of(tracks)
     fast = np.flatnonzero((speed > 10) & (step <= GAP * np.median(step))) if len(step) else []
     if len(step) >= FEW and 0 < len(fast) < len(step) / 2:
         at = np.flatnonzero(np.diff(tracks.id) == 0)[fast[0]]
-        doubted.append(
+        yield (
+            False,
             f"{len(fast)} steps are faster than 10 m/s, the first by person {tracks.id[at]} at "
-            f"{tracks.stamp[at]:.2f} s: is a person two?"
+            f"{tracks.stamp[at]:.2f} s: is a person two?",
         )
-    return refused, doubted
 
 
 def _held(tracks: Tracks) -> float:

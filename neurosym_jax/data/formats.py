@@ -8,12 +8,10 @@ from pathlib import Path
 from neurosym_jax.configuration import component_from_text
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns, eth_ucy, thor, trajnet
-from neurosym_jax.data.reading import AS_IT_SAYS, Format, Reading, ReadOptions
-from neurosym_jax.data.text import read_head
-from neurosym_jax.data.tracks import PERIOD, Tracks
+from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
+from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
-from neurosym_jax.plugins import load_entry_points
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry, load_entry_points
 
 __all__ = ["FORMATS", "data_files", "files_in", "format_of", "is_folder", "read_any"]
 __all__ += ["recordings_in", "register_format"]
@@ -40,27 +38,26 @@ register_format = FORMATS.register
 
 def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     """The format of a file, as `options` or the file itself say."""
-    load_entry_points()
     if options.format is not None:
+        load_entry_points()
         return component_from_text(options.format, FORMATS, str(path))
     if options.columns:
         return columns.Columns()
-    latest = [form() for form in reversed(FORMATS.values())]
-    for form in latest:
-        if form.owns(path):
-            return form
+    if owner := _owner(path):
+        return owner
     head = read_head(path)
-    return next(form for form in latest if form.knows(head))
+    return next(found for form in reversed(FORMATS.values()) if (found := form()).knows(head))
 
 
 def is_folder(path: Path) -> bool:
     """Whether a path is a folder of files, and not one that is a recording itself."""
-    return os.path.isdir(path) and not _is_owned(path)  # os's also for a name that is too long.
+    return os.path.isdir(path) and not _owner(path)  # os's also for a name that is too long.
 
 
-def _is_owned(path: Path) -> bool:
+def _owner(path: Path) -> Format | None:
+    """The format that a path is of by its name."""
     load_entry_points()
-    return any(form().owns(path) for form in FORMATS.values())
+    return next((own for form in reversed(FORMATS.values()) if (own := form()).owns(path)), None)
 
 
 def read_any(
@@ -79,7 +76,6 @@ def read_any(
     """
     path = Path(path)
     form = format_of(path, options)
-    options.metres(path)
     for option in {"columns", "fps", "keep", "time_unit", "unit"} - form.uses:
         if getattr(options, option):
             shown = option.replace("_", "-")
@@ -87,15 +83,16 @@ def read_any(
     found = []
     for tracks in form.read(path, options, frame_period):
         how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))
-        refused, doubted = judge(tracks, options)
-        if refused and not options.yes_really:
-            raise InputError(
-                f"{path}: {refused[0]} (where it is true all the same, --yes-really accepts it)"
-            )
-        lines = (*how.warnings, *refused, *doubted)
+        lines = [*how.warnings]
+        for refused, line in judge(tracks, options):
+            if refused and not options.yes_really:
+                raise InputError(
+                    f"{path}: {line} (where it is true all the same, --yes-really accepts it)"
+                )
+            lines.append(line)
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
-        how = dataclasses.replace(how, format=FORMATS.name_of(form), warnings=lines)
+        how = dataclasses.replace(how, format=FORMATS.name_of(form), warnings=tuple(lines))
         found.append(dataclasses.replace(tracks, reading=how))
     return found
 
@@ -135,7 +132,7 @@ def files_in(folder: Path, pattern: str = "*") -> list[Path]:
     found = [
         path
         for path in sorted(folder.glob(pattern))
-        if (path.suffix.lower() in SUFFIXES or _is_owned(path)) and not _is_owned(path.parent)
+        if (path.suffix.lower() in SUFFIXES or _owner(path)) and not _owner(path.parent)
     ]
     if not found:
         raise InputError(f"{folder}: no such folder, or no {', '.join(SUFFIXES)} file in it")

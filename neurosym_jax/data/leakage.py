@@ -29,9 +29,7 @@ def fingerprint(windows: Windows) -> str:
 def seen_before(found: str, windows: Windows) -> tuple[int, int]:
     """How many shapes in `windows` are in a fingerprint, and how many were looked for there."""
     data = np.frombuffer(base64.b64decode(found), np.uint8).reshape(-1, BYTES)
-    kept = np.zeros((len(data), 8), np.uint8)
-    kept[:, 8 - BYTES :] = data
-    kept = kept.view(">u8").ravel().astype(np.uint64)
+    kept = np.pad(data, ((0, 0), (8 - BYTES, 0))).view(">u8").ravel().astype(np.uint64)
     ours = _hashes(windows)
     if len(kept) == KEPT:
         ours = ours[ours <= kept.max()]

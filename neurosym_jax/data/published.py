@@ -4,13 +4,13 @@
 folder, and the next call fetches the files that are still missing.
 """
 
-import csv
 import os
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 from tqdm import tqdm
 
 from neurosym_jax.errors import InputError, printable
@@ -35,9 +35,10 @@ def licences_of(names: Iterable[str]) -> dict[str, str]:
 
 def published_files(collection: str) -> dict[str, dict[str, str]]:
     """Address, bytes and SHA-256 of each file of a collection, by path below its folder."""
-    with files("neurosym_jax.data").joinpath("published.tsv").open(encoding="utf-8") as table:
-        rows = csv.DictReader(table, delimiter="\t")
-        return {row["path"]: row for row in rows if row["collection"] == collection}
+    content = files("neurosym_jax.data").joinpath("published.tsv").read_bytes()
+    table = pl.read_csv(content, separator="\t", infer_schema=False)
+    rows = table.filter(pl.col("collection") == collection).iter_rows(named=True)
+    return {row["path"]: row for row in rows}
 
 
 def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0) -> tuple[int, int]:
@@ -64,18 +65,16 @@ def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0)
         retry_if_failed=2,
     )
     receive: Any = pooch.HTTPDownloader(timeout=timeout)
+    there = {name for name in wanted if (into / name).exists()}
+    for name in there:
+        if pooch.file_hash(str(into / name)) != wanted[name]["sha256"]:
+            raise InputError(f"{into / name}: is not the published file; move it away")
     try:
-        there = {name for name in wanted if (into / name).exists()}
-        for name in there:
-            if pooch.file_hash(str(into / name)) != wanted[name]["sha256"]:
-                raise InputError(f"{into / name}: is not the published file; move it away")
         for name in tqdm(wanted.keys() - there, desc=folder.name, unit=" files", disable=None):
             collection.fetch(name, downloader=receive)
         if into != folder:
             into.rename(folder)
     except (requests.RequestException, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(
             f"{base}: {printable(str(error))[:300]} (what has arrived is kept: run this again, or "
             "name another place with --mirror)"

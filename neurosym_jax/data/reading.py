@@ -1,18 +1,21 @@
-"""How files are read: what a user says of them, what a format is, and what a reading reports."""
+"""How files are read: what a user says of them, how they begin, and what a format is."""
 
+import codecs
 import dataclasses
-from collections.abc import Iterable
+import functools
+import itertools
+import stat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import ClassVar, Literal
+
+import numpy as np
 
 from neurosym_jax.configuration import Positive, refuse
+from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
 
-if TYPE_CHECKING:
-    from neurosym_jax.data.text import Head
-    from neurosym_jax.data.tracks import Tracks
-
-__all__ = ["AS_IT_SAYS", "METRES", "Format", "ReadOptions", "Reading", "describe_readings"]
+__all__ = ["AS_IT_SAYS", "Format", "Head", "ReadOptions", "numbers_in", "read_head"]
+__all__ += ["read_text_file", "recording_name", "separator_of"]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # in each unit
 
@@ -44,33 +47,54 @@ class ReadOptions:
     yes_really: bool = False
     """Accept recordings in which people move as no people do; the reasons become warnings."""
 
-    def stride_of(self, path: Path, period: float) -> float | None:
-        """Frame numbers in `period` seconds in this file; None for their most common step."""
-        refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride})
-        if self.eth_stride is not None and path.stem.startswith("biwi_eth"):
-            return self.eth_stride
-        return None if self.fps is None else self.fps * period
-
-    def metres(self, path: Path) -> float:
-        """Metres in a unit of the coordinates of file `path`.
+    def __post_init__(self):
+        """Check the numbers and the unit.
 
         Raises:
-            InputError: for an unknown unit.
+            InputError: naming the option.
         """
-        unit = self.unit or "m"
+        refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride})
         try:
-            found = METRES.get(unit) or float(unit)
+            usable = 1e-6 <= self.metres <= 1e4
         except ValueError:
-            found = 0.0
-        if not 1e-6 <= found <= 1e4:
+            usable = False
+        if not usable:
             raise InputError(
-                f"{path}: the unit is one of {', '.join(METRES)}, or metres as a number, not "
-                f"{unit!r} (pixels of 3.2 cm: --unit 0.032)"
+                f"--unit is one of {', '.join(METRES)}, or metres as a number, not {self.unit!r} "
+                "(pixels of 3.2 cm: --unit 0.032)"
             )
-        return found
+
+    @property
+    def metres(self) -> float:
+        """Metres in a unit of the coordinates."""
+        unit = self.unit or "m"
+        return METRES.get(unit) or float(unit)
 
 
 AS_IT_SAYS = ReadOptions()  # everything is taken from the files
+
+
+@dataclasses.dataclass(frozen=True)
+class Head:
+    """How a file begins; formats are recognised by it."""
+
+    lines: list[str]  # its first 64 kB without blank lines and comments; one empty line if not text
+
+    @property
+    def names(self) -> list[str]:
+        """The fields of a header line; none if the file begins otherwise."""
+        first = self.lines[0]
+        names = [name.strip(' "') for name in first.split(separator_of(first))]
+        named = any(name[:1].isalpha() for name in names) and not numbers_in(first)
+        return names if named and first.replace("\t", "").isprintable() else []
+
+    @functools.cached_property
+    def rows(self) -> np.ndarray:
+        """[R, columns] numbers of the first lines, up to the first line of another kind."""
+        width = len(numbers_in(self.lines[0]))
+        rows = map(numbers_in, self.lines)
+        alike = list(itertools.takewhile(lambda row: row and len(row) == width, rows))
+        return np.array(alike).reshape(len(alike), width)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +105,7 @@ class Format:
     title: ClassVar[str] = ""  # what messages call it
     uses: ClassVar[frozenset[str]] = frozenset()  # the fields of `ReadOptions` that it uses
 
-    def knows(self, head: "Head") -> bool:
+    def knows(self, head: Head) -> bool:
         """Whether a file that begins so is of this format."""
         return False
 
@@ -89,34 +113,59 @@ class Format:
         """Whether a path is of this format by its name alone; it may be a folder."""
         return False
 
-    def read(self, path: Path, options: ReadOptions, period: float) -> "list[Tracks]":
+    def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file; where frames are numbered, one step is `period` seconds."""
         raise NotImplementedError
 
 
-@dataclasses.dataclass(frozen=True)
-class Reading:
-    """How a recording was read; people, model cards and JSON reports show it."""
-
-    recording: str
-    file: str | None = None  # path, if there is a file
-    format: str | None = None  # name of the file's format
-    rows: int = 0  # points that were read
-    filled: int = 0  # points that were interpolated in gaps of single people's tracks
-    gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
-    warnings: tuple[str, ...] = ()  # what looks wrong, a line each
-
-    def to_json(self) -> dict[str, Any]:
-        """The fields by name."""
-        return dataclasses.asdict(self) | {"warnings": list(self.warnings)}
+def recording_name(path: Path) -> str:
+    """Name of the recording in a file: its name without the ending."""
+    return printable(path.stem)
 
 
-def describe_readings(readings: Iterable[Reading]) -> str:
-    """A line for each recording read from a file: format, rows, gaps and what was filled."""
-    lines = []
-    for how in {(how.file, how.recording): how for how in readings if how.file}.values():
-        parts = [f"{how.format}, {how.rows} rows"]
-        parts += [f"{how.filled} points filled in gaps"] * (how.filled > 0)
-        parts += [f"{how.gaps} gaps in time"] * (how.gaps > 0)
-        lines.append(f"read {printable(how.recording)}: {', '.join(parts)}")
-    return "\n".join(lines)
+def read_text_file(path: Path) -> str:
+    """The text of a UTF-8 file, without byte-order mark.
+
+    Raises:
+        InputError: if the file cannot be read or is not text.
+    """
+    try:
+        return _bytes_of(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not text ({error.reason})") from None
+
+
+def _bytes_of(path: Path, size: int = -1) -> bytes:
+    """The first `size` bytes of a regular file."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):  # Opening a pipe would block.
+            raise InputError(f"{path}: is a folder, pipe or device, not a file")
+        with path.open("rb") as file:
+            return file.read(size)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def read_head(path: Path) -> Head:
+    """How the file at `path` begins."""
+    try:
+        text = codecs.getincrementaldecoder("utf-8-sig")().decode(_bytes_of(path, 1 << 16))
+    except UnicodeDecodeError:  # The reader explains it; here it only fits no format.
+        text = ""
+    lines = (line.strip() for line in text.split("\n"))
+    return Head([line for line in lines if line and not line.startswith("#")] or [""])
+
+
+def separator_of(line: str) -> str:
+    """What separates the fields of a line: semicolons, commas or tabs, else blanks."""
+    mark = max(";,\t", key=line.count)
+    return mark if mark in line else " "
+
+
+def numbers_in(line: str) -> list[float]:
+    """The numbers of a row; none if any field is another."""
+    mark = separator_of(line)
+    try:
+        return [float(field) for field in line.split(None if mark == " " else mark)]
+    except ValueError:
+        return []

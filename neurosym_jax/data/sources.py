@@ -3,18 +3,18 @@
 A source reads files only when recordings are asked for.
 """
 
-import abc
 import dataclasses
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
+import numpy as np
+
 from neurosym_jax.data import formats
 from neurosym_jax.data.published import COLLECTIONS, data_folder, find
 from neurosym_jax.data.readers import eth_ucy
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.text import recording_name
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, recording_name
 from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
@@ -30,7 +30,7 @@ TRAIN_SHARE = 0.8  # of each recording of `Files`; the rest is for validation
 
 
 @dataclasses.dataclass(frozen=True)
-class Source(abc.ABC):
+class Source:
     """Named data sets and their recordings."""
 
     scenes: tuple[str, ...]  # names of the data sets
@@ -63,13 +63,13 @@ class Source(abc.ABC):
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
         return self._on_grid(self._read_files(known.get(name, Path(name)) for name in names))
 
-    @abc.abstractmethod
-    def _read(self, scene: str, split: Split) -> list[Tracks]: ...
+    def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
+        raise NotImplementedError
 
-    def _read_files(self, paths: Iterable[Path]) -> list[Tracks]:
-        return [tracks for path in paths for tracks in formats.read_any(path, self.read)]
+    def _read_files(self, paths: Iterable[Path]) -> Iterable[Tracks]:
+        return (tracks for path in paths for tracks in formats.read_any(path, self.read))
 
-    def _on_grid(self, recordings: list[Tracks]) -> list[Tracks]:
+    def _on_grid(self, recordings: Iterable[Tracks]) -> list[Tracks]:
         return [on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings]
 
 
@@ -81,13 +81,13 @@ class Synthetic(Source):
     name = "simulations"
     about = "Simulated people who walk together (all-forward) and cross (cross-path)."
 
-    def _read(self, scene: str, split: Split) -> list[Tracks]:
+    def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         if scene == GENERAL:
             raise InputError(f"{scene} is for models of real people: say of whom with --data")
         from neurosym_jax.simulation.scenarios import synthetic_tracks
 
         seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
-        return [synthetic_tracks(cast(Any, scene), seed) for seed in seeds]
+        return (synthetic_tracks(cast(Any, scene), seed) for seed in seeds)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,7 +97,7 @@ class EthUcy(Source):
     folder: Path = Path()
     scenes: tuple[str, ...] = tuple(eth_ucy.SCENES)
 
-    def _read(self, scene: str, split: Split) -> list[Tracks]:
+    def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         own = None if scene == GENERAL else scene
         return self._read_files(eth_ucy.split_files(self.folder, own, split))
 
@@ -110,20 +110,19 @@ class Files(Source):
     training, the rest for validation.
     """
 
-    def _read(self, scene: str, split: Split) -> list[Tracks]:
-        own = [path for path in self.paths if recording_name(path) == scene]
+    def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
+        others = [path for path in self.paths if recording_name(path) != scene]
         if split == "test":
-            return self._read_files(own)
-        others = [path for path in self.paths if path not in own]
+            yield from self._read_files(path for path in self.paths if path not in others)
+            return
         if not others:
             raise InputError(f"{scene}: the only recording, so nothing is left to train on")
-        parts = []
         for tracks in self._read_files(others):
             # Cut before it is resampled, so that no point depends on both parts.
-            first, last = tracks.stamp.min(), tracks.stamp.max()
-            early = tracks.stamp < first + TRAIN_SHARE * (last - first)
-            parts.append(tracks.take(early if split == "train" else ~early))
-        return [part for part in parts if len(part.id)]
+            middle = tracks.stamp.min() + TRAIN_SHARE * np.ptp(tracks.stamp)
+            part = tracks.take((tracks.stamp < middle) == (split == "train"))
+            if len(part.id):
+                yield part
 
 
 def open_source(

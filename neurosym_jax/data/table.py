@@ -13,12 +13,17 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.reading import Reading, ReadOptions
-from neurosym_jax.data.text import numbers_in, read_text_file, recording_name, separator_of
-from neurosym_jax.data.tracks import Tracks, common, make_tracks
+from neurosym_jax.data.reading import (
+    ReadOptions,
+    numbers_in,
+    read_text_file,
+    recording_name,
+    separator_of,
+)
+from neurosym_jax.data.tracks import Reading, Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["Table", "assemble", "read_table"]
+__all__ = ["Table", "read_table"]
 
 # Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
 STEPS = (1, 6, 10, 12)
@@ -85,7 +90,9 @@ class Table:
             InputError: for a frame that is not a whole number, and where that step is unusual.
         """
         frame = self.whole_numbers(place)
-        stride = options.stride_of(self.path, period)
+        stride = options.fps and options.fps * period
+        if options.eth_stride and self.path.stem.startswith("biwi_eth"):
+            stride = options.eth_stride
         if stride is None:
             steps = np.diff(np.unique(frame))
             stride = common(steps) if len(steps) else 1.0
@@ -126,6 +133,34 @@ class Table:
         if values.null_count() > texts.null_count():
             values = (texts.rank("dense") - 1).cast(pl.Float64)
         return values.fill_null(np.nan).to_numpy()
+
+    def tracks(
+        self,
+        stamp: np.ndarray,
+        id: np.ndarray,
+        position: np.ndarray,
+        extras: Mapping[str, np.ndarray] = MappingProxyType({}),
+        *,
+        row: np.ndarray | None = None,
+        recording: str | None = None,
+        said: Sequence[str] = (),
+    ) -> Tracks:
+        """Tracks of the lines `row` [R'] of the file (default: all), in any order.
+
+        They have `stamp` [R'], `id` [R'], `position` [R', 2] and `extras` name: [R']. The warnings
+        of their reading are those `said`, and one where time runs backward.
+        """
+        row = self.row if row is None else row
+        order = np.argsort(id, kind="stable")
+        back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
+        warnings = [*said] + [
+            f"row {row[first]}: time runs backward for agent {id[first]} ({len(back)} times in "
+            "all); the rows are sorted"
+            for first in back[:1]
+        ]
+        name = recording or recording_name(self.path)
+        how = Reading(name, printable(str(self.path)), rows=len(id), warnings=tuple(warnings))
+        return make_tracks(name, stamp, id, position, extras, reading=how, row=row)
 
 
 def _stripped(texts: pl.Series) -> pl.Series:
@@ -191,30 +226,3 @@ def _split(path: Path, lines: pl.Series, mark: str) -> pl.Series:
     except csv.Error as error:
         raise InputError(f"{path}: wrong quotes ({error})") from None
     return pl.Series(quoted, dtype=pl.List(pl.String))
-
-
-def assemble(
-    path: Path,
-    row: np.ndarray,
-    stamp: np.ndarray,
-    id: np.ndarray,
-    position: np.ndarray,
-    extras: Mapping[str, np.ndarray] = MappingProxyType({}),
-    *,
-    recording: str | None = None,
-    said: Sequence[str] = (),
-) -> Tracks:
-    """Tracks of the lines `row` [R] of a file, in any order; the last step of every reader.
-
-    Its warnings are those `said`, and one where time runs backward.
-    """
-    order = np.argsort(id, kind="stable")
-    back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
-    warnings = [*said] + [
-        f"row {row[first]}: time runs backward for agent {id[first]} ({len(back)} times in all); "
-        "the rows are sorted"
-        for first in back[:1]
-    ]
-    name = recording or recording_name(path)
-    how = Reading(name, printable(str(path)), rows=len(id), warnings=tuple(warnings))
-    return make_tracks(name, stamp, id, position, extras, reading=how, row=row)

@@ -4,17 +4,17 @@ The table keeps the recording's own clock in seconds and its own world frame in 
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.reading import Reading
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 
-__all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Tracks", "make_tracks", "on_grid", "resample"]
+__all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
+__all__ += ["make_tracks", "on_grid", "resample"]
 
 PERIOD = 0.4  # seconds between the steps of the ETH/UCY benchmark and of every shipped model
 SNAP = 1e-6  # seconds within which a stamp counts as a grid point: clocks are rounded
@@ -22,6 +22,19 @@ GAP = 1.5  # a step of a person longer than this many usual ones is a gap
 LATE = 1e11  # latest time accepted, seconds; a float64 of this size resolves 20 microseconds
 MAX_METRES = 1e8  # largest coordinate accepted; UTM and web maps stay below
 DENSE = 100  # largest ratio of grid points to source points; beyond, a mistyped period
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """How a recording was read; people, model cards and JSON reports show it."""
+
+    recording: str
+    file: str | None = None  # path, if there is a file
+    format: str | None = None  # name of the file's format
+    rows: int = 0  # points that were read
+    filled: int = 0  # points that were interpolated in gaps of single people's tracks
+    gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
+    warnings: tuple[str, ...] = ()  # what looks wrong, a line each
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,18 +51,14 @@ class Tracks:
     foreseen: np.ndarray | None = None  # [R, 2] metres: extrapolated from those before `known`
     period: float | None = None  # seconds between points of the grid that all stamps lie on
     reading: Reading | None = None  # how the recording was read from a file
+    _columns: ClassVar = ("stamp", "id", "position", "known", "foreseen")
 
     def take(self, rows: np.ndarray | slice) -> Self:
         """Select rows ([R] bool mask, [R'] ascending indices, or a slice) with all their fields."""
-        return dataclasses.replace(
-            self,
-            stamp=self.stamp[rows],
-            id=self.id[rows],
-            position=self.position[rows],
-            extras={name: values[rows] for name, values in self.extras.items()},
-            known=None if self.known is None else self.known[rows],
-            foreseen=None if self.foreseen is None else self.foreseen[rows],
-        )
+        columns = {name: getattr(self, name) for name in self._columns}
+        chosen = {name: each[rows] for name, each in columns.items() if each is not None}
+        extras = {name: values[rows] for name, values in self.extras.items()}
+        return dataclasses.replace(self, extras=extras, **chosen)
 
     def with_ids(self, id: np.ndarray) -> Self:
         """The same points with other ids [R] int64, sorted by them."""
@@ -222,3 +231,14 @@ def common(values: np.ndarray) -> float:
     """The most common of [R] numbers, R > 0; the smallest of several."""
     kinds, counts = np.unique(values, return_counts=True)
     return float(kinds[np.argmax(counts)])
+
+
+def describe_readings(readings: Iterable[Reading]) -> str:
+    """A line for each recording read from a file: format, rows, gaps and what was filled."""
+    lines = []
+    for how in {(how.file, how.recording): how for how in readings if how.file}.values():
+        parts = [f"{how.format}, {how.rows} rows"]
+        parts += [f"{how.filled} points filled in gaps"] * (how.filled > 0)
+        parts += [f"{how.gaps} gaps in time"] * (how.gaps > 0)
+        lines.append(f"read {printable(how.recording)}: {', '.join(parts)}")
+    return "\n".join(lines)

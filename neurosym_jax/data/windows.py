@@ -10,8 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from neurosym_jax.data.reading import Reading
-from neurosym_jax.data.tracks import PERIOD, SNAP, Tracks, common
+from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import scene_identity
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import best_of_k, collision, distribution, neighbours, symbol_scores
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry
 
 __all__ = ["METRICS", "SYMBOLS", "Metric", "known_metric", "metric_names", "register_metric"]
 

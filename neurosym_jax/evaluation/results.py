@@ -34,7 +34,7 @@ from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.runtime.environment import cpu_cores
-from neurosym_jax.runtime.progress import Progress
+from neurosym_jax.runtime.process import progress_of
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
 __all__ = ["Result", "Row", "Settings", "evaluate", "evaluate_tests"]
@@ -144,12 +144,12 @@ def evaluate_tests(
 
     Each test set is a task of `run`, see `cluster_map`; default: all here, in threads.
     """
-    progress = Progress(sum(len(test.entries) for test in tests))
+    step = progress_of(sum(len(test.entries) for test in tests))
     results: Iterable[Result] = _here(settings, tests)
     if run is not None:
         results = itertools.chain.from_iterable(run(functools.partial(_task, settings), tests))
     for result in results:
-        progress.step(f"{result.name} on {result.test_set.dataset}")
+        step(f"{result.name} on {result.test_set.dataset}")
         yield result
 
 

@@ -21,8 +21,7 @@ from neurosym_jax.forecasting.batched import (
     unpacked,
 )
 from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.runtime.environment import cpu_cores
-from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.runtime.environment import cpu_cores, refuse_beyond_memory
 from neurosym_jax.scene import Scene, make_scene, model_dtype, pad_scene, relative_positions
 
 __all__ = [

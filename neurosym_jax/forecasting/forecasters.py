@@ -4,7 +4,7 @@ from neurosym_jax.forecasting.anchors import AnchorsForecaster, AnchorTableForec
 from neurosym_jax.forecasting.baselines import ConstantVelocity, ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry
 
 __all__ = ["FORECASTERS", "register_forecaster"]
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.memory import refuse_beyond_memory
+from neurosym_jax.runtime.environment import refuse_beyond_memory
 
 __all__ = ["StoredTensor", "read_torch_file"]
 

@@ -11,7 +11,7 @@ from jax import Array
 
 from neurosym_jax.configuration import Checked
 from neurosym_jax.models.layers import Affine, uniform_within
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry
 
 __all__ = [
     "CELLS",

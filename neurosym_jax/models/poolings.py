@@ -5,7 +5,7 @@ from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NoPooling, Pooling
 from neurosym_jax.models.social import Social
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry
 
 __all__ = ["POOLINGS", "pooling_names", "register_pooling"]
 

@@ -1,4 +1,4 @@
-"""What a result's bits depend on: versions, threads, device; and its provenance."""
+"""What a result's bits depend on: versions, threads, device; its provenance; the free memory."""
 
 import hashlib
 import importlib.metadata
@@ -13,7 +13,10 @@ from typing import Any
 
 import jax
 
-__all__ = ["code_version", "cpu_cores", "provenance", "run_environment"]
+from neurosym_jax.errors import InputError
+
+__all__ = ["available_memory", "code_version", "cpu_cores", "provenance", "refuse_beyond_memory"]
+__all__ += ["run_environment"]
 
 _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
 
@@ -89,3 +92,26 @@ def _digests(paths: Iterable[Path | str]) -> dict[str, str]:
                 with file.open("rb") as content:
                     found[str(file)] = hashlib.file_digest(content, "sha256").hexdigest()
     return found
+
+
+def available_memory() -> float:
+    """Bytes available without swapping; infinite where that is not known."""
+    info = Path("/proc/meminfo")
+    if not info.exists():
+        return float("inf")
+    fields = dict(line.split(":") for line in info.read_text().splitlines())
+    return 1024.0 * int(fields["MemAvailable"].split()[0])
+
+
+def refuse_beyond_memory(what: str, needed: float, remedy: str) -> None:
+    """Refuse work that needs more bytes than are available.
+
+    Raises:
+        InputError: naming the work, both sizes and the remedy.
+    """
+    there = available_memory()
+    if needed > there:
+        raise InputError(
+            f"{what} needs some {needed / 1e9:.1f} GB of memory, and {there / 1e9:.1f} GB are "
+            f"free: {remedy}"
+        )

@@ -11,22 +11,14 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from neurosym_jax.errors import InputError
 
-__all__ = [
-    "append_text",
-    "folder_digest",
-    "new_file",
-    "new_folder",
-    "refuse_unwritable",
-    "sync",
-    "write_json",
-    "write_text",
-]
+__all__ = ["append_text", "folder_digest", "new_file", "new_folder", "refuse_unwritable"]
+__all__ += ["sync", "write_json", "write_text"]
 
 
 @contextlib.contextmanager
@@ -35,19 +27,8 @@ def new_file(path: Path | str) -> Iterator[Path]:
 
     A missing folder is made. Where `path` cannot be written, an `InputError` says why.
     """
-    path = Path(path)
-    with _in_words(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Writers of figures need the ending; a name of maximal length has no room for more.
-        beside = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
-        beside.touch(exist_ok=False)
-        try:
-            yield beside
-            sync(beside)
-            beside.replace(path)
-            sync(path.parent)
-        finally:
-            beside.unlink(missing_ok=True)
+    with _beside(Path(path), Path.touch) as beside:
+        yield beside
 
 
 @contextlib.contextmanager
@@ -57,21 +38,29 @@ def new_folder(path: Path | str) -> Iterator[Path]:
     Raises:
         InputError: if `path` exists or cannot be written.
     """
-    path = Path(path)
+    if os.path.exists(path):  # os's also for a name that is too long.
+        raise InputError(f"{path}: already there, and nothing is overwritten")
+    with _beside(Path(path), Path.mkdir) as beside:
+        yield beside
+
+
+@contextlib.contextmanager
+def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
     with _in_words(path):
-        if path.exists():
-            raise InputError(f"{path}: already there, and nothing is overwritten")
         path.parent.mkdir(parents=True, exist_ok=True)
-        beside = path.with_name(f".{path.name[:100]}.{secrets.token_hex(4)}")
-        beside.mkdir()
+        # Writers of figures need the ending; a name of maximal length has no room for more.
+        beside = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(4)}{path.suffix}")
+        make(beside)
         try:
             yield beside
             for each in (*beside.rglob("*"), beside):
                 sync(each)
-            beside.rename(path)
+            beside.replace(path)
             sync(path.parent)
         finally:
             shutil.rmtree(beside, ignore_errors=True)
+            with contextlib.suppress(OSError):  # It is a folder, or in its place.
+                beside.unlink()
 
 
 def write_text(path: Path | str, text: str) -> None:

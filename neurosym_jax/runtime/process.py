@@ -1,16 +1,20 @@
-"""Settings of this process: compilation cache, memory allocator and XLA flags.
+"""Settings of this process (compilation cache, memory allocator, XLA flags), and its progress.
 
 Scripts and commands switch these on, never `import neurosym_jax`.
 """
 
 import contextlib
 import ctypes
+import itertools
 import os
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
 
-__all__ = ["COMPILED_QUICKLY", "cache_folder", "enable_compilation_cache", "tune"]
+__all__ = ["COMPILED_QUICKLY", "cache_folder", "enable_compilation_cache", "progress_of", "tune"]
 
 _LEVEL = "xla_backend_optimization_level"
 COMPILED_QUICKLY = {} if _LEVEL in os.environ.get("XLA_FLAGS", "") else {_LEVEL: 1}
@@ -69,3 +73,14 @@ def tune() -> None:
     # An unknown flag ends the process, so it is set only in versions that are known to have it.
     if _VECTORS not in flags and jax.__version_info__[:2] == (0, 10):
         os.environ["XLA_FLAGS"] = f"{flags} {_VECTORS}=512".strip()
+
+
+def progress_of(total: int) -> Callable[[str], None]:
+    """A function to call after each of `total` steps; it prints a line on the standard error."""
+    since, count = time.perf_counter(), itertools.count(1)
+
+    def step(what: str) -> None:
+        seconds = time.perf_counter() - since
+        print(f"[{next(count)}/{total}] {what} ({seconds:.1f} s)", file=sys.stderr)
+
+    return step

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry
 
 __all__ = ["EVENTS", "Encounter", "Event", "register_event"]
 

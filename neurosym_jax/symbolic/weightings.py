@@ -9,7 +9,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import component_from_text
-from neurosym_jax.registry import Registry
+from neurosym_jax.plugins import Registry
 from neurosym_jax.symbolic.state_weightings import (
     Cnd,
     CndShipped,

@@ -176,7 +176,9 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
         "samples": run.samples,
         "licences": model.data,
         "counts": {name: {"scenes": w.scenes, "agents": w.agents} for name, w in parts.items()},
-        "recordings": {name: [how.to_json() for how in w.reading] for name, w in parts.items()},
+        "recordings": {
+            name: [dataclasses.asdict(how) for how in w.reading] for name, w in parts.items()
+        },
         "parameters": sum(leaf.size for leaf in jax.tree.leaves(best)),
         "code": code_version(),
         "plugins": list(model.plugins),

@@ -28,7 +28,7 @@ from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.plugins import loaded
 from neurosym_jax.runtime.environment import cpu_cores, provenance
 from neurosym_jax.runtime.files import refuse_unwritable, write_text
-from neurosym_jax.runtime.progress import Progress
+from neurosym_jax.runtime.process import progress_of
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.network import ANCHORS, POOLING_OF, model_name, named_network
 from neurosym_jax.training.recipe import Recipe, make_recipe, usual_recipe
@@ -170,11 +170,11 @@ def run_sweep(sweep: Sweep, runs: Sequence[SweepRun], jobs: int | None = None) -
     refuse_unwritable(out / "sweep.json")
     left = [run for run in runs if not run.finished()]
     print(f"{len(runs)} runs, {len(runs) - len(left)} of them finished before")
-    progress = Progress(len(left))
+    step = progress_of(len(left))
     with ThreadPoolExecutor(jobs or cpu_cores()) as pool:
         tasks = {pool.submit(_train, run): run for run in left}
         for task in as_completed(tasks):
-            progress.step(tasks[task].folder.name)
+            step(tasks[task].folder.name)
             if reason := task.result():
                 print(f"failed: {tasks[task].folder}: {reason}", file=sys.stderr)
     done = [run for run in runs if run.finished()]

@@ -54,7 +54,7 @@ def run(options: Options) -> None:
 
 
 def write_text(path: Path, tracks: Tracks, period: float) -> None:
-    """Rows `frame ped x y`, frame by frame, such that `read_text(path, period)` gives them back."""
+    """Rows `frame ped x y`, frame by frame; `read_any`, with this `frame_period`, reads them."""
     frame = np.rint(tracks.stamp / period).astype(np.int64)
     rows = np.lexsort((tracks.id, frame))
     points = tracks.position.tolist()

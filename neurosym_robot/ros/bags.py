@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from neurosym_jax.data.formats import read_any
-from neurosym_jax.data.reading import AS_IT_SAYS, Reading, ReadOptions
-from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.plugin import SUFFIXES, is_bag, topic_of

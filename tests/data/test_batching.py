@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.data.batching import bucket_of, gather_scenes, make_batches, single_scene
-from neurosym_jax.data.reading import Reading
+from neurosym_jax.data.tracks import Reading
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.scene import make_scene, pad_scene
 

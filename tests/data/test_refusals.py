@@ -63,7 +63,7 @@ def test_refusals(tmp_path, kind, text, message):
     [
         ({"columns": ("x=px",)}, "no column 'px': which column is x. There are 't', 'id', 'x'"),
         ({"columns": ("time",)}, "columns are given as time="),
-        ({"unit": "ft"}, "the unit is one of m, cm, mm, or metres as a number, not 'ft'"),
+        ({"unit": "ft"}, "--unit is one of m, cm, mm, or metres as a number, not 'ft'"),
         ({"fps": 25.0}, "--fps counts frames, and 't' is a time"),
         ({"format": "qtm", "unit": "cm"}, "--unit is of no use for QTM export"),
         ({"format": "text", "time_unit": "ms"}, "--time-unit is of no use for rows of"),

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.reading import Reading
-from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
+from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks, resample
 from neurosym_jax.errors import InputError
 
 

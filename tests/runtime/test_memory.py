@@ -8,12 +8,12 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.baselines import ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.runtime import memory
+from neurosym_jax.runtime import environment
 from neurosym_jax.simulation.scenarios import synthetic_tracks
 
 
 def test_the_machine_says_what_it_has():
-    assert 1e8 < memory.available_memory() < 1e14
+    assert 1e8 < environment.available_memory() < 1e14
 
 
 def test_an_evaluation_of_too_many_samples():

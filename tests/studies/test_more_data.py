@@ -1,6 +1,6 @@
 import numpy as np
 
-from neurosym_jax.data.readers.eth_ucy import read_text
+from neurosym_jax.data.formats import read_any
 from studies.more_data import HERMES, KEPT_BACK, STANFORD, STANFORD_TESTED, write
 from studies.weighting.data import LEARNED, TESTED
 
@@ -22,5 +22,5 @@ def test_what_is_kept_back_is_not_read_and_tests_are_not_trained_on(tmp_path):
         "tests": {*TESTED, *STANFORD_TESTED},
     }
     # 16 frames of 10 cm a second are 0.64 m in 0.4 s.
-    walked = read_text(out / "hermes" / f"{LEARNED[0]}.txt").position
+    walked = read_any(out / "hermes" / f"{LEARNED[0]}.txt")[0].position
     np.testing.assert_allclose(np.diff(walked[:, 0]), 0.64, atol=1e-4)

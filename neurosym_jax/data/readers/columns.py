@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.reading import Format, ReadOptions
-from neurosym_jax.data.table import Table, assemble, read_table
-from neurosym_jax.data.text import Head, recording_name
+from neurosym_jax.data.reading import Format, Head, ReadOptions, recording_name
+from neurosym_jax.data.table import Table, read_table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["Columns", "names_tracks", "parse_columns"]
+__all__ = ["Columns", "names_tracks"]
 
 _USUAL = {
     "time": {"time", "t", "timestamp", "stamp", "ts", "datetime"},
@@ -27,16 +26,20 @@ _USUAL = {
     "x": {"x", "px", "pos_x", "position_x", "x_est"},
     "y": {"y", "py", "pos_y", "position_y", "y_est"},
 }
-_RECORDINGS = {"scene", "scene_id", "run", "run_id", "camera", "camera_id", "recording", "video"}
-_RECORDINGS |= {"recording_id", "video_id", "sequence", "session"}
+_RECORDINGS = {"scene", "run", "camera", "recording", "video", "sequence", "session"}
+_RECORDINGS |= {f"{name}_id" for name in _RECORDINGS}
 _KINDS = re.compile(
     r"((agent|actor|obj|object|track)[ _-]?)?(class|label|type|kind|category)([ _-]?(name|id))?",
     re.IGNORECASE,
 )
-_PEOPLE = {"person", "persons", "people", "human", "humans", "ped", "peds", "pedestrian"}
-_PEOPLE |= {"pedestrians", "walker", "adult", "child", "visitor", "worker", "man", "woman"}
-_OTHERS = {"robot", "robots", "car", "vehicle", "truck", "bus", "cart", "bicycle", "bike", "biker"}
-_OTHERS |= {"cyclist", "bicyclist", "motorcycle", "motorcyclist", "scooter", "skater", "dog"}
+_PEOPLE = (
+    "person persons people human humans ped peds pedestrian pedestrians walker adult child "
+    "visitor worker man woman"
+)
+_OTHERS = (
+    "robot robots car vehicle truck bus cart bicycle bike biker cyclist bicyclist motorcycle "
+    "motorcyclist scooter skater dog"
+)
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -56,7 +59,7 @@ class Columns(Format):
         Raises:
             InputError: naming file, row and reason.
         """
-        columns = parse_columns(options.columns)
+        columns = _parse_columns(options.columns)
         table = read_table(path)
         timed = "frame" not in columns and _places(table.names, "time")
         clock = "time" if timed or "time" in columns else "frame"
@@ -76,17 +79,16 @@ class Columns(Format):
             raise InputError(f"{path}: --time-unit is of no use: the column counts frames")
         else:
             stamp = table.times(place[clock], options, period)
-        position = table.numbers(place["x"], place["y"]) * options.metres(path)
+        position = table.numbers(place["x"], place["y"]) * options.metres
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
         ids = table.ids(place["id"])
         return [
-            assemble(
-                path,
-                table.row[at],
+            table.tracks(
                 stamp[at],
                 ids[at],
                 position[at],
                 {key: values[at] for key, values in extras.items()},
+                row=table.row[at],
                 recording=name,
                 said=said,
             )
@@ -95,12 +97,8 @@ class Columns(Format):
         ]
 
 
-def parse_columns(pairs: Sequence[str]) -> dict[str, str]:
-    """Name or number (from 1) of the column of time (or frame), id, x, y and extras.
-
-    Raises:
-        InputError: for anything but `time=t id=person x=px y=py`, and extras as `group=g`.
-    """
+def _parse_columns(pairs: Sequence[str]) -> dict[str, str]:
+    """Name or number (from 1) of the column of time (or frame), id, x, y and extras."""
     columns: dict[str, str] = {}
     for pair in pairs:
         key, _, name = pair.partition("=")
@@ -169,7 +167,7 @@ def _refuse_other_frames(
         return
     frame = table.numbers(places[0], missing=True)[:, 0]
     for number in np.unique(recording):
-        at = np.flatnonzero((recording == number) & np.isfinite(frame))
+        at = (recording == number) & np.isfinite(frame)
         first, index = np.unique(frame[at], return_index=True)
         if len(first) < 3:
             continue
@@ -190,9 +188,9 @@ def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, l
         for at, name in enumerate(table.names)
         if at not in used
         # By its name or, of the first columns (there may be millions), by what it says.
-        and (_KINDS.fullmatch(name) or (at < 50 and _lower(table, at).is_in(_OTHERS).any()))
+        and (_KINDS.fullmatch(name) or (at < 50 and _lower(table, at).is_in(_OTHERS.split()).any()))
     ]
-    wanted, said = {kind.lower() for kind in keep} or _PEOPLE, []
+    wanted, said = [kind.lower() for kind in keep] or _PEOPLE.split(), []
     if keep and not places:
         raise InputError(f"{table.path}: --keep: no column is a label, class, type or category")
     for at in places:
@@ -218,7 +216,7 @@ def _lower(table: Table, place: int) -> pl.Series:
 def _recordings_of(table: Table, used: set[int]) -> tuple[list[str], np.ndarray]:
     """Names of the recordings in a table, and [R] the index of each row's."""
     columns = [
-        table.column(at).to_list()
+        table.column(at)
         for at, name in enumerate(table.names)
         if name.lower() in _RECORDINGS and at not in used
     ]

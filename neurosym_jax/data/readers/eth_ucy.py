@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions
-from neurosym_jax.data.table import assemble, read_table
-from neurosym_jax.data.text import Head
+from neurosym_jax.data.reading import AS_IT_SAYS, Format, Head, ReadOptions
+from neurosym_jax.data.table import read_table
 from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["SCENES", "Obsmat", "Text", "read_split", "read_text", "split_files"]
+__all__ = ["SCENES", "Obsmat", "Text", "read_split", "split_files"]
 
 SCENES = {
     "eth": ("biwi_eth",),
@@ -40,10 +39,10 @@ class Text(Format):
         """The rows, with coordinates rounded to four decimals as in SGAN."""
         table = read_table(path, self.names)
         values = table.numbers(*range(len(self.names)))
-        metres = values[:, [self.names.index("x"), self.names.index("y")]] * options.metres(path)
+        metres = values[:, [self.names.index("x"), self.names.index("y")]] * options.metres
         table.whole_numbers(1)
         stamp = table.times(0, options, period)
-        return [assemble(path, table.row, stamp, table.ids(1), np.round(metres, 4))]
+        return [table.tracks(stamp, table.ids(1), np.round(metres, 4))]
 
 
 class Obsmat(Text):
@@ -56,15 +55,6 @@ class Obsmat(Text):
     def knows(self, head: Head) -> bool:
         """Eight numbers a row, of which z and vz are zero."""
         return head.rows.shape[1] == 8 and not head.rows[:, [3, 6]].any()
-
-
-def read_text(path: Path, options: ReadOptions = AS_IT_SAYS, period: float = PERIOD) -> Tracks:
-    """Read rows `frame ped x y`, whose most common step of frames is `period` seconds as in SGAN.
-
-    For eth this is wrong: its frames are 10 apart in a video of 15 a second, which is 0.67 s. With
-    `eth_stride=6`, 6 frame numbers are one period.
-    """
-    return Text().read(path, options, period)[0]
 
 
 def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
@@ -90,5 +80,6 @@ def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
 
 
 def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
-    """Recordings of one split, see `split_files`, as SGAN reads them."""
-    return [read_text(path) for path in split_files(folder, scene, split)]
+    """Recordings of one split, see `split_files`, as SGAN reads them: eth with a wrong clock."""
+    paths = split_files(folder, scene, split)
+    return [tracks for path in paths for tracks in Text().read(path, AS_IT_SAYS, PERIOD)]

@@ -15,9 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.reading import Format, ReadOptions
-from neurosym_jax.data.table import assemble, read_table
-from neurosym_jax.data.text import Head, recording_name
+from neurosym_jax.data.reading import Format, Head, ReadOptions, recording_name
+from neurosym_jax.data.table import read_table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
@@ -43,7 +42,7 @@ class Cliff(Format):
         table = read_table(path, ("time", "id", "x", "y", "speed", "heading"))
         table.whole_numbers(1)
         values = table.numbers(0, 2, 3, 4, 5)
-        return [assemble(path, table.row, values[:, 0], table.ids(1), values[:, 1:3])]
+        return [table.tracks(values[:, 0], table.ids(1), values[:, 1:3])]
 
 
 class Tracklets(Format):
@@ -76,12 +75,11 @@ class Tracklets(Format):
             latest[ids[begin]] = time[end - 1]
             runs[begin:end] = run
         return [
-            assemble(
-                path,
-                row[at],
+            table.tracks(
                 time[at],
                 ids[at],
                 values[order[at], 1:3],
+                row=row[at],
                 recording=f"{recording_name(path)}_{number + 1}",
             )
             for number in range(run + 1)
@@ -108,25 +106,24 @@ class Qtm(Format):
         table = read_table(path, header=r"Frame[\t,]")
         places = _helmets(path, table.names)
         stamp = table.numbers(table.names.index("Time"))[:, 0]
-        columns = np.array(list(places.values())).ravel().tolist()
+        columns = [at + axis for at in places.values() for axis in range(3)]
         points = table.numbers(*columns, missing=True).reshape(len(stamp), -1, 3) / 1000
         seen = ~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1)
         frame, body = np.nonzero(seen)
         if not len(frame):
             raise InputError(f"{path}: none of its {len(places)} helmets is ever visible")
         ids = np.array(list(places))[body]
-        return [assemble(path, table.row[frame], stamp[frame], ids, points[frame, body, :2])]
+        return [table.tracks(stamp[frame], ids, points[frame, body, :2], row=table.row[frame])]
 
 
-def _helmets(path: Path, names: Sequence[str]) -> dict[int, list[int]]:
-    """Columns of X, Y and Z of each helmet, or of its centroid where there are markers too."""
-    found: dict[int, list[int]] = {}
+def _helmets(path: Path, names: Sequence[str]) -> dict[int, int]:
+    """Column of X of each helmet, or of its centroid where there are markers too; Y, Z follow."""
+    found: dict[int, int] = {}
     for column, name in enumerate(names):
-        match = _HELMET.fullmatch(name)
-        if match:
+        if match := _HELMET.fullmatch(name):
             if int(match[1]) in found:
                 raise InputError(f"{path}: the header names {name} twice")
-            found[int(match[1])] = [column, column + 1, column + 2]
+            found[int(match[1])] = column
             # In 6D exports only X carries the helmet's name.
             if [other[-1:] for other in names[column : column + 3]] != ["X", "Y", "Z"]:
                 raise InputError(f"{path}: Y and Z do not follow {name}")

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.reading import Format, ReadOptions
-from neurosym_jax.data.table import Table, assemble
-from neurosym_jax.data.text import Head, read_text_file
+from neurosym_jax.data.reading import Format, Head, ReadOptions, read_text_file
+from neurosym_jax.data.table import Table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
@@ -32,7 +31,7 @@ class Trajnet(Format):
 
     def knows(self, head: Head) -> bool:
         """Also a first row that is cut short, which the reader reports."""
-        return head.first.replace(" ", "").startswith(('{"track":{', '{"scene":{'))
+        return head.lines[0].replace(" ", "").startswith(('{"track":{', '{"scene":{'))
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The points of one ndjson file; the most common step of frame numbers is 1/fps seconds.
@@ -40,23 +39,20 @@ class Trajnet(Format):
         Raises:
             InputError: naming file, row and reason.
         """
-        points: list[list[str]] = []
-        row: list[int] = []
-        rate = FPS
-        for at, line in enumerate(read_text_file(path).split("\n"), 1):
-            if not line.strip():
-                continue
-            kind, fields = _content(path, at, line)
-            if kind == "scene":
-                rate = float(fields.get("fps", FPS))
-            elif fields.get("prediction_number") is None:
-                points.append([str(fields.get(key)) for key in _KEYS])
-                row.append(at)
+        lines = enumerate(read_text_file(path).split("\n"), 1)
+        found = [(at, *_content(path, at, line)) for at, line in lines if line.strip()]
+        rates = [float(fields.get("fps", FPS)) for _, kind, fields in found if kind == "scene"]
+        points = {
+            at: [str(fields.get(key)) for key in _KEYS]
+            for at, kind, fields in found
+            if kind == "track" and fields.get("prediction_number") is None
+        }
         if not points:
             raise InputError(f"{path}: the file has no track rows")
-        table = Table(path, _KEYS, pl.Series(points, dtype=pl.List(pl.String)), np.array(row))
-        stamp = table.times(0, options, 1 / rate, any_step=True)
-        return [assemble(path, table.row, stamp, table.ids(1), table.numbers(2, 3))]
+        texts = pl.Series(points.values(), dtype=pl.List(pl.String))
+        table = Table(path, _KEYS, texts, np.array(list(points)))
+        stamp = table.times(0, options, 1 / (rates or [FPS])[-1], any_step=True)
+        return [table.tracks(stamp, table.ids(1), table.numbers(2, 3))]
 
 
 def _content(path: Path, at: int, line: str) -> tuple[str, dict[str, Any]]:

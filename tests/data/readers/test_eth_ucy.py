@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.readers.eth_ucy import SCENES, read_split, read_text, split_files
+from neurosym_jax.data import read_any
+from neurosym_jax.data.readers.eth_ucy import SCENES, read_split, split_files
 from neurosym_jax.errors import InputError
 
 # (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
@@ -28,7 +29,7 @@ def written(path, template="{} {} {} {}", scale=1, end="\n", before="", after=""
     ],
 )
 def test_dialects(tmp_path, template, around):
-    tracks = read_text(written(tmp_path / "mine.txt", template, **around))
+    (tracks,) = read_any(written(tmp_path / "mine.txt", template, **around))
     assert tracks.recording == "mine"
     assert_array_equal(tracks.id, [3, 3, 3, 7, 7])
     assert_allclose(tracks.stamp, [0, 0.4, 0.8, 0, 0.4], atol=1e-12)
@@ -38,9 +39,9 @@ def test_dialects(tmp_path, template, around):
 def test_coordinates_are_rounded_as_sgan_does_and_frames_begin_anywhere(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("0 1 1.23456789 499999.99996\n")
-    assert_array_equal(read_text(path).position, [[1.2346, 500000.0]])
+    assert_array_equal(read_any(path)[0].position, [[1.2346, 500000.0]])
     path.write_text("\n".join(f"{780 + 10 * n} 1 {n} 0" for n in (0, 1, 2, 5)))
-    assert_allclose(np.diff(read_text(path).stamp), [0.4, 0.4, 1.2])
+    assert_allclose(np.diff(read_any(path)[0].stamp), [0.4, 0.4, 1.2])
 
 
 def test_splits_leave_one_out(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.commands._running import run_command
-from neurosym_jax.data.readers.eth_ucy import read_text
+from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation.scenarios import simulate_labelled
@@ -159,7 +159,7 @@ def test_the_command(tmp_path, capsys):
             run_command(command.Options, command.run, [str(source), "--out", str(out)])
         assert done.value.code == status
         assert reason in "".join(capsys.readouterr())
-    tracks = read_text(out, period=0.1)
+    (tracks,) = read_any(out, frame_period=0.1)
     assert_allclose(tracks.stamp, stitch(broken()).tracks.stamp, atol=1e-9)
 
 
