@@ -36,53 +36,77 @@ def test_a_component_can_be_given_by_its_text():
     assert own.weighting == Soft(temperature=0.05)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"poolling": "none"}, "unknown field 'poolling' for GeneratorConfig"),
-        ({"pooling": "mean"}, "unknown pooling 'mean': there are none, pool_net, social"),
-        ({"obs_len": 8.0}, "obs_len must be a whole number, not 8.0"),
-        ({"obs_len": True}, "obs_len must be a whole number, not True"),
-        ({"pool_every_timestep": 1}, "pool_every_timestep must be true or false, not 1"),
-        ({"pooling": "social,neighborhood_size=NaN"}, "neighborhood_size must be a finite number"),
-        ({"pooling": {"kind": "social", "grid_size": 0}}, "pooling: grid_size must be at least 1"),
-        ({"pooling": {"grid_size": 1}}, "pooling: unknown pooling 'None'"),
-        ({"pooling": {"kind": "none", "grid_size": 1}}, "unknown field 'grid_size' for NoPooling"),
-        ({"pooling": 3}, "pooling must be a Pooling, not 3"),
-        ({"period": 0}, "period must be positive"),
-        ({"noise_dim": 32}, "noise_dim must lie in"),
-        ({"noise_mix_type": "each"}, "noise_mix_type must be one of global, ped, not 'each'"),
-        ({"pooling": "none", "pool_every_timestep": True}, "needs a pooling other than 'none'"),
-        ({"weighting": "ones"}, "has no symbols"),
-        *((text, "not ") for text in ("{", "[1]", "null", "3", "")),
-        ('{"obs_len": 8, "obs_len": 9}', "the key 'obs_len' stands twice"),
-    ],
-)
-def test_refused_with_the_name_of_its_source(change, message):
+def network(change):
+    """A generator's configuration from JSON, of which one field is another; or from a text."""
     data = {**to_json(GeneratorConfig()), **change} if isinstance(change, dict) else change
-    with pytest.raises(InputError, match=message) as caught:
-        from_json(GeneratorConfig, data, "model/config.json")
-    assert str(caught.value).startswith("model/config.json: ")
+    return from_json(GeneratorConfig, data, "model/config.json")
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"seed": -1}, "seed must lie in"),
-        ({"max_agents": 0}, "max_agents must be at least 1 or be null, not 0"),
-        ({"clip_norm": float("nan")}, "clip_norm must be a finite number, not nan"),
-        ({"learning_rate": -0.01}, "learning_rate must be positive, not -0.01"),
-        ({"ema": 1.0}, r"ema must lie in \[0, 1\), not 1.0"),
-        ({"label_real": (1.2, 0.7)}, r"label_real must be low, high, not \(1.2, 0.7\)"),
-        ({"label_fake": 0.0}, "label_fake must be 2 finite numbers, not 0.0"),
-        ({"schedule": "cosin"}, "schedule must be one of constant, cosine, not 'cosin'"),
-        ({"rotate": 2.0}, r"rotate must lie in \[0, 1\], not 2.0"),
-        ({"discriminator": {}}, "discriminator must be a DiscriminatorConfig, not {}"),
-    ],
-)
-def test_recipes_that_would_fail_late(change, message):
+def change_network(change):
+    return changed(GeneratorConfig(), [change], "--network", "network")
+
+
+def change_recipe(change):
+    return make_recipe("ours", changes=[change])
+
+
+def recipe(change):
+    return dataclasses.replace(TrainConfig(), **change)
+
+
+def named(options):
+    return named_network(**options)
+
+
+NAMED = "model/config.json: "
+REFUSED = [
+    (network, {"poolling": "none"}, f"{NAMED}unknown field 'poolling' for GeneratorConfig"),
+    (network, {"pooling": "mean"}, "unknown pooling 'mean': there are none, pool_net, social"),
+    (network, {"obs_len": 8.0}, f"{NAMED}obs_len must be a whole number, not 8.0"),
+    (network, {"obs_len": True}, "obs_len must be a whole number, not True"),
+    (network, {"pool_every_timestep": 1}, "pool_every_timestep must be true or false, not 1"),
+    (network, {"pooling": "social,neighborhood_size=NaN"}, "neighborhood_size must be a finite"),
+    (network, {"pooling": {"kind": "social", "grid_size": 0}}, "pooling: grid_size must be at le"),
+    (network, {"pooling": {"grid_size": 1}}, f"{NAMED}pooling: unknown pooling 'None'"),
+    (network, {"pooling": {"kind": "none", "grid_size": 1}}, "field 'grid_size' for NoPooling"),
+    (network, {"pooling": 3}, "pooling must be a Pooling, not 3"),
+    (network, {"period": 0}, "period must be positive"),
+    (network, {"noise_dim": 32}, "noise_dim must lie in"),
+    (network, {"noise_mix_type": "each"}, "noise_mix_type must be one of global, ped, not 'each'"),
+    (network, {"pooling": "none", "pool_every_timestep": True}, "needs a pooling other than 'none"),
+    (network, {"weighting": "ones"}, f"{NAMED}.*has no symbols"),
+    *((network, text, f"{NAMED}not ") for text in ("{", "[1]", "null", "3", "")),
+    (network, '{"obs_len": 8, "obs_len": 9}', f"{NAMED}the key 'obs_len' stands twice"),
+    (recipe, {"seed": -1}, "seed must lie in"),
+    (recipe, {"max_agents": 0}, "max_agents must be at least 1 or be null, not 0"),
+    (recipe, {"clip_norm": float("nan")}, "clip_norm must be a finite number, not nan"),
+    (recipe, {"learning_rate": -0.01}, "learning_rate must be positive, not -0.01"),
+    (recipe, {"ema": 1.0}, r"ema must lie in \[0, 1\), not 1.0"),
+    (recipe, {"label_real": (1.2, 0.7)}, r"label_real must be low, high, not \(1.2, 0.7\)"),
+    (recipe, {"label_fake": 0.0}, "label_fake must be 2 finite numbers, not 0.0"),
+    (recipe, {"schedule": "cosin"}, "schedule must be one of constant, cosine, not 'cosin'"),
+    (recipe, {"rotate": 2.0}, r"rotate must lie in \[0, 1\], not 2.0"),
+    (recipe, {"discriminator": {}}, "discriminator must be a DiscriminatorConfig, not {}"),
+    (change_network, "pooling.grid_size=5", "--network pooling.grid_size=5: must be NAME"),
+    (change_network, "pooling.kind=social", "must be NAME=VALUE"),
+    (change_network, "mlp_dim", "must be NAME=VALUE"),
+    (change_network, "pooling=sociall", "network: unknown pooling 'sociall': did you mean"),
+    (change_network, "pooling=encounter,bottleneck_dim=6", "must be a multiple of 4"),
+    (change_recipe, "emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
+    (change_recipe, "ema=fast", "recipe ours: ema must be a finite number, not 'fast'"),
+    (change_recipe, 'discriminator={"kind": "big"}', "kind must be one of global, local, not"),
+    (named, {"weighting": "cnd"}, "--weighting cnd: sgan weights no pairs; neuro"),
+    (named, {"pooling": "encounter"}, "--pooling encounter: sgan has none, pool_net"),
+    (named, {"model": "neurosym", "pooling": "none"}, "neurosym has as_described"),
+    (named, {"model": "neurosym", "weighting": "cdn"}, "unknown weighting 'cdn'"),
+    (named, {"changes": ["noise_dim=99"]}, "network: noise_dim must lie in"),
+]
+
+
+@pytest.mark.parametrize(("make", "given", "message"), REFUSED)
+def test_refused(make, given, message):
     with pytest.raises(InputError, match=message):
-        dataclasses.replace(TrainConfig(), **change)
+        make(given)
 
 
 def test_changes_of_components():
@@ -123,42 +147,3 @@ def test_names():
     assert model_name(named_network("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
     anchors = named_network("anchors", changes=["hidden=32"], pred_len=12)
     assert model_name(anchors) == "anchors_hidden_32"
-
-
-def change_network(change):
-    return changed(GeneratorConfig(), [change], "--network", "network")
-
-
-def change_recipe(change):
-    return make_recipe("ours", changes=[change])
-
-
-@pytest.mark.parametrize(
-    ("make", "given", "message"),
-    [
-        (
-            change_network,
-            "pooling.grid_size=5",
-            "--network pooling.grid_size=5: must be NAME",
-        ),
-        (change_network, "pooling.kind=social", "must be NAME=VALUE"),
-        (change_network, "mlp_dim", "must be NAME=VALUE"),
-        (change_network, "pooling=sociall", "network: unknown pooling 'sociall': did you mean"),
-        (change_network, "pooling=encounter,bottleneck_dim=6", "must be a multiple of 4"),
-        (change_recipe, "emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
-        (change_recipe, "ema=fast", "recipe ours: ema must be a finite number, not 'fast'"),
-        (change_recipe, 'discriminator={"kind": "big"}', "kind must be one of global, local, not"),
-        (
-            named_network,
-            {"weighting": "cnd"},
-            "--weighting cnd: sgan weights no pairs; neuro",
-        ),
-        (named_network, {"pooling": "encounter"}, "--pooling encounter: sgan has none, pool_net"),
-        (named_network, {"model": "neurosym", "pooling": "none"}, "neurosym has as_described"),
-        (named_network, {"model": "neurosym", "weighting": "cdn"}, "unknown weighting 'cdn'"),
-        (named_network, {"changes": ["noise_dim=99"]}, "network: noise_dim must lie in"),
-    ],
-)
-def test_changes_that_cannot_be(make, given, message):
-    with pytest.raises(InputError, match=message):
-        make(**given) if isinstance(given, dict) else make(given)

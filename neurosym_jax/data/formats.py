@@ -109,18 +109,17 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     Raises:
         InputError: for a folder that is missing or has none.
     """
-    found = []
-    for path in files_in(folder):
-        said = options.columns or options.format
-        table = not said and isinstance(format_of(path), columns.Columns)
-        if table and not columns.names_tracks(read_head(path).names):
-            line = f"{path}: left out: it has no columns of tracks"
-            warnings.warn(line, InputWarning, stacklevel=2)
-        else:
-            found.append(path)
-    if not found:
+    found = files_in(folder)
+    if options.columns or options.format:
+        return found
+    tables = [path for path in found if isinstance(format_of(path), columns.Columns)]
+    others = [path for path in tables if not columns.names_tracks(read_head(path).names)]
+    for path in others:
+        line = f"{path}: left out: it has no columns of tracks"
+        warnings.warn(line, InputWarning, stacklevel=2)
+    if len(found) == len(others):
         raise InputError(f"{folder}: its tables have no columns of tracks; name them, or others")
-    return found
+    return [path for path in found if path not in others]
 
 
 def files_in(folder: Path, pattern: str = "*") -> list[Path]:

@@ -142,25 +142,32 @@ class Table:
         extras: Mapping[str, np.ndarray] = MappingProxyType({}),
         *,
         row: np.ndarray | None = None,
-        recording: str | None = None,
+        parts: tuple[Sequence[str], np.ndarray] | None = None,
         said: Sequence[str] = (),
-    ) -> Tracks:
-        """Tracks of the lines `row` [R'] of the file (default: all), in any order.
+    ) -> list[Tracks]:
+        """The recordings in the lines `row` [R'] of the file (default: all), in any order.
 
-        They have `stamp` [R'], `id` [R'], `position` [R', 2] and `extras` name: [R']. The warnings
-        of their reading are those `said`, and one where time runs backward.
+        `stamp`, `id` [R'], `position` [R', 2] and `extras` name: [R'] are those of the lines;
+        `parts` has the names of the recordings and [R'] the index of each line's (default: one).
+        Warnings are those `said`, and one where time runs backward.
         """
         row = self.row if row is None else row
-        order = np.argsort(id, kind="stable")
-        back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
-        warnings = [*said] + [
-            f"row {row[first]}: time runs backward for agent {id[first]} ({len(back)} times in "
-            "all); the rows are sorted"
-            for first in back[:1]
-        ]
-        name = recording or recording_name(self.path)
-        how = Reading(name, printable(str(self.path)), rows=len(id), warnings=tuple(warnings))
-        return make_tracks(name, stamp, id, position, extras, reading=how, row=row)
+        names, part = parts or ([recording_name(self.path)], np.zeros(len(row), int))
+        found = []
+        for number, name in enumerate(names):
+            at = np.flatnonzero(part == number)
+            order = at[np.argsort(id[at], kind="stable")]
+            back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
+            backward = [
+                f"row {row[first]}: time runs backward for agent {id[first]} ({len(back)} times in "
+                "all); the rows are sorted"
+                for first in back[:1]
+            ]
+            file, lines = printable(str(self.path)), (*said, *backward)
+            how = Reading(name, file, rows=len(at), warnings=lines)
+            columns = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
+            found.append(make_tracks(name, *columns, reading=how, row=row[at]))
+        return found
 
 
 def _stripped(texts: pl.Series) -> pl.Series:

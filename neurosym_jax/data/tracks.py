@@ -235,10 +235,9 @@ def common(values: np.ndarray) -> float:
 
 def describe_readings(readings: Iterable[Reading]) -> str:
     """A line for each recording read from a file: format, rows, gaps and what was filled."""
-    lines = []
-    for how in {(how.file, how.recording): how for how in readings if how.file}.values():
-        parts = [f"{how.format}, {how.rows} rows"]
-        parts += [f"{how.filled} points filled in gaps"] * (how.filled > 0)
-        parts += [f"{how.gaps} gaps in time"] * (how.gaps > 0)
-        lines.append(f"read {printable(how.recording)}: {', '.join(parts)}")
-    return "\n".join(lines)
+    return "\n".join(
+        f"read {printable(how.recording)}: {how.format}, {how.rows} rows"
+        + f", {how.filled} points filled in gaps" * (how.filled > 0)
+        + f", {how.gaps} gaps in time" * (how.gaps > 0)
+        for how in {(how.file, how.recording): how for how in readings if how.file}.values()
+    )

@@ -60,7 +60,7 @@ def test_rows_are_sorted_by_agent_then_time_and_owned():
             [1, 1],
             np.zeros((2, 3)),
             [0, 0],
-            r"position must be numbers \[2, 2\], not \[2, 3",
+            r"position must be numbers \[2, 2\], not",
         ),
         ([[0, 1]], [1, 1], np.zeros((2, 2)), [0, 0], r"stamp must be numbers \[2\], not \[1, 2\]"),
         ([], [], np.zeros((0, 2)), [], r"stamp must be numbers \[0\]"),

@@ -70,31 +70,18 @@ class Columns(Format):
         if len({place[key] for key in (clock, "id", "x", "y")}) < 4:
             raise InputError(f"{path}: {clock}, id, x and y are four columns")
         table, said = _people(table, options.keep, {place[key] for key in (clock, "id", "x", "y")})
-        names, recording = _recordings_of(table, set(place.values()))
+        parts = _recordings_of(table, set(place.values()))
         if clock == "time":
             stamp = _seconds(table, place[clock], options)
             if "time" not in columns:
-                _refuse_other_frames(table, place[clock], stamp, recording)
+                _refuse_other_frames(table, place[clock], stamp, parts[1])
         elif options.time_unit:
             raise InputError(f"{path}: --time-unit is of no use: the column counts frames")
         else:
             stamp = table.times(place[clock], options, period)
         position = table.numbers(place["x"], place["y"]) * options.metres
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
-        ids = table.ids(place["id"])
-        return [
-            table.tracks(
-                stamp[at],
-                ids[at],
-                position[at],
-                {key: values[at] for key, values in extras.items()},
-                row=table.row[at],
-                recording=name,
-                said=said,
-            )
-            for number, name in enumerate(names)
-            for at in [recording == number]
-        ]
+        return table.tracks(stamp, table.ids(place["id"]), position, extras, parts=parts, said=said)
 
 
 def _parse_columns(pairs: Sequence[str]) -> dict[str, str]:

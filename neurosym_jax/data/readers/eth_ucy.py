@@ -42,7 +42,7 @@ class Text(Format):
         metres = values[:, [self.names.index("x"), self.names.index("y")]] * options.metres
         table.whole_numbers(1)
         stamp = table.times(0, options, period)
-        return [table.tracks(stamp, table.ids(1), np.round(metres, 4))]
+        return table.tracks(stamp, table.ids(1), np.round(metres, 4))
 
 
 class Obsmat(Text):

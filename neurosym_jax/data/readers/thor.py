@@ -42,7 +42,7 @@ class Cliff(Format):
         table = read_table(path, ("time", "id", "x", "y", "speed", "heading"))
         table.whole_numbers(1)
         values = table.numbers(0, 2, 3, 4, 5)
-        return [table.tracks(values[:, 0], table.ids(1), values[:, 1:3])]
+        return table.tracks(values[:, 0], table.ids(1), values[:, 1:3])
 
 
 class Tracklets(Format):
@@ -74,17 +74,8 @@ class Tracklets(Format):
                 run, latest = run + 1, {}
             latest[ids[begin]] = time[end - 1]
             runs[begin:end] = run
-        return [
-            table.tracks(
-                time[at],
-                ids[at],
-                values[order[at], 1:3],
-                row=row[at],
-                recording=f"{recording_name(path)}_{number + 1}",
-            )
-            for number in range(run + 1)
-            for at in [runs == number]
-        ]
+        names = [f"{recording_name(path)}_{number + 1}" for number in range(run + 1)]
+        return table.tracks(time, ids, values[order, 1:3], row=row, parts=(names, runs))
 
 
 class Qtm(Format):
@@ -113,7 +104,7 @@ class Qtm(Format):
         if not len(frame):
             raise InputError(f"{path}: none of its {len(places)} helmets is ever visible")
         ids = np.array(list(places))[body]
-        return [table.tracks(stamp[frame], ids, points[frame, body, :2], row=table.row[frame])]
+        return table.tracks(stamp[frame], ids, points[frame, body, :2], row=table.row[frame])
 
 
 def _helmets(path: Path, names: Sequence[str]) -> dict[int, int]:
