@@ -27,8 +27,10 @@ from neurosym_jax.forecasting.model_places import find_model
 from neurosym_jax.forecasting.parameters import (
     flat_parameters,
     listed,
+    misfits,
     nested_parameters,
     refuse_not_finite,
+    shapes_of,
 )
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder
@@ -179,15 +181,7 @@ def _refuse_misfit(model: Model) -> None:
     flat = flat_parameters(model.params)
     refuse_not_finite(flat)
     wanted = model.forecaster.shapes()
-    if wanted is None:
-        return
-    given = {name: array.shape for name, array in flat.items()}
-    wrong = [
-        f"{name} is {given.get(name, 'absent')}, not {wanted.get(name, 'expected')}"
-        for name in {**wanted, **given}
-        if wanted.get(name) != given.get(name)
-    ]
-    if wrong:
+    if wanted is not None and (wrong := misfits(shapes_of(flat), wanted)):
         raise InputError(f"the configuration describes another network: {listed(wrong, 2)}")
 
 

@@ -8,7 +8,16 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["flat_parameters", "listed", "nested_parameters", "refuse_not_finite", "shapes_of"]
+__all__ = [
+    "flat_parameters",
+    "listed",
+    "misfits",
+    "nested_parameters",
+    "refuse_not_finite",
+    "shapes_of",
+]
+
+Shapes = Mapping[str, tuple[int, ...]]
 
 
 def flat_parameters(params: Any) -> dict[str, np.ndarray]:
@@ -42,6 +51,15 @@ def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
 def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
     """Shapes of the arrays [...] of nested dictionaries by path."""
     return {name: leaf.shape for name, leaf in _leaves(params)}
+
+
+def misfits(given: Shapes, wanted: Shapes) -> list[str]:
+    """In words, each name whose shape is not the one that is wanted."""
+    return [
+        f"{name!r} is {given.get(name, 'missing')}, not {wanted.get(name, 'expected')}"
+        for name in {**wanted, **given}
+        if given.get(name) != wanted.get(name)
+    ]
 
 
 def refuse_not_finite(flat: Mapping[str, np.ndarray]) -> None:

@@ -14,12 +14,11 @@ from jax import Array
 from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.forecasting.batched import unpacked
-from neurosym_jax.interop.arguments import generator_config
-from neurosym_jax.interop.names import params_from_torch, torch_names, without_dropout
+from neurosym_jax.interop.checkpoint import generator
+from neurosym_jax.interop.names import torch_names
 from neurosym_jax.models import Generator
-from neurosym_jax.models.cell import LSTM
+from neurosym_jax.models.cell import LSTM, LSTMNetwork
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.layers import Affine, Perceptron
 from neurosym_jax.scene import Scene
 
 __all__ = [
@@ -55,16 +54,17 @@ class Case:
         """[S, N]; A are true."""
         return np.asarray(self.scenes.valid)
 
+    @property
     def noise(self) -> np.ndarray:
-        """The stored noise of each slot, [S, N, D]."""
+        """The stored noise of each agent, [A, D]."""
         noise = self.arrays["noise"][:, : self.config.noise_dim]
-        if self.config.noise_mix_type == "ped":
-            return placed(noise, self.valid)
-        return np.broadcast_to(noise[:, None], (*self.valid.shape, self.config.noise_dim))
+        per_agent = self.config.noise_mix_type == "ped"
+        return noise if per_agent else np.repeat(noise, np.diff(self.bounds), axis=0)
 
     def stages(self, alpha: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
-        found = _stages(self.config, self.params, self.scenes.bare(), self.noise(), alpha)
+        given = self.scenes.bare(), placed(self.noise, self.valid), alpha
+        found = _stages(self.config, self.params, *given)
         return {name: np.asarray(each)[self.valid] for name, each in found.items()}
 
 
@@ -88,11 +88,10 @@ def _stages(config: GeneratorConfig, params: Any, *given: Any) -> dict[str, Arra
 
 def read_case(row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/") -> Case:
     """The case of a manifest's row and of its arrays [...], among them the weights."""
-    state = without_dropout(state_of(arrays, weights), row)
-    config = generator_config(row, state)
+    config, params = generator(row, state_of(arrays, weights))
     bounds = np.append(0, arrays["scene_start_end"][:, 1])
     scenes = padded(arrays["traj"], arrays["traj_rel"], bounds, config.obs_len)
-    return Case(arrays, config, params_from_torch(state, config), bounds, scenes)
+    return Case(arrays, config, params, bounds, scenes)
 
 
 def state_of(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
@@ -122,13 +121,12 @@ def compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
     value at that place, from the scenes on. A layer that torch never called is compared with NaN.
     """
     arrays, stages, layers = case.arrays, case.stages(), _layers(case)
-    moves = arrays["traj_rel"][:, : case.config.obs_len]
     context = "mlp_decoder_context" if case.config.needs_context_mlp else "encoder"
-    start = np.concatenate([stages[context], case.noise()[case.valid]], axis=-1)
+    start = np.concatenate([stages[context], case.noise], axis=-1)
     compared: Compared = {}
     if "in/encoder.spatial_embedding" in arrays:
-        first = arrays["in/encoder.spatial_embedding"]
-        compared["obs_traj_rel"] = np.swapaxes(moves, 0, 1).reshape(-1, 2), first
+        moves = np.swapaxes(arrays["traj_rel"][:, : case.config.obs_len], 0, 1).reshape(-1, 2)
+        compared["obs_traj_rel"] = moves, arrays["in/encoder.spatial_embedding"]
     for name in names:
         theirs = arrays[f"out/{name}"]
         if name in layers:
@@ -143,31 +141,23 @@ def compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
 
 
 def _layers(case: Case) -> dict[str, Any]:
-    """Parameters of our layers and perceptrons, by torch's names."""
-    found = {}
+    """Our layers and perceptrons, by torch's names."""
+    network, found = Generator(case.config).bind({"params": case.params}), {}
     for name, (path, _) in torch_names(case.config).items():
-        node: Any = case.params
-        for part in re.sub(r"(/layer_\d)?/\w+$", "", path).split("/"):
-            node = node[part]
-        found[re.sub(r"(\.\d)?\.\w+$", "", name)] = node
+        *parts, _ = re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent").split("/")
+        found[re.sub(r"(\.\d)?\.\w+$", "", name)] = functools.reduce(getattr, parts, network)
     return found
 
 
-def _alone(arrays: Arrays, name: str, params: Mapping[str, Any]) -> np.ndarray:
+def _alone(arrays: Arrays, name: str, layer: Any) -> np.ndarray:
     """Our layer's output for the inputs that torch's was given."""
     given = arrays[f"in/{name}"].astype(np.float32)
-    if "kernel" in params:
-        return np.asarray(Affine(*params["kernel"].shape).apply({"params": params}, given))
-    if "layer_0" in params:
-        kernels = [layer["kernel"] for layer in params.values()]
-        network = Perceptron([kernels[0].shape[0], *(kernel.shape[1] for kernel in kernels)])
-        return np.asarray(network.apply({"params": params}, given))
-    zeros = np.zeros((1, given.shape[1], len(params["recurrent_kernel"])), np.float32)
+    if not isinstance(layer, LSTMNetwork):
+        return np.asarray(layer(given))
+    zeros = np.zeros((1, given.shape[1], layer.features), np.float32)
     state = tuple(arrays.get(f"{part}/{name}", zeros)[0] for part in ("h0", "c0"))
-    bias = params["input_bias"] + params["recurrent_bias"]
     hidden = []
     for step in given:
-        gates = step @ params["input_kernel"] + bias + state[0] @ params["recurrent_kernel"]
-        state = LSTM().update(gates, state)
+        state = LSTM().update(layer(step) + state[0] @ layer.recurrent_kernel, state)
         hidden.append(np.asarray(state[0]))
     return np.stack(hidden)

@@ -4,6 +4,7 @@ A kind is a function of a manifest row and the case's arrays that returns `{outp
 theirs)}`; `CASES` has them by name.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -13,16 +14,8 @@ import numpy as np
 import optax
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.interop.arguments import discriminator_config
-from neurosym_jax.interop.case import (
-    Arrays,
-    Case,
-    Compared,
-    padded,
-    placed,
-    read_case,
-    state_of,
-)
+from neurosym_jax.interop.case import Arrays, Case, Compared, padded, placed, read_case, state_of
+from neurosym_jax.interop.checkpoint import discriminator
 from neurosym_jax.interop.names import params_from_torch
 from neurosym_jax.models import Discriminator, NeurosymIjcnn
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
@@ -33,16 +26,10 @@ from neurosym_jax.symbolic.state_weightings import CndShipped
 from neurosym_jax.symbolic.weightings import make_weighting
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.groups import Groups
-from neurosym_jax.training.recipe import TrainConfig
-from neurosym_jax.training.step import (
-    TrainState,
-    clipping,
-    initial_state,
-    update,
-    update_discriminator,
-)
+from neurosym_jax.training.recipe import RECIPES
+from neurosym_jax.training.step import clipping, new_state, update, update_discriminator
 
-__all__ = ["CASES"]
+__all__ = ["CASES", "forecasts"]
 
 DECIMALS = 4
 """Of the authors' table as they printed it, and of their coordinates."""
@@ -57,28 +44,32 @@ LOSSES = {
 
 
 def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
-    """The generator's displacements and positions and, with `d_type`, the discriminator's scores.
+    """The generator's forecast and, with `d_type`, the discriminator's scores.
 
     The discriminator sees torch's forecast, not ours, so that a fault of the generator is not
     reported twice.
     """
     case = read_case(row, arrays)
-    obs_len, scenes = case.config.obs_len, case.scenes
-    moves = case.stages()["pred_rel"]
-    last = np.asarray(scenes.observed)[case.valid][:, -1:]
-    origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)[:, None]
-    positions = last + np.cumsum(moves, axis=1) + origin
-    pred_rel, pred_abs = arrays["pred_rel"], arrays["pred_abs"]
-    compared: Compared = {"pred_rel": (moves, pred_rel), "pred_abs": (positions, pred_abs)}
+    compared = forecasts(case)
     if "d_type" in row:
-        state = state_of(arrays, "d_state/")
-        config = discriminator_config(row, state)
-        positions = np.concatenate([arrays["traj"][:, :obs_len], pred_abs], axis=1)
-        moves = np.concatenate([arrays["traj_rel"][:, :obs_len], pred_rel], axis=1)
+        config, params = discriminator(row, state_of(arrays, "d_state/"))
+        positions, moves = (
+            np.concatenate([arrays[seen][:, : case.config.obs_len], arrays[forecast]], axis=1)
+            for seen, forecast in (("traj", "pred_abs"), ("traj_rel", "pred_rel"))
+        )
         fakes = padded(positions, moves, case.bounds, positions.shape[1])
-        scores = _scores(config, params_from_torch(state, config), fakes.bare())
-        compared["d_scores_fake"] = np.asarray(scores)[case.valid], arrays["d_scores_fake"]
+        scores = np.asarray(_scores(config, params, fakes.bare()))[case.valid]
+        compared["d_scores_fake"] = scores, arrays["d_scores_fake"]
     return compared
+
+
+def forecasts(case: Case) -> Compared:
+    """The generator's displacements, and positions in the frame of `traj`."""
+    scenes, moves = case.scenes, case.stages()["pred_rel"]
+    origin = np.repeat(np.asarray(scenes.origin), np.diff(case.bounds), axis=0)[:, None]
+    last = np.asarray(scenes.observed)[case.valid][:, -1:]
+    ours = {"pred_rel": moves, "pred_abs": last + np.cumsum(moves, axis=1) + origin}
+    return {name: (each, case.arrays[name]) for name, each in ours.items()}
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -150,58 +141,54 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     are compared, all parameters of a network as one vector.
     """
     case = read_case(row, arrays, "g0/")
-    generator = case.config
-    discriminator = discriminator_config(row, state_of(arrays, "d0/"))
-    config = TrainConfig(
+    critic, start = discriminator(row, state_of(arrays, "d0/"))
+    recipe = dataclasses.replace(
+        RECIPES["sgan"],
         best_k=row["best_k"],
         learning_rate=row["g_learning_rate"],
         d_learning_rate=row["d_learning_rate"],
+        clip_norm=row["clipping_threshold_g"],
         # Numbers in the manifest, ranges with us.
         label_real=(row["label_real"], row["label_real"]),
         label_fake=(row["label_fake"], row["label_fake"]),
-        clip_norm=row["clipping_threshold_g"],
-        adversarial_weight=1.0,
-        criterion="squared_displacement",
-        ema=0.0,
-        schedule="constant",
-        discriminator=discriminator,
+        discriminator=critic,
     )
     # As one group, `[scenes, slots, ...]`.
     groups = (case.scenes.replace(origin=None),)
     noises = [arrays["noise_d"][None]], [arrays["noise_g"]]
-
-    def stored(prefix: str) -> dict[str, Any]:
-        network = generator if prefix.startswith("g") else discriminator
-        return {"params": params_from_torch(state_of(arrays, prefix), network)}
-
-    shapes = jax.eval_shape(lambda: initial_state(generator, config, jax.random.key(0)))
-    # Adam's state is all zeros before its first step.
-    state = jax.tree.map(lambda leaf: np.zeros(leaf.shape, leaf.dtype), shapes)
-    state = state._replace(params=stored("g0/"), discriminator=stored("d0/"))
-    trees, metrics = _two_steps(generator, config, state, groups, noises)
+    params = {"params": case.params}, {"params": start}
+    trees, metrics = _two_steps(case.config, recipe, *params, groups, noises)
     compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
     for name, tree in trees.items():
-        compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(stored(f"{name}/"))[0])
+        network = case.config if name.startswith("g") else critic
+        theirs = {"params": params_from_torch(state_of(arrays, f"{name}/"), network)}
+        compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(theirs)[0])
     return compared
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _two_steps(
-    generator: GeneratorConfig, config: TrainConfig, state: TrainState, groups: Groups, noises: Any
+    config: GeneratorConfig, recipe: Any, params: Any, critic: Any, groups: Groups, noises: Any
 ):
     """Gradients and parameters after, by the names they are stored under, and metrics."""
-    real, fake = config.label_real[0], config.label_fake[0]
-    batch = state.params, state.discriminator, groups, noises[0]
+    real, fake = recipe.label_real[0], recipe.label_fake[0]
     labels = {"label_real": real, "label_fake": fake}
-    d_gradient, d_metrics = discriminator_gradient(generator, config, *batch, **labels)
-    state = update_discriminator(config, state, d_gradient)
-    batch = state.params, state.discriminator, groups, noises[1]
-    g_gradient, g_metrics = generator_gradient(generator, config, *batch, label=real)
-    state = update(config, state, g_gradient)
+    state = new_state(recipe, params)._replace(
+        discriminator=critic,
+        discriminator_optimizer=optax.adam(recipe.d_learning_rate).init(critic),
+    )
+    d_gradient, d_metrics = discriminator_gradient(
+        config, recipe, params, critic, groups, noises[0], **labels
+    )
+    state = update_discriminator(recipe, state, d_gradient)
+    g_gradient, g_metrics = generator_gradient(
+        config, recipe, params, state.discriminator, groups, noises[1], label=real
+    )
+    state = update(recipe, state, g_gradient)
     ours = {
         "d_grad": d_gradient,
         "d1": state.discriminator,
-        "g_grad_clipped": clipping(config).update(g_gradient, optax.EmptyState())[0],
+        "g_grad_clipped": clipping(recipe).update(g_gradient, optax.EmptyState())[0],
         "g1": state.params,
     }
     return ours, d_metrics | g_metrics

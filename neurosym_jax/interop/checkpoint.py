@@ -1,45 +1,66 @@
-"""Torch checkpoints of SGAN and NeuroSyM: read without torch, written with it."""
+"""Torch checkpoints of SGAN and NeuroSyM: read without torch, written with it.
 
+A network's widths are read from the shapes of its weights, everything else from the arguments.
+"""
+
+import dataclasses
 import os
+import re
 from collections import OrderedDict
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from neurosym_jax.configuration import from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.interop.arguments import TORCH_POOLING, assumptions, generator_config, unknown
 from neurosym_jax.interop.names import params_from_torch, params_to_torch, without_dropout
-from neurosym_jax.interop.pickles import StoredTensor, read_torch_file
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.interop.pickles import read_torch_file
+from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.models.social import Social
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.symbolic.weighting import initial_parameters
 
 __all__ = [
+    "discriminator",
     "export_torch_checkpoint",
+    "generator",
     "load_torch_checkpoint",
     "model_from_torch",
     "torch_contents",
 ]
 
-EXPORTED = {
-    "num_layers": 1,
-    "activation": "relu",
-    "dropout": 0.0,
-    "batch_norm": False,
-    # SGAN's evaluation script reads these as well.
-    "delim": "tab",
-    "skip": 1,
-    "batch_size": 64,
-    "loader_num_workers": 4,
+TORCH_POOLING = {"none": "none", "pool_net": "pool_net", "social": "spool"}
+"""SGAN's names of the poolings; NeuroSyM's code calls its own `pool_net` as well."""
+SAME = ("obs_len", "pred_len", "noise_dim", "noise_type", "noise_mix_type", "pool_every_timestep")
+"""Arguments that are fields of ours, and that no weight says."""
+FIXED = {"num_layers": 1, "activation": "relu", "batch_norm": False}
+"""Arguments of SGAN's networks that ours have in one form only."""
+WIDTHS = {
+    "embedding_dim": (r"encoder.spatial_embedding.weight", 0),
+    "encoder_h_dim": (r"encoder.encoder.weight_hh_l0", 1),
+    "decoder_h_dim": (r"decoder.decoder.weight_hh_l0", 1),
+    "mlp_dim": (r"(mlp_decoder_context|decoder.mlp|real_classifier).0.weight", 0),
+    "hidden_dim": (r"pool_net(_g)?.mlp_pre_pool.0.weight", 0),
+    "bottleneck_dim": (r"pool_net(_g)?.mlp_pre_pool.2.weight", 0),
 }
-SAME = ("obs_len", "pred_len", "embedding_dim", "mlp_dim", "noise_type", "noise_mix_type")
-OPTIONS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
-"""Of poolings; SGAN's constructor takes all of them, whichever pooling it builds."""
+"""Our fields, the weights that have the width, and on which axis."""
+POOLING_OPTIONS = {"bottleneck_dim": 8, "neighborhood_size": 2.0, "grid_size": 8}
+"""SGAN's constructor takes all of them, whichever pooling it builds."""
+READ_BY_EVALUATION = {"delim": "tab", "skip": 1, "batch_size": 64, "loader_num_workers": 4}
+"""Arguments that SGAN's evaluation script looks for in a checkpoint."""
+PASSED = (
+    "dropout neighborhood_size grid_size weighting d_type h_dim encoder_h_dim_d encoder_h_dim_g "
+    "decoder_h_dim_g pooling_type "
+    "dataset_name delim loader_num_workers skip batch_size num_iterations num_epochs best_k "
+    "clipping_threshold_g clipping_threshold_d g_learning_rate d_learning_rate g_steps d_steps "
+    "l2_loss_weight output_dir print_every checkpoint_every checkpoint_name checkpoint_start_from "
+    "restore_from_checkpoint num_samples_check use_gpu timing gpu_num labels_dir filename"
+)
+"""Further arguments of the released code, most of its training."""
 
 
 def load_torch_checkpoint(path: str | os.PathLike, ignored: Collection[str] | None = ()) -> Model:
@@ -76,23 +97,25 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
         if not isinstance(contents.get(name), dict):
             raise InputError(f"has no {name}: not a checkpoint of SGAN, or one without weights")
     arguments = {str(name): value for name, value in contents["args"].items()}
-    names = unknown(arguments)
-    if refused := [name for name in names if ignored is not None and name not in ignored]:
+    unknown = sorted(set(arguments) - {*SAME, *FIXED, *WIDTHS, *PASSED.split()})
+    if refused := [name for name in unknown if ignored is not None and name not in ignored]:
         raise InputError(
             f"unknown argument {refused[0]!r}, which may change the network: if it does not, "
             f"`neurosym convert --ignore-arg {refused[0]}`"
         )
-    state = {}
     for name, tensor in contents["g_state"].items():
-        if not isinstance(name, str) or not isinstance(tensor, np.ndarray | StoredTensor):
+        if not isinstance(name, str) or not isinstance(tensor, np.ndarray):
             raise InputError(f"g_state is not a state dict: {name!r:.80} is no tensor")
-        state[name] = np.asarray(tensor)
-    state = without_dropout(state, arguments)
-    config = generator_config(arguments, state)
+    config, params = generator(arguments, contents["g_state"])
+    assumed = ["forward as in the released code"]
+    if "activation" not in arguments:
+        assumed.append("activation relu")
+    if config.weighting is not None and "weighting" not in arguments:
+        assumed.append(f"pairs weighted by {config.weighting.name}")
+    assumed += [f"the unknown argument {name} changes nothing" for name in unknown]
     scene = arguments.get("dataset_name")
     dataset = scene if isinstance(scene, str) else None
-    params = {"params": params_from_torch(state, config)}
-    return Model(config, params, dataset, assumed=assumptions(arguments, config))
+    return Model(config, {"params": params}, dataset, assumed=tuple(assumed))
 
 
 def export_torch_checkpoint(path: Path | str, model: Model) -> None:
@@ -127,23 +150,96 @@ def torch_contents(model: Model) -> dict[str, Any]:
     config = model.config
     if not isinstance(config, GeneratorConfig):
         raise InputError(f"{model.name} has no counterpart in torch")
+    pooling, weighting = config.pooling, config.weighting
+    if weighting is not None and initial_parameters(weighting):
+        raise InputError(f"the weights {weighting.name} are learned: no torch has them")
+    if (width := getattr(pooling, "hidden_dim", 512)) != 512:
+        raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {width}")
     arguments: dict[str, Any] = {
-        **EXPORTED,
-        **{name: getattr(config, name) for name in SAME},
+        **FIXED,
+        **READ_BY_EVALUATION,
+        **{name: getattr(config, name) for name in (*SAME, "embedding_dim", "mlp_dim")},
         **{f"{name}_g": getattr(config, name) for name in ("encoder_h_dim", "decoder_h_dim")},
-        **{name: getattr(config.pooling, name, usual) for name, usual in OPTIONS.items()},
-        "pool_every_timestep": config.pool_every_timestep,
+        **{name: getattr(pooling, name, usual) for name, usual in POOLING_OPTIONS.items()},
+        "dropout": 0.0,
         "noise_dim": (config.noise_dim,),
-        "pooling_type": TORCH_POOLING.get(POOLINGS.name_of(config.pooling), "pool_net"),
+        "pooling_type": TORCH_POOLING.get(POOLINGS.name_of(pooling), "pool_net"),
         "dataset_name": model.dataset,
     }
-    if config.weighting is not None:
-        # No argument of the released code's, whose weighting is the data's; it passes over it.
-        if initial_parameters(config.weighting):
-            raise InputError(f"the weights {config.weighting.name} are learned: no torch has them")
-        arguments["weighting"] = config.weighting.name
-    if isinstance(config.pooling, Social):
+    if isinstance(pooling, Social):
         arguments["bottleneck_dim"] = config.encoder_h_dim
-    if (width := getattr(config.pooling, "hidden_dim", 512)) != 512:
-        raise InputError(f"SGAN's pool_hidden_dim is fixed at 512, not {width}")
+    if weighting is not None:
+        # No argument of the released code's, whose weighting is the data's; it passes over it.
+        arguments["weighting"] = weighting.name
     return {"g_state": params_to_torch(model.params["params"], config), "args": arguments}
+
+
+def generator(
+    arguments: Mapping[str, Any], state: Mapping[str, Any]
+) -> tuple[GeneratorConfig, dict[str, Any]]:
+    """Configuration and parameters of the generator of these arguments and weights.
+
+    Args:
+        arguments: of SGAN's training or of its generator.
+        state: arrays by torch's names; they say which of NeuroSyM's networks it is.
+
+    Raises:
+        InputError: naming an argument that is missing or that our networks lack, or a tensor.
+    """
+    state = without_dropout(state, arguments)
+    known = _required(arguments, (*SAME, "pooling_type")) | _widths(state)
+    noise = known["noise_dim"] or 0
+    known["noise_dim"] = noise[0] if isinstance(noise, tuple | list) and len(noise) == 1 else noise
+    known["pool_every_timestep"] = bool(known["pool_every_timestep"])
+    kinds = {theirs: ours for ours, theirs in TORCH_POOLING.items()}
+    history = state.get("pool_net_g.spatial_embedding.weight")
+    if history is not None:
+        kinds = {"pool_net": "neurosym_ijcnn" if history.shape[-1] == 2 else "neurosym_ros"}
+    if "neurosym_ros" in kinds.values():
+        known["weighting"] = arguments.get("weighting", "cnd_shipped")
+    kind = kinds.get(theirs := str(known["pooling_type"] or "none").lower())
+    if kind is None:
+        choice = ", ".join(map(repr, kinds))
+        raise InputError(f"args: pooling_type is one of {choice}, not {theirs!r}")
+    if kind == "social":
+        known |= _required(arguments, ("neighborhood_size", "grid_size"))
+    known["pooling"] = {"kind": kind, **_fields_of(POOLINGS[kind], known)}
+    config = from_json(GeneratorConfig, _fields_of(GeneratorConfig, known), "args")
+    return config, params_from_torch(state, config)
+
+
+def discriminator(
+    arguments: Mapping[str, Any], state: Mapping[str, Any]
+) -> tuple[DiscriminatorConfig, dict[str, Any]]:
+    """Configuration and parameters of the discriminator; raises as `generator`."""
+    state = without_dropout(state, arguments)
+    names = {"encoder_h_dim": "h_dim", "hidden_dim": "pool_hidden_dim"}
+    fields = {names.get(name, name): width for name, width in _widths(state).items()}
+    fields["kind"] = _required(arguments, ["d_type"])["d_type"]
+    config = from_json(DiscriminatorConfig, _fields_of(DiscriminatorConfig, fields), "args")
+    return config, params_from_torch(state, config)
+
+
+def _required(arguments: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    for name, value in FIXED.items():
+        if (given := arguments.get(name, value)) != value:
+            raise InputError(f"args: {name} is {given!r}, and our networks have {value!r} only")
+    if missing := set(names) - set(arguments):
+        raise InputError(f"args: {min(missing)} is missing")
+    return {name: arguments[name] for name in names}
+
+
+def _widths(state: Mapping[str, Any]) -> dict[str, int]:
+    """Our fields that are widths, where a weight has them."""
+    return {
+        field: array.shape[axis]
+        for field, (pattern, axis) in WIDTHS.items()
+        for name, array in state.items()
+        if re.fullmatch(pattern, name) and array.ndim == 2
+    }
+
+
+def _fields_of(config: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of `values` that are fields of `config`."""
+    names = {field.name for field in dataclasses.fields(config)}
+    return {name: value for name, value in values.items() if name in names}

@@ -17,8 +17,10 @@ from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.forecasting.parameters import (
     flat_parameters,
     listed,
+    misfits,
     nested_parameters,
     refuse_not_finite,
+    shapes_of,
 )
 from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
@@ -61,19 +63,26 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     Raises:
         InputError: for a network that torch's released code does not have.
     """
-    words = dict(WORDS)
-    if isinstance(config, GeneratorConfig):
-        _refuse_without_counterpart(config)
-        shapes = GeneratorForecaster(config).shapes()
-        if isinstance(config.pooling, AsDescribed):
-            words["pool_net"] = "pool_net_g"
-        if isinstance(config.pooling, Social):
-            words["mlp_pre_pool"] = "mlp_pool"
+    words, spec = dict(WORDS), jax.ShapeDtypeStruct
+    if isinstance(config, DiscriminatorConfig):
+        track, valid = spec((1, 2, 2), np.float32), spec((1,), bool)
+        start = Discriminator(config).init
+        shapes = shapes_of(jax.eval_shape(start, jax.random.key(0), track, track, valid))
     else:
-        track, valid = np.zeros((1, 2, 2)), np.ones(1, bool)
-        tree = jax.eval_shape(Discriminator(config).init, jax.random.key(0), track, track, valid)
-        zeros = flat_parameters(jax.tree.map(lambda leaf: np.zeros(leaf.shape), tree))
-        shapes = {path: array.shape for path, array in zeros.items()}
+        pooling, forecaster = config.pooling, GeneratorForecaster(config)
+        shapes = forecaster.shapes()
+        # Some networks that the released code lacks have the arrays of another.
+        known = isinstance(config.cell, LSTM) and type(pooling) in RELEASED
+        if not known or (config.pool_every_timestep and config.symbolic):
+            raise InputError(
+                f"{forecaster.title} has no counterpart in torch: SGAN has an LSTM, and the "
+                "released poolings are none, pool_net, social and, at observed steps only, "
+                "neurosym_ros and neurosym_ijcnn"
+            )
+        if isinstance(pooling, AsDescribed):
+            words["pool_net"] = "pool_net_g"
+        if isinstance(pooling, Social):
+            words["mlp_pre_pool"] = "mlp_pool"
     names = {}
     for path, shape in shapes.items():
         name = path = path.removeprefix("params/")
@@ -124,27 +133,11 @@ def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.n
     return state
 
 
-def _refuse_without_counterpart(config: GeneratorConfig) -> None:
-    """Networks that the released code does not have; some have the arrays of another."""
-    lstm, released = isinstance(config.cell, LSTM), type(config.pooling) in RELEASED
-    if not lstm or not released or (config.pool_every_timestep and config.symbolic):
-        title = GeneratorForecaster(config).title
-        raise InputError(
-            f"{title} has no counterpart in torch: SGAN has an LSTM, and the released poolings are "
-            "none, pool_net, social and, at observed steps only, neurosym_ros and neurosym_ijcnn"
-        )
-
-
 def _checked(
     arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]], config: Config
 ) -> dict[str, np.ndarray]:
     """The arrays as float32, once their names and shapes are exactly `shapes`."""
-    found = {name: array.shape for name, array in arrays.items()}
-    wrong = [
-        f"{name!r} is {found.get(name, 'missing')}, not {shapes.get(name, 'expected')}"
-        for name in {**shapes, **found}
-        if found.get(name) != shapes.get(name)
-    ]
+    wrong = misfits(shapes_of(arrays), shapes)
     wrong += [f"{n!r} is not floating point" for n, a in arrays.items() if a.dtype.kind != "f"]
     if wrong:
         what = "generator" if isinstance(config, GeneratorConfig) else "discriminator"

@@ -60,18 +60,15 @@ class Parity:
 
     def __str__(self) -> str:
         """An aligned table and the verdict."""
-        table = [("case", "output", "shape", "max abs", "max rel", "")]
+        table, lines = [("case", "output", "shape", "max abs", "max rel", "")], [""]
         for row in self.rows:
             shape = "x".join(map(str, row.shape)) or "scalar"
             numbers = f"{row.max_abs:.1e}", f"{row.max_rel:.1e}"
             table.append((row.case, row.output, shape, *numbers, "ok" if row.ok else "MISS"))
-        first = [
-            f"first difference of {row.case}: {row.output}: {row.reason}"
-            for row in self.rows
-            if row.reason
-        ]
+            if row.reason:
+                lines.append(f"first difference of {row.case}: {row.output}: {row.reason}")
         within = f"{sum(row.ok for row in self.rows)} of {len(self.rows)} outputs"
-        return "\n".join([aligned_table(table), "", *first, f"{within} within {self.tolerance:g}"])
+        return "\n".join([aligned_table(table), *lines, f"{within} within {self.tolerance:g}"])
 
 
 def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
@@ -90,7 +87,7 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
             if kind not in CASES:
                 raise InputError(f"{kind!r} is none of the cases {', '.join(CASES)}")
             with np.load(path, allow_pickle=False) as archive:
-                arrays = {name: archive[name] for name in archive.files}
+                arrays = dict(archive)
             layers = compared_layers(read_case(row, arrays), classes) if classes else {}
             rows += _compare(path.name, tolerance, CASES[kind](row, arrays), layers, classes)
     except InputError as error:
@@ -111,12 +108,13 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
     file, _, name = module.rpartition(":")
     if not name.isidentifier() or not Path(file).is_file():
         raise InputError(f"--torch-module {module}: must be FILE.py:CLASS")
-    paths = [str(path.resolve()) for path in (Path(file), checkpoint, out)]
     # As text: the folder of a file that is run comes first where Python looks for modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
-    command = [python, "-c", script, *paths, name, str(seed)]
+    paths = (path.resolve() for path in (Path(file), checkpoint, out))
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [python, "-c", script, *paths, name, str(seed)], capture_output=True, text=True
+        )
     except OSError as error:
         raise InputError(f"--python {python}: {error.strerror}") from None
     if done.returncode:

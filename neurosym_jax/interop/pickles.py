@@ -8,6 +8,7 @@ and keeps no state of the pickle's own choice.
 """
 
 import io
+import math
 import os
 import pickle
 import pickletools
@@ -16,11 +17,12 @@ import zipfile
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.environment import refuse_beyond_memory
 
-__all__ = ["StoredTensor", "read_torch_file"]
+__all__ = ["read_torch_file"]
 
 LEGACY_MAGIC = 0x1950A86A20F9469CFC6C
 LEGACY_PROTOCOL = 1001
@@ -42,54 +44,30 @@ OPCODES = (
 """No EXT*, INST or OBJ: they reach classes past `find_class`. Torch never wrote protocol 0."""
 
 
-class Stateless:
-    """What torch never gives a state: a pickle could put anything into it."""
-
-    __slots__ = ()
-
-    def __setstate__(self, state):
-        raise InputError("a tensor or a part of it carries a state, which torch's never does")
-
-
-class Storage(Stateless):
-    """Numbers of a file, whose `values` are read after the pickle."""
-
-    __slots__ = ("dtype", "numel", "values")
-
-    def __init__(self, dtype: str, numel: int):
-        self.dtype, self.numel = np.dtype(dtype), numel
-
-
-class StoredTensor(Stateless):
-    """A tensor of a file; `numpy.asarray` has its values."""
-
-    __slots__ = ("_offset", "_shape", "_storage", "_strides")
+class Tensor(np.ndarray):
+    """A tensor of a file, a view of its storage; a storage is one that owns its memory."""
 
     # `__new__`, because a pickle can make an object without calling `__init__`.
     def __new__(cls, storage, offset, shape, strides, *_requires_grad_and_hooks):
-        """Check that the tensor lies in its storage, whose values may not have been read yet."""
+        """Check that the tensor lies in its storage, whose values are read after the pickle."""
         whole = all(type(n) is int and 0 <= n < 2**48 for n in (offset, *shape, *strides))
-        if not isinstance(storage, Storage) or len(shape) != len(strides) or not whole:
+        stored = isinstance(storage, Tensor) and storage.base is None
+        if not stored or not whole or len(shape) != len(strides):
             raise InputError("a tensor is described in a way torch does not")
-        elements = int(np.prod(shape, dtype=object))
+        elements = math.prod(shape)
         last = offset + sum((n - 1) * step for n, step in zip(shape, strides))
         # A tensor larger than its storage repeats values (stride 0): weights never do, and a
         # corrupted shape would ask for any amount of memory.
-        if elements > storage.numel or (elements and last >= storage.numel):
+        if elements > storage.size or (elements and last >= storage.size):
             raise InputError(
-                f"a tensor of shape {list(shape)} reaches outside its storage of {storage.numel}"
+                f"a tensor of shape {list(shape)} reaches outside its storage of {storage.size}"
             )
-        self = super().__new__(cls)
-        self._storage, self._offset = storage, offset
-        self._shape, self._strides = tuple(shape), tuple(strides)
-        return self
+        steps = [step * storage.itemsize for step in strides]
+        return as_strided(storage[offset:], shape, steps, subok=True, writeable=False)
 
-    def __array__(self, dtype=None, copy=None):
-        """The values, a view of the file's bytes."""
-        values = self._storage.values[self._offset :]
-        strides = [step * values.itemsize for step in self._strides]
-        view = np.lib.stride_tricks.as_strided(values, self._shape, strides, writeable=False)
-        return view if dtype is None else view.astype(dtype)
+    def __setstate__(self, state):
+        """Refuse what torch never does: a pickle could put anything here."""
+        raise InputError("a tensor carries a state, which torch's never does")
 
 
 class PlainDict(dict):
@@ -110,16 +88,16 @@ KNOWN_GLOBALS: dict[str, Any] = {
     "collections.defaultdict": PlainDict,
     "builtins.list": "list",
     "__builtin__.list": "list",
-    "torch._utils._rebuild_tensor": StoredTensor,
-    "torch._utils._rebuild_tensor_v2": StoredTensor,
+    "torch._utils._rebuild_tensor": Tensor,
+    "torch._utils._rebuild_tensor_v2": Tensor,
     **{f"torch.{name}": name for name in STORAGE_DTYPES},
 }
 
 
 class _Unpickler(pickle.Unpickler):
-    """Knows `KNOWN_GLOBALS`, and gathers the storages that it meets."""
+    """Knows `KNOWN_GLOBALS`, and gathers the storages that it meets, empty."""
 
-    def __init__(self, data: bytes, storages: dict[str, Storage]):
+    def __init__(self, data: bytes, storages: dict[str, Tensor]):
         super().__init__(io.BytesIO(data))
         self.storages = storages
 
@@ -129,20 +107,21 @@ class _Unpickler(pickle.Unpickler):
             raise InputError(f"refused: it asks for {full[:120]!r}, which no state dict needs")
         return KNOWN_GLOBALS[full]
 
-    def persistent_load(self, pid: Any) -> Storage:
+    def persistent_load(self, pid: Any) -> Tensor:
         tag, kind, key, _location, numel, *view = pid
         if tag != "storage" or kind not in STORAGE_DTYPES or view not in ([], [None]):
             raise InputError("it refers to something other than a tensor's storage")
         if type(key) is not str or type(numel) is not int or not 0 <= numel < 2**48:
             raise InputError(f"storage {key!r} has no sensible size")
-        storage = self.storages.setdefault(key, Storage(STORAGE_DTYPES[kind], numel))
-        if (storage.dtype, storage.numel) != (np.dtype(STORAGE_DTYPES[kind]), numel):
+        dtype = np.dtype(STORAGE_DTYPES[kind])
+        storage = self.storages.setdefault(key, np.ndarray.__new__(Tensor, numel, dtype))
+        if (storage.dtype, storage.size) != (dtype, numel):
             raise InputError(f"storage {key!r} is described twice, differently")
         return storage
 
 
 def read_torch_file(path: str | os.PathLike) -> Any:
-    """What `torch.save` wrote to `path`: plain Python values with a `StoredTensor` for a tensor.
+    """What `torch.save` wrote to `path`: plain Python values with an array for a tensor.
 
     Raises:
         InputError: naming `path`, when it cannot be read, is cut short or damaged, is not a
@@ -171,7 +150,7 @@ def read_torch_file(path: str | os.PathLike) -> Any:
 
 
 def _read_legacy(stream: io.BytesIO) -> Any:
-    storages: dict[str, Storage] = {}
+    storages: dict[str, Tensor] = {}
     magic, protocol, system = (_load(stream, storages) for _ in range(3))
     if (magic, protocol, system["little_endian"]) != (LEGACY_MAGIC, LEGACY_PROTOCOL, True):
         raise InputError(f"of another format ({protocol!r:.20}), or of a big-endian machine")
@@ -180,14 +159,14 @@ def _read_legacy(stream: io.BytesIO) -> Any:
         raise InputError(f"storage {min(missing)!r} is missing")
     for key in keys:
         (numel,) = struct.unpack("<q", stream.read(8))
-        _fill(storages[key], stream.read(numel * storages[key].dtype.itemsize))
+        _fill(storages[key], stream.read(numel * storages[key].itemsize))
     if after := len(stream.read()):
         raise InputError(f"{after} bytes follow the last storage")
     return contents
 
 
 def _read_zip(stream: io.BytesIO) -> Any:
-    storages: dict[str, Storage] = {}
+    storages: dict[str, Tensor] = {}
     with zipfile.ZipFile(stream) as archive:
         names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
         if len(names) != 1:
@@ -198,13 +177,13 @@ def _read_zip(stream: io.BytesIO) -> Any:
     return contents
 
 
-def _fill(storage: Storage, data: bytes) -> None:
-    if len(data) != storage.numel * storage.dtype.itemsize:
-        raise InputError(f"{len(data)} bytes for a storage of {storage.numel} {storage.dtype}")
-    storage.values = np.frombuffer(data, storage.dtype)
+def _fill(storage: Tensor, data: bytes) -> None:
+    if len(data) != storage.nbytes:
+        raise InputError(f"{len(data)} bytes for a storage of {storage.size} {storage.dtype}")
+    storage[:] = np.frombuffer(data, storage.dtype)
 
 
-def _load(stream: io.BytesIO, storages: dict[str, Storage]) -> Any:
+def _load(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     """Run the pickle that starts here, once its opcodes are found harmless."""
     start, known = stream.tell(), set(OPCODES.split())
     for count, (opcode, argument, _) in enumerate(pickletools.genops(stream)):

@@ -4,11 +4,14 @@
 Python from 3.7 on. It imports nothing of the package, so that what it saves is torch's alone.
 """
 
+import copy
+import functools
 import importlib
 import inspect
 import json
 import os
 import sys
+from unittest import mock
 
 import numpy as np
 
@@ -24,18 +27,16 @@ def main(path, checkpoint, out, name, seed):
     network_class = getattr(_import_file(path), name)
     contents = torch.load(checkpoint, map_location="cpu")
     arguments = contents["args"]
-    row = {}
-    for parameter in list(inspect.signature(network_class.__init__).parameters)[1:]:
-        for known in (parameter, parameter + "_g"):
-            if known in arguments:
-                row[parameter] = arguments[known]
+    parameters = inspect.signature(network_class).parameters
+    named = [(name, key) for name in parameters for key in (name, name + "_g")]
+    row = {name: arguments[key] for name, key in named if key in arguments}
     network = network_class(**row)
     network.load_state_dict(contents["g_state"])
     arrays, layers = forecast(torch, network, random_scenes(arguments, int(seed)))
-    file = os.path.splitext(os.path.basename(checkpoint))[0] + ".npz"
-    np.savez_compressed(os.path.join(out, file), **arrays)
+    row.update(file=os.path.splitext(os.path.basename(checkpoint))[0] + ".npz")
+    np.savez_compressed(os.path.join(out, row["file"]), **arrays)
     with open(os.path.join(out, "manifest.json"), "w") as manifest:
-        json.dump([dict(row, file=file, model="sgan", layers=layers)], manifest, indent=1)
+        json.dump([dict(row, model="sgan", layers=layers)], manifest, indent=1)
 
 
 def random_scenes(arguments, seed):
@@ -45,11 +46,9 @@ def random_scenes(arguments, seed):
     ends = np.cumsum(SIZES)
     bounds = np.stack([ends - SIZES, ends], 1)
     walks = rng.normal(0, 4, (ends[-1], 1, 2))
-    walks = walks + np.cumsum(rng.normal(0, 0.3, (ends[-1], steps, 2)), 1)
-    for start, end in bounds:
-        if end - start > 2:
-            walks[start] = walks[start, :1]
-    walks = walks.round(4)
+    walks = (walks + np.cumsum(rng.normal(0, 0.3, (ends[-1], steps, 2)), 1)).round(4)
+    still = bounds[np.array(SIZES) > 2, 0]
+    walks[still] = walks[still, :1]
     rows = len(bounds) if arguments["noise_mix_type"] == "global" else len(walks)
     dim = int(np.sum(arguments.get("noise_dim") or 0))
     return {
@@ -65,42 +64,37 @@ def forecast(torch, network, scenes):
 
     `scenes` are arrays as `random_scenes` makes them. The network runs after `eval()`.
     """
-    network = network.cpu().eval()
+    network = copy.deepcopy(network).cpu().eval()
     arrays, classes = dict(scenes), {}
     dtype = next(network.parameters()).dtype
     for name, value in network.state_dict().items():
         arrays["g_state/" + name] = value.numpy()
 
-    def keep(name):
-        def hook(module, given, result):
-            if name in classes:
-                return
-            classes[name] = type(module).__name__
-            parts = {"out": result[0] if isinstance(result, tuple) else result}
-            parts.update(zip(["in"], given))
-            if isinstance(module, torch.nn.LSTM) and len(given) > 1:
-                parts["h0"], parts["c0"] = given[1]
-            for part, array in parts.items():
-                if isinstance(array, torch.Tensor):
-                    if not isinstance(module, torch.nn.LSTM):
-                        array = array.reshape(-1, array.shape[-1])
-                    arrays[part + "/" + name] = array.numpy()
-
-        return hook
+    def keep(name, module, given, result):
+        if not name or name in classes:
+            return
+        classes[name] = type(module).__name__
+        recurrent = isinstance(module, torch.nn.LSTM)
+        parts = {"out": result[0] if isinstance(result, tuple) else result}
+        parts.update(zip(["in"], given))
+        if recurrent and len(given) > 1:
+            parts["h0"], parts["c0"] = given[1]
+        for part, array in parts.items():
+            if isinstance(array, torch.Tensor):
+                rows = array if recurrent else array.reshape(-1, array.shape[-1])
+                arrays[part + "/" + name] = rows.numpy()
 
     for name, module in network.named_modules():
-        if name:
-            module.register_forward_hook(keep(name))
-    # The released code moves its states to a CUDA device.
-    torch.Tensor.cuda = lambda self, *_, **__: self
+        module.register_forward_hook(functools.partial(keep, name))
     positions, moves = (
         torch.tensor(scenes[name][:, : network.obs_len], dtype=dtype).transpose(0, 1).contiguous()
         for name in ("traj", "traj_rel")
     )
-    noise = torch.tensor(scenes["noise"], dtype=dtype)
-    with torch.no_grad():
-        bounds = torch.tensor(scenes["scene_start_end"])
-        moved = network(positions, moves, bounds, user_noise=noise)
+    bounds, noise = torch.tensor(scenes["scene_start_end"]), torch.tensor(scenes["noise"])
+    # The released code moves its states to a CUDA device.
+    here = mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self)
+    with torch.no_grad(), here:
+        moved = network(positions, moves, bounds, user_noise=noise.to(dtype))
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()
     return arrays, classes
