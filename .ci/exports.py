@@ -62,7 +62,7 @@ def _table(name: str) -> str:
 
 def _commands() -> str:
     from neurosym_jax.__main__ import commands
-    from neurosym_jax.commands._help import every_option
+    from neurosym_jax.commands._options import every_option
 
     parts = []
     for name, module in commands().items():

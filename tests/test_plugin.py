@@ -42,7 +42,7 @@ def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeyp
     asked = ("--weighting", "nearness")
     for line in (
         refusal("train", "--model", "neurosym", *asked),
-        refusal("sweep", "--models", "neurosym", "--weightings", "nearness"),
+        refusal("sweep", "--model", "neurosym", "--weighting", "nearness"),
         refusal("symbols", *asked),
     ):
         assert "(--plugin FILE adds one)" in line

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import tyro
 
-from neurosym_jax.commands._help import short_help
+from neurosym_jax.commands._options import short_help
 from neurosym_jax.errors import InputError, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune

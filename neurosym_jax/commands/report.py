@@ -17,7 +17,7 @@ class Options:
     sweep: tyro.conf.Positional[Path]
     """Folder of the sweep."""
     against: tuple[str, ...] = ()
-    """References, by title or weighting; default: `ones` and SGAN, where the sweep has them."""
+    """Models to compare with, by title or weighting; needed with more than two models."""
     pred_len: int | None = None
     """Steps forecast, where the sweep has several."""
     out: Path | None = None

@@ -1,33 +1,126 @@
 """Train and test many models."""
 
+# pyright: reportIncompatibleVariableOverride=false
+# Options of `train` that have one value have several here.
+
 import dataclasses
+import functools
+import itertools
 import shlex
+from pathlib import Path
+from typing import Any, ClassVar, Literal
 
-from neurosym_jax.training.sweep import Sweep, plan_runs, run_sweep
+from neurosym_jax.commands import train
+from neurosym_jax.commands._options import as_arguments, given, options_text, with_file
+from neurosym_jax.data.sources import Source, open_source
+from neurosym_jax.errors import InputError
+from neurosym_jax.plugins import loaded
+from neurosym_jax.training.network import model_name, named_network
+from neurosym_jax.training.sweep import SweepRun, run_sweep
 
-__all__ = ["Options", "run"]
+__all__ = ["PREPARE", "Options", "plan_runs", "run"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Options(Sweep):
-    """Train every model on every data set with every seed, test them, and make one table."""
+class Options(train.Options):
+    """Train every model on every data set with every seed, test them, and make one table.
 
+    `neurosym sweep FILE.yaml` reads options from a file; those after it override the file.
+    """
+
+    model: tuple[Literal["sgan", "neurosym", "anchors", "anchor_table"], ...] = ("sgan", "neurosym")
+    """Networks, see `neurosym train`."""
+    pooling: tuple[str, ...] = ()
+    """Poolings, a model each of every network that has it; default: the papers'."""
+    weighting: tuple[str, ...] = ()
+    """Weightings, a model each of every network that takes it; default: cnd for NeuroSyM."""
+    dataset: tuple[str, ...] = ()
+    """Data sets to leave out of training and to test on; default: all that the data has."""
+    pred_len: tuple[int, ...] = (8,)
+    """Steps to forecast, a model each."""
+    seed: tuple[int, ...] = (0, 1, 2)
+    """Random seeds, a training each."""
+    out: Path = Path("runs/sweep")
+    """Folder of the runs, sweep.json, sweep.md and sweep.yaml, which repeats the sweep."""
     jobs: int | None = None
     """Trainings at once; default: one for each core."""
     dry_run: bool = False
     """List the runs and which of them are finished, each with its command; train nothing."""
+    train_on: ClassVar[tuple[str, ...]] = ()
+    validate_on: ClassVar[tuple[str, ...]] = ()
+    resume: ClassVar[bool] = False
+
+
+PREPARE = functools.partial(with_file, Options)
 
 
 def run(options: Options) -> int:
     """Train and test what `options` ask for; 1 if a training failed.
 
     Raises:
-        InputError: see `plan_runs` and `run_sweep`.
+        InputError: see `plan_runs` and `training.sweep.run_sweep`.
     """
-    runs = plan_runs(options)
+    source, runs = plan_runs(options)
     if not options.dry_run:
-        return run_sweep(options, runs, options.jobs)
+        return run_sweep(runs, source, options.out, options_text(options), options.jobs)
     for one in runs:
         state = "finished" if one.finished() else "left    "
         print(f"{state}  {shlex.join(['neurosym', 'train', *one.arguments])}")
     return 0
+
+
+def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
+    """What is tested on, and a run for each seed, model, data set and horizon, in that order.
+
+    Raises:
+        InputError: for nothing to train, an unknown data set, a pooling, a weighting or a change
+            that no model takes, or two runs of one name.
+    """
+    for name in ("model", "pred_len", "seed"):
+        if not getattr(options, name):
+            raise InputError(f"--{name.replace('_', '-')}: at least one is needed")
+    first = options.dataset[0] if options.dataset else None
+    source = open_source(options.data, first, read=options.read, period=options.period)
+    if unknown := [name for name in options.dataset if name not in source.scenes]:
+        raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
+    common = {of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)}
+    datasets = options.dataset or source.scenes
+    runs: dict[Path, SweepRun] = {}
+    # Seed by seed: an interrupted sweep has trained all models as often.
+    for seed, model, dataset, pred_len in itertools.product(
+        options.seed, _models(options), datasets, options.pred_len
+    ):
+        own = {**model, "dataset": dataset, "pred_len": pred_len, "seed": seed}
+        asked = train.Options(**{**common, **own})
+        network, _ = train.configured(asked)
+        name = f"{model_name(network)}_{dataset}_{options.obs_len}_{pred_len}_seed{seed}"
+        if (folder := options.out / name) in runs:
+            raise InputError(f"{name}: two runs of the sweep have this name")
+        asked = dataclasses.replace(asked, out=folder)
+        values = {**given(asked), "resume": True, "plugin": loaded()}
+        arguments = as_arguments(train.Options, values, "sweep")
+        runs[folder] = SweepRun(folder, arguments, options_text(asked))
+    return source, list(runs.values())
+
+
+def _models(options: Options) -> list[dict[str, Any]]:
+    """Each network with each pooling and each weighting that it takes."""
+    taken: dict[str, dict[str, list[Any]]] = {}
+    for option in ("pooling", "weighting"):
+        taken[option] = {model: [] for model in options.model}
+        for value in getattr(options, option):
+            refused = []
+            for model in options.model:
+                try:
+                    named_network(model, **{option: value})
+                    taken[option][model].append(value)
+                except InputError as error:
+                    refused.append(error)
+            if len(refused) == len(options.model):
+                raise refused[-1]
+    return [
+        {"model": model, "pooling": pooling, "weighting": weighting}
+        for model in options.model
+        for pooling in taken["pooling"][model] or [None]
+        for weighting in taken["weighting"][model] or [None]
+    ]

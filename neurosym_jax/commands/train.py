@@ -2,12 +2,14 @@
 
 import contextlib
 import dataclasses
+import functools
 import shlex
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
+from neurosym_jax.commands._options import options_text, with_file
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import shared_shapes
@@ -21,15 +23,18 @@ from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.network import model_name, named_network
-from neurosym_jax.training.recipe import make_recipe, usual_recipe
+from neurosym_jax.training.recipe import make_recipe, refuse_other_recipe, usual_recipe
 from neurosym_jax.training.run import Run
 
-__all__ = ["Options", "make_run", "run"]
+__all__ = ["PREPARE", "Options", "configured", "make_run", "run"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Train a model: `python train.py` alone does so on the embedded simulations."""
+    """Train a model: `neurosym train` alone does so on the embedded simulations.
+
+    `neurosym train FILE.yaml` reads options from a file; those after it override the file.
+    """
 
     model: Literal["sgan", "neurosym", "anchors", "anchor_table"] = "sgan"
     """Network to train: SGAN, NeuroSyM (weights pairs of people by symbols), anchors (learned
@@ -77,6 +82,9 @@ class Options:
     """Continue the run in the folder."""
 
 
+PREPARE = functools.partial(with_file, Options)
+
+
 def run(options: Options) -> None:
     """Train as `options` say.
 
@@ -94,6 +102,8 @@ def run(options: Options) -> None:
     )
     if text := describe_readings([*run.training.reading, *run.validation.reading]):
         print(text)
+    repeated = dataclasses.replace(options, out=folder, resume=False)
+    run = dataclasses.replace(run, options=options_text(repeated))
     model = train_run(run, folder, resume=options.resume)
     _print_errors(run, model)
     data = "" if options.data is None else f" --data {shlex.quote(str(options.data))}"
@@ -103,15 +113,40 @@ def run(options: Options) -> None:
 
 def _print_errors(run: Run, model: Model) -> None:
     """Print the validation errors of the model, which they chose, and of the baselines."""
-    config, samples = run.network, run.samples
     batches = make_batches(run.validation)
-    print(f"on the {run.validation.scenes} validation scenes, joint best of {samples}, metres:")
-    of = baselines_of(None, config.obs_len, config.pred_len)
-    for each in (model, *(baseline for _, baseline in of)):
-        how = {"samples": samples, "seed": run.recipe.seed, "metrics": ("joint_ade", "joint_fde")}
-        found = score_forecaster(each.forecaster, each.params, batches, **how)
+    print(f"on the {run.validation.scenes} validation scenes, joint best of {run.samples}, metres:")
+    baselines = baselines_of(None, run.network.obs_len, run.network.pred_len)
+    for each in (model, *(baseline for _, baseline in baselines)):
+        found = score_forecaster(
+            each.forecaster,
+            each.params,
+            batches,
+            samples=run.samples,
+            seed=run.recipe.seed,
+            metrics=("joint_ade", "joint_fde"),
+        )
         ade, fde = found.mean("joint_ade"), found.mean("joint_fde")
         print(f"  {each.name:26}  ADE {ade:.3f}  FDE {fde:.3f}")
+
+
+def configured(options: Options) -> tuple[Any, Any]:
+    """The network and the recipe that `options` describe.
+
+    Raises:
+        InputError: for options that contradict each other, or a change that does not fit.
+    """
+    network = named_network(
+        options.model,
+        pooling=options.pooling,
+        weighting=options.weighting,
+        obs_len=options.obs_len,
+        pred_len=options.pred_len,
+        changes=options.network,
+    )
+    name = options.recipe or usual_recipe(network)
+    recipe = make_recipe(name, seed=options.seed, steps=options.steps, changes=options.set)
+    refuse_other_recipe(network, recipe)
+    return dataclasses.replace(network, period=options.period), recipe
 
 
 def make_run(options: Options) -> Run:
@@ -120,26 +155,15 @@ def make_run(options: Options) -> Run:
     Raises:
         InputError: for options that contradict each other or data that cannot be read.
     """
-    obs_len, pred_len = options.obs_len, options.pred_len
-    network = named_network(
-        options.model,
-        pooling=options.pooling,
-        weighting=options.weighting,
-        obs_len=obs_len,
-        pred_len=pred_len,
-        changes=options.network,
-    )
-    name = options.recipe or usual_recipe(network)
-    recipe = make_recipe(name, seed=options.seed, steps=options.steps, changes=options.set)
+    network, recipe = configured(options)
     source = open_source(options.data, options.dataset, read=options.read, period=options.period)
     learned, validated = _recordings(options, source)
-    training = cut_windows(learned, obs_len, pred_len, min_agents=recipe.min_agents)
-    validation = cut_windows(validated, obs_len, pred_len)
-    parts = {"validated": validation}
+    lengths = options.obs_len, options.pred_len
+    training = cut_windows(learned, *lengths, min_agents=recipe.min_agents)
+    parts = {"validated": cut_windows(validated, *lengths)}
     if options.dataset in source.scenes and not isinstance(source, Synthetic):
         with contextlib.suppress(InputError):  # It may be too short for a window.
-            tested = source.recordings(str(options.dataset))
-            parts["tested"] = cut_windows(tested, obs_len, pred_len)
+            parts["tested"] = cut_windows(source.recordings(str(options.dataset)), *lengths)
     _refuse_seen(parts, training)
     if isinstance(source, EthUcy):
         first = "ETH/UCY"
@@ -149,7 +173,7 @@ def make_run(options: Options) -> Run:
         network=dataclasses.replace(network, period=training.period),
         recipe=recipe,
         training=training,
-        validation=validation,
+        validation=parts["validated"],
         dataset=None if options.train_on else options.dataset or source.name or None,
         data=(first, *(place.stem for place in options.train_also)),
     )
@@ -159,6 +183,8 @@ def _recordings(options: Options, source: Source) -> tuple[list[Tracks], list[Tr
     """Those to train on and those to validate on."""
     if bool(options.train_on) != bool(options.validate_on):
         raise InputError("--train-on and --validate-on go together")
+    if options.train_on and options.dataset is not None:
+        raise InputError(f"--dataset {options.dataset}: --train-on says what is left out")
     if options.dataset is None and options.data is not None and not options.train_on:
         names = ", ".join(source.scenes)
         raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")

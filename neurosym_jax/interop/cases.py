@@ -25,9 +25,9 @@ from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.state_weightings import CndShipped
 from neurosym_jax.symbolic.weightings import make_weighting
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
-from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.recipe import RECIPES
 from neurosym_jax.training.step import clipping, new_state, update, update_discriminator
+from neurosym_jax.training.stream import Groups
 
 __all__ = ["CASES", "forecasts"]
 

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.scene import AnyArray, Scene
-from neurosym_jax.training.groups import Groups, split
 from neurosym_jax.training.recipe import Recipe
+from neurosym_jax.training.stream import Groups, split
 
 __all__ = ["AUGMENTATIONS", "augment"]
 

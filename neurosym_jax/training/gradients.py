@@ -19,7 +19,6 @@ from jax import Array
 from neurosym_jax.models import Discriminator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.gentle_pooling import with_leak
-from neurosym_jax.training.groups import Groups, merge
 from neurosym_jax.training.losses import (
     adversarial_loss,
     criterion_errors,
@@ -28,6 +27,7 @@ from neurosym_jax.training.losses import (
 )
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.rollout import decode_groups, encode_groups, over_slots
+from neurosym_jax.training.stream import Groups, merge
 
 __all__ = ["Metrics", "discriminator_gradient", "generator_gradient", "warn_if_no_gradient"]
 

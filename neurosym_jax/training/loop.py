@@ -1,7 +1,8 @@
 """The training loop: rounds of compiled steps, validation, saved states, and the files of a run.
 
-A run is a folder: `checkpoints/` (to resume from), `metrics.jsonl`, and at its end `curves.png`,
-`run.json` (all facts of the run) and `model/`, the best state by validation and its card.
+A run is a folder: `recipe.yaml` (the options that repeat it), `checkpoints/` (to resume from),
+`metrics.jsonl`, and at its end `curves.png`, `run.json` (all facts of the run) and `model/`, the
+best state by validation and its card.
 """
 
 import dataclasses
@@ -32,8 +33,14 @@ from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
 from neurosym_jax.training.recipe import RECIPES, Recipe, usual_recipe
-from neurosym_jax.training.rounds import ROUND, rounds_of, start_of
-from neurosym_jax.training.run import Run, record_of, refuse_other_run
+from neurosym_jax.training.run import (
+    ROUND,
+    Run,
+    record_of,
+    refuse_other_run,
+    rounds_of,
+    start_of,
+)
 from neurosym_jax.training.step import TrainState
 
 __all__ = ["train", "train_run"]
@@ -80,14 +87,15 @@ def train(
     """
     network = network or GeneratorConfig()
     recipe = recipe or RECIPES[usual_recipe(network)]
-    learned, validated = (
-        part
-        if isinstance(part, Windows)
-        else cut_windows(part, network.obs_len, network.pred_len, min_agents=least)
-        for part, least in ((training, recipe.min_agents), (validation, 2))
-    )
+
+    def windows(part: Windows | Sequence[Tracks], min_agents: int) -> Windows:
+        if isinstance(part, Windows):
+            return part
+        return cut_windows(part, network.obs_len, network.pred_len, min_agents=min_agents)
+
+    learned = windows(training, recipe.min_agents)
     network = dataclasses.replace(network, period=learned.period)
-    run = Run(network, recipe, learned, validated, dataset, tuple(data))
+    run = Run(network, recipe, learned, windows(validation, 2), dataset, tuple(data))
     return train_run(run, Path(folder), resume=resume, on_row=on_row)
 
 
@@ -121,6 +129,8 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
         rows = before["rows"]
     elif (folder / "model").exists():
         raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
+    if run.options:
+        write_text(folder / "recipe.yaml", run.options)
     log, done = folder / "metrics.jsonl", int(state.step)
     write_text(log, "".join(map(_line, rows)))
     # tqdm's None shows the bar in a terminal only.
@@ -158,16 +168,9 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
 
     kept = _best(rows)
     _warn_if_dead(kept)
-    model = Model(
-        run.network,
-        best,
-        run.dataset,
-        run.kind,
-        plugins=names(loaded()),
-        neighbours=kept.get("val_neighbour_near"),
-        seen=fingerprint(run.training),
-        data=licences_of(run.data),
-    )
+    origin = {"plugins": names(loaded()), "data": licences_of(run.data)}
+    near, seen = kept.get("val_neighbour_near"), fingerprint(run.training)
+    model = Model(run.network, best, run.dataset, run.kind, neighbours=near, seen=seen, **origin)
     if (folder / "model").exists():
         return model
     parts = {"training": run.training, "validation": run.validation}

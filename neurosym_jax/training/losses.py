@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.scene import AnyArray, Scene
-from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.training.stream import Groups
 
 __all__ = [
     "adversarial_loss",

@@ -17,9 +17,18 @@ from neurosym_jax.configuration import (
     Whole,
     changed,
 )
+from neurosym_jax.errors import InputError
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 
-__all__ = ["RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe", "usual_recipe"]
+__all__ = [
+    "RECIPES",
+    "AnchorRecipe",
+    "Recipe",
+    "TrainConfig",
+    "make_recipe",
+    "refuse_other_recipe",
+    "usual_recipe",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,3 +166,15 @@ def make_recipe(
 def usual_recipe(network: Any) -> str:
     """The name of the recipe by which a network is trained unless another is asked for."""
     return "ours" if isinstance(network, GeneratorConfig) else "anchors"
+
+
+def refuse_other_recipe(network: Any, recipe: Any) -> None:
+    """Refuse a recipe of another kind of network.
+
+    Raises:
+        InputError: naming the recipes that fit.
+    """
+    kind = type(RECIPES[usual_recipe(network)])
+    if not isinstance(recipe, kind):
+        fits = ", ".join(name for name, of in RECIPES.items() if isinstance(of, kind))
+        raise InputError(f"the recipe does not fit the network: --recipe {fits}")

@@ -17,7 +17,7 @@ from neurosym_jax.forecasting.networks import decode_scene, interact_scene
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import AnyArray
-from neurosym_jax.training.groups import Groups, merge, split
+from neurosym_jax.training.stream import Groups, merge, split
 
 __all__ = ["decode_groups", "draw_group_noise", "encode_groups", "over_slots"]
 

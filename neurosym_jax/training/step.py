@@ -15,9 +15,9 @@ from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.gentle_pooling import slowed, started
 from neurosym_jax.training.gradients import Metrics, discriminator_gradient, generator_gradient
-from neurosym_jax.training.groups import Groups
 from neurosym_jax.training.recipe import Recipe, TrainConfig
 from neurosym_jax.training.rollout import draw_group_noise
+from neurosym_jax.training.stream import Groups
 
 __all__ = [
     "TrainState",

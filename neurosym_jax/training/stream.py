@@ -6,16 +6,23 @@ any comes again.
 """
 
 import dataclasses
+import itertools
+import math
+from collections.abc import Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from neurosym_jax.data.batching import gather_scenes
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.scene import Scene
-from neurosym_jax.training.groups import Groups
+from neurosym_jax.scene import AnyArray, Scene
 
-__all__ = ["SceneStream", "gather_cropped", "quota", "size_classes"]
+__all__ = ["Groups", "SceneStream", "gather_cropped", "merge", "size_classes", "split"]
+
+Groups = tuple[Scene, ...]
+"""A batch: one Scene `[scenes, slots, ...]` for each size class, computed on together."""
 
 COST_OF_A_CLASS = 1000
 """Pairs that another class must save: each class is compiled and looped over separately."""
@@ -122,3 +129,16 @@ def _cropped(windows: Windows, chosen: np.ndarray, agents: int, focus: np.ndarra
         identity=windows.identity[chosen],
         extras={},
     )
+
+
+def merge(parts: Sequence[AnyArray]) -> Array:
+    """`[scenes, slots, ...]` of each group as one array `[A, ...]` of all slots."""
+    return jnp.concatenate([part.reshape(-1, *part.shape[2:]) for part in parts])
+
+
+def split(whole: Array, shapes: Sequence[tuple[int, ...]], axis: int = 0) -> list[Array]:
+    """Cut an axis of `whole [...]` into parts, each of its own shape."""
+    ends = list(itertools.accumulate(math.prod(shape) for shape in shapes))[:-1]
+    before, after = whole.shape[:axis], whole.shape[axis + 1 :]
+    parts = jnp.split(whole, ends, axis)
+    return [part.reshape(*before, *shape, *after) for part, shape in zip(parts, shapes)]

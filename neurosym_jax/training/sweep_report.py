@@ -1,6 +1,6 @@
 """A sweep's models compared with a reference: paired by training seed and test scene."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +21,17 @@ ERRORS = "scenes.npz"
 """Beside `sweep.json`: each row's errors, scene by scene."""
 FIELDS = ("metrics", "totals", "counts", "identity")
 """Of `ErrorsByScene`, in that file for each row."""
-REFERENCES = ("ones", "SGAN")
-"""What models are compared with unless other references are named."""
-MEAN = "mean"
-"""The name of the mean over test sets."""
+MEAN = "mean over test sets"
+FEW = 3
+"""Fewer seeds tell nothing of how much trainings differ."""
 INTERVALS = """\
 Differences are the model's metric less the reference's, on the same scenes with the same noise and
 seed: for errors, below 0 is better. In brackets is the 95 % interval: test scenes resampled in
 blocks of as many start frames as a window has steps, and the mean over seeds drawn from Student's
 t. Bold where it leaves out 0. The mean weighs the test sets equally."""
+TOO_FEW = """\
+**{} nothing of how much trainings differ, so no difference below is a finding:** train three or
+more."""
 
 Runs = dict[tuple[str, str], dict[int, ErrorsByScene]]
 """By model and test set, then by training seed."""
@@ -57,8 +59,7 @@ def write_report(
 
     Args:
         sweep: folder of the sweep.
-        against: the references, models by title or by weighting; default: `REFERENCES`, as far as
-            the sweep has them, else the other one of two models.
+        against: the references, models by title or by weighting; default: the first of two models.
         pred_len: steps forecast, where the sweep has several.
         out: the Markdown's file; default: report.md in the sweep's folder.
 
@@ -75,14 +76,21 @@ def write_report(
     rows = read_report(sweep / "sweep.json")
     runs = _read(sweep, rows, pred_len)
     models = list(dict.fromkeys(model for model, _ in runs))
-    compared = _compare(runs, models, _references(against, models))
+    compared = pl.DataFrame(
+        row
+        for reference in _references(against, models)
+        for model in models
+        if model != reference
+        for row in _compare(runs, model, reference)
+    )
     seeds = len({seed for of in runs.values() for seed in of})
-    text = f"# Models compared\n\n{sum(map(len, runs.values()))} runs, {seeds} seeds.\n\n"
-    text += _text(compared)
-    if seeds < 3:
-        text += "\n\nTwo seeds or one say nothing of how much trainings differ."
+    trained = sum(map(len, runs.values()))
+    parts = [f"# Models compared\n\n{trained} runs, {seeds} seed{'s' * (seeds > 1)}."]
+    if seeds < FEW:
+        parts.append(TOO_FEW.format(("One seed tells", "Two seeds tell")[seeds - 1]))
     table = target.with_suffix(".csv")
-    text += f"\n\nDifferences on each test set are in `{table.name}`.\n"
+    parts += [*_tables(compared), INTERVALS, f"Differences on each test set are in `{table.name}`."]
+    text = "\n\n".join(parts) + "\n"
     write_text(target, text)
     write_text(table, compared.write_csv())
     return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
@@ -97,14 +105,12 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     if len(horizons) != 1:
         raise InputError(f"horizons in the sweep: {horizons or 'none'}; --pred-len chooses one")
     runs: Runs = {}
+    columns = trained.select("at", "model", "dataset", "training_seed")
     try:
         with np.load(folder / ERRORS) as arrays:
-            for at, model, dataset, seed in trained.select(
-                "at", "model", "dataset", "training_seed"
-            ).iter_rows():
-                metrics, totals, counts, identity = (arrays[f"{name}_{at}"] for name in FIELDS)
-                names, steps = tuple(metrics.tolist()), sum(horizons[0])
-                errors = ErrorsByScene(names, totals, counts, identity, steps)
+            for at, model, dataset, seed in columns.iter_rows():
+                metrics, *others = (arrays[f"{name}_{at}"] for name in FIELDS)
+                errors = ErrorsByScene(tuple(metrics.tolist()), *others, steps=sum(horizons[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None
@@ -112,70 +118,63 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
 
 
 def _references(against: Sequence[str], models: Sequence[str]) -> list[str]:
-    """The models of these titles, or whose titles end in `, NAME`."""
-
-    def called(name: str) -> list[str]:
+    """The models of these titles, or whose titles end in `, NAME`; else the first of two."""
+    there = f"there are {'; '.join(models)}"
+    if len(models) < 2:
+        raise InputError(f"a report compares two models or more: {there}")
+    if not against and len(models) > 2:
+        raise InputError(f"--against names the model to compare with: {there}")
+    found = []
+    for name in against or models[:1]:
         exactly = [each for each in models if each == name]
-        return exactly or [each for each in models if each.endswith(f", {name}")]
-
-    for name in against:
-        if (count := len(called(name))) != 1:
-            what = f"several models are {name!r}" if count else f"no {name!r} to compare with"
-            raise InputError(f"--against: {what}: there are {'; '.join(models)}")
-    found = [each for name in against or REFERENCES for each in called(name)]
-    if not found and len(models) == 2:
-        found = [models[0]]
-    if not found or len(models) < 2:
-        raise InputError(f"--against names the reference; there are {'; '.join(models)}")
+        called = exactly or [each for each in models if each.endswith(f", {name}")]
+        if len(called) != 1:
+            what = f"several models are {name!r}" if called else f"no {name!r} to compare with"
+            raise InputError(f"--against: {what}: {there}")
+        found += called
     return found
 
 
-def _compare(runs: Runs, models: Sequence[str], references: Sequence[str]) -> pl.DataFrame:
-    """Every other model less each reference, on each test set and in the mean, by metric.
+def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]:
+    """The model less the reference on each test set and in the mean, a row for each metric.
 
     Seeds that either of the two has not finished on a test set are left out of it, and of the mean.
     """
-    rows: list[dict[str, Any]] = []
-    for reference, model in ((r, m) for r in references for m in models if m != r):
-        parts = {}
-        for dataset in [dataset for of, dataset in runs if of == model]:
-            ours, theirs = runs[model, dataset], runs.get((reference, dataset), {})
-            seeds = sorted(ours.keys() & theirs.keys())
-            if not seeds:
-                raise InputError(f"{model} and {reference} have no seed in common on {dataset}")
-            first, second = ([of[seed] for seed in seeds] for of in (ours, theirs))
-            mean = np.mean([one.mean for one in second], axis=0)
-            parts[dataset] = paired_difference(first, second, numbers=seeds), mean
-        if len(parts) > 1:
-            differences, means = zip(*parts.values())
-            parts[MEAN] = mean_difference(differences), np.mean(means, axis=0)
-        for dataset, (difference, mean) in parts.items():
-            for metric, error, value in zip(difference.metrics, mean, difference.mean):
-                low, high = difference.intervals(metric)["both"]
-                row = {"reference": reference, "model": model, "test_set": dataset}
-                row |= {"metric": metric, "error_of_reference": error, "difference": value}
-                rows.append(row | {"low_95": low, "high_95": high, "seeds": len(difference.seeds)})
-    return pl.DataFrame(rows)
+    parts = {}
+    for dataset in [dataset for of, dataset in runs if of == model]:
+        ours, theirs = runs[model, dataset], runs.get((reference, dataset), {})
+        seeds = sorted(ours.keys() & theirs.keys())
+        if not seeds:
+            raise InputError(f"{model} and {reference} have no seed in common on {dataset}")
+        first, second = ([of[seed] for seed in seeds] for of in (ours, theirs))
+        mean = np.mean([one.mean for one in second], axis=0)
+        parts[dataset] = paired_difference(first, second, numbers=seeds), mean
+    if len(parts) > 1:
+        differences, means = zip(*parts.values())
+        parts[MEAN] = mean_difference(differences), np.mean(means, axis=0)
+    for dataset, (difference, mean) in parts.items():
+        for metric, error, value in zip(difference.metrics, mean, difference.mean):
+            low, high = difference.intervals(metric)["both"]
+            row = {"reference": reference, "model": model, "test_set": dataset}
+            row |= {"metric": metric, "error_of_reference": error, "difference": value}
+            yield row | {"low_95": low, "high_95": high, "seeds": len(difference.seeds)}
 
 
-def _text(compared: pl.DataFrame) -> str:
+def _tables(compared: pl.DataFrame) -> Iterator[str]:
+    """A table for each reference, of the mean or the only test set."""
     metrics = compared["metric"].unique(maintain_order=True)
-    whole = compared["test_set"][-1]  # The mean, or the only test set.
-    parts = []
-    for (reference,), of in compared.filter(test_set=whole).group_by(
-        "reference", maintain_order=True
-    ):
+    whole = compared["test_set"][-1]
+    shown = compared.filter(test_set=whole)
+    for (reference,), of in shown.group_by("reference", maintain_order=True):
         head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
         lines = [
             [model, *map(_cell, rows.iter_rows(named=True))]
             for (model,), rows in of.group_by("model", maintain_order=True)
         ]
-        where = "mean over test sets" if whole == MEAN else whole
-        parts.append(f"Difference to {reference}, {where}:\n\n{markdown_table(head, lines)}")
-    return "\n\n".join([*parts, INTERVALS])
+        yield f"Difference to {reference}, {whole}:\n\n{markdown_table(head, lines)}"
 
 
 def _cell(row: dict[str, Any]) -> str:
     low, high = row["low_95"], row["high_95"]
     text = f"{row['difference']:+.3f} ({low:+.3f} to {high:+.3f})".replace("-", "−")
-    return f"**{text}**" if low > 0 or high < 0 else text
+    return f"**{text}**" if row["seeds"] >= FEW and (low > 0 or high < 0) else text

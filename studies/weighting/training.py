@@ -14,7 +14,7 @@ from neurosym_jax.data.windows import Windows
 from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.training.anchors import AnchorStream, anchor_step
 from neurosym_jax.training.recipe import AnchorRecipe, Recipe, TrainConfig
-from neurosym_jax.training.rounds import ROUND
+from neurosym_jax.training.run import ROUND
 from neurosym_jax.training.step import initial_state, new_state, train_steps
 from neurosym_jax.training.stream import SceneStream
 

@@ -7,7 +7,7 @@ import pytest
 import tyro
 
 from neurosym_jax.__main__ import commands, main
-from neurosym_jax.commands._help import short_help
+from neurosym_jax.commands._options import short_help
 
 NAMES = re.compile(r"--[a-z][a-z0-9.-]*")
 

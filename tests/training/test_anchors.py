@@ -131,5 +131,5 @@ def test_a_resumed_run_ends_with_the_same_bits(anchors_run, done, tmp_path, stop
 
 
 def test_a_recipe_of_another_network_is_refused(run):
-    with pytest.raises(InputError, match="not one of generator: --recipe ours, sgan"):
+    with pytest.raises(InputError, match="does not fit the network: --recipe ours, sgan"):
         dataclasses.replace(run, recipe=RECIPE)

@@ -14,7 +14,7 @@ from neurosym_jax.training import loop
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.checkpoints import sole_writer
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.rounds import start_of
+from neurosym_jax.training.run import start_of
 from neurosym_jax.training.stream import SceneStream
 
 

@@ -41,9 +41,10 @@ def folder(tmp_path):
 
 
 def test_what_is_better_is_called_so(folder):
-    write_report(folder, out=folder / "ablation.md")
+    write_report(folder, ("ones", "SGAN"), out=folder / "ablation.md")
     text = (folder / "ablation.md").read_text()
     assert "18 runs, 3 seeds." in text
+    assert "nothing of how much" not in text
     _, to_ones, to_sgan = text.split("Difference to ")
     assert "\n| NeuroSyM, cnd | **−0.09" in to_ones
     assert "\n| SGAN | **+0.0" in to_ones
@@ -54,7 +55,7 @@ def test_what_is_better_is_called_so(folder):
     row = rows.row(
         by_predicate=(pl.col("reference") == "NeuroSyM, ones")
         & (pl.col("model") == "NeuroSyM, cnd")
-        & (pl.col("test_set") == "mean")
+        & (pl.col("test_set") == "mean over test sets")
         & (pl.col("metric") == "joint_ade"),
         named=True,
     )
@@ -63,24 +64,43 @@ def test_what_is_better_is_called_so(folder):
     assert row["seeds"] == 3
 
 
+def changed(folder, change):
+    """Change the rows of the sweep in `folder`."""
+    path = folder / "sweep.json"
+    data = json.loads(path.read_text())
+    for row in data["rows"]:
+        change(row)
+    path.write_text(json.dumps(data))
+
+
+@pytest.mark.parametrize(("seeds", "words"), [(1, "One seed tells"), (2, "Two seeds tell")])
+def test_two_models_are_compared_and_few_seeds_find_nothing(folder, seeds, words):
+    def left(row):
+        if row["training_seed"] in (None, *range(seeds, 3)) or row["model"] == "SGAN":
+            row["training_seed"] = None
+
+    changed(folder, left)
+    text = write_report(folder)
+    assert f"{2 * 2 * seeds} runs, {seeds} seed" in text
+    assert f"**{words} nothing of how much trainings differ" in text
+    assert "\n| NeuroSyM, cnd | −0.09" in text
+    assert "| **−" not in text
+
+
 def test_refusals(folder, tmp_path_factory):
     against_cnd = write_report(folder, against=("cnd",))
     assert "minus NeuroSyM, cnd" in against_cnd
     assert "minus SGAN" not in against_cnd
+    with pytest.raises(InputError, match=r"--against names the model .* there are SGAN; NeuroSyM"):
+        write_report(folder)
     with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN; NeuroSyM"):
         write_report(folder, against=("soft",))
     with pytest.raises(InputError, match=r"must end in \.md"):
         write_report(folder, out=folder / "r.txt")
     with pytest.raises(InputError, match=r"sweep\.json"):
         write_report(tmp_path_factory.mktemp("empty"))
-    path = folder / "sweep.json"
-    data = json.loads(path.read_text())
-    for row in data["rows"]:
-        row["model"] = {"SGAN": "a", "NeuroSyM, ones": "b"}.get(row["model"], row["model"])
-    path.write_text(json.dumps(data))
-    with pytest.raises(InputError, match="--against names the reference; there are a; b; NeuroSyM"):
-        write_report(folder)
-    data["rows"][1]["pred_len"] = 12
-    path.write_text(json.dumps(data))
+    changed(folder, lambda row: row.update(pred_len=8 + 4 * (row["model"] == "SGAN")))
     with pytest.raises(InputError, match=r"\(8, 8\), \(8, 12\).*--pred-len"):
         write_report(folder)
+    with pytest.raises(InputError, match="compares two models or more: there are SGAN"):
+        write_report(folder, pred_len=12)

@@ -1,0 +1,170 @@
+"""The options of a command: their list, the short help, and files of them in YAML.
+
+A file has an option on each line, `pred_len: 12`, lists for several values and, instead of a list
+of NAME=VALUE, a table.
+"""
+
+import ast
+import dataclasses
+import difflib
+import importlib.metadata
+import inspect
+import itertools
+import re
+import shutil
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
+
+import yaml
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.plugins import loaded
+
+__all__ = ["as_arguments", "every_option", "given", "options_text", "short_help", "with_file"]
+
+PLUGIN = "--plugin FILE.py|MODULE"
+
+
+def short_help(options: type, prog: str) -> str:
+    """About a screen of text on `options`, the dataclass of a command.
+
+    Fields that are dataclasses are groups, whose options are only named.
+    """
+    width = min(shutil.get_terminal_size().columns, 100)
+    found = sorted(every_option(options), key=lambda option: option[1].startswith("--"))
+    positional = [flag for _, flag, _ in found if not flag.startswith("--")]
+    text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), ""]
+    text += [*inspect.cleandoc(options.__doc__ or "").splitlines(), ""]
+    groups: dict[str, list[str]] = {}
+    for group, flag, meaning in [*found, ("", PLUGIN, "Your own file or module, imported first")]:
+        if group:
+            groups.setdefault(group, []).append(flag.split(" ")[0])
+            continue
+        sentence = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
+        text += textwrap.wrap(f"  {flag:26}  {sentence}.", width, subsequent_indent=" " * 30)
+    for group, flags in groups.items():
+        names = f"{group}: {', '.join(flags)}"
+        text += ["", *textwrap.wrap(names, width, break_on_hyphens=False)]
+    return "\n".join([*text, "", f"`{prog} --help-all` explains every option."])
+
+
+def every_option(
+    options: type, group: str = "", prefix: str = ""
+) -> Iterator[tuple[str, str, str]]:
+    """Group, `--name VALUE` (without dashes if positional) and meaning of each option."""
+    hints = get_type_hints(options, include_extras=True)
+    meaning = dict(_documented(options))
+    for field in dataclasses.fields(options):
+        hint = hints[field.name]
+        kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+        marks = getattr(hint, "__metadata__", ())
+        if dataclasses.is_dataclass(kind):
+            flat = any("prefix" in str(mark).lower() for mark in marks)
+            yield from every_option(kind, field.name, "" if flat else f"{field.name}.")  # pyright: ignore
+            continue
+        flag = field.name.upper()
+        if not any("positional" in str(mark).lower() for mark in marks):
+            value = next((m.metavar for m in marks if getattr(m, "metavar", None)), _value(kind))
+            flag = f"--{(prefix + field.name).replace('_', '-')} {value}".rstrip()
+        yield group, flag, meaning.get(field.name, "")
+
+
+def _value(kind: Any) -> str:
+    """What stands for a value of this type."""
+    if get_origin(kind) is Literal:
+        return "|".join(map(str, get_args(kind)))
+    inner = [each for each in get_args(kind) if each not in (type(None), Ellipsis)]
+    if inner:
+        return _value(inner[0]) + (" ..." if get_origin(kind) is tuple else "")
+    names = {bool: "", int: "N", float: "NUMBER", str: "VALUE"}
+    return names.get(kind, getattr(kind, "__name__", "").upper())
+
+
+def _documented(options: type) -> Iterator[tuple[str, str]]:
+    """Name and docstring of each field, those of base classes first."""
+    for each in reversed(options.__mro__):
+        if not dataclasses.is_dataclass(each):
+            continue
+        (definition,) = ast.parse(inspect.cleandoc("\n" + inspect.getsource(each))).body
+        for field, text in itertools.pairwise(definition.body):  # pyright: ignore
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                yield field.target.id, " ".join(text.value.value.split())  # pyright: ignore
+
+
+def given(options: Any) -> dict[str, Any]:
+    """The options that differ from their defaults, by name, and the plugins; for YAML."""
+    found: dict[str, Any] = {}
+    for field in dataclasses.fields(options):
+        value = getattr(options, field.name)
+        if dataclasses.is_dataclass(value):
+            found |= given(value)
+        elif value != field.default:
+            plain = value if isinstance(value, bool | int | float) else None
+            several = [str(each) for each in value] if isinstance(value, tuple) else str(value)
+            found[field.name] = several if plain is None else plain
+    return found
+
+
+def options_text(options: Any) -> str:
+    """The YAML file that `with_file` reads as `options` and the plugins loaded."""
+    values = given(options) | ({"plugin": loaded()} if loaded() else {})
+    version = importlib.metadata.version("neurosym-jax")  # Others have other defaults.
+    return f"# neurosym-jax {version}\n{yaml.safe_dump(values, sort_keys=False)}"
+
+
+def as_arguments(options: type, values: Mapping[str, Any], source: str) -> list[str]:
+    """The command line of options by name, whose values are texts, lists or tables.
+
+    Raises:
+        InputError: naming `source`, for an unknown option.
+    """
+    flags = [flag.split() for _, flag, _ in every_option(options) if flag.startswith("--")]
+    known = {flag: kind for flag, *kind in [*flags, PLUGIN.split()]}
+    arguments: list[str] = []
+    for name, value in values.items():
+        flag = f"--{name.replace('_', '-')}"
+        if flag not in known:
+            near = difflib.get_close_matches(flag, known, 1) or [", ".join(known)]
+            raise InputError(f"{source}: unknown option {name!r}: did you mean {near[0]}?")
+        texts: Any = [value] if isinstance(value, str | bool | int | float) else value
+        if isinstance(texts, Mapping):
+            texts = [f"{key}={each}" for key, each in texts.items()]
+        if not known[flag]:
+            arguments.append(flag if str(value).lower() == "true" else f"--no-{flag[2:]}")
+        elif flag == "--plugin":
+            arguments += [part for text in texts for part in (flag, str(text))]
+        else:
+            arguments += [flag, *map(str, texts)]
+    return arguments
+
+
+def with_file(options: type, arguments: Sequence[str]) -> list[str]:
+    """`arguments`, of which the first may name a file of options; those after it override it.
+
+    Raises:
+        InputError: for a file that cannot be read, or an unknown option in it.
+    """
+    if not arguments or not arguments[0].endswith((".yaml", ".yml")):
+        return list(arguments)
+    path, *others = arguments
+    try:
+        values = _plain(yaml.compose(Path(path).read_text(encoding="utf-8"), yaml.SafeLoader))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: must have a line `option: value` for each option")
+    return [*as_arguments(options, values, path), *others]
+
+
+def _plain(node: Any) -> Any:
+    """Texts as they stand in the file, such as 1e-3 and 2020-01-01, in lists and dictionaries."""
+    if isinstance(node, yaml.SequenceNode):
+        return [_plain(each) for each in node.value]
+    if not isinstance(node, yaml.MappingNode):
+        return node and node.value
+    keys = [_plain(key) for key, _ in node.value]
+    if twice := {key for key in keys if keys.count(key) > 1}:
+        raise ValueError(f"the option {min(twice)!r} stands twice")
+    return {key: _plain(value) for key, (_, value) in zip(keys, node.value)}
