@@ -75,8 +75,7 @@ def fill(grid, forecast):
 
 def of_bag(source, target):
     """Every forecast of a bag as a costmap in another; milliseconds that each took."""
-    from neurosym_robot.ros.bag_writer import BagWriter
-    from neurosym_robot.ros.bags import read_messages
+    from neurosym_robot.ros.bags import BagWriter, read_messages
 
     took = []
     with BagWriter(target) as bag:

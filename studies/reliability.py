@@ -21,8 +21,7 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.frames import frames_of_tracks
-from neurosym_robot.ros.bag_writer import BagWriter
-from neurosym_robot.ros.bags import read_people
+from neurosym_robot.ros.bags import BagWriter, read_people
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS
 from neurosym_robot.ros.messages import make_people
 

@@ -1,26 +1,31 @@
-"""Options of every command on a stream of people, and the objects that they configure."""
+"""Options of every command on a stream of people, and the objects that they configure.
+
+Parameters of ROS are options, too: `samples: 4` is `--samples 4`, a list is several values, and
+`links: {max_gap: 3}` is `--links.max-gap 3`. An option on the command line overrides a parameter.
+"""
 
 import dataclasses
 import functools
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.dashboard import Dashboard
-from neurosym_robot.dashboard.floor_map import read_floor_map
-from neurosym_robot.dashboard.moments import Moments
+from neurosym_robot.dashboard import Dashboard, View
+from neurosym_robot.dashboard.moments import Moments, read_floor_map
 from neurosym_robot.online.compilation import When
 from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
-from neurosym_robot.ros.source import REACH, PeopleSource
+from neurosym_robot.ros.people import REACH, PeopleSource
 from neurosym_robot.tracking.stitching import LinkOptions, OnlineStitcher
 
-__all__ = ["LiveOptions", "NodeOptions"]
+__all__ = ["NAME", "LiveOptions", "NodeOptions", "as_options", "value_of"]
+
+NAME = "neurosym_jax"  # of a node
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -92,21 +97,21 @@ class LiveOptions:
 
     def moments(self, predictor: Predictor, title: str) -> Moments:
         """The lines of JSON of this predictor's stream; InputError if the map cannot be read."""
-        floor_map = None if self.map is None else read_floor_map(self.map)
+        floor_map = read_floor_map(self.map) if self.map else None
         return Moments(predictor, title=title, floor_map=floor_map, at_least=self.at_least)
 
-    def page(self, predictor: Predictor, title: str) -> Dashboard | None:
-        """The page, served, if the options ask for it; InputError if its address is not free."""
+    def views(self, predictor: Predictor, title: str) -> list[View]:
+        """What shows the stream live, if the options ask for it; InputError if it cannot."""
         if not self.dashboard:
-            return None
-        return Dashboard(self.moments(predictor, title), self.host, self.port)
+            return []
+        return [Dashboard(self.moments(predictor, title), self.host, self.port)]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class NodeOptions(LiveOptions):
     """Options of the nodes of ROS 1 and ROS 2."""
 
-    name: str = "neurosym_jax"
+    name: str = NAME
     """Name of this node; on ROS 1 in $ROS_NAMESPACE, if that is set."""
     status: float = 10.0
     """Seconds between status lines; 0 for none."""
@@ -120,14 +125,37 @@ class NodeOptions(LiveOptions):
         return {**options, "source": self.source(report), "stitcher": self.stitcher()}
 
     def forecast(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
-        """Run a node until interrupted, with its page if there is one; then print its summary."""
+        """Run a node until interrupted, with what shows it; then print its summary."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: node.stopped.set())
-        node.dashboard = self.page(node.predictor, self.name)
-        if node.dashboard is not None:
-            report(f"the page is at {node.dashboard.url}")
+        node.views = self.views(node.predictor, self.name)
+        for view in node.views:
+            report(f"{view.title} {view.where}")
         node.run()
-        if node.dashboard is not None:
-            node.dashboard.close()
+        for view in node.views:
+            view.close()
         node.analytics.finish()
         print(node.status.table())
+
+
+def value_of(arguments: Sequence[str], option: str, otherwise: str) -> str:
+    """The value of an option before options are read."""
+    for place, argument in enumerate(arguments):
+        name, equals, value = argument.partition("=")
+        if name == option:
+            otherwise = value if equals else " ".join(arguments[place + 1 : place + 2])
+    return otherwise
+
+
+def as_options(parameters: Any, within: str = "") -> Iterator[str]:
+    """The parameters of a node as options of a command line."""
+    for key, value in parameters.items() if isinstance(parameters, Mapping) else ():
+        option = within + key.replace("_", "-")
+        if isinstance(value, Mapping):
+            yield from as_options(value, f"{option}.")
+        elif isinstance(value, bool):
+            yield f"--{option}" if value else f"--no-{option}"
+        elif isinstance(value, str | int | float):
+            yield f"--{option}={value}"
+        elif value:  # A list; an empty one is an option that is not given.
+            yield from (f"--{option}", *map(str, value))

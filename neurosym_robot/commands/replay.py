@@ -6,6 +6,7 @@ import math
 import signal
 import threading
 import warnings
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,12 +15,12 @@ import tyro
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.errors import InputWarning
 from neurosym_robot.commands._live_options import LiveOptions
-from neurosym_robot.dashboard import ReplayFile
+from neurosym_robot.dashboard import ReplayFile, View
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.replay import replay
 from neurosym_robot.online.status import Status
-from neurosym_robot.ros.bag_writer import ForecastBag
 from neurosym_robot.ros.bags import read_frames
+from neurosym_robot.ros.forecasting_node import ForecastBag
 
 __all__ = ["Options", "run"]
 
@@ -59,43 +60,34 @@ def run(options: Options) -> None:
         analytics = Analytics(predictor)
         status = Status(predictor, analytics, warn, counts=lambda: source.refused)
         files = stack.enter_context(contextlib.ExitStack())
-        bag = page = None
+        written: list[View] = []
         if options.out is not None:
-            bag = ForecastBag(options.out, predictor.window.period, source, options.at_least)
-            files.callback(bag.close)
+            bag = ForecastBag(options.out, predictor, source, options.at_least)
+            written.append(files.enter_context(closing(bag)))
         if options.html is not None:
             page = ReplayFile(options.html, options.moments(predictor, title))
-            files.callback(page.close)
-        dashboard = options.page(predictor, title)
-        if dashboard is not None:
-            stack.callback(dashboard.close)
-            print(f"the page is at {dashboard.url}", flush=True)
-        views = [each for each in (page, dashboard) if each is not None]
-        stitcher, speed = options.stitcher(), math.inf if rate == "max" else rate
-        events = replay(
-            frames, predictor, analytics, rate=speed, stitcher=stitcher, robot=source.robot
-        )
+            written.append(files.enter_context(closing(page)))
+        live = [stack.enter_context(closing(view)) for view in options.views(predictor, title)]
+        for view in live:
+            print(f"{view.title} {view.where}", flush=True)
+        how = {"stitcher": options.stitcher(), "robot": source.robot}
+        speed = math.inf if rate == "max" else rate
         try:
-            for event in events:
+            for event in replay(frames, predictor, analytics, rate=speed, **how):
                 if event.forecast is not None:
                     status.published(event.age)
-                if bag is not None:
-                    bag.add(event)
-                for each in views:
-                    each.show(event, status.now(), source.robot(event.frame.stamp))
+                for view in (*written, *live):
+                    view.show(event, status.now(), source.robot(event.frame.stamp))
         except KeyboardInterrupt:
             print("interrupted; until then:")
-        for done in analytics.finish():
-            if bag is not None:
-                bag.score(done)
-        for each in views:
-            each.end(analytics.summary())
+        scored = analytics.finish()
+        for view in (*written, *live):
+            view.end(analytics.summary(), scored)
         print(status.table(), flush=True)
         files.close()
-        for written in (bag, page):
-            if written is not None:
-                print(f"forecasts are in {written.path}", flush=True)
-        if dashboard is not None:
-            print(f"the page stays at {dashboard.url} until interrupted", flush=True)
+        for view in written:
+            print(f"{view.title} {view.where}", flush=True)
+        if live:
+            print("live until interrupted", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()

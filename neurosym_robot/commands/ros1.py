@@ -3,14 +3,42 @@
 import dataclasses
 import functools
 import sys
+from collections.abc import Sequence
 
-from neurosym_robot.commands._live_options import NodeOptions
-from neurosym_robot.commands._ros_arguments import ros1_arguments
+from neurosym_jax.errors import InputError
+from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options, value_of
 from neurosym_robot.ros.ros1 import ForecastNode
+from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node_name
 
 __all__ = ["PREPARE", "Options", "run"]
 
-PREPARE = ros1_arguments
+
+def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
+    """`a:=b` as `--remap a:=b`, `__name:=` as `--name`, and the master's parameters as options.
+
+    Raises:
+        InputError: if a node that roslaunch started cannot get its parameters from the master.
+    """
+    if {"-h", "--help", "--help-all"} & set(arguments):
+        return list(arguments)
+    assigned = [text for text in arguments if ":=" in text and not text.startswith("-")]
+    names = [text.removeprefix("__name:=") for text in assigned if text.startswith("__name:=")]
+    rest = [text for text in arguments if text not in assigned]
+    rest += [f"--name={name}" for name in names]
+    # Others that begin so, such as `__log`, are for other clients.
+    remaps = [text for text in assigned if not text.startswith("_")]
+    node = node_name(value_of(rest, "--name", NAME))
+    master, found = master_uri(value_of(rest, "--master", "")), {}
+    try:
+        found = call(master, "getParam", node, node)
+    except CallError as error:
+        # An answer that refuses says that the node has no parameters.
+        if names and not isinstance(error, Refused):
+            raise InputError(f"the master at {master} tells no parameters: {error}") from None
+    return [*as_options(found), *rest, *(["--remap", *remaps] if remaps else [])]
+
+
+PREPARE = arguments_of_ros
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -5,18 +5,32 @@
 
 import dataclasses
 import shlex
+from collections.abc import Sequence
 from typing import Literal
 
-from neurosym_robot.commands._live_options import NodeOptions
-from neurosym_robot.commands._ros_arguments import ros2_arguments
+from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options, value_of
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS
 from neurosym_robot.ros.people import KINDS
-from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type
+from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type, node_parameters
 
 __all__ = ["PREPARE", "Options", "run"]
 
-PREPARE = ros2_arguments
 Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"]
+
+
+def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
+    """The part between `--ros-args` and `--` as one option, and its parameters as options."""
+    rest, told = list(arguments), []
+    while "--ros-args" in rest:
+        begin = rest.index("--ros-args")
+        end = rest.index("--", begin) if "--" in rest[begin:] else len(rest)
+        told += rest[begin + 1 : end]
+        del rest[begin : end + 1]
+    found = node_parameters(told, value_of(rest, "--name", NAME)) if told else {}
+    return [*as_options(found), *rest, *([f"--ros-args={shlex.join(told)}"] if told else [])]
+
+
+PREPARE = arguments_of_ros
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import contextlib
 import functools
 import hashlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,10 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.dashboard.server import PageServer
+from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import ReplayEvent
 
-__all__ = ["Dashboard", "ReplayFile"]
+__all__ = ["Dashboard", "ReplayFile", "View"]
 
 # In the order in which they build on each other; together they are one module.
 SCRIPTS = ("recording.js", "stage.js", "panels.js", "app.js")
@@ -51,26 +52,47 @@ def _digest(text: str) -> str:
 
 
 class View:
-    """Shows a stream frame by frame; a subclass writes the lines of `Moments`."""
+    """Shows a stream frame by frame, until it is closed."""
 
-    _moments: Moments
-    _write: Callable[[str], object]
+    title: str
+    where: str
+    """What it is, such as "the page is at", and its address or file."""
 
     def show(
         self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
     ) -> None:
-        """Show a frame; the arguments are those of `Moments.moment`."""
+        """Show a frame; `now` is `Status.now()`, `robot` [3] metres, metres, radians."""
+
+    def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
+        """Show the final `Analytics.summary()`, and the last forecasts that were scored."""
+
+    def close(self) -> None:
+        """Stop showing."""
+
+
+class Page(View):
+    """A view of the lines of `Moments`."""
+
+    def __init__(self, moments: Moments, write: Callable[[str], object]):
+        self._moments, self._write = moments, write
+
+    def show(
+        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
+    ) -> None:
+        """Write the line of a frame."""
         line = self._moments.moment(event, now, robot)
         if line is not None:
             self._write(line)
 
-    def end(self, score: Mapping[str, Any]) -> None:
-        """Show the final score; nothing more will be shown."""
+    def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
+        """Write the last line; what was shown can still be looked at."""
         self._write(self._moments.ending(score))
 
 
-class Dashboard(View):
+class Dashboard(Page):
     """Serves the page until `close`; call `show` every frame."""
+
+    title = "the page is at"
 
     def __init__(self, moments: Moments, host: str = "127.0.0.1", port: int = 8765):
         """Serve in background threads at a name or address; port 0 is any free one.
@@ -78,23 +100,18 @@ class Dashboard(View):
         Raises:
             InputError: if the address cannot be used.
         """
-        self._moments = moments
         try:
             self._server = PageServer((host, port), "".join(page_parts()), moments.introduction)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"cannot serve at {host}, port {port} ({reason})") from None
-        self._write = lambda line: self._server.stream.append(line.encode())
+        super().__init__(moments, lambda line: self._server.stream.append(line.encode()))
         self._server.start()
+        there, free = map(str, self._server.server_address[:2])
+        there = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(there, there)
+        self.where = f"http://[{there}]:{free}/" if ":" in there else f"http://{there}:{free}/"
 
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        host, port = self._server.server_address[:2]
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(str(host), str(host))
-        return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
-
-    def end(self, score: Mapping[str, Any]) -> None:
+    def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
         """Show the final score; what was shown can still be looked at."""
         super().end(score)
         self._server.stream.end()
@@ -105,8 +122,10 @@ class Dashboard(View):
         self._server.close()
 
 
-class ReplayFile(View):
+class ReplayFile(Page):
     """The page with its data inside, written frame by frame; in its place once it is closed."""
+
+    title = "forecasts are in"
 
     def __init__(self, path: Path, moments: Moments):
         """Begin the file.
@@ -118,10 +137,10 @@ class ReplayFile(View):
             raise InputError(f"{path}: a replay is written as .html")
         if os.path.exists(path):
             raise InputError(f"{path}: already there, and nothing is overwritten")
-        self.path, self._moments, self._files = path, moments, contextlib.ExitStack()
+        self.where, self._files = str(path), contextlib.ExitStack()
         beside = self._files.enter_context(new_file(path))
         file = self._files.enter_context(beside.open("w", encoding="utf-8"))
-        self._write = functools.partial(print, file=file)
+        super().__init__(moments, functools.partial(print, file=file))
         self._write(page_parts()[0])
         self._write(moments.introduction)
 

@@ -17,12 +17,15 @@ A moment has
 The last line has the final `score` alone.
 """
 
+import base64
 import collections
 import functools
+import io
 import itertools
 import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -30,6 +33,7 @@ import numpy as np
 
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.data.tracks import LATE, SNAP
+from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
@@ -40,12 +44,14 @@ from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
 
-__all__ = ["MAX_NAMED", "Moments", "PairSymbols"]
+__all__ = ["MAX_NAMED", "UNKNOWN", "Moments", "PairSymbols", "read_floor_map"]
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
 MAX_LIKELY = 16  # events told of a forecast
 # Seconds on the page between what was before the clock was set back and what comes after.
 BREAK = 60.0
+LARGEST = 4096  # pixels along a side; larger maps are shown coarser
+UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
 
 class PairSymbols:
@@ -200,3 +206,45 @@ def _json(value: Any) -> str:
     """One line that can stand in an HTML script, which `<` could end."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c")
+
+
+def read_floor_map(path: Path) -> dict[str, Any]:
+    """A map as ROS's map_server saves it: a `.yaml` file that names an image.
+
+    Returns:
+        `image`, a PNG as data URL whose opacity is how occupied a cell is; `width` and `height`
+        [m]; and `origin` [x, y, yaw] of the lower left corner in metres and radians.
+
+    Raises:
+        InputError: naming the file and what is wrong with it.
+    """
+    import yaml
+    from PIL import Image
+
+    try:
+        said = {"negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.196}
+        said |= yaml.safe_load(path.read_text())
+        resolution = float(said["resolution"])
+        x, y, yaw = map(float, said["origin"])
+        if not (resolution > 0 and np.isfinite([resolution, x, y, yaw]).all()):
+            raise ValueError("resolution must be positive and the origin finite")
+        with Image.open(path.parent / str(said["image"])) as image:
+            grey = np.asarray(image.convert("L"), np.float64) / 255
+        chance = grey if int(said["negate"]) else 1 - grey
+        free = np.where(chance < float(said["free_thresh"]), 0, UNKNOWN)
+        opacity = np.where(chance > float(said["occupied_thresh"]), 255, free)
+    except (OSError, ValueError, TypeError, LookupError, yaml.YAMLError) as error:
+        reason = f"not a map with image, resolution and origin ({' '.join(str(error).split())})"
+        raise InputError(f"{path}: {reason}") from None
+    alpha = Image.fromarray(opacity.astype(np.uint8))
+    alpha.thumbnail((LARGEST, LARGEST))
+    picture = Image.new("LA", alpha.size)
+    picture.putalpha(alpha)
+    file = io.BytesIO()
+    picture.save(file, "PNG", optimize=True)
+    return {
+        "image": "data:image/png;base64," + base64.b64encode(file.getvalue()).decode(),
+        "width": round(grey.shape[1] * resolution, 6),
+        "height": round(grey.shape[0] * resolution, 6),
+        "origin": [x, y, yaw],
+    }

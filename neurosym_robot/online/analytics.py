@@ -29,8 +29,8 @@ class Analytics:
         self.dropped: collections.Counter[str] = collections.Counter()
         """People without a forecast by reason, once for each forecast that they are missing in;
         and people with a forecast that cannot be scored: "future unknown"."""
-        self._scored: dict[str, collections.Counter[str]] = {}  # forecasts and people, by model
-        self._sums: dict[str, dict[str, np.ndarray]] = {}  # [2, ...] total and count of metrics
+        self._sums: dict[str, dict[str, Any]] = {}
+        """Of each model: forecasts and people scored, and [2, ...] total and count of metrics."""
         self._window = predictor.window
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
@@ -71,11 +71,11 @@ class Analytics:
     def summary(self) -> dict[str, Any]:
         """JSON-able counts, and means in metres or None before the first."""
         models = {}
-        for name, scored in self._scored.items():
-            means: dict[str, Any] = dict.fromkeys(metric_names())
-            for metric, (total, count) in self._sums.get(name, {}).items():
-                means[metric] = (total / count).tolist() if count.any() else None
-            models[name] = {"forecasts": scored["forecasts"], "people": scored["people"], **means}
+        for name, sums in self._sums.items():
+            models[name] = {"forecasts": sums["forecasts"], "people": sums["people"]}
+            for metric in metric_names():
+                total, count = sums.get(metric, np.zeros(2))
+                models[name][metric] = (total / count).tolist() if count.any() else None
         return {
             "forecasts": self.forecasts,
             "pending": len(self._pending),
@@ -94,17 +94,16 @@ class Analytics:
         samples[STRAIGHT] = np.repeat(going_on[None], len(next(iter(samples.values()))), axis=0)
         for name, each in samples.items():
             length = each.shape[2]
-            scored = self._scored.setdefault(name, collections.Counter())
+            sums = self._sums.setdefault(name, {"forecasts": 0, "people": 0})
             there = known[:, :length].all(axis=1)
-            if there.any():
-                scored.update(forecasts=1, people=int(there.sum()))
-                sums = self._sums.setdefault(name, {})
-                for metric, one in score(each, future[:, :length], there).items():
-                    both = np.stack(np.broadcast_arrays(one.total[0], one.count[0]))
-                    sums[metric] = sums.get(metric, 0.0) + both.astype(np.float64)
+            found = score(each, future[:, :length], there) if there.any() else {}
+            new: dict[str, Any] = {"forecasts": int(there.any()), "people": int(there.sum())}
+            for metric, one in found.items():
+                both = np.stack(np.broadcast_arrays(one.total[0], one.count[0]))
+                new[metric] = both.astype(np.float64)
+            sums |= {metric: sums.get(metric, 0) + value for metric, value in new.items()}
         unknown = int((~known.all(axis=1)).sum())
-        if unknown:
-            self.dropped["future unknown"] += unknown
+        self.dropped.update({"future unknown": unknown} if unknown else {})
         return dataclasses.replace(forecast, future=future)
 
 

@@ -22,7 +22,7 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.compilation import Programs, When
-from neurosym_robot.online.window import Health, Window, nearest_first
+from neurosym_robot.online.window import Window, nearest_first
 
 __all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor", "load_models"]
 
@@ -109,8 +109,8 @@ class Predictor:
         self.seconds_ahead = period * max(each.config.pred_len for each in self.models.values())
         """Seconds from the newest frame to the end of the longest forecast."""
         self.window = Window(lengths.pop(), period, memory=self.seconds_ahead + GRACE, **window)
-        self.health: Health = self.window.health
-        """Counts of what was wrong with the stream so far."""
+        self.health = self.window.health
+        """Counts of what was wrong with the stream so far, by the names in `window.HEALTH`."""
         self.max_people, self.recording = max_people, recording
         self.dropped: dict[int, str] = {}
         """Why people who are followed have no forecast of the newest frame: "short" of

@@ -5,7 +5,6 @@ published, by ROS's clock.
 """
 
 import collections
-import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -103,8 +102,7 @@ class Status:
 
     def wrong(self) -> dict[str, int]:
         """Counts of problems so far, by name in words, without zeros."""
-        health = dataclasses.asdict(self._predictor.health)
-        counts = {"skipped": self.skipped, **health, **self._counts(), "frames": 0}
+        counts = {"skipped": self.skipped, **self._predictor.health, **self._counts(), "frames": 0}
         return {name.replace("_", " "): count for name, count in counts.items() if count}
 
     def now(self) -> dict[str, Any]:
@@ -128,64 +126,61 @@ class Status:
 
     def line(self) -> str:
         """The status line."""
-        summary = self._analytics.summary()
-        parts = [f"{self._predictor.health.frames} frames, {summary['forecasts']} forecasts"]
-        if math.isnan(self._newest):
-            parts.append("no people yet")
-        elif self.stale:
-            parts.append(f"stale for {self.age - self.offset:.0f} s")
-        parts += self._ages_in_words()
-        parts += [
+        old, summary = "", self._analytics.summary()
+        if self.stale:
+            late = f"stale for {self.age - self.offset:.0f} s"
+            old = "no people yet" if math.isnan(self._newest) else late
+        errors = (
             f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
             for name, means in summary["models"].items()
             if means["people"]
-        ]
-        wrong = _counted(self.wrong())
-        return "; ".join([*parts, wrong] if wrong else parts)
+        )
+        parts = [self._counted(summary), old, self._ages_in_words(), *errors, _listed(self.wrong())]
+        return "; ".join(filter(None, parts))
 
     def table(self) -> str:
         """The stream and its errors, at the end: several lines."""
-        summary, health = self._analytics.summary(), self._predictor.health
-        nobody = "no person's forecast could be compared with what happened"
-        if not summary["forecasts"]:
-            nobody = "nobody was seen for a whole observation window"
+        summary = self._analytics.summary()
         models = {name: means for name, means in summary["models"].items() if means["people"]}
+        nobody = "  no person's forecast could be compared with what happened"
+        if not summary["forecasts"]:
+            nobody = "  nobody was seen for a whole observation window"
         lines = [
-            f"{health.frames} frames, {summary['forecasts']} forecasts; metres",
-            *(_table(models) if models else [f"  {nobody}"]),
-            *self._ages_in_words(),
+            f"{self._counted(summary)}; metres",
+            *(_table(models) if models else [nobody]),
+            self._ages_in_words(),
+            _listed(summary["dropped"], "people without a forecast or a score: "),
+            _listed(self.wrong(), "wrong with the stream: "),
         ]
-        missing, wrong = _counted(summary["dropped"]), _counted(self.wrong())
-        lines += [f"people without a forecast or a score: {missing}"] if missing else []
-        return "\n".join([*lines, f"wrong with the stream: {wrong}"] if wrong else lines)
+        return "\n".join(filter(None, lines))
 
-    def _ages_in_words(self) -> list[str]:
+    def _counted(self, summary: Mapping[str, Any]) -> str:
+        return f"{self._predictor.health['frames']} frames, {summary['forecasts']} forecasts"
+
+    def _ages_in_words(self) -> str:
         if not self._ages:
-            return []
+            return ""
         p50, p99 = 1e3 * np.percentile(self._ages, (50, 99))
         offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
-        return [f"age of information p50 {p50:.1f} ms, p99 {p99:.1f} ms{offset}"]
+        return f"age of information p50 {p50:.1f} ms, p99 {p99:.1f} ms{offset}"
 
 
-def _counted(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items())
+def _listed(counts: Mapping[str, int], title: str = "") -> str:
+    """Counts in one line; empty without any."""
+    text = ", ".join(f"{name} {count}" for name, count in counts.items())
+    return text and title + text
 
 
 def _table(models: dict[str, dict[str, Any]]) -> list[str]:
     """Lines of a table: models in rows, metrics with a single number in columns."""
-    names = [
-        name
-        for name in metric_names()
-        if not any(isinstance(means[name], list) for means in models.values())
-    ]
-    rows = [("", *(METRICS[name].title.rpartition(" ")[n] for name in names)) for n in (0, 2)]
-    rows = [(*rows[0], "people"), (*rows[1], "scored")]
-    for model, means in models.items():
-        cells = [METRICS[name].text(means[name]) for name in names]
-        rows.append((model, *cells, str(means["people"])))
-    first, *widths = [max(map(len, column)) for column in zip(*rows)]
+    means = list(models.values())
+    names = [name for name in metric_names() if not isinstance(means[0][name], list)]
+    titles = [METRICS[name].title.rpartition(" ") for name in names]
+    rows = [("", *(title[n] for title in titles), end) for n, end in ((0, "people"), (2, "scored"))]
+    for model, of in models.items():
+        rows.append((model, *(METRICS[name].text(of[name]) for name in names), str(of["people"])))
+    widths = [max(map(len, column)) for column in zip(*rows)]
     return [
-        f"  {row[0]:{first}}  "
-        + "  ".join(f"{text:>{width}}" for text, width in zip(row[1:], widths))
+        "  " + "  ".join(f"{text:{'>' if n else '<'}{widths[n]}}" for n, text in enumerate(row))
         for row in rows
     ]

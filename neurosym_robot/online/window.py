@@ -5,7 +5,7 @@ lies linearly between a person's two neighbouring observations, at most `max_gap
 later than the newest frame exists here. Time is that of the messages' headers.
 """
 
-import dataclasses
+import collections
 import math
 
 import numpy as np
@@ -15,25 +15,24 @@ from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import FAR, is_jump
 
-__all__ = ["Health", "Window", "nearest_first"]
+__all__ = ["HEALTH", "Window", "nearest_first"]
 
 
-@dataclasses.dataclass
-class Health:
-    """Counts of what was wrong with a stream so far."""
-
-    frames: int = 0  # pushed, including those refused
-    bad_stamps: int = 0  # frames refused: the stamp is not a usable number
-    duplicate_stamps: int = 0  # frames refused: same stamp as the frame before
-    backward_stamps: int = 0  # frames refused: older than the newest by less than `reset_after`
-    clock_resets: int = 0  # times the clock went back by more, and everything was forgotten
-    pauses: int = 0  # gaps between frames longer than `max_gap`
-    duplicate_ids: int = 0  # people refused: the id is in the frame already
-    bad_positions: int = 0  # people refused: a coordinate is not finite
-    far_positions: int = 0  # people left out: a coordinate is 3000 m or beyond
-    jumps: int = 0  # people faster than 5 m/s, who begin a new track
-    refused: int = 0  # people refused: `max_tracks` are followed already
-    forgotten: int = 0  # tracks not seen for `timeout`
+HEALTH = {
+    "frames": "pushed, including those refused",
+    "bad_stamps": "frames refused: the stamp is not a usable number",
+    "duplicate_stamps": "frames refused: same stamp as the frame before",
+    "backward_stamps": "frames refused: older than the newest by less than `reset_after`",
+    "clock_resets": "times the clock went back by more, and everything was forgotten",
+    "pauses": "gaps between frames longer than `max_gap`",
+    "duplicate_ids": "people refused: the id is in the frame already",
+    "bad_positions": "people refused: a coordinate is not finite",
+    "far_positions": "people left out: a coordinate is 3000 m or beyond",
+    "jumps": "people faster than 5 m/s, who begin a new track",
+    "refused": "people refused: `max_tracks` are followed already",
+    "forgotten": "tracks not seen for `timeout`",
+}
+"""What `Window.health` counts of a stream so far."""
 
 
 class Window:
@@ -73,8 +72,7 @@ class Window:
             )
         self.steps, self.period, self.max_gap = steps, float(period), max_gap
         self.timeout, self.reset_after, self.max_tracks = timeout, reset_after, max_tracks
-        self.hold = hold
-        self.health = Health()
+        self.hold, self.health = hold, collections.Counter(dict.fromkeys(HEALTH, 0))
         self._kept = timeout + max(steps * period + hold, memory) + max_gap
         self._clear()
 
@@ -103,11 +101,11 @@ class Window:
             raise InputError(f"a frame is ids [N] and xy [N, 2], not {ids.shape} and {xy.shape}")
         if len(ids) and ids.dtype.kind not in "iu":
             raise InputError(f"ids must be whole numbers, not {ids.dtype}")
-        self.health.frames += 1
+        self.health["frames"] += 1
         if not self._accept(float(stamp)):
             return False
         there = self.stamp - self._last() <= self.timeout
-        self.health.forgotten += int((~there).sum())
+        self.health["forgotten"] += int((~there).sum())
         self._ids, self._places = self._ids[there], self._places[:, there]
         ids, xy = self._clean(ids, xy)
         followed = self._followed(ids, xy, focus)
@@ -183,42 +181,40 @@ class Window:
 
     def _accept(self, stamp: float) -> bool:
         """Whether this frame is the next; clears everything if the clock was set back."""
-        health = self.health
+        back, wrong = self.stamp - stamp, ""
         if not abs(stamp) < LATE:
-            health.bad_stamps += 1
+            wrong = "bad_stamps"
+        elif 0 <= back < self.reset_after:
+            wrong = "backward_stamps" if back else "duplicate_stamps"
+        if wrong:
+            self.health[wrong] += 1
             return False
-        if stamp == self.stamp:
-            health.duplicate_stamps += 1
-            return False
-        if stamp < self.stamp:
-            if self.stamp - stamp < self.reset_after:
-                health.backward_stamps += 1
-                return False
-            health.clock_resets += 1
+        if back > 0:
+            self.health["clock_resets"] += 1
             self._clear()
-        elif stamp - self.stamp > self.max_gap + 2 * SNAP and math.isfinite(self.stamp):
-            health.pauses += 1
+        elif self.max_gap + 2 * SNAP < -back < math.inf:
+            self.health["pauses"] += 1
         self.stamp = stamp
         return True
 
     def _clean(self, ids: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The people of a frame whose id and position can be used."""
-        health = self.health
         ids, xy = ids.astype(np.int64), xy.reshape(-1, 2)
         finite, near = np.isfinite(xy).all(axis=1), (np.abs(xy) < FAR).all(axis=1)
-        health.bad_positions += int((~finite).sum())
-        health.far_positions += int((finite & ~near).sum())
-        ids, xy = ids[near], xy[near]
-        unique, first = np.unique(ids, return_index=True)
-        health.duplicate_ids += len(ids) - len(unique)
-        return unique, xy[first]
+        unique, first = np.unique(ids[near], return_index=True)
+        self.health.update(
+            bad_positions=int((~finite).sum()),
+            far_positions=int((finite & ~near).sum()),
+            duplicate_ids=int(near.sum()) - len(unique),
+        )
+        return unique, xy[near][first]
 
     def _followed(self, ids: np.ndarray, xy: np.ndarray, focus: ArrayLike | None) -> np.ndarray:
         """[N] bool: who of a frame is followed: all who were, and as many newcomers as fit."""
         followed = np.isin(ids, self._ids)
         new, room = np.flatnonzero(~followed), self.max_tracks - len(self._ids)
         if len(new) > room:
-            self.health.refused += len(new) - room
+            self.health["refused"] += len(new) - room
             order = nearest_first(xy, focus)
             new = order[~followed[order]][:room]
         followed[new] = True
@@ -236,7 +232,7 @@ class Window:
         # The distance is NaN for newcomers.
         moved = np.linalg.norm(xy - places[last, here], axis=1)
         jumped = (gap <= self.max_gap + 2 * SNAP) & is_jump(moved, gap)
-        self.health.jumps += int(jumped.sum())
+        self.health["jumps"] += int(jumped.sum())
         places[:, here[jumped]] = np.nan
         places[-1, here] = xy
         stamps = np.append(self._stamps, self.stamp)

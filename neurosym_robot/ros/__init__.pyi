@@ -1,4 +1,4 @@
-from .bag_writer import BagWriter as BagWriter
+from .bags import BagWriter as BagWriter
 from .bags import read_frames as read_frames
 from .bags import read_people as read_people
 from .messages import forecast_message as forecast_message

@@ -1,7 +1,7 @@
-"""Bags read without ROS: ROS 1 `.bag`, ROS 2 sqlite3 and mcap.
+"""Bags read and written without ROS: ROS 1 `.bag`, ROS 2 sqlite3 and mcap.
 
 rosbags is imported when a bag is opened. A bag that was cut short is refused by an error that names
-the tool that mends it. `bag_writer.py` writes bags.
+the tool that mends it.
 """
 
 import dataclasses
@@ -21,12 +21,11 @@ from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.plugin import SUFFIXES, is_bag, topic_of
-from neurosym_robot.ros.definitions import PEOPLE_TOPICS, TF_TOPICS, shared_typestore
-from neurosym_robot.ros.people import KINDS, POSES
-from neurosym_robot.ros.source import PeopleSource
+from neurosym_robot.ros.definitions import PEOPLE_TOPICS, TF_TOPICS, blank, shared_typestore
+from neurosym_robot.ros.people import KINDS, POSES, PeopleSource
 from neurosym_robot.tracking.following import FAR
 
-__all__ = ["read_bag", "read_frames", "read_messages", "read_people"]
+__all__ = ["BagWriter", "read_bag", "read_frames", "read_messages", "read_people"]
 
 TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 
@@ -174,3 +173,65 @@ def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
         choose = "choose one with --format bag,topic=NAME"
         raise InputError(f"{path}: which topic has the people? There are: {there}; {choose}")
     return found[0]
+
+
+class BagWriter:
+    """Writes a new bag; `with BagWriter(path) as bag` closes it whatever happens."""
+
+    def __init__(self, path: Path):
+        """Open `NAME.bag` of ROS 1, or for `NAME.db3` or `NAME.mcap` a folder `NAME` of ROS 2.
+
+        Raises:
+            InputError: for another ending, a bag that exists, or a folder that cannot be written.
+        """
+        path = Path(path)
+        if path.suffix not in SUFFIXES:
+            raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
+        self.ros = 1 if path.suffix == ".bag" else 2
+        self.path = path if self.ros == 1 else path.with_suffix("")
+        if os.path.exists(self.path):
+            raise InputError(f"{self.path}: already there, and nothing is overwritten")
+        self._store = shared_typestore(self.ros)
+        from rosbags import rosbag1, rosbag2
+
+        storage = rosbag2.StoragePlugin
+        plugin = storage.MCAP if path.suffix == ".mcap" else storage.SQLITE3
+        self._writer: Any = (
+            rosbag1.Writer(self.path)
+            if self.ros == 1
+            else rosbag2.Writer(self.path, version=8, storage_plugin=plugin)
+        )
+        self._connections: dict[str, Any] = {}
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer.open()
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror})") from None
+
+    def new(self, kind: str) -> Any:
+        """An empty message, by its type."""
+        return blank(self._store, kind)
+
+    def write(self, topic: str, stamp: float, message: Any) -> None:
+        """Append a message, received at `stamp` seconds.
+
+        Raises:
+            InputError: for a time that ROS has no numbers for, before 1970 or after 2038.
+        """
+        if not 0 <= stamp < 2**31:
+            raise InputError(f"{self.path}: the time {stamp} s does not fit into a bag")
+        kind, store = message.__msgtype__, self._store
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=store)
+        serialise = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
+        self._writer.write(self._connections[topic], round(stamp * 1e9), serialise(message, kind))
+
+    def __enter__(self) -> "BagWriter":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Write index and metadata."""
+        self._writer.close()

@@ -12,7 +12,8 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["Decoder", "blank", "definitions", "ros1_name", "shared_typestore", "typestore"]
+__all__ = ["Decoder", "blank", "definitions", "ros1_name", "seconds_of", "shared_typestore"]
+__all__ += ["typestore"]
 
 PEOPLE = "people_msgs/msg/People"
 HUMANS = "darko_perception_msgs/msg/Humans"
@@ -82,6 +83,11 @@ def blank(store: Any, kind: str) -> Any:
             numbers = node.name == "BASE" and form[0] not in ("string", "bool")
             values.append(np.zeros(length, form[0].replace("octet", "uint8")) if numbers else [])
     return store.types[kind](*values)
+
+
+def seconds_of(stamp: Any) -> float:
+    """Of a message's time."""
+    return stamp.sec + 1e-9 * stamp.nanosec
 
 
 class Decoder:

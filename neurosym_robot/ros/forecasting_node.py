@@ -1,4 +1,4 @@
-"""What the nodes of ROS 1 and ROS 2 share: from messages that wait to the topics of a forecast.
+"""From a forecast to its topics: in a bag, and what the nodes of ROS 1 and ROS 2 share.
 
 Of the messages that wait all are observed, but the newest alone is forecast: under load frames are
 skipped and counted, and nothing queues.
@@ -6,32 +6,39 @@ skipped and counted, and nothing queues.
 
 import abc
 import collections
+import functools
 import itertools
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from neurosym_robot.dashboard import Dashboard
+import numpy as np
+
+from neurosym_robot.dashboard import View
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.pairs import AT_LEAST, compile_events
-from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.replay import advance
+from neurosym_robot.online.predictor import Forecast, Predictor
+from neurosym_robot.online.replay import ReplayEvent, advance
 from neurosym_robot.online.status import STALE_AFTER, Status
-from neurosym_robot.ros.definitions import DIAGNOSTICS, HUMANS_TRAJS, PEOPLE, TRUTH_TOPIC
-from neurosym_robot.ros.messages import (
-    ENDINGS,
-    diagnostics_message,
-    forecast_topic,
-    make_people,
-    makers,
-    truth_message,
+from neurosym_robot.ros.bags import BagWriter
+from neurosym_robot.ros.definitions import (
+    DIAGNOSTICS,
+    HUMANS_TRAJS,
+    MARKERS,
+    PEOPLE,
+    PEOPLE_TOPICS,
+    TF_TOPICS,
+    TRANSFORMS,
+    TRUTH_TOPIC,
 )
-from neurosym_robot.ros.source import PeopleSource
+from neurosym_robot.ros.messages import diagnostics_message, make_people, outputs, truth_message
+from neurosym_robot.ros.people import PeopleSource
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
-__all__ = ["ForecastingNode", "Outlet"]
+__all__ = ["ForecastBag", "ForecastingNode", "Outlet"]
 
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
 SHOW = 0.05  # seconds at least between two moments of the page
@@ -39,11 +46,66 @@ WAITING = 32  # messages of people that wait; of more the oldest are left out
 LAST = 2.0**31 - 1000  # seconds: ROS counts in 32 bits, and forecasts lie ahead
 
 
+class ForecastBag(View):
+    """People, forecasts of every model and what happened, on the robot experiment's topics."""
+
+    title = "forecasts are in"
+
+    def __init__(self, path: Path, predictor: Predictor, source: PeopleSource, at_least: float):
+        """Open the bag, as `BagWriter`; `source` knows the frame of the coordinates."""
+        self._bag, self._source, self._period = BagWriter(path), source, predictor.window.period
+        self.where, self._stamp = str(self._bag.path), 0.0
+        self._outputs = [
+            (model, each)
+            for model in predictor.models
+            for each in outputs(model, at_least)
+            if each.kind != MARKERS
+        ]
+
+    def show(
+        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
+    ) -> None:
+        """Write a frame with its forecast and the futures that it completed."""
+        self._stamp, new = event.frame.stamp, self._bag.new
+        common = self._period, self._source.frame_id or "map"
+        messages = {PEOPLE_TOPICS[0]: make_people(new, event.frame, common[1])}
+        if event.forecast is not None:
+            for model, (topic, _, make) in self._outputs:
+                messages[topic] = make(new, event.forecast, model, *common)
+        for topic, message in messages.items():
+            self._bag.write(topic, self._stamp, message)
+        self._score(event.scored)
+
+    def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
+        """Write the last futures."""
+        self._score(scored)
+
+    def _score(self, scored: Sequence[Forecast]) -> None:
+        for done in scored:
+            frame_id = self._source.frame_id or "map"
+            message = truth_message(self._bag.new, done, self._period, frame_id)
+            if message is not None:
+                self._bag.write(TRUTH_TOPIC, self._stamp, message)
+
+    def close(self) -> None:
+        """Write index and metadata."""
+        self._bag.close()
+
+
 class Outlet(NamedTuple):
     """A topic that we publish."""
 
     send: Callable[[Any], object]
     is_heard: Callable[[], bool]
+
+    def publish(self, make: Callable[..., Any], *arguments: Any) -> None:
+        """Send what `make` returns for the arguments, if it is a message and somebody listens."""
+        message = make(*arguments) if self.is_heard() else None
+        if message is not None:
+            self.send(message)
+
+
+UNHEARD = Outlet(lambda message: None, lambda: False)
 
 
 class ForecastingNode(abc.ABC):
@@ -58,8 +120,12 @@ class ForecastingNode(abc.ABC):
         """An empty message, by its type."""
 
     @abc.abstractmethod
-    def _advertise(self, topic: str, kind: str) -> Outlet | None:
-        """Publish a topic of a type; None if there is no such type."""
+    def _advertise(self, topic: str, kind: str) -> Outlet:
+        """Publish a topic of a type; `UNHEARD` if there is no such type."""
+
+    @abc.abstractmethod
+    def _listen(self, topic: str, kind: str, hear: Callable[[Any], None]) -> None:
+        """Subscribe to messages of a type that is known here."""
 
     def __init__(
         self,
@@ -84,24 +150,26 @@ class ForecastingNode(abc.ABC):
         compile_events(predictor)
         self.late = self.malformed = 0  # messages left out: too many waited, or not readable
         self.stopped = threading.Event()
-        self.dashboard: Dashboard | None = None
-        """Shows what is forecast, if set before `run`."""
+        self.views: Sequence[View] = ()
+        """Show what is forecast, if set before `run`."""
         self.status = Status(
             predictor, self.analytics, report, status, stale_after, self._counts, self._now
         )
-        self._make = makers(at_least)
         self._waiting: collections.deque[Any] = collections.deque()
         self._changed = threading.Condition()
         self._shown: Any = None  # what the page shows next
         self._diagnosed = 0.0
-        topics = itertools.product(predictor.models, ENDINGS.items())
-        self._forecasts = {
-            (model, kind): self._advertise(forecast_topic(model) + end, kind)
-            for model, (kind, end) in topics
-        }
+        self._forecasts = [
+            (model, each, self._advertise(each.topic, each.kind))
+            for model in predictor.models
+            for each in outputs(model, at_least)
+        ]
         self._truth = self._advertise(TRUTH_TOPIC, HUMANS_TRAJS)
         self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
-        self._mended: Outlet | None = None  # people under mended ids
+        self._mended = UNHEARD  # people under mended ids
+        for topic, static in zip(TF_TOPICS, (False, True)) if self.source.needs_transforms else ():
+            hear = functools.partial(self.source.transforms.hear, static=static)
+            self._listen(topic, TRANSFORMS, hear)
 
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
@@ -114,19 +182,15 @@ class ForecastingNode(abc.ABC):
 
     def run(self) -> None:
         """Forecast until the node is stopped."""
-        if self.dashboard is not None:
-            threading.Thread(target=self._show, daemon=True).start()
+        threading.Thread(target=self._show, daemon=True).start()
         while not self.stopped.is_set():
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting, 0.2)
             self.work()
             self.status.look()
             if time.monotonic() - self._diagnosed >= DIAGNOSE:
-                self._diagnosed = time.monotonic()
-                _publish(
-                    self._diagnostics,
-                    lambda: diagnostics_message(self._new, self.status, self.name, self._now()),
-                )
+                self._diagnosed, said = time.monotonic(), (self.status, self.name, self._now())
+                self._diagnostics.publish(diagnostics_message, self._new, *said)
 
     def work(self) -> None:
         """Take in the messages that wait, and publish the forecast of the newest frame."""
@@ -140,33 +204,27 @@ class ForecastingNode(abc.ABC):
             self.status.heard(frame.stamp)
         robot = self.source.robot(frames[-1].stamp)
         event = advance(frames, self.predictor, robot)
-        forecast, common = (
-            event.forecast,
-            (self.predictor.window.period, self.source.frame_id or ""),
-        )
-        if forecast is not None:
-            for (model, kind), outlet in self._forecasts.items():
-                make = self._make[kind]
-                _publish(outlet, lambda: make(self._new, forecast, model, *common))  # noqa: B023
+        common = self.predictor.window.period, self.source.frame_id or ""
+        if event.forecast is not None:
+            for model, output, outlet in self._forecasts:
+                outlet.publish(output.make, self._new, event.forecast, model, *common)
             self.status.published(self._now() - event.frame.stamp, event.skipped)
-        for done in self.analytics.add(forecast):
-            _publish(self._truth, lambda: truth_message(self._new, done, *common))  # noqa: B023
-        if self.dashboard is not None:
+        for done in self.analytics.add(event.forecast):
+            self._truth.publish(truth_message, self._new, done, *common)
+        if self.views:
             self._shown = event, self.status.now(), robot
 
     def _read(self, kind: str, message: Any, publisher: str, received: float) -> Frame | None:
         """The frame of a message, with mended ids; None if it is left out."""
         frame = self.source.take(kind, message, publisher, received)
-        if frame is None:
-            return None
-        if not 0 <= frame.stamp < LAST:
+        if frame is not None and not 0 <= frame.stamp < LAST:
             self.malformed += 1
             return None
-        if self.stitcher is None:
+        if frame is None or self.stitcher is None:
             return frame
-        frame, known = self.stitcher.mend(frame)
-        _publish(self._mended, lambda: self._renamed(kind, message, frame, known))
-        return frame
+        mended, known = self.stitcher.mend(frame)
+        self._mended.publish(self._renamed, kind, message, mended, known)
+        return mended
 
     def _renamed(self, kind: str, message: Any, frame: Frame, known: Any) -> Any:
         """People with mended ids: the message received, renamed, if its people are all ours."""
@@ -179,23 +237,16 @@ class ForecastingNode(abc.ABC):
         return message
 
     def _show(self) -> None:
-        """Show what is newest, in a thread of its own: the page holds nothing up."""
+        """Show what is newest, in a thread of its own: the views hold nothing up."""
         last = None
         while not self.stopped.wait(SHOW):
-            if self._shown is not last and self.dashboard is not None:
-                last = self._shown
-                self.dashboard.show(*last)
+            shown = self._shown
+            for view in self.views if shown is not last else ():
+                view.show(*shown)
+            last = shown
 
     def _counts(self) -> dict[str, int]:
         """Counts of what was wrong with the stream, beside the predictor's health."""
         joined = self.stitcher.joined if self.stitcher else 0
         more = {"tracks_joined": joined, "late": self.late, "malformed": self.malformed}
         return {**self.source.refused, **more}
-
-
-def _publish(outlet: Outlet | None, make: Callable[[], Any]) -> None:
-    """Send what `make` returns, if somebody listens."""
-    if outlet is not None and outlet.is_heard():
-        message = make()
-        if message is not None:
-            outlet.send(message)

@@ -6,8 +6,8 @@ from a message to people is `people.py`.
 
 import copy
 import functools
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,52 +26,71 @@ from neurosym_robot.ros.definitions import (
     PEOPLE,
 )
 
-__all__ = ["ENDINGS", "diagnostics_message", "forecast_message", "forecast_topic", "make_people"]
-__all__ += ["make_trajectories", "makers", "truth_message"]
+__all__ = ["Output", "diagnostics_message", "forecast_message", "make_people", "make_trajectories"]
+__all__ += ["outputs", "truth_message"]
 
 New = Callable[[str], Any]
-# Endings of the topics that a forecast goes to, by type; `makers` has what makes the messages.
-ENDINGS = {HUMANS_TRAJS: "", FORECAST: "/samples", EVENTS: "/events", MARKERS: "/markers"}
 # Colours of people's lines, after Okabe and Ito.
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
 FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
 UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz", "skipped": "frames"}
 
 
-def makers(at_least: float = AT_LEAST) -> dict[str, Callable[..., Any]]:
-    """Functions (new, forecast, model, period, frame_id) that make the messages of `ENDINGS`."""
-    return {
-        HUMANS_TRAJS: forecast_message,
-        FORECAST: samples_message,
-        EVENTS: functools.partial(events_message, at_least=at_least),
-        MARKERS: markers_message,
-    }
+class Output(NamedTuple):
+    """A topic of one model's forecasts."""
+
+    topic: str
+    kind: str
+    make: Callable[..., Any]
+    """(new, forecast, model, period, frame_id) to the message."""
 
 
-def forecast_topic(model: str) -> str:
-    """Topic of a model's forecasts; "NeuroSyM" and "SGAN" have those of the robot experiment."""
+def outputs(model: str, at_least: float = AT_LEAST) -> list[Output]:
+    """The topics of a model's forecasts; events are those with probability `at_least` or more.
+
+    "NeuroSyM" and "SGAN" have those of the robot experiment.
+    """
     name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in model)
     name = {"sgan": "baseline"}.get(name.lower(), name.lower())
-    return f"/hri/human_poses_prediction_{name}"
+    events = functools.partial(events_message, at_least=at_least)
+    rows = {
+        HUMANS_TRAJS: ("", forecast_message),
+        FORECAST: ("/samples", samples_message),
+        EVENTS: ("/events", events),
+        MARKERS: ("/markers", markers_message),
+    }
+    base = f"/hri/human_poses_prediction_{name}"
+    return [Output(base + end, kind, make) for kind, (end, make) in rows.items()]
 
 
-def _begun(new: New, kind: str, stamp: float, frame_id: str) -> Any:
-    """An empty message with time [s] and frame in its header."""
-    message = new(kind)
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)
-    message.header.frame_id = frame_id
+def filled(message: Any, /, **fields: Any) -> Any:
+    """The message with values in its fields; those of a message in it are a mapping again."""
+    for name, value in fields.items():
+        if isinstance(value, Mapping):
+            filled(getattr(message, name), **value)
+        else:
+            setattr(message, name, value)
     return message
+
+
+def _time(seconds: float) -> dict[str, int]:
+    """Fields of a time or a duration."""
+    return dict(zip(("sec", "nanosec"), divmod(round(seconds * 1e9), 10**9)))
+
+
+def _header(stamp: float, frame_id: str) -> dict[str, Any]:
+    return {"stamp": _time(stamp), "frame_id": frame_id}
 
 
 def make_people(new: New, frame: Frame, frame_id: str = "map") -> Any:
     """The People message of a frame."""
-    message = _begun(new, PEOPLE, frame.stamp, frame_id)
-    for id, (x, y) in zip(frame.ids.tolist(), frame.xy.tolist()):
-        person = new("people_msgs/msg/Person")
-        person.name, person.reliability = str(id), 1.0
-        person.position.x, person.position.y = x, y
-        message.people.append(person)
-    return message
+    people = [
+        filled(
+            new("people_msgs/msg/Person"), name=str(id), reliability=1.0, position={"x": x, "y": y}
+        )
+        for id, (x, y) in zip(frame.ids.tolist(), frame.xy.tolist())
+    ]
+    return filled(new(PEOPLE), header=_header(frame.stamp, frame_id), people=people)
 
 
 def make_trajectories(
@@ -95,22 +114,25 @@ def make_trajectories(
     spread[..., :2, :2] = covariance
     spread = spread.reshape(people, length, 36)
     sure = np.broadcast_to(confidence, people).tolist()
-    message = _begun(new, HUMANS_TRAJS, times[now], frame_id)
     empty = new("darko_perception_msgs/msg/Human")
     empty.centroid.pose.orientation.w = 1.0
-    for step, at in enumerate(times):
-        humans = _begun(new, HUMANS, at, frame_id)
-        for n in range(people):
-            # Only what is written is copied, because a message has thousands of positions.
-            human, place = copy.copy(empty), copy.copy(empty.centroid)
-            place.pose = copy.copy(place.pose)
-            place.pose.position = point = copy.copy(place.pose.position)
-            point.x, point.y = positions[n, step].tolist()
-            place.covariance = spread[n, step]
-            human.id, human.confidence, human.centroid = int(ids[n]) % 2**64, sure[n], place
-            humans.humans.append(human)
-        message.trajs.append(humans)
-    return message
+
+    def human(n: int, step: int) -> Any:
+        # Only what is written is copied, because a message has thousands of positions.
+        human, place = copy.copy(empty), copy.copy(empty.centroid)
+        place.pose = copy.copy(place.pose)
+        place.pose.position = point = copy.copy(place.pose.position)
+        point.x, point.y = positions[n, step].tolist()
+        place.covariance = spread[n, step]
+        human.id, human.confidence, human.centroid = int(ids[n]) % 2**64, sure[n], place
+        return human
+
+    def everybody(step: int) -> Any:
+        humans = [human(n, step) for n in range(people)]
+        return filled(new(HUMANS), header=_header(times[step], frame_id), humans=humans)
+
+    trajectories = [everybody(step) for step in range(length)]
+    return filled(new(HUMANS_TRAJS), header=_header(times[now], frame_id), trajs=trajectories)
 
 
 def forecast_message(
@@ -154,16 +176,23 @@ def _steps(forecast: Forecast, xy: np.ndarray, period: float) -> np.ndarray:
 
 def samples_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
     """The neurosym_msgs/Forecast of one model."""
-    result, message = forecast.models[model], _begun(new, FORECAST, forecast.stamp, frame_id)
-    last = forecast.observed[:, -1]
+    result, last = forecast.models[model], forecast.observed[:, -1]
     velocity = (last - forecast.observed[:, -2:-1].mean(axis=1)) / period
-    message.model, message.period, message.central = model, period, result.central
-    message.samples, _, message.steps, _ = result.samples.shape
-    message.weights = result.weights.astype(np.float32)
-    message.ids, message.extrapolated = forecast.ids, forecast.extrapolated.astype(np.uint32)
-    message.position, message.velocity = last.ravel(), velocity.ravel().astype(np.float32)
-    message.futures = (result.samples - last[:, None]).ravel().astype(np.float32)
-    return message
+    return filled(
+        new(FORECAST),
+        header=_header(forecast.stamp, frame_id),
+        model=model,
+        period=period,
+        central=result.central,
+        samples=len(result.samples),
+        steps=result.mean.shape[1],
+        weights=result.weights.astype(np.float32),
+        ids=forecast.ids,
+        extrapolated=forecast.extrapolated.astype(np.uint32),
+        position=last.ravel(),
+        velocity=velocity.ravel().astype(np.float32),
+        futures=(result.samples - last[:, None]).ravel().astype(np.float32),
+    )
 
 
 def markers_message(new: New, forecast: Forecast, model: str, period: float, frame_id: str) -> Any:
@@ -171,25 +200,28 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
 
     Lines of people who are not seen at the moment are faint.
     """
-    array, result = new(MARKERS), forecast.models[model]
-    array.markers = []
+    result, header = forecast.models[model], _header(forecast.stamp, frame_id)
     paths = np.append(forecast.observed[:, -1:], result.samples[result.central], axis=1).tolist()
-    for n, (id, path) in enumerate(zip(forecast.ids.tolist(), paths)):
-        marker = _begun(new, "visualization_msgs/msg/Marker", forecast.stamp, frame_id)
-        marker.ns, marker.type, marker.scale.x = f"{model}/{id}", marker.LINE_STRIP, 0.05
-        marker.pose.orientation.w = 1.0
-        marker.color.a = FAINT if forecast.extrapolated[n] else 1.0
+
+    def line(n: int, id: int) -> Any:
+        marker = new("visualization_msgs/msg/Marker")
+        point = functools.partial(new, "geometry_msgs/msg/Point")
         colour = [part / 255 for part in COLOURS[n % len(COLOURS)]]
-        marker.color.r, marker.color.g, marker.color.b = colour
-        # The line disappears by itself when forecasts end.
-        marker.lifetime.sec, marker.lifetime.nanosec = divmod(round(2e9 * period), 10**9)
-        marker.points = []
-        for x, y in path:
-            point = new("geometry_msgs/msg/Point")
-            point.x, point.y = x, y
-            marker.points.append(point)
-        array.markers.append(marker)
-    return array
+        return filled(
+            marker,
+            header=header,
+            ns=f"{model}/{id}",
+            type=marker.LINE_STRIP,
+            scale={"x": 0.05},
+            pose={"orientation": {"w": 1.0}},
+            color={**dict(zip("rgb", colour)), "a": FAINT if forecast.extrapolated[n] else 1.0},
+            # The line disappears by itself when forecasts end.
+            lifetime=_time(2 * period),
+            points=[filled(point(), x=x, y=y) for x, y in paths[n]],
+        )
+
+    lines = [line(n, id) for n, id in enumerate(forecast.ids.tolist())]
+    return filled(new(MARKERS), markers=lines)
 
 
 def events_message(
@@ -201,30 +233,36 @@ def events_message(
     at_least: float = AT_LEAST,
 ) -> Any:
     """The neurosym_msgs/Events of one model: events with probability `at_least` or more."""
-    message = _begun(new, EVENTS, forecast.stamp, frame_id)
-    message.model, message.events = model, []
-    for each in likely_events(forecast, model, period, at_least):
-        event = new("neurosym_msgs/msg/Event")
-        event.name, event.words = each.name, each.words(forecast.ids)
-        event.k, event.l = (int(forecast.ids[row]) for row in (each.k, each.l))
-        event.probability, event.seconds = each.probability, each.seconds
-        message.events.append(event)
-    return message
+    events = [
+        filled(
+            new("neurosym_msgs/msg/Event"),
+            name=each.name,
+            words=each.words(forecast.ids),
+            k=int(forecast.ids[each.k]),
+            l=int(forecast.ids[each.l]),
+            probability=each.probability,
+            seconds=each.seconds,
+        )
+        for each in likely_events(forecast, model, period, at_least)
+    ]
+    header = _header(forecast.stamp, frame_id)
+    return filled(new(EVENTS), header=header, model=model, events=events)
 
 
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:
     """Status of the stream, for /diagnostics at `now` [s]: 0 is well, 3 is stale."""
-    message = _begun(new, DIAGNOSTICS, max(now, 0.0), "")
-    row = new("diagnostic_msgs/msg/DiagnosticStatus")
-    row.name, row.hardware_id = f"{name.removeprefix('/')}: forecasts", "neurosym_jax"
-    row.level = row.STALE if status.stale else row.OK
-    row.message = status.line()
     said = status.now()
     values = {f"{key} [{unit}]": said[key] for key, unit in UNITS.items()} | said["wrong"]
-    row.values = []
-    for key, value in values.items():
-        pair = new("diagnostic_msgs/msg/KeyValue")
-        pair.key, pair.value = key, str(value)
-        row.values.append(pair)
-    message.status = [row]
-    return message
+    row = new("diagnostic_msgs/msg/DiagnosticStatus")
+    filled(
+        row,
+        name=f"{name.removeprefix('/')}: forecasts",
+        hardware_id="neurosym_jax",
+        level=row.STALE if status.stale else row.OK,
+        message=status.line(),
+        values=[
+            filled(new("diagnostic_msgs/msg/KeyValue"), key=key, value=str(value))
+            for key, value in values.items()
+        ],
+    )
+    return filled(new(DIAGNOSTICS), header=_header(max(now, 0.0), ""), status=[row])

@@ -1,5 +1,10 @@
-"""Ids and positions from messages of people, of the types in `KINDS`."""
+"""A stream of people from messages of the types in `KINDS`: of one publisher, in one frame.
 
+Two trackers on a topic, or coordinates in changing frames, would be mixed silently. Messages that
+do not belong to the stream are refused, counted, and reported once.
+"""
+
+import collections
 import hashlib
 import re
 from collections.abc import Callable
@@ -8,11 +13,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_robot.ros.definitions import HUMANS, PEOPLE
+from neurosym_robot.online.frames import Frame
+from neurosym_robot.ros.definitions import HUMANS, PEOPLE, seconds_of
+from neurosym_robot.ros.transforms import Transforms
+from neurosym_robot.tracking.following import FAR, NearestIds
 
-__all__ = ["KINDS", "POSES", "Kind", "Seen", "id_of_name", "seconds_of", "see"]
+__all__ = ["KINDS", "POSES", "REACH", "Kind", "PeopleSource", "Seen", "id_of_name", "see"]
 
 POSES = "geometry_msgs/msg/PoseArray"
+SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
+REACH = 60.0  # metres
+SAID = 64  # different reasons that are reported; more are only counted
 
 
 class Seen(NamedTuple):
@@ -22,11 +33,6 @@ class Seen(NamedTuple):
     frame_id: str  # of the coordinates, without the slash of ROS's early names
     ids: np.ndarray | None  # [N] int64; None if a person has no id
     xyz: np.ndarray  # [N, 3] metres
-
-    @property
-    def xy(self) -> np.ndarray:
-        """[N, 2] metres."""
-        return self.xyz[:, :2]
 
 
 class Kind(NamedTuple):
@@ -87,6 +93,106 @@ def see(kind: str, message: Any) -> Seen:
     )
 
 
-def seconds_of(stamp: Any) -> float:
-    """Of a message's time."""
-    return stamp.sec + 1e-9 * stamp.nanosec
+class PeopleSource:
+    """Turns messages of people into the frames of a stream, and reports what it leaves out."""
+
+    def __init__(
+        self,
+        fixed_frame: str = "",
+        report: Callable[[str], None] = print,
+        robot_frame: str = "",
+        reach: float = REACH,
+    ):
+        """Configure the stream as the options of these names say, see `LiveOptions`.
+
+        `report` is called with one line when messages begin to be refused.
+        """
+        self.fixed_frame, self._report = fixed_frame, report
+        self.robot_frame, self.reach = robot_frame, reach
+        self.needs_transforms = bool(fixed_frame or robot_frame)
+        self.frame_id: str | None = fixed_frame or None
+        """Of the stream's coordinates; None before the first message."""
+        self.transforms = Transforms()
+        self.refused: collections.Counter[str] = collections.Counter()
+        """Number of messages left out, by reason; and of "far_people"."""
+        self.is_there: Callable[[str], bool] = lambda publisher: True
+        """Whether a publisher is still connected, if that is known."""
+        self._publisher: str | None = None
+        self._heard = -np.inf
+        self._said: set[str] = set()
+        self._nearest = NearestIds()
+
+    def robot(self, stamp: float) -> np.ndarray | None:
+        """[3] metres, metres, radians: the robot's pose in the stream's frame, or None."""
+        if not (self.robot_frame and self.frame_id):
+            return None
+        unknown = "no_robot", "it is not known where the robot is"
+        matrix = self._matrix(self.robot_frame, stamp, *unknown)
+        if matrix is None:
+            return None
+        return np.array([*matrix[:2, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
+
+    def take(
+        self, kind: str, message: Any, publisher: str = "", received: float = 0.0
+    ) -> Frame | None:
+        """The frame of a message of type `kind`; None if it does not belong to the stream.
+
+        `received` is the time of arrival in seconds of any monotonic clock.
+        """
+        stamp, frame_id, ids, xyz = see(kind, message)
+        if not self._is_ours(publisher, received):
+            return None
+        self.frame_id = ours = self.frame_id or frame_id
+        seen, sensor = xyz[:, :2], None
+        if frame_id == ours:
+            sensor = self.robot(stamp)
+        elif not self.fixed_frame:
+            text = f"coordinates in {frame_id!r} are left out, the stream's are in {ours!r}"
+            return self._refuse("other_frame", f"{text}; --fixed-frame {ours} transforms them")
+        else:
+            text = f"{frame_id!r} cannot be taken to {ours!r}"
+            matrix = self._matrix(frame_id, stamp, "no_transform", text)
+            if matrix is None:
+                return None
+            xyz, sensor = xyz @ matrix[:3, :3].T + matrix[:3, 3], np.zeros(2)
+        # NaN is left to the window, which counts it.
+        near = ~np.any(np.abs(seen) >= FAR, axis=1)
+        if sensor is not None:
+            near &= ~(np.linalg.norm(seen - sensor[:2], axis=1) > self.reach)
+        if not near.all():
+            self.refused["far_people"] += int((~near).sum())
+            text = f"people more than {self.reach:g} m from the sensor or robot are left out"
+            self._say(f"{text}; --reach sets the limit")
+        xy = xyz[near, :2]
+        return Frame(stamp, self._nearest.push(stamp, xy) if ids is None else ids[near], xy)
+
+    def _matrix(self, frame: str, stamp: float, reason: str, text: str) -> np.ndarray | None:
+        """[4, 4] from a frame to the stream's; None, and counted, if it is not known."""
+        try:
+            return self.transforms.matrix(frame, self.frame_id or "", stamp)
+        except LookupError as error:
+            return self._refuse(reason, text, str(error))
+
+    def _is_ours(self, publisher: str, received: float) -> bool:
+        ours = self._publisher
+        silent = received - self._heard > SILENCE
+        if ours is None or silent or (ours != publisher and not self.is_there(ours)):
+            if ours not in (None, publisher):
+                self._report(f"people come from {publisher} now, not from {ours}")
+            self._publisher = ours = publisher
+        if publisher == ours:
+            self._heard = received
+        else:
+            text = f"people of a second publisher, {publisher}, are left out beside those of {ours}"
+            self._refuse("other_publisher", f"{text}; remap one of them")
+        return publisher == ours
+
+    def _refuse(self, reason: str, text: str, detail: str = "") -> None:
+        self.refused[reason] += 1
+        self._say(text, detail)
+
+    def _say(self, text: str, detail: str = "") -> None:
+        """Report a text once."""
+        if text not in self._said and len(self._said) < SAID:
+            self._said.add(text)
+            self._report(f"{text}: {detail}" if detail else text)

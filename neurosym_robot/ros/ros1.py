@@ -4,7 +4,6 @@
 """
 
 import contextlib
-import functools
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -14,16 +13,14 @@ from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.definitions import (
     PEOPLE,
     PEOPLE_TOPICS,
-    TF_TOPICS,
-    TRANSFORMS,
     Decoder,
     blank,
     ros1_name,
+    seconds_of,
 )
 from neurosym_robot.ros.forecasting_node import ForecastingNode, Outlet
-from neurosym_robot.ros.people import KINDS, seconds_of
-from neurosym_robot.ros.tcpros import Node, Topic
-from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
+from neurosym_robot.ros.people import KINDS
+from neurosym_robot.ros.tcpros import CallError, Node, Topic, call
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
 __all__ = ["ForecastNode"]
@@ -66,9 +63,6 @@ class ForecastNode(ForecastingNode):
         people = Topic(self.node.names(topic or (raw if stitcher else filtered)))
         subscriber = self.node.subscribe(people, self.hear, self._decoder.refuse)
         self.source.is_there = lambda name: name in subscriber.publishers.values()
-        for each in TF_TOPICS if self.source.needs_transforms else ():
-            hear = functools.partial(self.source.transforms.hear, static=each == TF_TOPICS[1])
-            self._listen(each, TRANSFORMS, hear)
         with contextlib.suppress(CallError):
             if call(self.node.master, "getParam", self.name, "/use_sim_time"):
                 self._clock = 0.0
@@ -87,7 +81,6 @@ class ForecastNode(ForecastingNode):
             self.put(kind, message, header.get("callerid", ""))
 
     def _listen(self, name: str, kind: str, hear: Callable[[Any], None]) -> None:
-        """Subscribe to messages of a type that is known here."""
         from rosbags.serde import SerdeError
 
         def decode(data: bytes, header: Mapping[str, str]) -> None:

@@ -3,16 +3,15 @@
 # pyright: reportMissingImports=false
 # ROS 2 has its own installer and is absent where the linters run.
 
-import functools
 import importlib
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.ros.definitions import PEOPLE, PEOPLE_TOPICS, TF_TOPICS, TRANSFORMS
-from neurosym_robot.ros.forecasting_node import WAITING, ForecastingNode, Outlet
+from neurosym_robot.ros.definitions import PEOPLE, PEOPLE_TOPICS, TF_TOPICS
+from neurosym_robot.ros.forecasting_node import UNHEARD, WAITING, ForecastingNode, Outlet
 
 __all__ = ["ForecastNode", "import_rclpy", "message_type", "node_parameters"]
 
@@ -78,7 +77,7 @@ class ForecastNode(ForecastingNode):
             InputError: if ROS 2 has no such message.
         """
         rclpy, people = import_rclpy(), message_type(kind)
-        from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         self.kind, self.node = kind, rclpy.create_node(name)
         self.report = self.node.get_logger().info
@@ -89,11 +88,6 @@ class ForecastNode(ForecastingNode):
         heard = self.node.create_subscription(people, topic, self.hear, quality)
         self.topic = heard.topic_name
         """Of the people, after remapping."""
-        if self.source.needs_transforms:
-            latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            for each, quality in zip(TF_TOPICS, (QoSProfile(depth=100), latched)):
-                hear = functools.partial(self.source.transforms.hear, static=each == TF_TOPICS[1])
-                self.node.create_subscription(message_type(TRANSFORMS), each, hear, quality)
 
     def run(self) -> None:
         """Forecast until ROS 2 is shut down: it hears in a thread, and this one works."""
@@ -126,10 +120,18 @@ class ForecastNode(ForecastingNode):
     def _new(self, kind: str) -> Any:
         return message_type(kind)()
 
-    def _advertise(self, topic: str, kind: str) -> Outlet | None:
+    def _listen(self, topic: str, kind: str, hear: Callable[[Any], None]) -> None:
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        latched = topic == TF_TOPICS[1]
+        durable = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        quality = QoSProfile(depth=100, durability=durable)
+        self.node.create_subscription(message_type(kind), topic, hear, quality)
+
+    def _advertise(self, topic: str, kind: str) -> Outlet:
         try:
             publisher = self.node.create_publisher(message_type(kind), topic, 10)
         except InputError as missing:
             self.report(f"{missing}: nothing is published on {topic}")
-            return None
+            return UNHEARD
         return Outlet(publisher.publish, lambda: publisher.get_subscription_count() > 0)

@@ -5,12 +5,13 @@ The part of ROS's tf2 that a stream of people needs, for ROS 1, ROS 2 and bags.
 
 import bisect
 import threading
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from neurosym_robot.ros.people import seconds_of
+from neurosym_robot.ros.definitions import seconds_of
 
 __all__ = ["Transforms"]
 
@@ -18,48 +19,12 @@ KEPT = 10.0  # seconds of each frame's past
 AHEAD = 0.5  # seconds for which the newest pose still holds
 
 
-class _Edge:
-    """Poses of one frame in its parent, by time."""
-
-    def __init__(self, parent: str):
-        self.parent = parent
-        self.times: list[float] = []
-        self.poses: list[np.ndarray] = []  # [7] translation, quaternion x y z w
-
-    def add(self, stamp: float, pose: np.ndarray) -> None:
-        if self.times and stamp < self.times[-1] - KEPT:
-            self.times, self.poses = [], []  # The clock was set back.
-        place = bisect.bisect_left(self.times, stamp)
-        self.times.insert(place, stamp)
-        self.poses.insert(place, pose)
-        old = bisect.bisect_left(self.times, self.times[-1] - KEPT)
-        del self.times[:old], self.poses[:old]
-
-    def at(self, frame: str, stamp: float) -> np.ndarray:
-        """[4, 4] from this frame to the parent's, linear between two poses."""
-        times = self.times
-        if times == [-np.inf]:
-            return _matrix(self.poses[0])
-        if not times[0] <= stamp <= times[-1] + AHEAD:
-            known = f"known from {times[0]:.2f} to {times[-1]:.2f} s, not at {stamp:.2f}"
-            raise LookupError(f"where {frame} lies is {known}")
-        after = bisect.bisect_left(times, stamp)
-        if after == len(times) or times[after] == stamp:
-            return _matrix(self.poses[min(after, len(times) - 1)])
-        first, last = self.poses[after - 1], self.poses[after]
-        share = (stamp - times[after - 1]) / (times[after] - times[after - 1])
-        # q and -q are the same rotation. Between messages a robot turns so little that linear and
-        # spherical interpolation agree.
-        if first[3:] @ last[3:] < 0:
-            last = np.concatenate([last[:3], -last[3:]])
-        return _matrix((1 - share) * first + share * last)
-
-
 class Transforms:
     """A tree of frames; safe to use from any thread."""
 
     def __init__(self):
-        self._edges: dict[str, _Edge] = {}
+        # By frame: its parent, and by time its poses there, translation and quaternion x y z w [7].
+        self._edges: dict[str, tuple[str, list[tuple[float, np.ndarray]]]] = {}
         self._lock = threading.Lock()
 
     def hear(self, message: Any, static: bool = False) -> None:
@@ -70,11 +35,15 @@ class Transforms:
             if not (np.isfinite(pose).all() and np.linalg.norm(pose[3:]) > 1e-6):
                 continue
             child, parent = each.child_frame_id.strip("/"), each.header.frame_id.strip("/")
+            stamp = -np.inf if static else seconds_of(each.header.stamp)
             with self._lock:
-                edge = self._edges.get(child)
-                if edge is None or edge.parent != parent or static:
-                    edge = self._edges[child] = _Edge(parent)
-                edge.add(-np.inf if static else seconds_of(each.header.stamp), pose)
+                before, poses = self._edges.get(child, ("", []))
+                newest = poses[-1][0] if poses else stamp
+                if before != parent or static or stamp < newest - KEPT:
+                    poses = []  # Another parent, or the clock was set back.
+                bisect.insort_left(poses, (stamp, pose), key=itemgetter(0))
+                oldest = bisect.bisect_left(poses, poses[-1][0] - KEPT, key=itemgetter(0))
+                self._edges[child] = parent, poses[oldest:]
 
     def matrix(self, source: str, target: str, stamp: float) -> np.ndarray:
         """[4, 4] from coordinates in `source` to those in `target` at `stamp` seconds.
@@ -95,19 +64,33 @@ class Transforms:
     def _to_root(self, frame: str) -> list[str]:
         """The frame, its parent, and so on; each once, should they form a circle."""
         frames = [frame]
-        while (edge := self._edges.get(frames[-1])) is not None and edge.parent not in frames:
-            frames.append(edge.parent)
+        while (edge := self._edges.get(frames[-1])) is not None and edge[0] not in frames:
+            frames.append(edge[0])
         return frames
 
     def _along(self, frames: list[str], stamp: float) -> np.ndarray:
         matrix = np.eye(4)
         for frame in frames:
-            matrix = self._edges[frame].at(frame, stamp) @ matrix
+            pose = _pose_at(frame, self._edges[frame][1], stamp)
+            step = np.eye(4)
+            step[:3, :3], step[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
+            matrix = step @ matrix
         return matrix
 
 
-def _matrix(pose: np.ndarray) -> np.ndarray:
-    """[4, 4] of translation and quaternion [7]."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
-    return matrix
+def _pose_at(frame: str, poses: list[tuple[float, np.ndarray]], stamp: float) -> np.ndarray:
+    """[7] pose of a frame in its parent, linear between two of those known."""
+    begin, end = poses[0][0], poses[-1][0]
+    if not begin <= stamp <= end + AHEAD and begin > -np.inf:
+        known = f"known from {begin:.2f} to {end:.2f} s, not at {stamp:.2f}"
+        raise LookupError(f"where {frame} lies is {known}")
+    after = bisect.bisect_left(poses, stamp, key=itemgetter(0))
+    if after == len(poses) or poses[after][0] == stamp:
+        return poses[min(after, len(poses) - 1)][1]
+    (before, first), (then, last) = poses[after - 1 : after + 1]
+    share = (stamp - before) / (then - before)
+    # q and -q are the same rotation. Between messages a robot turns so little that linear and
+    # spherical interpolation agree.
+    if first[3:] @ last[3:] < 0:
+        last = np.concatenate([last[:3], -last[3:]])
+    return (1 - share) * first + share * last

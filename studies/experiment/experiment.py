@@ -20,8 +20,7 @@ from neurosym_robot.online.analytics import STRAIGHT, Analytics
 from neurosym_robot.online.frames import Frame, frames_of_tracks
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import replay
-from neurosym_robot.ros.bag_writer import BagWriter
-from neurosym_robot.ros.bags import read_people
+from neurosym_robot.ros.bags import BagWriter, read_people
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS
 from neurosym_robot.ros.messages import make_people
 from neurosym_robot.tracking.stitching import NOBODY, OnlineStitcher

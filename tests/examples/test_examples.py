@@ -132,8 +132,7 @@ def test_forecasts_become_a_costmap(tmp_path):
     """Where somebody surely is is full, where half of the samples are half, elsewhere nothing."""
     pytest.importorskip("rosbags", reason="rosbags is not installed")
     from neurosym_robot.online.predictor import Forecast, ModelForecast
-    from neurosym_robot.ros.bag_writer import BagWriter
-    from neurosym_robot.ros.bags import read_messages
+    from neurosym_robot.ros.bags import BagWriter, read_messages
     from neurosym_robot.ros.messages import samples_message
 
     costmap = example("costmap")

@@ -4,7 +4,7 @@ It needs neither rospy nor a ROS installation, because the Python of a robot's R
 the one JAX needs. Services, parameters, actions and UDPROS are not here.
 """
 
-from neurosym_robot.ros.tcpros.names import Topic, node_name
-from neurosym_robot.ros.tcpros.node import Node
+from neurosym_robot.ros.tcpros.node import Node, master_uri, node_name
+from neurosym_robot.ros.tcpros.wire import CallError, Refused, Topic, call
 
-__all__ = ["Node", "Topic", "node_name"]
+__all__ = ["CallError", "Node", "Refused", "Topic", "call", "master_uri", "node_name"]

@@ -10,16 +10,17 @@ import socket
 import threading
 from collections.abc import Callable, Iterable, Mapping
 
-from neurosym_robot.ros.tcpros.names import Topic
 from neurosym_robot.ros.tcpros.wire import (
+    CallError,
     ProtocolError,
+    Topic,
+    call,
     encode_block,
     encode_header,
     prepare,
     read_block,
     read_header,
 )
-from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
 from neurosym_robot.server import deadline, shut
 
 __all__ = ["HANDSHAKE", "Hear", "Publisher", "Refuse", "Subscriber"]

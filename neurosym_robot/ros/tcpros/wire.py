@@ -1,18 +1,49 @@
-"""Blocks of a TCPROS connection, with their length in front; the first is a header.
+"""What goes over the wire: the blocks of a TCPROS connection, and the XML-RPC of ROS.
 
-See https://wiki.ros.org/ROS/TCPROS and https://wiki.ros.org/ROS/Connection%20Header. The length of
-what the other side sends is checked before it is read.
+A block has its length in front, and the first is a header (https://wiki.ros.org/ROS/TCPROS,
+https://wiki.ros.org/ROS/Connection%20Header). Masters and nodes call each other as
+https://wiki.ros.org/ROS/Master_API and https://wiki.ros.org/ROS/Slave_API say: each answer is
+`[code, message, value]`, and code 1 means success. What the other side sends is bounded.
 """
 
+import dataclasses
+import http.client
 import socket
 import struct
-from collections.abc import Mapping
+import xmlrpc.client
+from collections.abc import Callable, Mapping
+from typing import Any
+from xml.parsers.expat import ExpatError
+from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler
 
-__all__ = ["ProtocolError", "decode_header", "encode_block", "encode_header", "prepare"]
-__all__ += ["read_block", "read_header"]
+from neurosym_robot.server import BoundedServer, deadline
+
+__all__ = ["CallError", "ProtocolError", "Refused", "SlaveServer", "Topic", "call"]
+__all__ += ["encode_block", "encode_header", "prepare", "read_block", "read_header"]
 
 MAX_HEADER = 1 << 20  # bytes; a header carries the message's definition, a few kilobytes at most
 MAX_MESSAGE = 4 << 20  # bytes; ten thousand people are about 1 MB
+MAX_BODY = 4 << 20  # bytes; the state of a graph of thousands of topics stays below
+TIMEOUT = 5.0  # seconds
+
+# What Python's parsers raise at an answer that is none.
+NONSENSE = (http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError)
+NONSENSE += (LookupError, AttributeError, ArithmeticError)
+
+
+@dataclasses.dataclass(frozen=True)
+class Topic:
+    """A topic and the type of its messages; a subscriber takes "*" for any type."""
+
+    name: str  # global: it begins with a slash
+    type: str = "*"  # "package/Name"
+    md5: str = "*"  # of the type's definition, as ROS computes it
+    definition: str = ""  # text of the definition and of those that it uses, for recorders
+
+    def header(self, caller: str, **more: str) -> dict[str, str]:
+        """Fields of the header that begins a connection of the node `caller`."""
+        fields = {"callerid": caller, "topic": self.name, "type": self.type, "md5sum": self.md5}
+        return {**fields, "message_definition": self.definition, **more}
 
 
 class ProtocolError(ConnectionError):
@@ -30,9 +61,9 @@ def encode_header(fields: Mapping[str, str]) -> bytes:
     return encode_block(b"".join(rows))
 
 
-def decode_header(data: bytes) -> dict[str, str]:
-    """The fields of a header, given without its own length; ProtocolError if malformed."""
-    fields, at = {}, 0
+def read_header(connection: socket.socket) -> dict[str, str]:
+    """The fields of the header that begins a connection; ProtocolError if malformed."""
+    data, fields, at = read_block(connection, MAX_HEADER), {}, 0
     while at < len(data):
         length = int.from_bytes(data[at : at + 4], "little")
         row, at = data[at + 4 : at + 4 + length], at + 4 + length
@@ -41,11 +72,6 @@ def decode_header(data: bytes) -> dict[str, str]:
             raise ProtocolError("malformed header: a field is cut off or has no '='")
         fields[key.decode(errors="replace")] = value.decode(errors="replace")
     return fields
-
-
-def read_header(connection: socket.socket) -> dict[str, str]:
-    """The fields of the header that begins a connection; ProtocolError if malformed."""
-    return decode_header(read_block(connection, MAX_HEADER))
 
 
 def read_block(connection: socket.socket, limit: int = MAX_MESSAGE) -> bytes:
@@ -74,3 +100,93 @@ def _read(connection: socket.socket, length: int) -> bytearray:
             raise ConnectionError("closed by the other side")
         data += part
     return data
+
+
+class CallError(ConnectionError):
+    """A call did not get through, or its answer is malformed."""
+
+
+class Refused(CallError):
+    """The call got through, and the answer was no."""
+
+
+class _Transport(xmlrpc.client.Transport):
+    accept_gzip_encoding = False
+
+    def __init__(self, timeout: float):
+        super().__init__()
+        self._timeout = timeout
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = self._timeout
+        return connection
+
+    def parse_response(self, response: Any) -> Any:
+        body = response.read(MAX_BODY + 1)
+        if len(body) > MAX_BODY:
+            raise ValueError(f"the answer is longer than {MAX_BODY} bytes")
+        return xmlrpc.client.loads(body)[0]
+
+
+def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> Any:
+    """The answer of `method` of the node or master at `uri`.
+
+    Raises:
+        Refused: with the message, if the code is not 1.
+        CallError: for no valid answer within `timeout` seconds.
+    """
+    try:
+        with xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)) as proxy:
+            code, message, value = getattr(proxy, method)(*arguments)  # pyright: ignore
+    except OSError as error:
+        # A host name that is not known here is helped by ROS_IP where the node runs.
+        raise CallError(f"{uri!s:.80}: {error.strerror or error}") from None
+    except NONSENSE as error:
+        raise CallError(f"no answer of ROS to {method} ({error!s:.80})") from None
+    if code != 1:
+        raise Refused(str(message))
+    return value
+
+
+class _Handler(SimpleXMLRPCRequestHandler):
+    timeout = TIMEOUT
+
+    def handle_one_request(self) -> None:
+        # The deadline is for the whole request, not for each byte.
+        with deadline(self.connection, TIMEOUT):
+            super().handle_one_request()
+
+    def do_POST(self) -> None:
+        length = self.headers.get("Content-Length", "")
+        if not (length.isdecimal() and int(length[:9]) <= MAX_BODY):
+            self.send_error(413)
+        elif "Content-Encoding" in self.headers:
+            self.send_error(501)
+        else:
+            super().do_POST()
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing: the graph asks often."""
+
+
+class SlaveServer(BoundedServer, SimpleXMLRPCDispatcher):
+    """Answers the calls in `methods`, which return values; code and message are added here."""
+
+    # What the handler expects of its server.
+    _send_traceback_header = logRequests = False
+
+    def __init__(self, host: str, methods: Mapping[str, Callable[..., Any]]):
+        """Bind to any free port of `host` and start."""
+        SimpleXMLRPCDispatcher.__init__(self, allow_none=False, encoding="utf-8")
+        BoundedServer.__init__(self, (host, 0), _Handler)
+        self.methods = methods
+        self.start()
+
+    def _dispatch(self, method: str, params: Any) -> list[Any]:
+        try:
+            return [1, "", self.methods[method](*params)]
+        except CallError as error:
+            return [0, str(error), 0]
+        except (KeyError, TypeError, ValueError):
+            return [-1, f"no method or not the arguments of {method!s:.80}", 0]

@@ -16,7 +16,7 @@ from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.online.status import Status
-from neurosym_robot.online.window import Health, Window
+from neurosym_robot.online.window import Window
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 QUIET = (
@@ -40,7 +40,7 @@ def predictor() -> Any:
         samples={5},
         seconds_ahead=3.2,
         dropped={},
-        health=Health(),
+        health={},
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.dashboard.floor_map import UNKNOWN, read_floor_map
+from neurosym_robot.dashboard.moments import UNKNOWN, read_floor_map
 
 YAML = "image: room.pgm\nresolution: 0.05\norigin: [-1.0, 2.5, 0.1]\n"
 PIXELS = np.array([[0, 205, 254], [254, 100, 0]], np.uint8)

@@ -68,7 +68,7 @@ def press(page, key: str) -> None:
 
 
 def test_live(page, live, stream):
-    page.goto(live.url)
+    page.goto(live.where)
     page.wait_for_function("() => scene.ariaLabel.startsWith('3 people seen, 3 forecast')")
     assert page.locator("#status").inner_text() == "live"
     before, clock = places(page), seconds(page)
@@ -105,7 +105,7 @@ def test_what_is_old_is_not_called_live(page, moments, stream):
     *events, last = stream(4)
     for event in events:
         dashboard.show(*event)
-    page.goto(dashboard.url)
+    page.goto(dashboard.where)
     page.get_by_text(re.compile(r"^stale for \d+ s")).wait_for()
     page.get_by_text(re.compile(r"The newest people are \d+ s old: this is not now")).wait_for()
     event, now, _ = last
@@ -223,7 +223,7 @@ def test_who_loses_the_connection_gets_what_was_missed(page, moments, stream):
     dashboard = Dashboard(moments, port=0)
     for event in events[:60]:
         dashboard.show(*event)
-    page.goto(dashboard.url)
+    page.goto(dashboard.where)
     page.wait_for_function("() => timeline.max == 59")
     page.context.set_offline(True)
     page.context.set_offline(False)

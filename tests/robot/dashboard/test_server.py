@@ -24,7 +24,7 @@ def dashboard(moments):
 
 
 def port_of(dashboard) -> int:
-    return int(dashboard.url.rstrip("/").rpartition(":")[2])
+    return int(dashboard.where.rstrip("/").rpartition(":")[2])
 
 
 def get(dashboard, path="/", method="GET", **headers) -> tuple[int, dict, bytes]:

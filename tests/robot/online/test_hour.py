@@ -51,7 +51,7 @@ def test_people_come_and_go_for_long(model, minutes):
     assert count >= frames - 4 * (OBS - 1) - 1  # With every frame.
     assert compile_seconds() == compiled
     assert max(memory) - memory[0] < (8e6 if minutes == 60 else 3e6), memory
-    health = vars(predictor.health)
+    health = dict(predictor.health)
     assert health.pop("frames") == frames
     assert health.pop("forgotten") > visit.sum() - PEOPLE
     assert not any(health.values()), health

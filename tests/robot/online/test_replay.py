@@ -21,10 +21,9 @@ from neurosym_robot.commands import replay as command
 from neurosym_robot.online.frames import Frame, frames_of_tracks
 from neurosym_robot.online.replay import replay
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.bag_writer import BagWriter
-from neurosym_robot.ros.bags import read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS, TRUTH_TOPIC
-from neurosym_robot.ros.people import seconds_of, see
+from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
+from neurosym_robot.ros.definitions import HUMANS, TRUTH_TOPIC, seconds_of
+from neurosym_robot.ros.people import see
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -95,7 +94,7 @@ def test_the_whole_way_and_back(folder, replayed):
             assert trajectories.header.frame_id == "odom"
             path = [see(HUMANS, each) for each in trajectories.trajs]
             assert [str(id) for id in path[8].ids] == step["ids"]
-            way = np.stack([each.xy for each in path[8:]], 1)
+            way = np.stack([each.xyz[:, :2] for each in path[8:]], 1)
             assert_allclose(way, futures[model["central"]], atol=1e-6)
             if name == "NeuroSyM":
                 ids = [int(id) for id in step["ids"]]
@@ -112,7 +111,7 @@ def test_the_table_is_the_errors_of_what_is_written(folder, replayed, name):
         steps = [see(HUMANS, step) for step in truth.trajs[8:]]
         samples = forecasts[seconds_of(truth.header.stamp)]
         rows = [samples.ids.tolist().index(id) for id in steps[0].ids.tolist()]
-        off = futures_of(samples)[:, rows] - np.stack([step.xy for step in steps], 1)
+        off = futures_of(samples)[:, rows] - np.stack([step.xyz[:, :2] for step in steps], 1)
         ade += np.linalg.norm(off, axis=-1).mean(axis=-1).sum(axis=1).min()
         people += len(rows)
     said = (folder / "said.txt").read_text().splitlines()

@@ -1,12 +1,12 @@
 """Age of information: what is old is called old, and two clocks that differ are told apart."""
 
+from collections import Counter
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from neurosym_robot.online.status import ARRIVALS, Status
-from neurosym_robot.online.window import Health
 
 
 class Clocked:
@@ -15,7 +15,7 @@ class Clocked:
     def __init__(self):
         self.now, self.said = 1000.0, []
         self.predictor: Any = SimpleNamespace(
-            health=Health(), window=SimpleNamespace(reset_after=5.0), dropped={}
+            health=Counter(), window=SimpleNamespace(reset_after=5.0), dropped={}
         )
         summary = {"forecasts": 0, "dropped": {}, "models": {}}
         analytics: Any = SimpleNamespace(summary=lambda: summary)
@@ -73,7 +73,7 @@ def test_a_constant_offset_is_told_and_not_called_stale(late, way):
 
 def test_counts_and_a_table_of_little():
     stream = Clocked()
-    stream.predictor.health = Health(frames=3, duplicate_stamps=2)
+    stream.predictor.health = Counter(frames=3, duplicate_stamps=2)
     stream.status.published(0.01, skipped=4)
     assert stream.status.wrong() == {"skipped": 4, "duplicate stamps": 2}
     table = stream.status.table()

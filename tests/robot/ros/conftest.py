@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.ros.tcpros.xmlrpc import SlaveServer
+from neurosym_robot.ros.tcpros.wire import SlaveServer
 
 
 @pytest.fixture

@@ -14,11 +14,10 @@ from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.commands import ros2
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.bag_writer import BagWriter
-from neurosym_robot.ros.bags import read_frames, read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, typestore
+from neurosym_robot.ros.bags import BagWriter, read_frames, read_messages, read_people
+from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, seconds_of, typestore
 from neurosym_robot.ros.messages import make_trajectories
-from neurosym_robot.ros.people import seconds_of, see
+from neurosym_robot.ros.people import see
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -59,7 +58,7 @@ def test_people_and_forecasts_there_and_back(tmp_path, kind):
     assert [topic for topic, _ in both] == [TOPIC, "/forecast"] * len(wanted)
     (step,) = both[-1][1].trajs
     assert seconds_of(step.header.stamp) == pytest.approx(wanted[-1].stamp, abs=1e-6)
-    assert_array_equal(see(HUMANS, step).xy, wanted[-1].xy)
+    assert_array_equal(see(HUMANS, step).xyz[:, :2], wanted[-1].xy)
     with pytest.raises(InputError, match="already there"):
         BagWriter(tmp_path / f"run.{kind}")
 

@@ -10,8 +10,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_robot.online.pairs import likely_events
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.definitions import HUMANS, HUMANS_TRAJS, PEOPLE, Decoder, blank, typestore
-from neurosym_robot.ros.people import KINDS, id_of_name, seconds_of, see
+from neurosym_robot.ros.definitions import (
+    HUMANS,
+    HUMANS_TRAJS,
+    PEOPLE,
+    Decoder,
+    blank,
+    seconds_of,
+    typestore,
+)
+from neurosym_robot.ros.people import KINDS, id_of_name, see
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -76,7 +84,7 @@ def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, fore
     whole = np.concatenate([forecast.observed, samples[3]], axis=1)
     for n, frame in enumerate(frames):
         assert frame.ids.tolist() == [4, -8]
-        assert_array_equal(frame.xy, whole[:, n])
+        assert_array_equal(frame.xyz[:, :2], whole[:, n])
     covariance = message.trajs[6].humans[1].centroid.covariance.reshape(6, 6)
     assert_allclose(covariance[:2, :2], np.cov(samples[:, 1, 3].T, bias=True))
     assert [human.confidence for human in message.trajs[6].humans] == [1, pytest.approx(2 / 3)]
@@ -90,7 +98,7 @@ def test_the_truth_is_of_those_seen_to_the_end(new, forecast):
     frames = [see(HUMANS, step) for step in message.trajs]
     assert seconds_of(message.header.stamp) == 100.5
     assert [frame.ids.tolist() for frame in frames] == [[-8]] * 7
-    assert_array_equal(np.stack([frame.xy[0] for frame in frames[3:]]), future[1])
+    assert_array_equal(np.stack([frame.xyz[0, :2] for frame in frames[3:]]), future[1])
     nobody = dataclasses.replace(forecast, future=np.full_like(future, np.nan))
     assert messages.truth_message(new, nobody, 0.4) is None
 
@@ -152,7 +160,7 @@ def test_a_definition_is_learned_from_its_publisher():
     decoder = Decoder(KINDS)
     assert decoder.refuse(said) is None
     seen = see(*decoder.decode(data, said))
-    assert_array_equal(seen.xy, [[1, 2]])
+    assert_array_equal(seen.xyz[:, :2], [[1, 2]])
     assert_array_equal(seen.ids, [9])
     assert (seen.stamp, seen.frame_id) == (3.0, "odom")
 

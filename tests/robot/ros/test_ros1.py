@@ -21,11 +21,9 @@ from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.commands import replay
 from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.ros import messages
-from neurosym_robot.ros.bag_writer import BagWriter
-from neurosym_robot.ros.bags import read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, TRUTH_TOPIC, typestore
-from neurosym_robot.ros.people import seconds_of
-from neurosym_robot.ros.tcpros.xmlrpc import CallError, call
+from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
+from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, TRUTH_TOPIC, seconds_of, typestore
+from neurosym_robot.ros.tcpros.wire import CallError, call
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 

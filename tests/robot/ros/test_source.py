@@ -6,8 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from neurosym_robot.ros.definitions import PEOPLE
-from neurosym_robot.ros.people import KINDS, POSES, see
-from neurosym_robot.ros.source import PeopleSource
+from neurosym_robot.ros.people import KINDS, POSES, PeopleSource, see
 
 
 def stamp(seconds: float) -> Fields:

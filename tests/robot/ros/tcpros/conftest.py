@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from neurosym_robot.ros.tcpros import Node
-from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
+from neurosym_robot.ros.tcpros.wire import CallError, Refused, SlaveServer, call
 
 
 class Master:

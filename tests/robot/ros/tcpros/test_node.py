@@ -14,8 +14,15 @@ import pytest
 from neurosym_jax.errors import InputError
 from neurosym_robot.ros.tcpros import Node, Topic
 from neurosym_robot.ros.tcpros.topics import MOST
-from neurosym_robot.ros.tcpros.wire import encode_header, read_block, read_header
-from neurosym_robot.ros.tcpros.xmlrpc import CallError, Refused, SlaveServer, call
+from neurosym_robot.ros.tcpros.wire import (
+    CallError,
+    Refused,
+    SlaveServer,
+    call,
+    encode_header,
+    read_block,
+    read_header,
+)
 from neurosym_robot.server import ConnectionServer
 
 CHATTER = Topic("/chatter", "std_msgs/String", "992ce8a1687cec8c8bd883ec73ca41d1", "string data")
@@ -300,7 +307,7 @@ def test_nobody_answers():
 
 def test_who_shakes_hands_byte_by_byte_does_not_stay(graph, monkeypatch):
     monkeypatch.setattr("neurosym_robot.ros.tcpros.node.HANDSHAKE", 0.5)
-    monkeypatch.setattr("neurosym_robot.ros.tcpros.xmlrpc.TIMEOUT", 0.5)
+    monkeypatch.setattr("neurosym_robot.ros.tcpros.wire.TIMEOUT", 0.5)
     node = graph("patient")
     for port in (node._port, node._slave.server_address[1]):
         began = time.monotonic()
