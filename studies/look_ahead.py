@@ -14,8 +14,8 @@ from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.tracks import SNAP, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.forecasting.baselines import ConstantVelocity
 from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.forecasters import ConstantVelocity
 
 
 def look_ahead(path: Path) -> None:

@@ -103,6 +103,8 @@ class Options:
     """Compute the collision rate, which takes time quadratic in people."""
     table: Style = "text"
     """Format of the printed tables; csv, markdown and latex go alone to the standard output."""
+    intervals: bool = False
+    """Add intervals to the LaTeX table, which then needs more than one column of a paper."""
     json: Path = Path("results/evaluation.json")
     """File of the report; rows are kept beside it, in .jsonl, as they come."""
     figures: bool = True
@@ -161,7 +163,7 @@ def run(options: Options) -> list[Row]:
         read = describe_readings(readings.values())
         said = [*notes(lines), "", *([read, ""] if read else []), *said]
     else:
-        print(format_table(rows_frame(rows), options.table))
+        print(format_table(rows_frame(rows), options.table, intervals=options.intervals))
     said += [*_write_files(options, tests, results, together=not chosen), f"rows: {options.json}"]
     print("\n".join(said), file=sys.stdout if text else sys.stderr)
     return rows
@@ -264,6 +266,8 @@ def _validate(options: Options) -> None:
         refuse(Seed, {of: options.seed + seed})
     if not (options.checkpoint or options.baselines or options.baselines is None):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
+    if options.intervals and options.table != "latex":
+        raise InputError("--intervals is for --table latex: the other tables have intervals")
     check_report(options.json)
     if options.figures:
         from neurosym_jax.plotting.evaluation import check_figures

@@ -12,28 +12,20 @@ scene. Two things make the difference uncertain:
   with replacement say too little about a fourth (Student's interval is 2.7 times as wide), so no
   conclusion rests on it.
 
-A t test says that two models differ (`p_value`), two one-sided ones that they differ by less than a
-margin (`p_equivalent`); `holm` adjusts several comparisons.
+`holm` adjusts the p values of several comparisons.
 """
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import Scores
 
-__all__ = [
-    "Difference",
-    "ErrorsByScene",
-    "Interval",
-    "holm",
-    "mean_difference",
-    "paired_difference",
-    "student_half",
-]
+__all__ = ["Difference", "ErrorsByScene", "Interval", "holm"]
+__all__ += ["mean_difference", "paired_difference", "student_half"]
 
 RESAMPLES = 4000
 
@@ -105,7 +97,8 @@ class Difference:
 
     def intervals(self, metric: str, seed: int = 0) -> dict[str, Interval | None]:
         """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
-        scenes, of_seeds = self.over_scenes[:, self.metrics.index(metric)], self._of_seeds(metric)
+        column = self.metrics.index(metric)
+        scenes, of_seeds = self.over_scenes[:, column], self.seeds[:, column]
         n = len(of_seeds)
         if n == 1:
             return {"scenes": _interval(scenes), "seeds": None, "both": _interval(scenes)}
@@ -114,28 +107,6 @@ class Difference:
         student = of_seeds.std(ddof=1) / np.sqrt(n) * draw.standard_t(n - 1, RESAMPLES)
         both = _interval(scenes + student)
         return {"scenes": _interval(scenes), "seeds": _interval(drawn), "both": both}
-
-    def p_value(self, metric: str) -> float:
-        """Two-sided t test over seeds of no difference here; NaN for a single seed."""
-        from scipy.stats import ttest_1samp  # It takes half a second to import.
-
-        found: Any = ttest_1samp(self._of_seeds(metric), 0)
-        return float(found.pvalue)
-
-    def p_equivalent(self, metric: str, margin: float) -> float:
-        """Two one-sided t tests over seeds of a difference of `margin` or more.
-
-        Schuirmann (J. Pharmacokinet. Biopharm. 1987). NaN for a single seed.
-        """
-        from scipy.stats import ttest_1samp
-
-        values = self._of_seeds(metric)
-        above: Any = ttest_1samp(values, -margin, alternative="greater")
-        below: Any = ttest_1samp(values, margin, alternative="less")
-        return float(max(above.pvalue, below.pvalue))
-
-    def _of_seeds(self, metric: str) -> np.ndarray:
-        return self.seeds[:, self.metrics.index(metric)]
 
 
 def paired_difference(
@@ -155,8 +126,7 @@ def paired_difference(
     drawn, pairs = _drawn(ours[0], seed), list(zip(ours, theirs))
     over_scenes = np.mean([_resampled(a, drawn) - _resampled(b, drawn) for a, b in pairs], axis=0)
     seeds = np.stack([a.mean - b.mean for a, b in pairs])
-    numbers = tuple(range(len(pairs)) if numbers is None else numbers)
-    return Difference(ours[0].metrics, numbers, seeds, over_scenes)
+    return Difference(ours[0].metrics, tuple(numbers or range(len(pairs))), seeds, over_scenes)
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
@@ -189,7 +159,7 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
 
 def student_half(values: Sequence[float]) -> float:
     """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
-    from scipy.stats import t
+    from scipy.stats import t  # It takes half a second to import.
 
     return float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation import best_of_k, collision, distribution, neighbours, symbol_scores
+from neurosym_jax.evaluation import collision, displacement, neighbours, symbol_scores
 from neurosym_jax.plugins import Registry
 
 __all__ = ["METRICS", "SYMBOLS", "Metric", "known_metric", "metric_names", "register_metric"]
@@ -78,24 +78,30 @@ _NEIGHBOURS = (
 )
 _SYMBOLS = "states, events: log scores of those of ordered pairs within 8 m; less is better"
 
+
+def _covered(level: float) -> Metric:
+    compute = functools.partial(displacement.coverage, level)
+    return _weighted(f"covered at {100 * level:.0f} %", compute, "share", _COVERED)
+
+
 METRICS: Registry[Metric] = Registry(
     "metric",
     {
-        "joint_ade": Metric("joint ADE", best_of_k.joint_ade, "m", _JOINT),
-        "joint_fde": Metric("joint FDE", best_of_k.joint_fde, "m", _JOINT),
-        "marginal_ade": Metric("marginal ADE", best_of_k.marginal_ade, "m", _MARGINAL),
-        "marginal_fde": Metric("marginal FDE", best_of_k.marginal_fde, "m", _MARGINAL),
-        "horizon": Metric("mean displacement error", best_of_k.horizon),
+        "joint_ade": Metric("joint ADE", displacement.joint_ade, "m", _JOINT),
+        "joint_fde": Metric("joint FDE", displacement.joint_fde, "m", _JOINT),
+        "marginal_ade": Metric("marginal ADE", displacement.marginal_ade, "m", _MARGINAL),
+        "marginal_fde": Metric("marginal FDE", displacement.marginal_fde, "m", _MARGINAL),
+        "horizon": Metric("mean displacement error", displacement.horizon),
         "collision_rate": Metric("people in collision", collision.rate, "share", on_host=True),
         "truth_collision_rate": _on_host("truth's collisions", collision.truth_rate, "share"),
         "excess_collisions": _on_host("collisions beyond truth's", collision.excess, "share"),
-        "miss_rate": _further("missed by 2 m", best_of_k.missed, "share", _MISS),
-        "energy_score": _weighted("energy score", distribution.energy_score, "m", _PROPER),
-        "crps": _weighted("CRPS", distribution.crps, "m", _PROPER),
-        "coverage_50": _weighted("covered at 50 %", distribution.coverage_50, "share", _COVERED),
-        "coverage_90": _weighted("covered at 90 %", distribution.coverage_90, "share", _COVERED),
-        "central_ade": _weighted("central ADE", distribution.central_ade, "m", _CENTRAL),
-        "central_fde": _weighted("central FDE", distribution.central_fde, "m", _CENTRAL),
+        "miss_rate": _further("missed by 2 m", displacement.missed, "share", _MISS),
+        "energy_score": _weighted("energy score", displacement.energy_score, "m", _PROPER),
+        "crps": _weighted("CRPS", displacement.crps, "m", _PROPER),
+        "coverage_50": _covered(0.5),
+        "coverage_90": _covered(0.9),
+        "central_ade": _weighted("central ADE", displacement.central_ade, "m", _CENTRAL),
+        "central_fde": _weighted("central FDE", displacement.central_fde, "m", _CENTRAL),
         "neighbour_share": _moves("changed by neighbours", neighbours.share, "share", _NEIGHBOURS),
         "neighbour_near": _moves(
             "changed by near neighbours", neighbours.near, "share", _NEIGHBOURS

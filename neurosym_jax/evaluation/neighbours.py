@@ -28,16 +28,16 @@ def without_neighbours(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndar
         scenes: of N slots, with a leading axis B.
         noise: [k, B, dim] of the scenes, or [k, B, N, dim] of their slots.
     """
-    batch, slots = scenes.valid.shape
+    slots = scenes.valid.shape[1]
 
     def of_slots(leaf: Any) -> np.ndarray:
-        return np.asarray(leaf).reshape(batch * slots, 1, *leaf.shape[2:])
+        return np.asarray(leaf).reshape(-1, 1, *leaf.shape[2:])
 
     identity = np.repeat(np.asarray(scenes.identity), slots, axis=0)
     alone = jax.tree.map(of_slots, scenes.bare().replace(identity=None)).replace(identity=identity)
     if noise.ndim == 3:
         return alone, np.repeat(noise, slots, axis=1)
-    return alone, noise.reshape(len(noise), batch * slots, 1, -1)
+    return alone, noise.reshape(len(noise), len(identity), 1, -1)
 
 
 def share(moves: Array, scene: Scene) -> tuple[Array, Array]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,18 +21,8 @@ from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
 
-__all__ = [
-    "BASELINES",
-    "Entries",
-    "Test",
-    "TestSet",
-    "baseline",
-    "baselines_of",
-    "load_models",
-    "load_tests",
-    "make_plan",
-    "make_test",
-]
+__all__ = ["BASELINES", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
+__all__ += ["load_models", "load_tests", "make_plan", "make_test"]
 
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
 """Forecasters that every model is tested beside, by name."""
@@ -61,8 +50,6 @@ class Test:
     test_set: TestSet
     entries: Entries
     windows: Windows
-    seconds: float
-    """Time taken to read and cut it."""
 
     @functools.cached_property
     def batches(self) -> list[Batch]:
@@ -103,8 +90,8 @@ def make_plan(
         models: (path, model).
         dataset: test on this one only.
         test_on: names of recordings to test on, as one test set.
-        obs_len: of the models.
-        pred_len: of the models.
+        obs_len: steps that the models have to observe.
+        pred_len: steps that they have to forecast.
         baselines: see `baselines_of`.
         only_matching: leave out models that would be refused.
 
@@ -116,9 +103,10 @@ def make_plan(
     if dataset is not None and dataset not in source.scenes:
         raise InputError(f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}")
     everywhere = ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
+    lengths = {"obs_len": obs_len, "pred_len": pred_len}
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
-        if reason := _contradiction(model, source, dataset, obs_len, pred_len, bool(test_on)):
+        if reason := _contradiction(model, source, dataset, lengths, bool(test_on)):
             if only_matching:
                 continue
             raise InputError(f"{path}: {reason}")
@@ -137,30 +125,27 @@ def _contradiction(
     model: Model,
     source: Source,
     dataset: str | None,
-    obs_len: int | None,
-    pred_len: int | None,
+    lengths: Mapping[str, int | None],
     named: bool,
 ) -> str | None:
     """Why a model cannot be tested as asked; None where it can. `named`: recordings are."""
     config = model.config
     if isinstance(config, GeneratorConfig) and "alpha_rows" in config.pooling.inputs:
         return f"{POOLINGS.name_of(config.pooling)} {NO_FORECAST}"
-    for name, asked in (("obs_len", obs_len), ("pred_len", pred_len)):
+    for name, asked in lengths.items():
         has = getattr(config, name)
         if asked is not None and asked != has:
             return f"has {name} {has}, but --{name.replace('_', '-')} {asked} is asked for"
-    where = None
     if model.dataset == GENERAL and isinstance(source, EthUcy) and not named:
         where = "learned from all of ETH/UCY, so it would be tested"
     elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
         where = f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it"
-    asked = "on what it was trained on (--test-on with file names does so all the same)"
-    return where and f"{where} {asked}"
+    else:
+        return None
+    return f"{where} on what it was trained on (--test-on with file names does so all the same)"
 
 
-def baselines_of(
-    names: Sequence[str] | None, obs_len: int, pred_len: int
-) -> list[tuple[None, Model]]:
+def baselines_of(names: Sequence[str] | None, obs_len: int, pred_len: int) -> Entries:
     """The baselines of a test set, by names of forecasters; None for `BASELINES`."""
     names = BASELINES if names is None else names
     return [(None, baseline(name, obs_len, pred_len)) for name in names]
@@ -187,28 +172,24 @@ def load_tests(
     min_agents: int = 2,
 ) -> list[Test]:
     """Read the test sets of a plan (see `make_plan`), each recording once."""
-    since = time.perf_counter()
     names = list(dict.fromkeys(test_set.dataset for test_set in plan))
     read = (lambda _: source.files(test_on)) if test_on else source.recordings
     # Side by side, for simulations are programs that are compiled first.
     with ThreadPoolExecutor(cpu_cores()) as pool:
         recordings = dict(zip(names, pool.map(read, names)))
-    tests: list[Test] = []
-    for test_set, entries in plan.items():
-        tests.append(make_test(test_set, entries, recordings[test_set.dataset], min_agents, since))
-        since = time.perf_counter()
-    return tests
+    return [
+        make_test(test_set, entries, recordings[test_set.dataset], min_agents)
+        for test_set, entries in plan.items()
+    ]
 
 
 def make_test(
-    test_set: TestSet,
-    entries: Entries,
-    recordings: Sequence[Tracks],
-    min_agents: int = 2,
-    since: float | None = None,
+    test_set: TestSet, entries: Entries, recordings: Sequence[Tracks], min_agents: int = 2
 ) -> Test:
-    """Cut `recordings` into the windows of a test set; its seconds count `since` then."""
-    since = time.perf_counter() if since is None else since
+    """Cut `recordings` into windows; warn of models that were trained on them, or at other steps.
+
+    The reading of the first recording keeps the warnings of training people, for reports.
+    """
     windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
     for path, model in entries:
         found, looked = seen_before(model.seen, windows)
@@ -229,4 +210,4 @@ def make_test(
                 InputWarning,
                 stacklevel=2,
             )
-    return Test(test_set, entries, windows, time.perf_counter() - since)
+    return Test(test_set, entries, windows)

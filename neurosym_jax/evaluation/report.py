@@ -44,7 +44,7 @@ def read_report(path: Path) -> pl.DataFrame:
         InputError: for a file that is missing or no report of this version.
     """
     report = _report(path)
-    if report is None or report["format"] != FORMAT:
+    if report.get("format") != FORMAT:
         raise InputError(f"{path}: is not a report of ours of format {FORMAT}")
     return rows_frame(report["rows"])
 
@@ -61,18 +61,17 @@ def check_report(path: Path) -> bool:
     log = path.with_suffix(".jsonl")
     for each in (path, log):
         files.refuse_unwritable(each)
-    foreign = log.exists() and log.read_bytes()[:13] not in (b"", b'{"checkpoint"')
-    if foreign or (path.exists() and _report(path) is None):
-        raise InputError(
-            f"{log if foreign else path}: is not a report of ours, so it is not overwritten"
-        )
+    foreign = [log] * (log.exists() and log.read_bytes()[:13] not in (b"", b'{"checkpoint"'))
+    foreign += [path] * (path.exists() and not _report(path))
+    if foreign:
+        raise InputError(f"{foreign[0]}: is not a report of ours, so it is not overwritten")
     return path.exists()
 
 
-def _report(path: Path) -> dict[str, Any] | None:
-    """The content of a report; None for anything else."""
+def _report(path: Path) -> dict[str, Any]:
+    """The content of a report; nothing for anything else."""
     try:
         found = json.loads(path.read_text())
     except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) and {"format", "rows"} <= set(found) else None
+        return {}
+    return found if isinstance(found, dict) and {"format", "rows"} <= set(found) else {}

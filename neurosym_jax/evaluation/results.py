@@ -7,7 +7,8 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -29,7 +30,6 @@ from neurosym_jax.evaluation.scoring import (
     score_batch,
     score_forecaster,
 )
-from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
@@ -134,7 +134,8 @@ def evaluate(
         for (obs_len, pred_len, period), entries in tested.items()
     ]
     settings = Settings(samples, seed, None if metrics is None else tuple(metrics))
-    return rows_frame([result.row for result in evaluate_tests(tests, settings)])
+    rows = [result.row for result in evaluate_tests(tests, settings)]
+    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def evaluate_tests(
@@ -145,7 +146,7 @@ def evaluate_tests(
     Each test set is a task of `run`, see `cluster_map`; default: all here, in threads.
     """
     step = progress_of(sum(len(test.entries) for test in tests))
-    results: Iterable[Result] = _here(settings, tests)
+    results: Iterable[Result] = _results(settings, tests)
     if run is not None:
         results = itertools.chain.from_iterable(run(functools.partial(_task, settings), tests))
     for result in results:
@@ -154,62 +155,57 @@ def evaluate_tests(
 
 
 def _task(settings: Settings, test: Test) -> list[Result]:
-    return list(_here(settings, [test]))
+    return list(_results(settings, [test]))
 
 
-def _here(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:
+def _results(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:
+    """Compile in threads what the tests need, and evaluate them in order meanwhile."""
+    models: dict[Forecaster, Model] = {}
+    shapes: dict[Forecaster, dict[Any, Scene]] = defaultdict(dict)
+    for test in tests:
+        for _, model in test.entries:
+            models[model.forecaster] = model
+            for batch in test.batches:
+                shapes[model.forecaster][batch.scene.observed.shape] = batch.scene
     pool = ThreadPoolExecutor(cpu_cores())
     try:
-        programs = _compile(pool, tests, settings)
+        programs = {
+            forecaster: pool.submit(_compile, model, shapes[forecaster].values(), settings)
+            for forecaster, model in models.items()
+        }
         for test in tests:
             yield from _evaluate_test(programs, test, settings)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _compile(
-    pool: ThreadPoolExecutor, tests: Sequence[Test], settings: Settings
-) -> dict[Any, Future]:
-    """Start compiling each program once: by running it on empty scenes, since JAX keeps it.
-
-    The keys are a forecaster and the shape of a batch.
-    """
-    begun: dict[Any, Future] = {}
-    for test in tests:
-        shapes = {batch.scene.observed.shape: batch.scene for batch in test.batches}
-        for _, model in test.entries:
-            new = {key: shapes[key] for key in shapes if (model.forecaster, key) not in begun}
-            # One after the other, for all shapes share a program that the first one compiles.
-            future = pool.submit(_run_on_nothing, model, list(new.values()), settings)
-            begun |= {(model.forecaster, key): future for key in new}
-    return begun
-
-
-def _run_on_nothing(model: Model, scenes: Sequence[Scene], settings: Settings) -> None:
+def _compile(model: Model, scenes: Iterable[Scene], settings: Settings) -> None:
+    """Compile the programs for batches like `scenes`: by running on empty ones; JAX keeps them."""
     forecaster, metrics = model.forecaster, chosen(settings.metrics)
+    # One after the other, for all shapes share a program that the first one compiles.
     for scene in scenes:
         empty: Any = jax.tree.map(np.zeros_like, scene)
         empty.valid[0, 0] = True
         score_batch(forecaster, model.params, empty, forecaster.count(settings.samples), 0, metrics)
-    if scenes:
-        one = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), EXAMPLE)
-        SceneForecaster(forecaster, model.params, samples=settings.samples, seed=0)(one)
+    one = pad_scene(make_scene(np.zeros((1, model.config.obs_len, 2))), EXAMPLE)
+    SceneForecaster(forecaster, model.params, samples=settings.samples, seed=0)(one)
 
 
-def _evaluate_test(programs: dict[Any, Future], test: Test, settings: Settings) -> Iterator[Result]:
-    test_set, windows, loading = test.test_set, test.windows, test.seconds
+def _evaluate_test(
+    programs: Mapping[Forecaster, Future], test: Test, settings: Settings
+) -> Iterator[Result]:
+    test_set, windows = test.test_set, test.windows
     example = None
     for path, model in test.entries:
         start = time.perf_counter()
-        for batch in test.batches:
-            programs[model.forecaster, batch.scene.observed.shape].result()
+        programs[model.forecaster].result()
         compiling = time.perf_counter() - start
         found, spread = _score(model, test, settings)
         if example is None:
             example = single_scene(windows, _typical(test, found))
             # One size for most test sets, because each costs a program for every model.
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
-        seconds, forecast = _latency(model.forecaster, model.params, example, settings)
+        latency, forecast = _latency(model, example, settings)
         steps = test_set.obs_len + test_set.pred_len
         errors = ErrorsByScene.of_scores(found.scores, windows.identity, steps)
         row = {
@@ -223,15 +219,13 @@ def _evaluate_test(programs: dict[Any, Future], test: Test, settings: Settings) 
             "agents": found.agents,
             "blocks": int(errors.blocks.max()) + 1,
             **_columns(found.scores, errors, spread, f"{model.name} on {test_set.dataset}"),
-            "seconds_loading": loading,
             "seconds_compiling": compiling,
             "seconds_evaluating": found.seconds,
-            "latency": seconds,
+            "latency": latency,
             "forecasts_per_second": found.agents * found.samples / found.seconds,
         }
         horizons = {name: of.mean for name, of in found.scores.items() if of.total.ndim == 2}
         yield Result(test_set, row, errors, example, forecast, horizons, windows.period)
-        loading = 0.0
 
 
 def _score(model: Model, test: Test, settings: Settings) -> tuple[Evaluation, dict[str, float]]:
@@ -258,14 +252,15 @@ def _score(model: Model, test: Test, settings: Settings) -> tuple[Evaluation, di
 
 def _columns(scores: Scores, errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
     """Mean, bounds and deviation of each metric with one value, None where nothing was counted."""
+    columns: Row = {}
     for name in errors.metrics:
         if not np.isfinite(scores[name].total).all():
             raise InputError(f"metric {name}: is not finite for {of}")
-    columns: Row = {}
-    for name, interval in errors.intervals().items():
-        counted = scores[name].count.sum() > 0
-        columns[name] = float(scores[name].mean) if counted else None
-        columns[f"{name}_low"], columns[f"{name}_high"] = interval if counted else (None, None)
+    for name, (low, high) in errors.intervals().items():
+        mean = float(scores[name].mean)
+        counted = not np.isnan(mean)
+        columns[name] = mean if counted else None
+        columns[f"{name}_low"], columns[f"{name}_high"] = (low, high) if counted else (None, None)
         columns[f"{name}_std"] = spread.get(name)
     return columns
 
@@ -279,14 +274,14 @@ def _typical(test: Test, found: Evaluation) -> int:
     return int(small[np.argsort(error[small], kind="stable")[len(small) // 2]])
 
 
-def _latency(
-    forecaster: Forecaster, params: Any, scene: Scene, settings: Settings
-) -> tuple[float, np.ndarray]:
+def _latency(model: Model, scene: Scene, settings: Settings) -> tuple[float, np.ndarray]:
     """Median seconds to forecast one scene, and its forecast [k, N, pred_len, 2], world metres."""
-    forecast = SceneForecaster(forecaster, params, samples=settings.samples, seed=settings.seed)
+    forecast = SceneForecaster(
+        model.forecaster, model.params, samples=settings.samples, seed=settings.seed
+    )
     futures, seconds = forecast(scene), []
     for _ in range(10):
         start = time.perf_counter()
-        futures = forecast(scene)
+        forecast(scene)
         seconds.append(time.perf_counter() - start)
     return float(np.median(seconds)), futures

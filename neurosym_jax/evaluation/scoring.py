@@ -15,26 +15,13 @@ from neurosym_jax.data.batching import Batch, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.evaluation.neighbours import without_neighbours
-from neurosym_jax.forecasting.batched import (
-    batch_noise,
-    forecast_batch,
-    unpacked,
-)
+from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.environment import cpu_cores, refuse_beyond_memory
 from neurosym_jax.scene import Scene, make_scene, model_dtype, pad_scene, relative_positions
 
-__all__ = [
-    "Evaluation",
-    "Metrics",
-    "Score",
-    "Scores",
-    "chosen",
-    "score",
-    "score_batch",
-    "score_forecaster",
-    "score_scenes",
-]
+__all__ = ["Evaluation", "Metrics", "Score", "Scores", "chosen"]
+__all__ += ["score", "score_batch", "score_forecaster", "score_scenes"]
 
 
 class Score(NamedTuple):
@@ -102,18 +89,15 @@ def score_forecaster(
         4.0 * samples * slots * (6 * forecaster.pred_len + 2 * forecaster.noise.dim),
         "ask for fewer samples",
     )
-    measured = chosen(metrics)
-
-    def of_batch(batch: Batch) -> Scores:
-        return score_batch(forecaster, params, batch.scene, samples, seed, measured)
-
+    how = {"samples": samples, "seed": seed, "metrics": chosen(metrics)}
+    of_batch = functools.partial(score_batch, forecaster, params, **how)
     with ThreadPoolExecutor(cores) as pool:
-        parts = list(pool.map(of_batch, batches))
+        parts = list(pool.map(of_batch, [batch.scene for batch in batches]))
     index = np.concatenate([batch.index for batch in batches])
     order = np.argsort(index, kind="stable")[(index < 0).sum() :]
     scores = {
         name: Score(*(np.concatenate(of)[order] for of in zip(*(part[name] for part in parts))))
-        for name, _ in measured
+        for name in parts[0]
     }
     agents = sum(int(batch.scene.valid.sum()) for batch in batches)
     return Evaluation(scores, agents, samples, time.perf_counter() - start)
@@ -123,10 +107,9 @@ def score_batch(
     forecaster: Forecaster, params: Any, scenes: Scene, samples: int, seed: int, metrics: Metrics
 ) -> Scores:
     """Scores of `forecaster` on a batch of padded scenes."""
-    valid = np.asarray(scenes.valid)
+    valid, moves = np.asarray(scenes.valid), None
     noise = batch_noise(forecaster, scenes, samples, seed)
     futures, probability = forecast_batch(forecaster, params, scenes, noise)
-    moves = None
     if any(metric.moves for _, metric in metrics):
         alone, _ = forecast_batch(forecaster, params, *without_neighbours(scenes, noise))
         moves = unpacked(futures - alone, valid)
@@ -185,12 +168,11 @@ def score_scenes(
         InputError: for a metric that fails, gives something else, or lacks `moves`.
     """
     scenes = scenes.replace(origin=None, identity=None)
+    given = (samples, moves, scenes, probability)
     for name, metric in metrics:
         if metric.moves and moves is None:
             raise InputError(f"metric {name}: needs forecasts without neighbours, too")
-    given = (samples, moves, scenes, probability)
-    traced = tuple(each for each in metrics if not each[1].on_host)
-    found = dict(zip((name for name, _ in traced), _traced(traced, *given)))
+    found = _traced(tuple(each for each in metrics if not each[1].on_host), *given)
     for name, metric in metrics:
         if metric.on_host:
             values, weights = map(np.asarray, _computed(name, metric, *given))
@@ -200,16 +182,13 @@ def score_scenes(
 
 @functools.partial(jax.jit, static_argnums=0)
 def _traced(metrics: Metrics, samples: Any, moves: Any, scenes: Scene, probability: Any) -> Any:
-    """(total [B] or [B, T], count [B]) for each of `metrics`, see `score_scenes`."""
+    """(total [B] or [B, T], count [B]) of each of `metrics` by name, see `score_scenes`."""
 
-    def of_scene(*given: Any) -> list[Any]:
-        return [tuple(map(jnp.asarray, _computed(*each, *given))) for each in metrics]
+    def of_scene(*given: Any) -> dict[str, Any]:
+        return {each[0]: tuple(map(jnp.asarray, _computed(*each, *given))) for each in metrics}
 
     parts = jax.vmap(of_scene, in_axes=(1, 1, 0, 1))(samples, moves, scenes, probability)
-    return [
-        _summed(name, values, weights, scenes, jnp)
-        for (name, _), (values, weights) in zip(metrics, parts)
-    ]
+    return {name: _summed(name, of[0], of[1], scenes, jnp) for name, of in parts.items()}
 
 
 def _computed(

@@ -8,7 +8,8 @@ The 95 % interval of a line is
   else of independent test sets.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import PurePath
 from typing import Any
 
@@ -18,7 +19,7 @@ import polars as pl
 from neurosym_jax.evaluation.bootstrap import student_half
 from neurosym_jax.evaluation.metrics import known_metric
 
-__all__ = ["labels", "metrics_of", "rows_frame", "summarise"]
+__all__ = ["labels", "metrics_of", "rows_frame", "short_names", "summarise"]
 
 SEED = r"[_\-.]?seed[_\-=]?(\d+)"
 """In a checkpoint's path, the seed of one of several trainings."""
@@ -70,6 +71,16 @@ def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
     ]
 
 
+def short_names(names: Iterable[str]) -> dict[str, str]:
+    """Labels by name for narrow tables: CV for constant velocity, and without options.
+
+    Names that would be the same stay as they are.
+    """
+    short = {name: re.sub(r",\S+", "", name.replace("constant velocity", "CV")) for name in names}
+    brief = list(short.values())
+    return {name: of if brief.count(of) == 1 else name for name, of in short.items()}
+
+
 def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     """Lines of one test set; `each` and `trained` are means and seeds of the trainings."""
     path = pl.col("checkpoint").cast(pl.String)
@@ -79,28 +90,22 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     # Without a seed in its path each is a model of its own.
     alone = pl.when(pl.col("seed").is_null()).then(pl.col("row"))
     line = pl.col("row").first().over("dataset", *HORIZON, "model", family, alone)
+    ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std"}
     long = pl.concat(
         rows.select(
             pl.col("seed", "checkpoint", "latency", "forecasts_per_second", *FACTS),
             family=family,
             line=line,
             metric=pl.lit(name),
-            mean=pl.col(name).cast(pl.Float64),
-            low=pl.col(f"{name}_low").cast(pl.Float64),
-            high=pl.col(f"{name}_high").cast(pl.Float64),
-            std=pl.col(f"{name}_std").cast(pl.Float64),
+            **{value: pl.col(f"{name}{end}").cast(pl.Float64) for value, end in ends.items()},
         )
         for name in metrics_of(rows.columns)
     )
-    several = pl.len() > 1
     lines = long.group_by("line", "metric", maintain_order=True).agg(
-        pl.col(*FACTS).first(),
+        pl.col(*FACTS, *ends).first(),
         pl.col("latency").max(),
         pl.col("forecasts_per_second").min(),
-        pl.col("mean", "low", "high", "std").first(),
-        checkpoint=pl.when(several)
-        .then(pl.col("family").first())
-        .otherwise(pl.col("checkpoint").first()),
+        checkpoint=pl.when(pl.len() > 1).then(pl.first("family")).otherwise(pl.first("checkpoint")),
         trainings=pl.len().cast(pl.Int64),
         sets=pl.lit(1),
         each=pl.col("mean"),

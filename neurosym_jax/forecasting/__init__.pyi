@@ -1,10 +1,10 @@
-from .baselines import ConstantVelocity as ConstantVelocity
-from .baselines import ConstantVelocitySampled as ConstantVelocitySampled
 from .batched import predict_scenes as predict_scenes
 from .differentiable import forecast as forecast
 from .forecaster import Forecaster as Forecaster
 from .forecaster import Lengths as Lengths
 from .forecaster import TwoStageForecaster as TwoStageForecaster
+from .forecasters import ConstantVelocity as ConstantVelocity
+from .forecasters import ConstantVelocitySampled as ConstantVelocitySampled
 from .forecasters import register_forecaster as register_forecaster
 from .model import Model as Model
 from .model import predict as predict

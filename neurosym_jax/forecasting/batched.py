@@ -64,9 +64,11 @@ def predict_scenes(
         raise InputError(f"{len(frames)} frames are given for {len(observed)} scenes")
     if not len(observed):
         return []
-    scenes = [checked_positions(f"observed[{i}]", scene) for i, scene in enumerate(observed)]
-    for number, scene in enumerate(scenes):
-        refuse_other_length(model, scene, f"observed[{number}]")
+    scenes = []
+    for number, scene in enumerate(observed):
+        name = f"observed[{number}]"
+        scenes.append(checked_positions(name, scene))
+        refuse_other_length(model, scenes[-1], name)
     bounds = np.cumsum([0, *map(len, scenes)])
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
@@ -91,23 +93,23 @@ def forecast_windows(
         [k, A, pred_len, 2] float64 world metres and [k, S]; None where all are the same.
     """
     forecaster, params = model.forecaster, jax.device_put(model.params)
-    likely: np.ndarray | None = None
     samples = forecaster.count(samples)
     found = np.empty((samples, windows.agents, forecaster.pred_len, 2))
+    likely = np.empty((samples, windows.scenes))
 
     def of_batch(batch: Batch) -> tuple[np.ndarray, np.ndarray | None]:
         noise = batch_noise(forecaster, batch.scene, samples, seed)
         return forecast_batch(forecaster, params, batch.scene, noise)
 
+    some = None
     for batch, (futures, some) in zip(batches, run(of_batch, batches)):
         there = batch.index >= 0
         scenes = batch.index[there]
         if some is not None:
-            likely = np.empty((samples, windows.scenes)) if likely is None else likely
             likely[:, scenes] = some[:, there]
         origin = np.repeat(np.asarray(batch.scene.origin)[there], windows.sizes[scenes], axis=0)
         found[:, windows.rows(scenes)] = futures + origin[:, None]
-    return found, likely
+    return found, None if some is None else likely
 
 
 def batch_noise(forecaster: Forecaster, scenes: Scene, samples: int, seed: int) -> np.ndarray:
@@ -138,25 +140,20 @@ def _decoded_agents(
     forecaster: TwoStageForecaster, params: Any, scenes: Scene, noise: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """`[k, A, pred_len, 2]` of the agents, packed as one scene and decoded in parts of `PART`."""
-    context: Any = ()
-    if forecaster.encoder is not None:
-        context = _encode(forecaster.encoder, params, scenes.bare())
-    packed = context, scenes.bare().replace(identity=None)
-    packed = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], packed)
+    agents = _encode(forecaster, params, scenes.bare()), scenes.bare().replace(identity=None)
+    agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
     each = noise[:, valid] if noise.ndim == 4 else np.repeat(noise, valid.sum(axis=1), axis=1)
-    parts = []
+    packed, parts = (*agents, each.swapaxes(0, 1)), []
     for at in range(0, each.shape[1], PART):
-        rows = slice(at, at + PART)
-        inputs = jax.tree.map(lambda leaf, rows=rows: _filled(leaf[rows], 0), packed)
-        futures = _decode(forecaster, params, *inputs, _filled(each[:, rows], 1))
+        part = jax.tree.map(lambda leaf, at=at: _filled(leaf[at : at + PART]), packed)
+        futures = _decode(forecaster, params, *part[:-1], part[-1].swapaxes(0, 1))
         parts.append(np.asarray(futures)[:, : each.shape[1] - at])
     return np.concatenate(parts, axis=1)
 
 
-def _filled(rows: np.ndarray, axis: int) -> np.ndarray:
-    """`rows` with zeros up to `PART` of them along `axis`."""
-    widths = [(0, PART - size if dim == axis else 0) for dim, size in enumerate(rows.shape)]
-    return np.pad(rows, widths)
+def _filled(rows: np.ndarray) -> np.ndarray:
+    """`rows` with zeros up to `PART` of them along the first axis."""
+    return np.pad(rows, [(0, PART - len(rows)), *[(0, 0)] * (rows.ndim - 1)])
 
 
 def unpacked(futures: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -174,8 +171,8 @@ def _forecast(forecaster, params, scenes, noise):
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _encode(encoder, params, scenes):
-    return jax.vmap(encoder.encode, in_axes=(None, 0))(params, scenes)
+def _encode(forecaster, params, scenes):
+    return jax.vmap(forecaster.encode, in_axes=(None, 0))(params, scenes)
 
 
 @functools.partial(jax.jit, static_argnums=0)

@@ -97,17 +97,12 @@ class TwoStageForecaster(Forecaster):
     """
 
     @property
-    def encoder(self) -> "TwoStageForecaster | None":
-        """The forecaster that encodes: equal ones share programs. None if there is no context."""
-        return None
-
-    @property
     def decodes_alone(self) -> bool:
         """Whether `decode` looks at no neighbour."""
         return True
 
     def encode(self, params: Any, scene: Scene) -> Any:
-        """The context of one scene, which does not depend on the noise: arrays [N, ...]."""
+        """The context of one scene, which does not depend on the noise: arrays [N, ...] if any."""
         return ()
 
     @abc.abstractmethod

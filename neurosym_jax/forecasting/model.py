@@ -98,7 +98,9 @@ def predict(
     Raises:
         InputError: for a wrong shape, an unusable coordinate, or a number out of range.
     """
-    return _forecast(model, observed, samples, seed, recording, frame)[0]
+    return predict_distribution(
+        model, observed, samples=samples, seed=seed, recording=recording, frame=frame
+    )[0]
 
 
 def predict_distribution(
@@ -118,17 +120,11 @@ def predict_distribution(
 
     Arguments are those of `predict`: `observed` is [N, obs_len, 2] metres.
     """
-    futures, probability = _forecast(model, observed, samples, seed, recording, frame)
-    return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
-
-
-def _forecast(
-    model: Model, observed: ArrayLike, samples: int, seed: int, recording: str, frame: int
-) -> tuple[np.ndarray, np.ndarray | None]:
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
     forecaster = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
-    return forecaster.finish(forecaster.start(scene), scene)
+    futures, probability = forecaster.finish(forecaster.start(scene), scene)
+    return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:

@@ -16,7 +16,6 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Any
 
 from neurosym_jax.configuration import from_json, parse_json, to_json
 from neurosym_jax.data.leakage import is_fingerprint
@@ -39,7 +38,7 @@ __all__ = ["load_model", "replace_card", "save_model"]
 
 CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
-FIELDS = {"format", "forecaster", "config", "dataset", "plugins"}
+FIELDS = {"forecaster", "config", "dataset", "plugins"}
 OPTIONAL = {"seen", "neighbours", "data"}
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 
@@ -67,7 +66,7 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         **({"data": dict(model.data)} if model.data else {}),
     }
     text = json.dumps(fields, indent=2, allow_nan=False)
-    if _config(model.kind, json.loads(text)["config"]) != model.config:
+    if from_json(type(model.config), json.loads(text)["config"], CONFIG) != model.config:
         raise InputError(f"the configuration of {model.name} does not come back from JSON")
     with new_folder(folder) as beside:
         (beside / PARAMS).write_bytes(save(flat_parameters(model.params)))
@@ -147,18 +146,15 @@ def _read(folder: Path) -> Model:
     if _digest(folder, rest) != digest:
         raise InputError("damaged: its files do not match the digest")
     fields = parse_json(b"{" + rest, CONFIG)
-    if fields.get("format") != FORMAT:
-        raise InputError(
-            f"format {fields.get('format')!r} is not the format {FORMAT} of this version"
-        )
+    if (format_ := fields.pop("format", None)) != FORMAT:
+        raise InputError(f"format {format_!r} is not the format {FORMAT} of this version")
     if fields.keys() - OPTIONAL != FIELDS:
         raise InputError(f"{CONFIG}: must have the fields {', '.join(sorted(FIELDS))}")
-    kind, plugins = str(fields["forecaster"]), tuple(map(str, fields["plugins"]))
-    about = {name: fields[name] for name in OPTIONAL & fields.keys()}
-    if not is_fingerprint(about.get("seen", "")):
+    if not is_fingerprint(fields.get("seen", "")):
         raise InputError(f"{CONFIG}: seen is not a fingerprint of windows")
+    kind, plugins = str(fields.pop("forecaster")), tuple(map(str, fields.pop("plugins")))
     try:
-        config = _config(kind, fields["config"])
+        config = from_json(FORECASTERS[kind].Config, fields.pop("config"), CONFIG)
     except InputError as error:
         absent = [f" --plugin {name}" for name in plugins if name not in names(loaded())]
         hint = f"; it was trained with{''.join(absent)}" if absent else ""
@@ -167,13 +163,9 @@ def _read(folder: Path) -> Model:
         parameters = nested_parameters(load_file(folder / PARAMS))
     except (SafetensorError, AttributeError, KeyError, ValueError, TypeError) as error:
         raise InputError(f"{PARAMS}: cannot be read ({error})") from None
-    model = Model(config, parameters, fields["dataset"], kind, plugins, **about)
+    model = Model(config, parameters, kind=kind, plugins=plugins, **fields)
     _refuse_misfit(model)
     return model
-
-
-def _config(kind: str, values: dict[str, Any]) -> Any:
-    return from_json(FORECASTERS[kind].Config, values, CONFIG)
 
 
 def _refuse_misfit(model: Model) -> None:
@@ -181,7 +173,7 @@ def _refuse_misfit(model: Model) -> None:
     flat = flat_parameters(model.params)
     refuse_not_finite(flat)
     wanted = model.forecaster.shapes()
-    if wanted is not None and (wrong := misfits(shapes_of(flat), wanted)):
+    if wanted is not None and (wrong := misfits(shapes_of(model.params), wanted)):
         raise InputError(f"the configuration describes another network: {listed(wrong, 2)}")
 
 

@@ -59,8 +59,7 @@ class GeneratorForecaster(TwoStageForecaster):
     def noise(self) -> NoiseSpec:
         """The config's."""
         config = self.config
-        per_agent = config.noise_mix_type == "ped"
-        return NoiseSpec(config.noise_dim, per_agent, config.noise_type)
+        return NoiseSpec(config.noise_dim, config.noise_mix_type == "ped", config.noise_type)
 
     @property
     def sees_neighbours(self) -> bool:
@@ -68,24 +67,17 @@ class GeneratorForecaster(TwoStageForecaster):
         return self.config.pools
 
     @property
-    def encoder(self) -> "GeneratorForecaster | None":
-        """Encoding does not depend on the horizon; without pooling it is part of the decoding."""
-        if not self.config.pools:
-            return None
-        return GeneratorForecaster(dataclasses.replace(self.config, pred_len=1))
-
-    @property
     def decodes_alone(self) -> bool:
         """Unless it pools at every step."""
         return not self.config.pool_every_timestep
 
     def encode(self, params: Any, scene: Scene) -> Any:
-        """Context `[N, C]`, see `encode_scene`; nothing without pooling."""
-        return () if self.encoder is None else encode_scene(self.config, params, scene)
+        """Context `[N, C]`, see `encode_scene`; without pooling encoding is part of `decode`."""
+        return encode_scene(self.config, params, scene) if self.config.pools else ()
 
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
         """See `TwoStageForecaster.decode`."""
-        if self.encoder is None:
+        if not self.config.pools:
             context = encode_scene(self.config, params, scene)
         return decode_scene(self.config, params, context, scene, noise)
 

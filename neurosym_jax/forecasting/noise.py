@@ -58,12 +58,11 @@ def draw_noise(
         return np.zeros(shape, np.float32)
     each = slots[0] if slots else 1
     slot = np.tile(np.arange(each, dtype=np.uint32), len(identity))
-    identity = np.repeat(identity, each, axis=0)
-    padding = -len(slot) % CHUNK
-    whole = np.pad(identity, [(0, padding), (0, 0)]), np.pad(slot, (0, padding))
-    chunks = zip(*(np.split(part, len(part) // CHUNK) for part in whole))
-    key = jax.random.key(seed)
-    parts = [np.asarray(_streams(spec, key, *chunk, samples)) for chunk in chunks]
+    streams = np.column_stack([np.repeat(identity, each, axis=0), slot])
+    key, parts = jax.random.key(seed), []
+    for chunk in np.split(streams, range(CHUNK, len(streams), CHUNK)):
+        filled = np.pad(chunk, [(0, CHUNK - len(chunk)), (0, 0)])
+        parts.append(np.asarray(_streams(spec, key, filled[:, :2], filled[:, 2], samples)))
     return np.concatenate(parts, axis=1)[:, : len(slot)].reshape(shape)
 
 

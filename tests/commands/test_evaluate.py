@@ -110,6 +110,13 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
         assert rows[2][metric] == rows[3][metric]
 
 
+def test_intervals_are_for_latex(options, capsys):
+    run(options(table="latex", intervals=True, dataset="cross-path", samples=2, figures=False))
+    assert r"{\scriptsize [" in capsys.readouterr().out
+    with pytest.raises(InputError, match="--intervals is for --table latex"):
+        run(options(table="markdown", intervals=True))
+
+
 def test_one_step_and_one_agent(options, tmp_path):
     walk = "\n".join(f"{frame},1,{0.1 * frame:.1f},0" for frame in range(9))
     (tmp_path / "walk.csv").write_text(walk)

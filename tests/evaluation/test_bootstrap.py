@@ -2,7 +2,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import (
@@ -93,15 +92,13 @@ def of_values(values, numbers=None):
 
 def test_the_mean_over_test_sets_covers_although_equal_seeds_are_alike():
     draw = np.random.default_rng(4)
-    covered, findings, repetitions = 0, 0, 400
+    covered, repetitions = 0, 400
     for repetition in range(repetitions):
         parts = [of_values(values) for values in runs_of_seeds(draw)]
         mean = mean_difference(parts)
         low, high = mean.intervals("joint_ade", repetition)["both"]
         covered += low <= 0 <= high
-        findings += mean.p_value("joint_ade") < 0.05
     assert 0.92 < covered / repetitions < 0.98
-    assert 0.02 < findings / repetitions < 0.08
 
 
 def test_the_mean_is_of_the_seeds_that_every_test_set_has():
@@ -114,19 +111,8 @@ def test_the_mean_is_of_the_seeds_that_every_test_set_has():
         mean_difference([of_values([1], (0,)), of_values([1], (1,))])
 
 
-def test_p_values_and_students_interval():
-    values = np.array([0.01, 0.03, 0.02, 0.05])
-    found = of_values(values)
-    assert found.p_value("joint_ade") == pytest.approx(stats.ttest_1samp(values, 0).pvalue)
-    sides = [
-        stats.ttest_1samp(values, bound, alternative=side).pvalue
-        for bound, side in ((-0.04, "greater"), (0.04, "less"))
-    ]
-    assert found.p_equivalent("joint_ade", 0.04) == pytest.approx(max(sides))
+def test_students_interval_and_holm_by_hand():
     # Two degrees of freedom: 4.303.
     assert student_half([1.0, 2.0, 3.0]) == pytest.approx(4.302653 / np.sqrt(3), rel=1e-6)
-
-
-def test_holm_by_hand():
     np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.5]), [0.04, 0.09, 0.09, 0.5])
     assert holm([0.6, 0.9]).tolist() == [1, 1]

@@ -7,8 +7,8 @@ import pytest
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.forecasting.baselines import ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
 from neurosym_jax.forecasting.networks import GeneratorForecaster
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.recipe import TrainConfig

@@ -110,21 +110,61 @@ def test_csv_has_the_numbers_as_they_are():
     assert np.isclose(float(table[-1]["joint_ade"]), 0.26)
 
 
+def latex_cells(text):
+    """The rows of a table, head first, as cells."""
+    lines = [line for line in text.splitlines() if line.endswith(r"\\")]
+    return [re.split(r"(?<!\\)&", line.removesuffix(r" \\")) for line in lines]
+
+
 def test_latex_is_well_formed():
     rows = [row("A&B_50%", "zara_1", 0.5), row("SGAN", "zara_1", 0.2), row("SGAN", "eth", 0.2)]
     text = format_table(rows_frame(rows), "latex")
     assert text.startswith("% \\usepackage{booktabs}\n")
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
-    columns = re.search(r"\\begin\{tabular\}\{([lr]+)\}", body)[1]
-    lines = [line for line in body.splitlines() if line.endswith(r"\\")]
-    assert len(lines) == 1 + len(rows) + 1  # the mean of what was tested on both
-    for line in lines:
-        assert len(re.findall(r"(?<!\\)&", line)) == len(columns) - 1
-        assert not re.findall(r"(?<!\\)[%_#]", line)
+    columns = re.search(r"\\begin\{tabular\}\{@\{\}(l[lr]+)@\{\}\}", body)[1]
+    cells = latex_cells(body)
+    # Two rows of head, a title for each test set and the mean of what was tested on both.
+    assert len(cells) == 2 + 3 + len(rows) + 1
+    for row_ in cells:
+        spans = [re.match(r"\s*\\multicolumn\{(\d+)\}", cell) for cell in row_]
+        assert sum(int(span[1]) if span else 1 for span in spans) == len(columns)
+        assert not re.findall(r"(?<!\\)[%_#]", "".join(row_))
     assert body.count("{") == body.count("}")
-    assert body.endswith("\\end{tabular}")
-    assert r"A\&B\_50\%" in body
-    assert r"\textbf{0.200} {\footnotesize [0.190, 0.210]}" in body
+    assert r"A\&B\_50\% & 20 & 0.500 & 5.0 \%" in body
+    assert "[" not in body
+    assert r"\textbf{0.200}" in body
+    with_intervals = format_table(rows_frame(rows), "latex", intervals=True)
+    assert r"\textbf{0.200}{\scriptsize [0.190, 0.210]}" in with_intervals
+    assert "95 % interval by bootstrap" in with_intervals
+
+
+def test_latex_fits_one_column_of_a_paper():
+    """By the widths of Computer Modern's letters: `\\footnotesize` are 8 points, a column 241."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    font = FontProperties("cmr10")
+
+    def points(text):
+        plain = re.sub(r"\\multicolumn\{\d+\}\{\w\}|\\(textbf|emph)|[\\{}$]", "", text).strip()
+        return TextPath((0, 0), plain, 8, prop=font).get_extents().width if plain else 0
+
+    names = ("constant velocity", "constant velocity, sampled", "NeuroSyM, quantised,factor=0.1")
+    metrics = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "collision_rate")
+    rows = [row(name, "zara1", 0.4) for name in names]
+    rows = [
+        of | {k: v for name in metrics[1:4] for k, v in columns(name, 1.2, 0.1).items()}
+        for of in rows
+    ]
+    text = format_table(rows_frame(rows), "latex")
+    lines = [line for line in latex_cells(text) if len(line) == 2 + len(metrics)]
+    widths = [max(map(points, column)) for column in zip(*lines)]
+    assert sum(widths) + 6 * (len(widths) - 1) < 241
+    assert [line[0].strip() for line in lines[1:]] == ["CV", "CV, sampled", "NeuroSyM, quantised"]
+    assert "% CV: constant velocity" in text
+    # Names that would be the same without their options keep them.
+    same = [row(f"NeuroSyM, quantised,factor={each}", "zara1", 0.4) for each in (1, 2)]
+    assert "factor=1" in format_table(rows_frame(same), "latex")
 
 
 def test_a_table_fits_the_terminal():

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.forecasting.baselines import (
+from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
+from neurosym_jax.forecasting.forecasters import (
+    FORECASTERS,
     HEADING_STD,
     ConstantVelocity,
     ConstantVelocitySampled,
+    register_forecaster,
 )
-from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
-from neurosym_jax.forecasting.forecasters import FORECASTERS, register_forecaster
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.noise import NoiseSpec

@@ -7,8 +7,8 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score_forecaster
-from neurosym_jax.forecasting.baselines import ConstantVelocitySampled
 from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
 from neurosym_jax.runtime.environment import available_memory, code_version, run_environment
 from neurosym_jax.simulation.scenarios import synthetic_tracks
 

@@ -1,4 +1,8 @@
-"""Scores of a forecast as a probability distribution, of which k samples are known.
+"""Scores of k forecasts by distances to the truth: best of k, proper scores, coverage.
+
+Joint best-of-k takes one sample for the whole scene (SGAN's protocol); marginal best-of-k takes
+each agent's own best, which is what most later papers report. The two are not comparable, so both
+are always computed. The minima of ADE and of FDE are taken independently, as SGAN does.
 
 The energy score and the CRPS are proper: in expectation nothing scores better than the distribution
 that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the k samples as they are:
@@ -11,10 +15,54 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from neurosym_jax.evaluation.best_of_k import distances
 from neurosym_jax.scene import Scene
 
-__all__ = ["energy_score"]
+__all__ = ["MISSED", "energy_score"]
+
+MISSED = 2.0
+"""Metres from the last position of an agent's best sample to the true one that are a miss."""
+
+
+@jax.jit  # So that several metrics trace it once.
+def _distances(forecast: Array, scene: Scene) -> Array:
+    """[k, N, T] metres from the forecast to the truth, zero for agents that are not valid."""
+    offset = jnp.square(forecast - scene.known_future)
+    return jnp.where(scene.valid[:, None], jnp.sqrt(offset[..., 0] + offset[..., 1]), 0)
+
+
+def joint_ade(forecast: Array, scene: Scene) -> Array:
+    """[N] mean errors over steps, in the sample that is best for the whole scene."""
+    return _best(_distances(forecast, scene).mean(axis=-1))
+
+
+def joint_fde(forecast: Array, scene: Scene) -> Array:
+    """[N] errors at the last step, in the sample that is best for the whole scene."""
+    return _best(_distances(forecast, scene)[..., -1])
+
+
+def _best(errors: Array) -> Array:
+    return errors[errors.sum(axis=-1).argmin()]
+
+
+def marginal_ade(forecast: Array, scene: Scene) -> Array:
+    """[N] mean errors over steps, of each agent's own best sample."""
+    return _distances(forecast, scene).mean(axis=-1).min(axis=0)
+
+
+def marginal_fde(forecast: Array, scene: Scene) -> Array:
+    """[N] errors at the last step, of each agent's own best sample."""
+    return _distances(forecast, scene)[..., -1].min(axis=0)
+
+
+def missed(forecast: Array, scene: Scene) -> Array:
+    """[N] whether even the best sample ends `MISSED` off (Chang et al., "Argoverse", CVPR 2019)."""
+    return marginal_fde(forecast, scene) > MISSED
+
+
+def horizon(forecast: Array, scene: Scene) -> Array:
+    """[N, T] error at each step, in the sample of best joint ADE."""
+    distance = _distances(forecast, scene)
+    return distance[distance.mean(axis=-1).sum(axis=-1).argmin()]
 
 
 def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Array:
@@ -48,17 +96,7 @@ def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     return (error - spread / 2).mean(axis=(1, 2))
 
 
-def coverage_50(forecast: Array, scene: Scene, probability: Array | None) -> tuple[Array, Array]:
-    """[N] see `_coverage`."""
-    return _coverage(0.5, forecast, scene, probability)
-
-
-def coverage_90(forecast: Array, scene: Scene, probability: Array | None) -> tuple[Array, Array]:
-    """[N] see `_coverage`."""
-    return _coverage(0.9, forecast, scene, probability)
-
-
-def _coverage(
+def coverage(
     level: float, forecast: Array, scene: Scene, probability: Array | None
 ) -> tuple[Array, Array]:
     """[N] share of steps at which the truth lies in the region that holds `level` of a forecast.
@@ -98,10 +136,10 @@ def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N, T] errors of the most probable sample of the scene, of equally probable ones that with
     the least mean distance to the others."""
     if probability is not None:
-        return distances(forecast, scene)[probability.argmax()]
+        return _distances(forecast, scene)[probability.argmax()]
     apart = _apart(forecast, _numbers(forecast, None))
     spread = jnp.where(scene.valid[:, None], apart, 0).sum(axis=(1, 2))
-    return distances(forecast, scene)[spread.argmin()]
+    return _distances(forecast, scene)[spread.argmin()]
 
 
 @jax.jit  # So that several metrics trace it once.
