@@ -13,13 +13,17 @@ import polars as pl
 
 from neurosym_jax.evaluation.bootstrap import holm
 
-__all__ = ["LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
+__all__ = ["INTERACTING", "LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
 
+INTERACTING = "interacting joint_ade"
+"""The primary metric."""
 MARGIN = 2.0
 """Per cent: the smallest difference of interest."""
 LEVEL = 0.05
 ALIVE = 0.95
 """Least share of people with a near neighbour whom a run's network changes for it."""
+DEAD = 0.1
+"""An arm with a larger share of runs below `ALIVE` answers nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,10 +53,14 @@ class Runs:
     def __init__(self, table: Path):
         """Read `table`, see `__main__`."""
         rows = pl.read_csv(table)
-        dead = rows.filter((pl.col("metric") == "neighbour_near") & (pl.col("value") < ALIVE))
-        of_run = ["set", "arm", "seed"]
-        self.dead = dead.select(*of_run, "value")
-        self.rows = rows.join(self.dead, on=of_run, how="anti")
+        of_run, near = ["set", "arm", "seed"], rows.filter(metric="neighbour_near")
+        dead = pl.col("value") < ALIVE
+        arms = near.group_by("set", "arm", maintain_order=True).agg(dead.sum(), runs=dead.len())
+        self.dead = arms.filter(pl.col("value") > 0)
+        """Rows of set, arm, value (runs that are left out) and runs."""
+        silent = self.dead.filter(pl.col("value") > DEAD * pl.col("runs"))
+        rows = rows.join(near.filter(dead), on=of_run, how="anti")
+        self.rows = rows.join(silent, on=["set", "arm"], how="anti")
 
     def values(self, dataset: str, arm: str, metric: str) -> dict[int, float]:
         """The metric of each seed."""
@@ -61,7 +69,7 @@ class Runs:
         return dict(found.iter_rows())
 
     def compare(
-        self, dataset: str, arm: str, reference: str, metric: str = "interacting joint_ade"
+        self, dataset: str, arm: str, reference: str, metric: str = INTERACTING
     ) -> Comparison | None:
         """The comparison over the seeds that both arms have; None for fewer than three."""
         from scipy.stats import t, ttest_1samp  # They take half a second to import.

@@ -3,13 +3,15 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
+from scipy.stats import sem, t
 
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, new_figure, save_figure
 from neurosym_jax.runtime.files import write_text
 from studies.weighting.arms import CONTROLS, REAL, TENTHS
-from studies.weighting.comparison import MARGIN, Comparison, Runs, adjusted, answer
+from studies.weighting.comparison import INTERACTING, MARGIN, Comparison, Runs, adjusted, answer
 from studies.weighting.scores import EVENTS
 from studies.weighting.text import ANSWER, TEXT
 
@@ -23,13 +25,23 @@ QUESTIONS = (
 """The primary comparisons, on each real data set."""
 FURTHER = (
     *(("papers, none", "papers"), ("papers, cnd", "papers"), ("papers, shuffled", "papers")),
-    *(("papers, learned", "papers"), ("anchors, geometry", "anchors, nothing")),
+    *(("papers, learned", "papers"), ("papers, quantised", "papers, shuffled")),
+    *(("papers, quantised", "papers, cnd"), ("anchors, geometry", "anchors, nothing")),
     *(("encounter, quantised", "encounter"), ("encounter, shuffled", "encounter")),
 )
+EVERY_STEP = (
+    ("encounter, every step, quantised", "encounter, every step"),
+    ("encounter, every step", "encounter"),
+)
+INPUTS = (
+    ("without symbols", ("anchors, nothing", "anchors, geometry")),
+    ("with symbols", ("anchors, symbols", "anchors, both")),
+)
+"""Lines of the 2 x 2: arms without and with geometry."""
 
 
 def write(table: Path) -> None:
-    """Write `weighting.md` and its two figures beside `table`."""
+    """Write `weighting.md` and its three figures beside `table`."""
     runs = Runs(table)
     primary = adjusted([each for pair in QUESTIONS for each in _on(runs, REAL, pair)])
     further = [each for pair in FURTHER for each in _on(runs, REAL, pair)]
@@ -39,25 +51,30 @@ def write(table: Path) -> None:
         for event in EVENTS
         for each in _on(runs, REAL, pair, f"{event} joint_ade")
     ]
+    every = [each for pair in EVERY_STEP for each in _on(runs, REAL, pair)]
     tenths = list(_on(runs, TENTHS, QUESTIONS[2]))
     weak = list(_on(runs, list(CONTROLS)[1:], ("encounter, right", "encounter")))
     save_figure(_forest([*primary, *further]), table.with_suffix(".png"))
-    if strata:
-        save_figure(_forest(strata), table.with_name("weighting_events.png"))
+    save_figure(_inputs(runs), table.with_name("weighting_inputs.png"))
+    save_figure(_forest(strata), table.with_name("weighting_events.png"))
     text = TEXT.format(
         answer=ANSWER,
         primary=_table(primary, last="answer"),
         further=_table(further),
-        strata=_table(strata),
+        every=_table(every),
         tenths=_table(tenths),
         weak=_table(weak),
-        dead="; ".join(" ".join(map(str, run)) for run in runs.dead.iter_rows()) or "none",
+        dead="; ".join(
+            f"{dead} of {count} of `{arm}` on {name}"
+            for name, arm, dead, count in runs.dead.iter_rows()
+        )
+        or "none",
     )
     write_text(table.with_suffix(".md"), text)
 
 
 def _on(
-    runs: Runs, sets: Iterable[str], pair: tuple[str, str], metric: str = "interacting joint_ade"
+    runs: Runs, sets: Iterable[str], pair: tuple[str, str], metric: str = INTERACTING
 ) -> list[Comparison]:
     found = (runs.compare(name, *pair, metric) for name in sets)
     return [each for each in found if each is not None]
@@ -89,10 +106,29 @@ def _p(value: float) -> str:
     return "< .001" if value < 0.001 else f"{value:.3f}".removeprefix("0")
 
 
+def _inputs(runs: Runs) -> Figure:
+    """The 2 x 2 of an attention's inputs: errors with intervals over seeds, a panel a data set."""
+    figure, grid = new_figure(WIDTH, 2.4, 1, len(REAL))
+    for axes, name in zip(grid[0], REAL):
+        dress(axes)
+        axes.set_title(name, fontsize=LABEL, color=INK, loc="left")
+        for shift, (label, arms) in enumerate(INPUTS):
+            found = [list(runs.values(name, arm, INTERACTING).values()) for arm in arms]
+            means = [np.mean(each) for each in found]
+            halves = [t.ppf(0.975, len(each) - 1) * sem(each) for each in found]
+            places = np.arange(2) + 0.04 * shift
+            axes.errorbar(places, means, halves, label=label, marker="D", ms=4, capsize=3)
+        axes.set_xticks([0, 1], ["no geometry", "geometry"], fontsize=SMALL, color=INK)
+        axes.set_xlim(-0.4, 1.4)
+    grid[0, 0].set_ylabel("joint ADE, m", fontsize=LABEL, color=INK)
+    grid[0, 0].legend(fontsize=SMALL)
+    return figure
+
+
 def _forest(comparisons: Sequence[Comparison]) -> Figure:
     """Differences in per cent with their intervals, a panel a data set, and the margin's band."""
     rows = list(dict.fromkeys((each.arm, each.reference, each.metric) for each in comparisons))
-    figure, grid = new_figure(WIDTH, 0.9 + 0.22 * len(rows), 1, len(REAL), sharey=True)
+    figure, grid = new_figure(WIDTH, 0.9 + 0.22 * len(rows), 1, len(REAL), sharey=True, sharex=True)
     for axes, name in zip(grid[0], REAL):
         dress(axes)
         axes.set_title(name, fontsize=LABEL, color=INK, loc="left")

@@ -111,7 +111,13 @@ def score(
     scores = {name: (float(total / count), float(count)) for name, (total, count) in sums.items()}
     if forecaster.sees_neighbours:
         effect = score_forecaster(
-            forecaster, params, batches, samples=1, seed=seed, metrics=("neighbour_near",)
+            forecaster,
+            params,
+            batches,
+            # One sample of anchors is one of k heads: of people who stand it stands as well.
+            samples=samples if kind == "anchors" else 1,
+            seed=seed,
+            metrics=("neighbour_near",),
         ).scores["neighbour_near"]
         scores["neighbour_near"] = (float(effect.mean), float(effect.count.sum()))
     return scores

@@ -41,11 +41,21 @@ They have no influence on the answer; p values are not corrected.
 
 {further}
 
+## Symbols as inputs
+
+Joint ADE of interacting people for the four sets of inputs of an attention.
+
+![Errors without and with symbols and geometry](weighting_inputs.png)
+
 ## Where symbols might matter
 
 People to whom an event happens in the true future.
 
-{strata}
+![Differences by event](weighting_events.png)
+
+Pooled at every predicted step, with the symbols of the predicted positions:
+
+{every}
 
 Trained on a tenth of the scenes:
 

@@ -93,18 +93,29 @@ def test_events_are_those_of_the_future():
     ],
 )
 def test_answers(tmp_path, mean, spread, says):
+    runs = runs_with(tmp_path, mean, spread, dead=1)
+    found = runs.compare("zara2", "new", "old")
+    assert runs.dead.rows() == [("zara2", "new", 1, 12)]
+    assert found.seeds == 11
+    assert found.percent == pytest.approx(100 * (mean / 0.5 - 1), abs=300 * spread)
+    assert answer(adjusted([found])[0]) == says
+    assert runs.compare("zara2", "new", "nobody") is None
+
+
+def test_an_arm_with_too_many_dead_networks_answers_nothing(tmp_path):
+    runs = runs_with(tmp_path, 0.45, 0.005, dead=2)
+    assert runs.dead.rows() == [("zara2", "new", 2, 12)]
+    assert runs.compare("zara2", "new", "old") is None
+
+
+def runs_with(tmp_path, mean, spread, dead):
+    """Twelve runs of two arms with these errors; networks of the first arm's first are `dead`."""
     draw, rows = np.random.default_rng(0), ["set,arm,seed,metric,value,counted"]
     for arm, middle in (("new", mean), ("old", 0.5)):
         for seed in range(12):
             error = middle + draw.normal(0, spread)
             rows.append(f"zara2,{arm},{seed},interacting joint_ade,{error},10")
-            alive = 0.5 if (arm, seed) == ("new", 3) else 0.99
+            alive = 0.5 if arm == "new" and seed < dead else 0.99
             rows.append(f"zara2,{arm},{seed},neighbour_near,{alive},10")
     (tmp_path / "runs.csv").write_text("\n".join(rows))
-    runs = Runs(tmp_path / "runs.csv")
-    found = runs.compare("zara2", "new", "old")
-    assert runs.dead.rows() == [("zara2", "new", 3, 0.5)]
-    assert found.seeds == 11
-    assert found.percent == pytest.approx(100 * (mean / 0.5 - 1), abs=300 * spread)
-    assert answer(adjusted([found])[0]) == says
-    assert runs.compare("zara2", "new", "nobody") is None
+    return Runs(tmp_path / "runs.csv")
