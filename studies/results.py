@@ -1,12 +1,12 @@
 """`docs/results.md` and `docs/results.csv` from two evaluations.
 
 PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpoints` put them.
-Trainings that differ in their seed become one row: RUNS has four of each `anchors`, by `neurosym
+Trainings that differ in their seed become one row: RUNS has five of each `anchors`, by `neurosym
 train --model anchors --dataset eth --pred-len 8 --seed 1` and so on; those of seed 0 ship. Rows of
 published networks may be kept from an earlier evaluation.
 
 python evaluate.py --data DATA --seeds 5 --metrics energy_score central_ade neighbour_share \\
-    --checkpoint checkpoints/{n,s}*_[ehuz]*_* RUNS/anchors_*_seed[0-3] PUBLISHED \\
+    --checkpoint checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/anchors_*_seed[0-4] PUBLISHED \\
     --json docs/results.json
 python evaluate.py --data DATA --seeds 5 --protocol joint-metrics \\
     --checkpoint checkpoints/*_[ehuz]*_12 sgan-20v*/*_12_model.pt \\
