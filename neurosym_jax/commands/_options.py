@@ -13,16 +13,26 @@ import itertools
 import re
 import shutil
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
 
+from neurosym_jax.data.sources import Source, Synthetic
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 
-__all__ = ["as_arguments", "every_option", "given", "options_text", "short_help", "with_file"]
+__all__ = [
+    "as_arguments",
+    "every_option",
+    "given",
+    "options_text",
+    "refuse_unread",
+    "refuse_unused",
+    "short_help",
+    "with_file",
+]
 
 PLUGIN = "--plugin FILE.py|MODULE"
 
@@ -112,6 +122,27 @@ def options_text(options: Any) -> str:
     values = given(options) | ({"plugin": loaded()} if loaded() else {})
     version = importlib.metadata.version("neurosym-jax")  # Others have other defaults.
     return f"# neurosym-jax {version}\n{yaml.safe_dump(values, sort_keys=False)}"
+
+
+def refuse_unused(options: Any, names: Iterable[str], where: str) -> None:
+    """Refuse options that were given and have no effect `where` they are.
+
+    Raises:
+        InputError: naming the first.
+    """
+    if unused := [name for name in names if name in given(options)]:
+        raise InputError(f"--{unused[0].replace('_', '-')}: has no effect {where}")
+
+
+def refuse_unread(options: Any, source: Source, *files: object) -> None:
+    """Refuse options of reading where neither `source` nor any of `files` is read.
+
+    Raises:
+        InputError: naming the first.
+    """
+    if isinstance(source, Synthetic) and not any(files):
+        names = [field.name for field in dataclasses.fields(options.read)]
+        refuse_unused(options, names, "on simulations (--data names recordings)")
 
 
 def as_arguments(options: type, values: Mapping[str, Any], source: str) -> list[str]:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from neurosym_jax.commands import inspect
+from neurosym_jax.commands._options import refuse_unused
 from neurosym_jax.data.published import HOME, data_folder, download
 
 __all__ = ["Options", "run"]
@@ -46,6 +47,7 @@ def run(options: Options) -> int:
     base = data_folder() if options.to is None else options.to
     folder = base / options.what
     if options.what == "thor":
+        refuse_unused(options, ("mirror", "timeout"), "on THÖR, which is fetched by hand")
         there = folder.is_dir() and any(folder.iterdir())
         print(
             THOR.format(folder=folder.resolve()) + ("\n" if there else "\n\nNothing is there yet.")

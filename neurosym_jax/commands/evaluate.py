@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import tyro
 
+from neurosym_jax.commands._options import refuse_unread, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
@@ -176,6 +177,7 @@ def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
         return open_source(options.data, options.dataset, own, options.read, options.period)
 
     source, pred_len = source_of(None), _lengths(options)["pred_len"]
+    refuse_unread(options, source, options.test_on)
     names = options.checkpoint
     if options.all:
         # Baselines are tested beside every model.
@@ -266,12 +268,16 @@ def _validate(options: Options) -> None:
         refuse(Seed, {of: options.seed + seed})
     if not (options.checkpoint or options.baselines or options.baselines is None):
         raise InputError("neither --checkpoint nor --baselines: there is nothing to evaluate")
-    if options.intervals and options.table != "latex":
-        raise InputError("--intervals is for --table latex: the other tables have intervals")
+    if options.all:
+        refuse_unused(options, ["checkpoint"], "with --all")
+    if options.table != "latex":
+        refuse_unused(options, ["intervals"], "without --table latex: other tables have intervals")
     check_report(options.json)
     if options.figures:
         from neurosym_jax.plotting.evaluation import check_figures
 
         check_figures(options.plots)
+    else:
+        refuse_unused(options, ["plots"], "with --no-figures")
     if options.save_forecasts:
         check_forecasts_file(options.save_forecasts)

@@ -51,7 +51,8 @@ def run(options: Options) -> int:
                 continue
         names = {tracks.reading.format for tracks in found if tracks.reading}
         kinds = ", ".join(FORMATS[name].title for name in names if name)
-        print("\n".join([printable(f"{path}: {kinds}"), *map(describe, found), ""]))
+        said = [describe(tracks, options.read.max_gap) for tracks in found]
+        print("\n".join([printable(f"{path}: {kinds}"), *said, ""]))
         recordings += found
     if len(recordings) > 1:
         print(f"altogether {len(recordings)} recordings of {len(paths)} files")
@@ -63,7 +64,7 @@ def run(options: Options) -> int:
     return 0 if recordings else 2
 
 
-def describe(tracks: Tracks) -> str:
+def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
     """People, duration, gaps, speeds and scenes of a recording, and what looks wrong in it."""
     step, speed = steps_of(tracks)
     usual = float(np.median(step)) if len(step) else np.nan
@@ -78,15 +79,15 @@ def describe(tracks: Tracks) -> str:
         f"{np.ptp(tracks.stamp):.1f} s{rate}, {gap.sum()} gaps{longest}",
         f"    area {width:.1f} x {height:.1f} m, speeds median {middle:.2f}, fastest {top:.2f} m/s",
         f"    one step in twenty is faster than {pace_of(tracks)[1]:.2f} m/s",
-        f"    scenes 8+8: {_scenes(tracks, 8)}, 8+12: {_scenes(tracks, 12)}",
+        f"    scenes 8+8: {_scenes(tracks, 8, max_gap)}, 8+12: {_scenes(tracks, 12, max_gap)}",
     ]
     warned = tracks.reading.warnings if tracks.reading else ()
     return "\n".join([*lines, *(f"    warning: {printable(line)}" for line in warned)])
 
 
-def _scenes(tracks: Tracks, pred_len: int) -> str:
+def _scenes(tracks: Tracks, pred_len: int, max_gap: float) -> str:
     try:
-        windows = cut_windows([on_grid(tracks)], 8, pred_len)
+        windows = cut_windows([on_grid(tracks, max_gap=max_gap)], 8, pred_len)
     except InputError:  # too short for one window
         return "0"
     return f"{windows.scenes} ({windows.agents} people in them)"

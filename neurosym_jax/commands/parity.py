@@ -8,6 +8,7 @@ from typing import Annotated
 
 import tyro
 
+from neurosym_jax.commands._options import refuse_unused
 from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.checkpoint import load_torch_checkpoint
@@ -45,9 +46,11 @@ def run(options: Options) -> int:
     """
     module, checkpoint = options.torch_module, options.checkpoint
     refuse(Seed, {"--seed": options.seed})
-    if options.directory is not None and not module and not checkpoint:
+    if options.directory is not None:
+        names = ("torch_module", "checkpoint", "python", "seed", "keep")
+        refuse_unused(options, names, "on stored cases")
         parity = run_parity(options.directory, options.tolerance)
-    elif options.directory is None and module and checkpoint:
+    elif module and checkpoint:
         model = load_torch_checkpoint(checkpoint, ignored=None)
         print(f"assumed, for the checkpoint does not say: {'; '.join(model.assumed)}\n")
         python = options.python or sys.executable

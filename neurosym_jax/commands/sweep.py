@@ -11,7 +11,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from neurosym_jax.commands import train
-from neurosym_jax.commands._options import as_arguments, given, options_text, with_file
+from neurosym_jax.commands._options import (
+    as_arguments,
+    given,
+    options_text,
+    refuse_unread,
+    with_file,
+)
 from neurosym_jax.data.sources import Source, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
@@ -81,6 +87,7 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
             raise InputError(f"--{name.replace('_', '-')}: at least one is needed")
     first = options.dataset[0] if options.dataset else None
     source = open_source(options.data, first, read=options.read, period=options.period)
+    refuse_unread(options, source, options.train_also)
     if unknown := [name for name in options.dataset if name not in source.scenes]:
         raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
     common = {of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)}

@@ -13,6 +13,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from neurosym_jax.commands._options import refuse_unread, refuse_unused
 from neurosym_jax.configuration import Count, Seed, component_from_text, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.sources import open_source
@@ -70,12 +71,17 @@ def run(options: Options) -> None:
     Raises:
         InputError: for data, a window, a weighting or a model that cannot be used.
     """
-    refuse(Count, {"samples": options.samples})
+    if options.forecast:
+        refuse_unused(options, ["weighting"], "with --forecast")
+    else:
+        refuse_unused(options, ["samples", "seed"], "without --forecast")
+    refuse(Count, {"--samples": options.samples})
     refuse(Seed, {"--seed": options.seed})
     model = None
     if options.model is not None:
         model = load_model(options.model, dataset=options.dataset)
     source = open_source(options.data, options.dataset, read=options.read)
+    refuse_unread(options, source)
     name = options.dataset or source.scenes[0]
     lengths = model.config if model is not None else Lengths()
     windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)

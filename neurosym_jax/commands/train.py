@@ -9,7 +9,12 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from neurosym_jax.commands._options import options_text, with_file
+from neurosym_jax.commands._options import (
+    options_text,
+    refuse_unread,
+    refuse_unused,
+    with_file,
+)
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import shared_shapes
@@ -183,8 +188,9 @@ def _recordings(options: Options, source: Source) -> tuple[list[Tracks], list[Tr
     """Those to train on and those to validate on."""
     if bool(options.train_on) != bool(options.validate_on):
         raise InputError("--train-on and --validate-on go together")
-    if options.train_on and options.dataset is not None:
-        raise InputError(f"--dataset {options.dataset}: --train-on says what is left out")
+    if options.train_on:
+        refuse_unused(options, ["dataset"], "with --train-on")
+    refuse_unread(options, source, options.train_on, options.train_also)
     if options.dataset is None and options.data is not None and not options.train_on:
         names = ", ".join(source.scenes)
         raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")

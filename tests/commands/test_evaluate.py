@@ -32,9 +32,9 @@ def options(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "default_models", lambda *_: [])
 
     def make(**fields):
-        written = {"json": tmp_path / "rows.json", "plots": tmp_path / "figures"}
         both = ("constant_velocity", "constant_velocity_sampled")
-        return Options(**(written | {"figures": False, "baselines": both} | fields))
+        usual = {"json": tmp_path / "rows.json", "figures": False, "baselines": both}
+        return Options(**(usual | fields))
 
     return make
 
@@ -71,7 +71,9 @@ def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
 
 
 def test_default_run(options, tmp_path, capsys):
-    rows = run(options(samples=3, figures=True, dataset="cross-path", all=True))
+    rows = run(
+        options(samples=3, figures=True, plots=tmp_path / "figures", dataset="cross-path", all=True)
+    )
     report = json.loads((tmp_path / "rows.json").read_text())
     assert report.pop("provenance")["data"] == {}
     assert {how["recording"] for how in report.pop("recordings")} == {
@@ -113,7 +115,7 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
 def test_intervals_are_for_latex(options, capsys):
     run(options(table="latex", intervals=True, dataset="cross-path", samples=2, figures=False))
     assert r"{\scriptsize [" in capsys.readouterr().out
-    with pytest.raises(InputError, match="--intervals is for --table latex"):
+    with pytest.raises(InputError, match="--intervals: has no effect without --table latex"):
         run(options(table="markdown", intervals=True))
 
 

@@ -47,7 +47,7 @@ def test_weights_of_a_model(recording, tmp_path, capsys):
     [
         ({"window": 5}, r"--window must lie in \[0, 5\), not 5"),
         ({"weighting": "cdn"}, "unknown weighting 'cdn'"),
-        ({"samples": 0}, "samples must be at least 1"),
+        ({"samples": 0, "forecast": True}, "--samples must be at least 1"),
         ({"dataset": "moon"}, "unknown scene 'moon'"),
     ],
 )

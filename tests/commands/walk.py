@@ -1,0 +1,100 @@
+"""Run a command with recorders in place of its inner functions, to see what an option changes."""
+
+import contextlib
+import dataclasses
+import hashlib
+import importlib
+import os
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from neurosym_jax.__main__ import commands, main
+from neurosym_jax.commands._options import every_option
+
+Case = str | Sequence[str]
+"""What is added to the base of a command; or two command lines, without the option and with it, and
+perhaps the error of the second."""
+
+
+NOT_DONE = {"options", "seconds"}
+"""Fields that hold the command line itself, and times."""
+
+
+def options_of(command: str) -> list[str]:
+    """Names of the options, and in capitals of what is positional."""
+    options = importlib.import_module(commands()[command]).Options
+    return [flag.split()[0] for _, flag, _ in every_option(options)]
+
+
+def plain(value: Any) -> Any:
+    """What can be compared: arrays as digests, functions and other objects by name."""
+    if isinstance(value, str | int | float | bytes | None):
+        return value
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(value.tobytes()).hexdigest()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = {field.name for field in dataclasses.fields(value)} - NOT_DONE
+        return {name: plain(getattr(value, name)) for name in sorted(names)}
+    if isinstance(value, dict):
+        return {str(name): plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [plain(each) for each in value]
+    if isinstance(value, Path):
+        return str(value)
+    return getattr(value, "__qualname__", type(value).__qualname__)
+
+
+def done(argv: list[str], inner: dict[str, Any], cwd: Path, capsys) -> tuple[Any, str]:
+    """What `neurosym` does in a new folder, and its error.
+
+    `inner` names the functions that are recorded and not called, each with what they return.
+    """
+    log = []
+
+    def recorder(name: str, result: Any):
+        def record(*args, **kwargs):
+            log.append([name, plain(args), plain(kwargs)])
+            return result() if callable(result) else result
+
+        return record
+
+    cwd.mkdir()
+    capsys.readouterr()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.chdir(cwd))
+        stack.enter_context(mock.patch.dict(os.environ, NEUROSYM_NO_CACHE="1"))
+        for name, result in inner.items():
+            stack.enter_context(mock.patch(name, recorder(name, result)))
+        with pytest.raises(SystemExit) as ended:
+            main(argv)
+    out, err = capsys.readouterr()
+    files = sorted(str(path.relative_to(cwd)) for path in cwd.rglob("*"))
+    status = ended.value.code or 0
+    return (status, log, files, out), err if status == 2 else ""
+
+
+def assert_repeated(command: str, line: str, inner: dict[str, Any], folder: Path, capsys) -> None:
+    """That nothing changes by itself, or else no option could be seen to."""
+    argv = [command, *shlex.split(line)]
+    first, second = (done(argv, inner, folder / str(at), capsys) for at in range(2))
+    assert first == second
+    assert not first[1]
+
+
+def assert_it_matters(
+    command: str, base: str, case: Case, inner: dict[str, Any], folder: Path, capsys
+) -> None:
+    """That an option changes what is done, and is no error."""
+    first, second, *refusal = (base, f"{base} {case}") if isinstance(case, str) else case
+    (without, _), (with_it, error) = (
+        done([command, *shlex.split(line)], inner, folder / str(at), capsys)
+        for at, line in enumerate((first, second))
+    )
+    assert refusal[0] in error if refusal else not error, error
+    assert with_it != without, f"{second}: the option changes nothing"
