@@ -14,6 +14,7 @@ from typing import Any
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.dashboard import Dashboard, View
+from neurosym_robot.dashboard.foxglove_view import FoxgloveView
 from neurosym_robot.dashboard.moments import Moments, read_floor_map
 from neurosym_robot.online.compilation import When
 from neurosym_robot.online.pairs import AT_LEAST
@@ -64,6 +65,8 @@ class LiveOptions:
     """Port of the page; 0 for any free port."""
     host: str = "127.0.0.1"
     """Address of the page; 0.0.0.0 makes it visible to other computers, without a password."""
+    foxglove: int | Path | None = None
+    """Port of a websocket for Foxglove, 0 for any free one, or a new .mcap file for it."""
     map: Path | None = None
     """Floor map to draw on the page: the .yaml file of a ROS map."""
     at_least: float = AT_LEAST
@@ -100,11 +103,13 @@ class LiveOptions:
         floor_map = read_floor_map(self.map) if self.map else None
         return Moments(predictor, title=title, floor_map=floor_map, at_least=self.at_least)
 
-    def views(self, predictor: Predictor, title: str) -> list[View]:
+    def views(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
         """What shows the stream live, if the options ask for it; InputError if it cannot."""
-        if not self.dashboard:
-            return []
-        return [Dashboard(self.moments(predictor, title), self.host, self.port)]
+        if self.dashboard:
+            yield Dashboard(self.moments(predictor, title), self.host, self.port)
+        if self.foxglove is not None:
+            frame = {"frame_id": lambda: source.frame_id, "at_least": self.at_least}
+            yield FoxgloveView(predictor, self.foxglove, self.host, **frame)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -128,7 +133,7 @@ class NodeOptions(LiveOptions):
         """Run a node until interrupted, with what shows it; then print its summary."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: node.stopped.set())
-        node.views = self.views(node.predictor, self.name)
+        node.views = list(self.views(node.predictor, self.name, node.source))
         for view in node.views:
             report(f"{view.title} {view.where}")
         node.run()

@@ -67,7 +67,8 @@ def run(options: Options) -> None:
         if options.html is not None:
             page = ReplayFile(options.html, options.moments(predictor, title))
             written.append(files.enter_context(closing(page)))
-        live = [stack.enter_context(closing(view)) for view in options.views(predictor, title)]
+        views = options.views(predictor, title, source)
+        live = [stack.enter_context(closing(view)) for view in views]
         for view in live:
             print(f"{view.title} {view.where}", flush=True)
         how = {"stitcher": options.stitcher(), "robot": source.robot}
@@ -87,7 +88,7 @@ def run(options: Options) -> None:
         files.close()
         for view in written:
             print(f"{view.title} {view.where}", flush=True)
-        if live:
+        if options.dashboard or isinstance(options.foxglove, int):
             print("live until interrupted", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
                 threading.Event().wait()

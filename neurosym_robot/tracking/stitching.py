@@ -62,8 +62,8 @@ class OnlineStitcher:
     """Gives the people of each frame mended ids; a decision is never changed.
 
     A newcomer goes on with a lost track at once if they are where it is expected, and is somebody
-    new at once if nobody who was lost can have come so far; otherwise, and where the tracker has
-    ghosts, it is decided within `options.least` seconds.
+    new at once if nobody who was lost can have come so far; otherwise it is decided within
+    `options.least` seconds, or within `BRIEF` where the tracker has ghosts.
     """
 
     def __init__(self, options: LinkOptions | None = None, max_tracks: int = 1024):
@@ -115,12 +115,13 @@ class OnlineStitcher:
         age = self._follower.stamp - np.array([each.born for each in new]) + 1e-6
         sure = np.minimum(1.0, age / max(min(MOVED, self.options.least), 1e-6))
         alone = self._link(new, SURE + (1 - SURE) * sure**2)
-        known = len(self._brief)
-        ghostly = known < ENOUGH or sum(self._brief) > GHOSTLY * known
+        known = len(self._brief) >= ENOUGH
+        ghostly = sum(self._brief) > GHOSTLY * len(self._brief)
+        wait = max(self.options.least, BRIEF if known and ghostly else 0.0)
         used = {each.name for each in self._follower.tracks}
         for track, old in zip(new, age):
-            settled = old >= self.options.least
-            if track.name is None and (settled or (track in alone and not ghostly)):
+            at_once = known and not ghostly and track in alone
+            if track.name is None and (old >= wait or at_once):
                 track.name = track.id
                 if track.id in used:  # by somebody else
                     self._fresh += 1

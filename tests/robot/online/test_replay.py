@@ -1,6 +1,7 @@
 """A recording replayed is the recording evaluated, from any file, into any file."""
 
 import contextlib
+import importlib.util
 import io
 import json
 import math
@@ -100,6 +101,30 @@ def test_the_whole_way_and_back(folder, replayed):
                 ids = [int(id) for id in step["ids"]]
                 kinds = {(each[0], ids[each[1]], ids[each[2]]) for each in step["likely"]}
                 assert kinds <= {(each.name, each.k, each.l) for each in events.events}
+
+
+def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, capsys):
+    """The tracker knows three people by more ids; stitched, they are three again."""
+    options = {"out": tmp_path / "mended.bag"}
+    if importlib.util.find_spec("foxglove"):
+        options["foxglove"] = tmp_path / "scene.mcap"
+    run(recording=folder / "run", model=MODELS[:1], stitch=True, **options)
+    before, after = (
+        {id for frame in read_people(path) for id in frame.ids.tolist()}
+        for path in (folder / "run", tmp_path / "mended.bag")
+    )
+    assert len(after) == 3 < len(before)
+    samples = (message for topic, message in read_messages(tmp_path / "mended.bag"))
+    forecast = {id for each in samples if hasattr(each, "futures") for id in each.ids.tolist()}
+    assert forecast == after
+    said = capsys.readouterr().out
+    assert "until interrupted" not in said
+    if "foxglove" in options:
+        assert "Foxglove can open" in said
+        reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
+        with options["foxglove"].open("rb") as file:
+            counts = reader.make_reader(file).get_summary().statistics.channel_message_counts
+        assert list(counts.values()).count(141) == 2  # Scenes and numbers, beside events.
 
 
 @pytest.mark.parametrize("name", TOPICS)

@@ -129,6 +129,20 @@ def test_events_in_words_and_numbers(store, new, forecast):
         assert_allclose([event.probability, event.seconds], each[3:], rtol=1e-6)
 
 
+def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, forecast):
+    message = received(store, messages.markers_message(new, forecast, "SGAN", 0.4, "map"))
+    assert [marker.ns for marker in message.markers] == ["SGAN/4", "SGAN/-8"]
+    colours = [(each.color.r, each.color.g, each.color.b) for each in message.markers]
+    # Blue and vermilion of Okabe and Ito.
+    assert_allclose(colours, np.array([(0, 114, 178), (213, 94, 0)]) / 255, atol=1e-6)
+    assert_allclose([marker.color.a for marker in message.markers], [1.0, 0.35])
+    for marker, path in zip(message.markers, forecast.models["SGAN"].samples[3]):
+        points = [(point.x, point.y) for point in marker.points]
+        assert_array_equal(points[1:], path)
+        assert (marker.type, marker.scale.x) == (4, 0.05)  # A LINE_STRIP.
+        assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 800_000_000)
+
+
 TRACKED = {
     # github.com/spencer-project/spencer_messages
     "spencer_tracking_msgs/msg/TrackedPerson": "uint64 track_id\nbool is_occluded\n"

@@ -141,6 +141,15 @@ def test_a_tracker_without_ghosts_has_its_newcomers_published_at_once():
         assert (ids[0] == n) == (n >= 10), n
 
 
+def test_a_tracker_with_ghosts_has_its_newcomers_published_after_a_second():
+    stitcher = OnlineStitcher()
+    for n in range(20):  # Each is seen twice.
+        assert stitcher.push(n, [n], [[20.0 * n, 0.0]]).item() == NOBODY
+        assert stitcher.push(n + 0.1, [n], [[20.0 * n, 0.0]]).item() == NOBODY
+    ids = [stitcher.push(30 + t / 10, [99], [[0.0, t / 10]]).item() for t in range(15)]
+    assert ids == [NOBODY] * 10 + [99] * 5
+
+
 def test_a_jump_is_somebody_new():
     t = np.arange(80) / 10
     xy = np.stack([np.where(t < 4, t, t + 10), 0 * t], 1)

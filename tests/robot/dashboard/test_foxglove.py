@@ -1,0 +1,118 @@
+"""What Foxglove is sent is what was seen and forecast: by its websocket, and in an MCAP."""
+
+import base64
+import itertools
+import json
+import struct
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.errors import InputError
+from neurosym_robot.dashboard.foxglove_view import FoxgloveView
+from tests.robot.dashboard.conftest import predictor
+
+pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
+
+
+@pytest.fixture(scope="module")
+def schema():
+    """What decodes a SceneUpdate, from the definition that is sent along."""
+    pool = pytest.importorskip("google.protobuf.descriptor_pool", reason="no protobuf")
+    from google.protobuf import descriptor_pb2, message_factory
+
+    def decode(definition: bytes, data: bytes):
+        found = pool.DescriptorPool()
+        for file in descriptor_pb2.FileDescriptorSet.FromString(definition).file:
+            found.Add(file)
+        kind = found.FindMessageTypeByName("foxglove.SceneUpdate")
+        return message_factory.GetMessageClass(kind).FromString(data)
+
+    return decode
+
+
+def check(scene, event) -> None:
+    """The scene is the frame's people, the samples of each and the most probable path."""
+    frame, forecast = event.frame, event.forecast
+    entities = {entity.id: entity for entity in scene.entities}
+    assert len(entities) == len(frame.ids) * (1 + len(forecast.models))
+    for n, id in enumerate(frame.ids.tolist()):
+        body = entities[f"person {id}"]
+        at = body.cylinders[0].pose.position
+        assert_allclose([at.x, at.y], frame.xy[n])
+        assert (body.texts[0].text, body.frame_id) == (str(id), "odom")
+        stamp = body.timestamp.seconds + 1e-9 * body.timestamp.nanos
+        assert stamp == pytest.approx(frame.stamp, abs=1e-6)
+        for name, result in forecast.models.items():
+            lines = entities[f"{name} {id}"].lines
+            ways = [[(point.x, point.y) for point in line.points] for line in lines]
+            wanted = [*result.samples[:, n], result.samples[result.central, n]]
+            assert_allclose(np.array(ways)[:, 1:], wanted)
+            assert_allclose(np.array(ways)[:, 0], [forecast.observed[n, -1]] * len(ways))
+            thickness, opacity = zip(*((line.thickness, line.color.a) for line in lines))
+            assert (thickness.index(max(thickness)), opacity.index(max(opacity))) == (5, 5)
+
+
+def test_an_mcap_holds_scene_numbers_and_events(stream, schema, tmp_path):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
+    path, events = tmp_path / "people.mcap", list(stream(4))
+    view = FoxgloveView(predictor(), path, frame_id=lambda: "odom", at_least=0.05)
+    for event in events:
+        view.show(*event)
+    view.close()
+    with path.open("rb") as file:
+        rows = list(reader.make_reader(file).iter_messages())
+    of = {
+        topic: [row for row in rows if row[1].topic == topic]
+        for topic in ("/forecasts", "/stream", "/events")
+    }
+    assert len(of["/forecasts"]) == len(of["/stream"]) == len(events)
+    assert [row[2].log_time for row in of["/forecasts"]] == [
+        round(1e9 * event.frame.stamp) for event, *_ in events
+    ]
+    definition, _, message = of["/forecasts"][-1]
+    check(schema(definition.data, message.data), events[-1][0])
+    numbers = json.loads(of["/stream"][-1][2].data)
+    assert numbers["age"] == events[-1][1]["age"]
+    assert numbers["missing"] == {"7": "short", "9": "<script>"}
+    assert of["/events"]
+    for wrong, reason in ((path, "cannot be used for Foxglove"), (tmp_path / "a.txt", r"\.mcap")):
+        with pytest.raises(InputError, match=reason):
+            FoxgloveView(predictor(), wrong)
+
+
+def test_a_client_is_told_by_websocket(stream, schema):
+    client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
+    view = FoxgloveView(predictor(), 0, frame_id=lambda: "odom")
+    frames = itertools.cycle(list(stream(4))[-5:])
+    with client.connect(view.where, subprotocols=["foxglove.sdk.v1"]) as peer:
+        channels = {}
+        while len(channels) < 3:
+            said = json.loads(peer.recv(timeout=10))
+            if said["op"] == "advertise":
+                channels |= {each["topic"]: each for each in said["channels"]}
+        scene = channels["/forecasts"]
+        asked = {"op": "subscribe", "subscriptions": [{"id": 7, "channelId": scene["id"]}]}
+        peer.send(json.dumps(asked))
+        heard = None
+        for event in itertools.islice(frames, 100):
+            view.show(*event)
+            try:
+                heard = peer.recv(timeout=0.1)
+            except TimeoutError:
+                continue
+            if isinstance(heard, bytes):
+                break
+        assert isinstance(heard, bytes)
+        kind, subscription, at = struct.unpack_from("<BIQ", heard)
+        assert (kind, subscription) == (1, 7)
+        (shown,) = {
+            round(each[0].frame.stamp, 3): each[0]
+            for each in itertools.islice(frames, 5)
+            if round(1e9 * each[0].frame.stamp) == at
+        }.values()
+        check(schema(base64.b64decode(scene["schema"]), heard[13:]), shown)
+    with pytest.raises(InputError, match="cannot be used for Foxglove"):
+        FoxgloveView(predictor(), int(view.where.rpartition(":")[2]))
+    view.close()
