@@ -123,7 +123,7 @@ def _traced_scene(observed: Any, future: Any, identity: np.ndarray, extras: Mapp
     return Scene(
         observed=observed - origin,
         displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
-        valid=jnp.ones(len(observed), bool),
+        valid=jnp.ones(observed.shape[0], bool),  # Not len(): an export's N is a symbol.
         identity=identity,
         origin=origin,
         future=None if future is None else future - origin,

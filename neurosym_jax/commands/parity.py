@@ -52,12 +52,12 @@ def run(options: Options) -> int:
         parity = run_parity(options.directory, options.tolerance)
     elif module and checkpoint:
         model = load_torch_checkpoint(checkpoint, ignored=None)
-        print(f"assumed, for the checkpoint does not say: {'; '.join(model.assumed)}\n")
         python = options.python or sys.executable
         keep = options.keep
         with tempfile.TemporaryDirectory() if keep is None else new_folder(keep) as folder:
             run_torch(module, checkpoint, Path(folder), python=python, seed=options.seed)
             parity = run_parity(Path(folder), options.tolerance)
+        parity = dataclasses.replace(parity, assumed=model.assumed)
     else:
         raise InputError("give either a folder of stored cases, or --torch-module and --checkpoint")
     print(parity)

@@ -2,4 +2,5 @@ from .checkpoint import export_torch_checkpoint as export_torch_checkpoint
 from .checkpoint import load_torch_checkpoint as load_torch_checkpoint
 from .export import export_model as export_model
 from .parity import Parity as Parity
+from .parity import compare as compare
 from .parity import run_parity as run_parity

@@ -26,6 +26,7 @@ __all__ = [
     "Case",
     "Compared",
     "compared_layers",
+    "make_case",
     "padded",
     "placed",
     "read_case",
@@ -88,7 +89,11 @@ def _stages(config: GeneratorConfig, params: Any, *given: Any) -> dict[str, Arra
 
 def read_case(row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/") -> Case:
     """The case of a manifest's row and of its arrays [...], among them the weights."""
-    config, params = generator(row, state_of(arrays, weights))
+    return make_case(*generator(row, state_of(arrays, weights)), arrays)
+
+
+def make_case(config: GeneratorConfig, params: dict[str, Any], arrays: Arrays) -> Case:
+    """The case of our network and of torch's arrays [...]."""
     bounds = np.append(0, arrays["scene_start_end"][:, 1])
     scenes = padded(arrays["traj"], arrays["traj_rel"], bounds, config.obs_len)
     return Case(arrays, config, params, bounds, scenes)

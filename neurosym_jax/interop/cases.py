@@ -92,13 +92,12 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     compared: Compared = {}
     if row.get("alpha") != "random":
         compared["alpha"] = _shipped_alpha(case), alpha
+    pairs = valid[:, :, None] & valid[:, None]
     if isinstance(case.config.pooling, NeurosymIjcnn):
-        used = alpha[: case.bounds[-1]]
-        compared["alpha_rows_used"] = used, arrays["alpha_rows_used"]
-        given = placed(used, valid)
-    else:
-        given = placed(alpha, valid[:, :, None] & valid[:, None])
-    return compared | {"pred_rel": (case.stages(given)["pred_rel"], arrays["pred_rel"])}
+        alpha, pairs = alpha[: case.bounds[-1]], valid
+        compared["alpha_rows_used"] = alpha, arrays["alpha_rows_used"]
+    moves = case.stages(placed(alpha, pairs))["pred_rel"]
+    return compared | {"pred_rel": (moves, arrays["pred_rel"])}
 
 
 def _shipped_alpha(case: Case) -> np.ndarray:
@@ -153,11 +152,14 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         label_fake=(row["label_fake"], row["label_fake"]),
         discriminator=critic,
     )
-    # As one group, `[scenes, slots, ...]`.
-    groups = (case.scenes.replace(origin=None),)
-    noises = [arrays["noise_d"][None]], [arrays["noise_g"]]
-    params = {"params": case.params}, {"params": start}
-    trees, metrics = _two_steps(case.config, recipe, *params, groups, noises)
+    trees, metrics = _two_steps(
+        case.config,
+        recipe,
+        {"params": case.params},
+        {"params": start},
+        (case.scenes.replace(origin=None),),  # One group, `[scenes, slots, ...]`.
+        ([arrays["noise_d"][None]], [arrays["noise_g"]]),
+    )
     compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
     for name, tree in trees.items():
         network = case.config if name.startswith("g") else critic
@@ -171,8 +173,7 @@ def _two_steps(
     config: GeneratorConfig, recipe: Any, params: Any, critic: Any, groups: Groups, noises: Any
 ):
     """Gradients and parameters after, by the names they are stored under, and metrics."""
-    real, fake = recipe.label_real[0], recipe.label_fake[0]
-    labels = {"label_real": real, "label_fake": fake}
+    labels = {"label_real": recipe.label_real[0], "label_fake": recipe.label_fake[0]}
     state = new_state(recipe, params)._replace(
         discriminator=critic,
         discriminator_optimizer=optax.adam(recipe.d_learning_rate).init(critic),
@@ -182,7 +183,7 @@ def _two_steps(
     )
     state = update_discriminator(recipe, state, d_gradient)
     g_gradient, g_metrics = generator_gradient(
-        config, recipe, params, state.discriminator, groups, noises[1], label=real
+        config, recipe, params, state.discriminator, groups, noises[1], label=recipe.label_real[0]
     )
     state = update(recipe, state, g_gradient)
     ours = {

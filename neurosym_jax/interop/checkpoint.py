@@ -30,6 +30,7 @@ __all__ = [
     "generator",
     "load_torch_checkpoint",
     "model_from_torch",
+    "released_config",
     "torch_contents",
 ]
 
@@ -147,9 +148,7 @@ def torch_contents(model: Model) -> dict[str, Any]:
         InputError: for a network that SGAN's arguments cannot express, `as_described` and learned
             weightings, which torch does not have.
     """
-    config = model.config
-    if not isinstance(config, GeneratorConfig):
-        raise InputError(f"{model.name} has no counterpart in torch")
+    config = released_config(model)
     pooling, weighting = config.pooling, config.weighting
     if weighting is not None and initial_parameters(weighting):
         raise InputError(f"the weights {weighting.name} are learned: no torch has them")
@@ -174,6 +173,17 @@ def torch_contents(model: Model) -> dict[str, Any]:
     return {"g_state": params_to_torch(model.params["params"], config), "args": arguments}
 
 
+def released_config(model: Model) -> GeneratorConfig:
+    """The configuration of a model that torch's code may have.
+
+    Raises:
+        InputError: for anchors and other forecasters.
+    """
+    if not isinstance(model.config, GeneratorConfig):
+        raise InputError(f"{model.name} has no counterpart in torch")
+    return model.config
+
+
 def generator(
     arguments: Mapping[str, Any], state: Mapping[str, Any]
 ) -> tuple[GeneratorConfig, dict[str, Any]]:
@@ -188,6 +198,8 @@ def generator(
     """
     state = without_dropout(state, arguments)
     known = _required(arguments, (*SAME, "pooling_type")) | _widths(state)
+    if normed := [name for name in state if name.endswith("running_mean")]:
+        raise InputError(f"{normed[0]}: our networks have no batch norm")
     noise = known["noise_dim"] or 0
     known["noise_dim"] = noise[0] if isinstance(noise, tuple | list) and len(noise) == 1 else noise
     known["pool_every_timestep"] = bool(known["pool_every_timestep"])

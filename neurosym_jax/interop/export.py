@@ -13,11 +13,9 @@ from jax import Array
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.scene import Scene, centre
+from neurosym_jax.scene import make_scene
 
 __all__ = ["export_model"]
-
-PLATFORMS = ("cpu", "cuda")
 
 
 def export_model(model: Model, samples: int = 20) -> bytes:
@@ -36,19 +34,12 @@ def export_model(model: Model, samples: int = 20) -> bytes:
     samples = forecaster.count(samples)
 
     def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
-        origin = centre(observed[:, -1])
-        scene = Scene(
-            observed=observed - origin,
-            displacement=jnp.diff(observed, axis=1, prepend=observed[:, :1]),
-            valid=jnp.ones(observed.shape[0], bool),
-            identity=jnp.zeros(2, jnp.uint32),
-            origin=None,
-        )
+        scene = make_scene(observed)
         drawn = jnp.zeros((samples, 0)) if noise is None else noise
-        forecasts, probabilities = forecaster.distribution(model.params, scene, drawn)
+        forecasts, probabilities = forecaster.distribution(model.params, scene.bare(), drawn)
         if probabilities is None:
             probabilities = jnp.full(samples, 1 / samples)
-        return forecasts + origin, probabilities
+        return forecasts + scene.origin, probabilities
 
     sizes = [f"n, {model.config.obs_len}, 2"]
     if spec.dim:
@@ -56,11 +47,9 @@ def export_model(model: Model, samples: int = 20) -> bytes:
     scope = jax.export.SymbolicScope(("n >= 1",))
     shapes = (jax.export.symbolic_shape(size, scope=scope) for size in sizes)
     given = (jax.ShapeDtypeStruct(shape, jnp.float32) for shape in shapes)
-    if "alpha_rows" in getattr(getattr(model.config, "pooling", None), "inputs", ()):
-        raise InputError(f"{model.name} forecasts in parity cases only")
     try:
         with jax.enable_x64(False):
-            exported = jax.export.export(jax.jit(program), platforms=PLATFORMS)(*given)
+            exported = jax.export.export(jax.jit(program), platforms=("cpu", "cuda"))(*given)
         return bytes(exported.serialize())
     except ImportError:
         raise InputError("exporting needs flatbuffers: pip install neurosym-jax[export]") from None

@@ -63,9 +63,9 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     Raises:
         InputError: for a network that torch's released code does not have.
     """
-    words, spec = dict(WORDS), jax.ShapeDtypeStruct
+    words = dict(WORDS)
     if isinstance(config, DiscriminatorConfig):
-        track, valid = spec((1, 2, 2), np.float32), spec((1,), bool)
+        track, valid = np.zeros((1, 2, 2)), np.ones(1, bool)
         start = Discriminator(config).init
         shapes = shapes_of(jax.eval_shape(start, jax.random.key(0), track, track, valid))
     else:
@@ -110,9 +110,9 @@ def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any
     shapes = {name: shape[::-1] for name, (_, shape) in names.items()}
     used = {name: array for name, array in state.items() if not name.startswith(UNUSED)}
     arrays = _checked(used, shapes, config)
-    return nested_parameters(
-        {path: np.ascontiguousarray(arrays[name].T) for name, (path, _) in names.items()}
-    )
+    # Copies: torch goes on training the arrays that it was asked for.
+    copies = {path: np.array(arrays[name].T, order="C") for name, (path, _) in names.items()}
+    return nested_parameters(copies)
 
 
 def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.ndarray]:

@@ -9,19 +9,24 @@ import json
 import math
 import subprocess
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.markdown import aligned_table
+from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
-from neurosym_jax.interop.case import Compared, compared_layers, read_case
-from neurosym_jax.interop.cases import CASES
+from neurosym_jax.interop.case import Compared, compared_layers, make_case, read_case
+from neurosym_jax.interop.cases import CASES, forecasts
+from neurosym_jax.interop.checkpoint import released_config
+from neurosym_jax.scene import checked_positions
 
-__all__ = ["TOLERANCE", "Parity", "ParityRow", "run_parity", "run_torch"]
+__all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]
 
 TOLERANCE = 1e-5
 """Largest absolute difference that passes, in the output's own unit."""
@@ -43,7 +48,7 @@ class ParityRow:
     """`max_abs` over torch's largest magnitude; single elements may be next to nothing."""
     ok: bool
     reason: str = ""
-    """Why it differs, of the first layer of a case that does."""
+    """Why the first layer of a case that differs does."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +57,8 @@ class Parity:
 
     rows: tuple[ParityRow, ...]
     tolerance: float = TOLERANCE
+    assumed: tuple[str, ...] = ()
+    """What a checkpoint does not say and was taken to be so, in words."""
 
     @property
     def ok(self) -> bool:
@@ -67,6 +74,8 @@ class Parity:
             table.append((row.case, row.output, shape, *numbers, "ok" if row.ok else "MISS"))
             if row.reason:
                 lines.append(f"first difference of {row.case}: {row.output}: {row.reason}")
+        if self.assumed:
+            lines.append(f"assumed, for the checkpoint does not say: {'; '.join(self.assumed)}")
         within = f"{sum(row.ok for row in self.rows)} of {len(self.rows)} outputs"
         return "\n".join([aligned_table(table), *lines, f"{within} within {self.tolerance:g}"])
 
@@ -120,6 +129,40 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
     if done.returncode:
         said = done.stderr.strip().splitlines() or ["no reason given"]
         raise InputError(f"--python {python}: {module} failed: {said[-1][:400]}")
+
+
+def compare(
+    torch_module: Any,
+    model: Model,
+    scenes: Sequence[ArrayLike] | None = None,
+    *,
+    seed: int = 0,
+    tolerance: float = TOLERANCE,
+) -> Parity:
+    """Compare a torch generator that is here in Python with `model`, layer by layer.
+
+    Args:
+        torch_module: SGAN's `TrajectoryGenerator`, changed or not. A copy of it runs on the CPU.
+        model: the same network, see `load_model` and `model_from_torch`.
+        scenes: people observed, [N, obs_len, 2] metres each; default: people who walk at random.
+        seed: of the noise and of these people.
+        tolerance: largest absolute difference that passes.
+
+    Raises:
+        InputError: for a model that SGAN's code does not have, and unusable scenes.
+    """
+    import torch  # pyright: ignore[reportMissingImports]
+
+    config = released_config(model)
+    walks = torch_side.random_walks(config.obs_len, seed) if scenes is None else scenes
+    walks = [checked_positions(f"scenes[{i}]", walk) for i, walk in enumerate(walks)]
+    for number, walk in enumerate(walks):
+        refuse_other_length(model, walk, f"scenes[{number}]")
+    given = torch_side.inputs(walks, vars(config), seed)
+    arrays, classes = torch_side.forecast(torch, torch_module, given)
+    case, name = make_case(config, model.params["params"], arrays), type(torch_module).__name__
+    rows = _compare(name, tolerance, forecasts(case), compared_layers(case, classes), classes)
+    return Parity(tuple(rows), tolerance, model.assumed)
 
 
 def _compare(

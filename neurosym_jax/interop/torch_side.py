@@ -15,7 +15,7 @@ from unittest import mock
 
 import numpy as np
 
-__all__ = ["forecast", "main", "random_scenes"]
+__all__ = ["forecast", "inputs", "main", "random_walks"]
 
 SIZES = (3, 2, 1, 5)
 """People in each scene: of a scene of more than two the first one stands still."""
@@ -24,7 +24,12 @@ SIZES = (3, 2, 1, 5)
 def main(path, checkpoint, out, name, seed):
     """Write the case of `checkpoint` in the class `name` of the file `path`, and its manifest."""
     torch = importlib.import_module("torch")
-    network_class = getattr(_import_file(path), name)
+    folder, file = os.path.split(os.path.splitext(os.path.abspath(path))[0])
+    while os.path.isfile(os.path.join(folder, "__init__.py")):
+        folder, package = os.path.split(folder)
+        file = package + "." + file
+    sys.path.insert(0, folder)  # The file may import its neighbours.
+    network_class = getattr(importlib.import_module(file), name)
     contents = torch.load(checkpoint, map_location="cpu")
     arguments = contents["args"]
     parameters = inspect.signature(network_class).parameters
@@ -32,37 +37,42 @@ def main(path, checkpoint, out, name, seed):
     row = {name: arguments[key] for name, key in named if key in arguments}
     network = network_class(**row)
     network.load_state_dict(contents["g_state"])
-    arrays, layers = forecast(torch, network, random_scenes(arguments, int(seed)))
+    walks = random_walks(arguments["obs_len"] + arguments["pred_len"], int(seed))
+    arrays, layers = forecast(torch, network, inputs(walks, arguments, int(seed)))
     row.update(file=os.path.splitext(os.path.basename(checkpoint))[0] + ".npz")
     np.savez_compressed(os.path.join(out, row["file"]), **arrays)
     with open(os.path.join(out, "manifest.json"), "w") as manifest:
         json.dump([dict(row, model="sgan", layers=layers)], manifest, indent=1)
 
 
-def random_scenes(arguments, seed):
-    """Arrays of a case's scenes, of people who walk at random, and noise for them."""
-    rng = np.random.RandomState(seed)
-    steps = arguments["obs_len"] + arguments["pred_len"]
-    ends = np.cumsum(SIZES)
-    bounds = np.stack([ends - SIZES, ends], 1)
-    walks = rng.normal(0, 4, (ends[-1], 1, 2))
-    walks = (walks + np.cumsum(rng.normal(0, 0.3, (ends[-1], steps, 2)), 1)).round(4)
-    still = bounds[np.array(SIZES) > 2, 0]
-    walks[still] = walks[still, :1]
-    rows = len(bounds) if arguments["noise_mix_type"] == "global" else len(walks)
+def random_walks(steps, seed):
+    """Scenes [N, steps, 2] in metres of people who walk at random."""
+    rng, walks = np.random.RandomState(seed), []
+    for people in SIZES:
+        moves = rng.normal(0, 0.3, (people, steps, 2))
+        if people > 2:
+            moves[0] = 0
+        walks.append((rng.normal(0, 4, (people, 1, 2)) + np.cumsum(moves, 1)).round(4))
+    return walks
+
+
+def inputs(walks, arguments, seed):
+    """Arrays of a case's scenes `walks`, [N, steps, 2] each, and noise for them."""
+    ends, every = np.cumsum([len(walk) for walk in walks]), np.concatenate(walks)
+    rows = len(walks) if arguments["noise_mix_type"] == "global" else len(every)
     dim = int(np.sum(arguments.get("noise_dim") or 0))
     return {
-        "traj": walks.astype(np.float32),
-        "traj_rel": np.diff(walks, axis=1, prepend=walks[:, :1]).astype(np.float32),
-        "scene_start_end": bounds,
-        "noise": rng.normal(size=(rows, dim)).astype(np.float32),
+        "traj": every.astype(np.float32),
+        "traj_rel": np.diff(every, axis=1, prepend=every[:, :1]).astype(np.float32),
+        "scene_start_end": np.stack([np.append(0, ends[:-1]), ends], 1),
+        "noise": np.random.RandomState(seed).normal(size=(rows, dim)).astype(np.float32),
     }
 
 
 def forecast(torch, network, scenes):
     """The arrays of a case, and by its name the class of each submodule, in the order of calls.
 
-    `scenes` are arrays as `random_scenes` makes them. The network runs after `eval()`.
+    `scenes` are arrays as `inputs` makes them. A copy of the network runs, after `eval()`.
     """
     network = copy.deepcopy(network).cpu().eval()
     arrays, classes = dict(scenes), {}
@@ -98,17 +108,6 @@ def forecast(torch, network, scenes):
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()
     return arrays, classes
-
-
-def _import_file(path):
-    """The module of a file, which may import its neighbours."""
-    folder, file = os.path.split(os.path.abspath(path))
-    name = os.path.splitext(file)[0]
-    while os.path.isfile(os.path.join(folder, "__init__.py")):
-        folder, package = os.path.split(folder)
-        name = package + "." + name
-    sys.path.insert(0, folder)
-    return importlib.import_module(name)
 
 
 if __name__ == "__main__":

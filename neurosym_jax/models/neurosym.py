@@ -110,7 +110,7 @@ class _IjcnnNetwork(_HistoryNetwork):
 
     def __call__(self, hidden: Array, valid: Array, alpha_rows: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`, all rows equal; an InputError for other alpha."""
-        if np.shape(alpha_rows) != (len(hidden), self.obs_len):
+        if np.shape(alpha_rows) != (hidden.shape[0], self.obs_len):
             raise InputError(f"neurosym_ijcnn {NO_FORECAST}")
         embedded = alpha_rows[..., None] * self.spatial_embedding.bias
         each = self.mlp(jnp.concatenate([embedded.reshape(hidden.shape[0], -1), hidden], axis=-1))

@@ -10,10 +10,12 @@ import torch
 from torch import nn
 
 
-def make_mlp(sizes, activation="relu", dropout=0.0):
+def make_mlp(sizes, activation="relu", batch_norm=False, dropout=0.0):
     layers = []
     for inputs, outputs in pairwise(sizes):
         layers.append(nn.Linear(inputs, outputs))
+        if batch_norm:
+            layers.append(nn.BatchNorm1d(outputs))
         layers.append({"relu": nn.ReLU, "leakyrelu": nn.LeakyReLU}[activation]())
         if dropout > 0:
             layers.append(nn.Dropout(dropout))
@@ -77,13 +79,13 @@ class TrajectoryGenerator(nn.Module):
         decoder_h_dim=128, mlp_dim=1024, num_layers=1, noise_dim=(0,),
         noise_type="gaussian", noise_mix_type="ped", pooling_type=None,
         pool_every_timestep=True, dropout=0.0, bottleneck_dim=1024,
-        activation="relu", neighborhood_size=2.0, grid_size=8,
+        activation="relu", batch_norm=False, neighborhood_size=2.0, grid_size=8,
     ):  # fmt: skip
         super().__init__()
         self.obs_len, self.pred_len = obs_len, pred_len
         self.noise_mix_type, self.noise_dim = noise_mix_type, noise_dim[0]
         pooling_type = None if pooling_type == "none" else pooling_type
-        options = {"activation": activation, "dropout": dropout}
+        options = {"activation": activation, "batch_norm": batch_norm, "dropout": dropout}
         self.encoder = Encoder(embedding_dim, encoder_h_dim, num_layers, dropout)
         pooling = functools.partial(
             PoolHiddenNet, embedding_dim, bottleneck_dim=bottleneck_dim, **options

@@ -8,13 +8,12 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax import predict
+from neurosym_jax import GeneratorConfig, load_model, predict_distribution
 from neurosym_jax.commands.export import Options, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.networks import initial_generator
 from neurosym_jax.forecasting.noise import scene_noise
-from neurosym_jax.forecasting.parameters import nested_parameters
 from neurosym_jax.interop.export import export_model
 from neurosym_jax.scene import make_scene
 
@@ -22,32 +21,35 @@ pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "run_exported.py"
 
 
-def anchors():
-    config = FORECASTERS["anchors"].Config(obs_len=4, pred_len=3)
-    shapes, rng = FORECASTERS["anchors"](config).shapes(), np.random.default_rng(0)
-    drawn = {name: rng.normal(0, 0.1, shape).astype("f") for name, shape in shapes.items()}
-    return Model(config, nested_parameters(drawn), kind="anchors")
-
-
-@pytest.mark.parametrize(
-    ("kind", "mix"),
-    [("as_described", "global"), ("pool_net", "ped"), ("anchors", None)],
-)
-def test_one_program_for_any_number_of_people(model, kind, mix):
-    made = anchors() if kind == "anchors" else model(kind, mix)
-    program = jax.export.deserialize(bytearray(export_model(made, 5)))
-    rng, spec = np.random.default_rng(1), made.forecaster.noise
-    for people in (1, 7):
-        observed = np.cumsum(rng.normal(0, 0.2, (people, 4, 2)), axis=1).astype(np.float32)
-        observed += rng.uniform(-1, 1, (people, 1, 2)).astype(np.float32)
-        identity = make_scene(observed).identity
-        slots = people if spec.per_agent else 1
-        noise = np.asarray(scene_noise(spec, jax.random.key(0), identity, 5, slots))
-        given = [noise if spec.per_agent else noise.reshape(5, -1)] if spec.dim else []
+def assert_same_forecasts(made, samples, peoples, rounded):
+    """The program's forecasts are `predict`'s, as far as float32 resolves metres."""
+    program = jax.export.deserialize(bytearray(export_model(made, samples)))
+    rng, spec, steps = np.random.default_rng(1), made.forecaster.noise, made.config.obs_len
+    for people in peoples:
+        walks = rng.normal(0, 0.3, (people, 1, 2)) + rng.normal(0, 0.05, (people, steps, 2))
+        walks = rng.uniform(-2, 2, (people, 1, 2)) + np.cumsum(walks, axis=1)
+        # Both subtract the same float32 numbers without rounding where these are of a coarse grid.
+        observed = (np.round(walks * 1024) / 1024 if rounded else walks).astype(np.float32)
+        identity, slots = make_scene(observed).identity, people if spec.per_agent else 1
+        noise = np.asarray(scene_noise(spec, jax.random.key(0), identity, samples, slots))
+        given = [noise if spec.per_agent else noise.reshape(samples, -1)] if spec.dim else []
         forecasts, probabilities = program.call(observed, *given)
-        np.testing.assert_allclose(forecasts, predict(made, observed, samples=5), atol=1e-6)
-        assert probabilities.sum() == pytest.approx(1, abs=1e-6)
-        assert (np.ptp(probabilities) > 1e-4) == (kind == "anchors")
+        wanted, likely = predict_distribution(made, observed, samples=samples)
+        within = {"atol": 1e-6, "rtol": 1e-7} if rounded else {"atol": 2e-5}
+        np.testing.assert_allclose(forecasts, wanted, **within)
+        np.testing.assert_allclose(probabilities, likely, atol=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "mix"), [("as_described", "global"), ("pool_net", "ped")])
+def test_one_program_for_any_number_of_people(model, kind, mix):
+    assert_same_forecasts(model(kind, mix), 5, (1, 7), rounded=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["recommended", "neurosym_zara1_8"])
+def test_shipped_models_for_1_2_7_and_64_people(name):
+    assert_same_forecasts(load_model(name), 20, (1, 2, 7, 64), rounded=True)
+    assert_same_forecasts(load_model(name), 20, (7,), rounded=False)
 
 
 def test_the_example_needs_nothing_of_ours(model, tmp_path, capsys):
@@ -62,7 +64,7 @@ def test_the_example_needs_nothing_of_ours(model, tmp_path, capsys):
     assert done.stdout == "5 futures of 3 people, 3 steps\n"
 
 
-def test_the_command(tmp_path, capsys):
+def test_the_command_and_what_is_refused(model, tmp_path, capsys):
     small = Path(__file__).parents[1] / "golden" / "small.pt"
     run(Options(small, tmp_path / "a.stablehlo", samples=3))
     assert "SGAN, no pooling, 3 forecasts" in capsys.readouterr().out
@@ -70,4 +72,7 @@ def test_the_command(tmp_path, capsys):
     with pytest.raises(InputError, match=r"a\.stablehlo: exists already"):
         run(Options(small, tmp_path / "a.stablehlo"))
     with pytest.raises(InputError, match="samples must be at least 1"):
-        export_model(anchors(), 0)
+        export_model(model("pool_net"), 0)
+    paired = GeneratorConfig(pooling="neurosym_ijcnn")
+    with pytest.raises(InputError, match="forecasts in parity cases only"):
+        export_model(Model(paired, initial_generator(paired, jax.random.key(0))))
