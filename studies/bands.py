@@ -1,40 +1,111 @@
-"""The paces from which the bounds of `neurosym_jax.data.evidence` were made, and those of others.
+"""The bounds of `neurosym_jax.data.evidence`, and how many true recordings they refuse or doubt.
 
-python -m studies.bands SHARED/data/eth_ucy/all SHARED/data/thor [OTHERS ...]
+python -m studies.bands SHARED/data [OPENTRAJ/datasets]
 
-Doubted is what the range widened by 1.15 below, and by 1.2 above (without SGAN's eth, whose clock
-is wrong), leaves out; refused, by 1.35 below and 2.2 above.
+Bounds of the pace: doubted is what the range of ETH/UCY and THÖR (without SGAN's eth, whose clock
+is wrong) widened by 1.15 below and 1.2 above leaves out; refused, by 1.35 and 2.2. Bounds of the
+distance are that range below, divided by 1.3 and 2.3. The bounds were not made from OpenTraj's
+recordings, https://github.com/crowdbotp/OpenTraj: what is refused or doubted of them is a false
+alarm, or a recording of cyclists or with a fault, and is named.
 """
 
+import dataclasses
 import sys
 import warnings
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.evidence import DOUBTED, REFUSED, pace_of
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data import ReadOptions, Tracks, read_any
+from neurosym_jax.data.evidence import APART, DOUBTED, REFUSED, apart_of, judge, pace_of
 from neurosym_jax.errors import InputError
+
+FORMATS: dict[str, tuple[str, dict[str, Any]]] = {
+    # folder: files, and how they are read
+    "eth_ucy": ("all/*.txt", {}),
+    "thor": ("*_*_*.csv", {}),
+    "TrajNet": ("Train/stanford/*.txt", {}),
+    "HERMES": (
+        "Corridor-*/*-*-*.txt",
+        {"columns": ("id=1", "frame=2", "x=3", "y=4"), "unit": "cm", "fps": 16},
+    ),
+    "CITR": ("data/trajectories_filtered/*/*_ped_filtered.csv", {"fps": 29.97}),
+    "ETH": ("seq_*/obsmat.txt", {}),
+    "UCY": ("zara*/obsmat.txt", {}),
+}
+
+
+def recordings_of(folder: Path) -> Iterator[tuple[ReadOptions, Tracks]]:
+    """The recordings of a collection, and how they were read."""
+    pattern, how = FORMATS[folder.name]
+    options = ReadOptions(**how, yes_really=True)
+    for path in sorted(folder.glob(pattern)):
+        try:
+            yield from ((options, tracks) for tracks in read_any(path, options))
+        except InputError as error:
+            print(f"not read: {error}", file=sys.stderr)
+
+
+SCALES = {
+    # mistake: the factor of lengths, from positions about their mean; the factor of times
+    "coordinates in 0..1": (lambda position: 1 / np.ptp(position, axis=0).max(), 1.0),
+    "z-scores": (lambda position: 1 / position.std(), 1.0),
+    "a map at a tenth": (lambda _: 0.1, 1.0),
+    "a map at half": (lambda _: 0.5, 1.0),
+    "a map at twice": (lambda _: 2.0, 1.0),
+    "feet": (lambda _: 1 / 0.3048, 1.0),
+    "every 4th frame, read as the 10th": (lambda _: 1.0, 2.5),
+    "every 5th frame, read as the 10th": (lambda _: 1.0, 2.0),
+    "every 8th frame, read as the 10th": (lambda _: 1.0, 1.25),
+    "a map at a tenth, a clock 10 times too fast": (lambda _: 0.1, 0.1),
+    "z-scores, a clock 3 times too fast": (lambda position: 1 / position.std(), 1 / 3),
+}
+
+
+def outcomes(tracks: Tracks, options: ReadOptions) -> Iterator[str]:
+    """What is said of a recording with each of the mistakes."""
+    for length, time in SCALES.values():
+        position = tracks.position - tracks.position.mean(axis=0)
+        wrong = dataclasses.replace(
+            tracks, position=position * length(position), stamp=tracks.stamp * time
+        )
+        said = [refused for refused, _ in judge(wrong, options)]
+        yield "refused" if any(said) else "doubted" if said else "silent"
 
 
 def main(places: list[str]) -> None:
-    """Print a row for each recording in `places`, and the range of their paces."""
-    print("| recording | steps | pace |\n|---|---|---|")
-    paces = []
-    for place in places:
-        try:
-            recordings = recordings_in(Path(place), ReadOptions(yes_really=True))
-        except InputError as error:
-            print(f"| {place} | {error} | |")
+    """Print what is said of each collection in `places`, and of all recordings with mistakes."""
+    print("| collection | recordings | pace, m/s | apart, m | refused | clock or unit doubted |")
+    print("|---|---:|---|---|---|---|")
+    everything = []
+    for folder in (Path(place) / name for place in places for name in FORMATS):
+        found = list(recordings_of(folder))
+        if not found:
             continue
-        for tracks in recordings:
-            steps, pace = pace_of(tracks)
-            paces.append(pace)
-            print(f"| {tracks.recording} | {steps} | {pace:.2f} |")
-    print(
-        f"\n{np.nanmin(paces):.2f} to {np.nanmax(paces):.2f}; doubted {DOUBTED}, refused {REFUSED}"
-    )
+        everything += found
+        values = [[of(tracks) for _, tracks in found] for of in (_pace, apart_of)]
+        ranges = [f"{np.nanmin(each):.2f} to {np.nanmax(each):.2f}" for each in values]
+        named = [
+            [tracks.recording for options, tracks in found if what(judge(tracks, options))]
+            for what in (lambda said: any(refused for refused, _ in said), _of_scale)
+        ]
+        cells = [*ranges, *(f"{len(names)} {' '.join(names)}".strip() for names in named)]
+        print(f"| {folder.name} | {len(found)} | {' | '.join(cells)} |")
+    print(f"\npace: doubted outside {DOUBTED}, refused outside {REFUSED}; apart: below {APART}\n")
+    kinds = ("refused", "doubted", "silent")
+    print(f"| mistake | {' | '.join(kinds)} |\n|---|---:|---:|---:|")
+    for name, said in zip(SCALES, zip(*(outcomes(t, options) for options, t in everything))):
+        print(f"| {name} | {' | '.join(str(said.count(kind)) for kind in kinds)} |")
+
+
+def _pace(tracks: Tracks) -> float:
+    return pace_of(tracks)[1]
+
+
+def _of_scale(said: Iterable[tuple[bool, str]]) -> bool:
+    return any(line.startswith(("one step in twenty", "a quarter of")) for _, line in said)
 
 
 if __name__ == "__main__":

@@ -7,15 +7,19 @@ from collections.abc import Iterator
 
 import numpy as np
 import polars as pl
+from scipy.spatial import cKDTree
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
 
-__all__ = ["DOUBTED", "REFUSED", "judge", "pace_of", "steps_of"]
+__all__ = ["APART", "DOUBTED", "REFUSED", "apart_of", "judge", "pace_of", "steps_of"]
 
 REFUSED, DOUBTED = (0.9, 4.5), (1.05, 2.5)
 """Outside these paces, m/s, a recording is refused or doubted. Those of ETH/UCY and THÖR are 1.22
 to 2.06, SGAN's eth 3.23 (`python -m studies.bands`)."""
+APART = (0.2, 0.35)
+"""Below these distances to the nearest person, metres, of a quarter of the points, a recording is
+refused and doubted, whatever its clock says. Those of ETH/UCY and THÖR are 0.46 to 2.23."""
 FEW, ENOUGH = 10, 100  # steps that say anything of a recording, and that may refuse one
 
 
@@ -36,6 +40,20 @@ def pace_of(tracks: Tracks) -> tuple[int, float]:
     pace = float(np.quantile(length / time, 0.95))
     # In a moment anybody may stand.
     return len(here), pace if pace > 1 or np.median(time) > PERIOD / 2 else np.nan
+
+
+def apart_of(tracks: Tracks) -> float:
+    """Metres to the nearest person that a quarter of the points are within, at 200 moments or so.
+
+    NaN where few people are there at one moment.
+    """
+    stamps, moment = np.unique(tracks.stamp, return_inverse=True)
+    some = moment % max(1, len(stamps) // 200) == 0
+    # Moments are further apart than any two people; of people at one place the tree would be slow.
+    points = np.unique(np.column_stack([tracks.position, 1e10 * moment])[some], axis=0)
+    near = cKDTree(points).query(points, 2, distance_upper_bound=1e9)[0][:, 1]
+    near = near[np.isfinite(near)]
+    return float(np.quantile(near, 0.25)) if len(near) >= ENOUGH else np.nan
 
 
 def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
@@ -70,6 +88,13 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
         yield (
             enough and twins.sum() > 0.1 * len(twins),
             f"{twins.sum()} points are another person's, too: is everybody there twice?",
+        )
+    apart = apart_of(tracks)
+    if apart < APART[1]:
+        yield (
+            enough and apart < APART[0],
+            f"a quarter of the people are within {apart:.2f} m of another, usually 0.5 m or more: "
+            "are coordinates more than metres (--unit)?",
         )
     step, speed = steps_of(tracks)
     fast = np.flatnonzero((speed > 10) & (step <= GAP * np.median(step))) if len(step) else []

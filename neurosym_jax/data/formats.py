@@ -4,11 +4,13 @@ import dataclasses
 import os
 import warnings
 from pathlib import Path
+from typing import Any
 
 from neurosym_jax.configuration import component_from_text
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns, eth_ucy, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
+from neurosym_jax.data.table import FRAME, is_frame
 from neurosym_jax.data.tracks import PERIOD, Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_jax.plugins import Registry, load_entry_points
@@ -61,11 +63,13 @@ def _owner(path: Path) -> Format | None:
 
 
 def read_any(
-    path: Path, options: ReadOptions = AS_IT_SAYS, frame_period: float = PERIOD
+    data: Any, options: ReadOptions = AS_IT_SAYS, frame_period: float = PERIOD
 ) -> list[Tracks]:
-    """The recordings in a file of any known format, on their own clocks; each has a `reading`.
+    """The recordings in a file or dataframe, on their own clocks; each has a `reading`.
 
-    The most common step of frame numbers is `frame_period` seconds where nothing else is said.
+    `data` is the path of a file of any known format, or a dataframe of pandas or polars, which is
+    read as a table with named columns. The most common step of frame numbers is `frame_period`
+    seconds where nothing else is said.
 
     Raises:
         InputError: naming file, row and reason; for an option that the format does not use, and
@@ -74,14 +78,16 @@ def read_any(
     Warns:
         InputWarning: of what looks wrong, which is in `reading` too.
     """
-    path = Path(path)
-    form = format_of(path, options)
+    path = FRAME if is_frame(data) else Path(data)
+    form = columns.Columns() if is_frame(data) else format_of(path, options)
+    if is_frame(data) and options.format not in (None, "columns"):
+        raise InputError(f"{path}: it is a {form.title}, not --format {options.format}")
     for option in {"columns", "fps", "keep", "time_unit", "unit"} - form.uses:
         if getattr(options, option):
             shown = option.replace("_", "-")
             raise InputError(f"{path}: --{shown} is of no use for {form.title}, which fixes it")
     found = []
-    for tracks in form.read(path, options, frame_period):
+    for tracks in form.read(data if is_frame(data) else path, options, frame_period):
         how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))
         lines = [*how.warnings]
         for refused, line in judge(tracks, options):
@@ -92,15 +98,23 @@ def read_any(
             lines.append(line)
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
-        how = dataclasses.replace(how, format=FORMATS.name_of(form), warnings=tuple(lines))
+        file, name = None if is_frame(data) else how.file, FORMATS.name_of(form)
+        how = dataclasses.replace(how, file=file, format=name, warnings=tuple(lines))
         found.append(dataclasses.replace(tracks, reading=how))
     return found
 
 
-def recordings_in(place: Path, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
-    """The recordings in a file of any known format or in a folder, on their own clocks."""
-    paths = data_files(place, options) if is_folder(place) else [place]
-    return [tracks for path in paths for tracks in read_any(path, options)]
+def recordings_in(data: Any, options: ReadOptions = AS_IT_SAYS) -> list[Tracks]:
+    """The recordings in a file, folder, dataframe (see `read_any`), tracks, or several of these."""
+    if isinstance(data, Tracks):
+        return [data]
+    if is_frame(data):
+        return read_any(data, options)
+    if isinstance(data, str | Path):
+        path = Path(data)
+        data = data_files(path, options) if is_folder(path) else [path]
+        return [tracks for path in data for tracks in read_any(path, options)]
+    return [tracks for each in data for tracks in recordings_in(each, options)]
 
 
 def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:

@@ -61,13 +61,11 @@ class Source:
             if name not in known and not os.path.isfile(name):
                 among = ", ".join(sorted(known)) or "nothing"
                 raise InputError(f"{name}: no such file, nor a recording among {among}")
-        return self._on_grid(self._read_files(known.get(name, Path(name)) for name in names))
+        paths = [known.get(name, Path(name)) for name in names]
+        return self._on_grid(formats.recordings_in(paths, self.read))
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         raise NotImplementedError
-
-    def _read_files(self, paths: Iterable[Path]) -> Iterable[Tracks]:
-        return (tracks for path in paths for tracks in formats.read_any(path, self.read))
 
     def _on_grid(self, recordings: Iterable[Tracks]) -> list[Tracks]:
         return [on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings]
@@ -99,7 +97,7 @@ class EthUcy(Source):
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         own = None if scene == GENERAL else scene
-        return self._read_files(eth_ucy.split_files(self.folder, own, split))
+        return formats.recordings_in(eth_ucy.split_files(self.folder, own, split), self.read)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,16 +109,14 @@ class Files(Source):
     """
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
-        others = [path for path in self.paths if recording_name(path) != scene]
-        if split == "test":
-            yield from self._read_files(path for path in self.paths if path not in others)
-            return
-        if not others:
+        test = split == "test"
+        paths = [path for path in self.paths if (recording_name(path) == scene) == test]
+        if not paths:
             raise InputError(f"{scene}: the only recording, so nothing is left to train on")
-        for tracks in self._read_files(others):
+        for tracks in formats.recordings_in(paths, self.read):
             # Cut before it is resampled, so that no point depends on both parts.
             middle = tracks.stamp.min() + TRAIN_SHARE * np.ptp(tracks.stamp)
-            part = tracks.take((tracks.stamp < middle) == (split == "train"))
+            part = tracks if test else tracks.take((tracks.stamp < middle) == (split == "train"))
             if len(part.id):
                 yield part
 
@@ -166,7 +162,7 @@ def open_source(
 
 
 def windows_from(
-    data: Path | str | Tracks | Iterable[Path | str | Tracks],
+    data: Any,
     obs_len: int,
     pred_len: int,
     *,
@@ -177,11 +173,10 @@ def windows_from(
 ) -> Windows:
     """Read recordings, resample them to steps of `period` seconds, and cut them into windows.
 
-    `data` is a file of any known format, a folder of them, tracks on any clock (see `make_tracks`),
-    or several of these; `skip` and `min_agents` are those of `cut_windows`.
+    `data` is a file of any known format, a folder of them, a dataframe of pandas or polars, tracks
+    on any clock (see `make_tracks`), or several of these; `skip` and `min_agents` are those of
+    `cut_windows`.
     """
-    recordings: list[Tracks] = []
-    for one in [data] if isinstance(data, Path | str | Tracks) else data:
-        recordings += [one] if isinstance(one, Tracks) else formats.recordings_in(Path(one), read)
+    recordings = formats.recordings_in(data, read)
     grid = [on_grid(tracks, period, read.max_gap) for tracks in recordings]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -23,7 +24,9 @@ from neurosym_jax.data.reading import (
 from neurosym_jax.data.tracks import Reading, Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["Table", "read_table"]
+__all__ = ["FRAME", "Table", "is_frame", "read_table"]
+
+FRAME = Path("dataframe")  # what messages call one, and its recording
 
 # Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
 STEPS = (1, 6, 10, 12)
@@ -60,7 +63,9 @@ class Table:
         """[R, columns] finite float64; if fields may be `missing`, empty ones and nan are NaN."""
         texts = _stripped(self.fields.list.gather(list(places)).explode())
         found = texts.cast(pl.Float64, strict=False)
-        usable = found.is_finite().fill_null(False) | (missing & texts.is_in(("", "nan", "NaN")))
+        usable = found.is_finite().fill_null(False) | (
+            missing & texts.is_in(("", "nan", "NaN", "None", "<NA>"))
+        )
         wrong = ~usable.to_numpy().reshape(-1, len(places))
 
         def shown(at: int) -> str:
@@ -175,11 +180,26 @@ def _stripped(texts: pl.Series) -> pl.Series:
 
 
 def _missing(texts: pl.Series) -> pl.Series:
-    return texts.str.to_lowercase().is_in(("", "nan", "null", "none", "n/a", "<na>"))
+    return texts.str.to_lowercase().is_in(("", "nan", "null", "none", "n/a", "<na>", "nat"))
 
 
-def read_table(path: Path, names: Sequence[str] | None = None, header: str = "") -> Table:
-    """The table in a file of delimited text; lines that begin with # are left out.
+def is_frame(data: object) -> bool:
+    """Whether `data` is a dataframe of pandas or polars; neither is imported."""
+    return hasattr(data, "columns") and (hasattr(data, "itertuples") or hasattr(data, "iter_rows"))
+
+
+def _frame_table(frame: Any) -> Table:
+    """The text of a dataframe, whose rows are counted from 0."""
+    polars = hasattr(frame, "iter_rows")
+    rows = frame.iter_rows() if polars else frame.itertuples(index=False, name=None)
+    fields = pl.Series([list(map(str, row)) for row in rows], dtype=pl.List(pl.String))
+    if not len(fields):
+        raise InputError(f"{FRAME}: has no rows")
+    return Table(FRAME, list(map(str, frame.columns)), fields, np.arange(len(fields)))
+
+
+def read_table(path: Any, names: Sequence[str] | None = None, header: str = "") -> Table:
+    """The table in a dataframe or a file of delimited text, whose lines with # are left out.
 
     Columns without `names` have those of the header, else 1, 2, ... The header is the first line
     that begins with the regular expression `header`, among the first 200.
@@ -187,6 +207,8 @@ def read_table(path: Path, names: Sequence[str] | None = None, header: str = "")
     Raises:
         InputError: naming file, row and reason.
     """
+    if is_frame(path):
+        return _frame_table(path)
     lines = pl.Series([read_text_file(path)]).str.split("\n").explode().str.strip_chars(" \r")
     kept = ((lines != "") & ~lines.str.starts_with("#")).to_numpy()
     lines, row = lines.filter(kept), 1 + np.flatnonzero(kept)

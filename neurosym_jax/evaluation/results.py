@@ -18,7 +18,9 @@ import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import single_scene
-from neurosym_jax.data.tracks import Tracks, on_grid
+from neurosym_jax.data.formats import recordings_in
+from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tracks import on_grid
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.plan import Entries, Test, TestSet, baselines_of, make_test
@@ -90,13 +92,14 @@ class Result:
 
 def evaluate(
     models: Model | Sequence[Model],
-    recordings: Tracks | Sequence[Tracks],
+    recordings: Any,
     *,
     samples: int = 20,
     seed: int = 0,
     min_agents: int = 2,
     metrics: Sequence[str] | None = None,
     baselines: Sequence[str] | None = None,
+    **read: Any,
 ) -> pl.DataFrame:
     """Test models on recordings: a row for each model, beside the baselines; see `format_table`.
 
@@ -104,12 +107,13 @@ def evaluate(
 
     Args:
         models: one or several, see `load_model`.
-        recordings: see `make_tracks` and `read_any`.
+        recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several of these.
         samples: number of forecasts of each scene, k.
         seed: random seed of the noise.
         min_agents: scenes with fewer people are left out.
         metrics: names; default: those of every table, see `metric_names`.
         baselines: forecasters by name, see `baselines_of`.
+        read: how files and dataframes are read, by the fields of `ReadOptions`: `unit="cm"`, ...
 
     Returns:
         Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its name, and the
@@ -117,7 +121,8 @@ def evaluate(
     """
     refuse(Count, {"samples": samples, "min_agents": min_agents})
     models = [models] if isinstance(models, Model) else models
-    recordings = [recordings] if isinstance(recordings, Tracks) else recordings
+    options = ReadOptions(**read)
+    recordings = recordings_in(recordings, options)
     name = "+".join(dict.fromkeys(tracks.recording for tracks in recordings))
     tested: dict[tuple[int, int, float], Entries] = {}
     for model in models:
@@ -128,7 +133,7 @@ def evaluate(
         make_test(
             TestSet(name, obs_len, pred_len),
             [*baselines_of(baselines, obs_len, pred_len), *entries],
-            [on_grid(tracks, period) for tracks in recordings],
+            [on_grid(tracks, period, options.max_gap) for tracks in recordings],
             min_agents,
         )
         for (obs_len, pred_len, period), entries in tested.items()

@@ -17,9 +17,9 @@ import numpy as np
 from tqdm import tqdm
 
 from neurosym_jax.data.batching import Batch, make_batches
+from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import fingerprint
 from neurosym_jax.data.published import licences_of
-from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster
@@ -54,8 +54,8 @@ LEAST = 0.5
 
 
 def train(
-    training: Windows | Sequence[Tracks],
-    validation: Windows | Sequence[Tracks],
+    training: Any,
+    validation: Any,
     folder: Path | str,
     *,
     network: Any = None,
@@ -68,7 +68,8 @@ def train(
     """Train a model; the module's text lists the files that it leaves in `folder`.
 
     Args:
-        training: recordings to cut windows from, or the windows.
+        training: `Windows` (see `windows_from`), or what they are cut from: `Tracks` on one grid,
+            files, folders, dataframes, or several of these.
         validation: the same; the state with the least error on these is kept.
         folder: of the run.
         network: a `GeneratorConfig`, `AnchorConfig` or `AnchorTableConfig`; default: SGAN's. Its
@@ -88,10 +89,11 @@ def train(
     network = network or GeneratorConfig()
     recipe = recipe or RECIPES[usual_recipe(network)]
 
-    def windows(part: Windows | Sequence[Tracks], min_agents: int) -> Windows:
+    def windows(part: Any, min_agents: int) -> Windows:
         if isinstance(part, Windows):
             return part
-        return cut_windows(part, network.obs_len, network.pred_len, min_agents=min_agents)
+        lengths = network.obs_len, network.pred_len
+        return cut_windows(recordings_in(part), *lengths, min_agents=min_agents)
 
     learned = windows(training, recipe.min_agents)
     network = dataclasses.replace(network, period=learned.period)

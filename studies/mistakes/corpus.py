@@ -179,7 +179,7 @@ MISTAKES = [
     ),
     refused(
         "a tenth, and a clock too fast by ten",
-        "",
+        "within 0.1. m of another",
         text(CROWD.scaled(10)),
         fps=250.0,
     ),

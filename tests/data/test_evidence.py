@@ -8,17 +8,17 @@ import pytest
 from neurosym_jax.__main__ import main
 from neurosym_jax.commands import inspect
 from neurosym_jax.data import ReadOptions, make_tracks, on_grid, read_any, windows_from
-from neurosym_jax.data.evidence import judge, pace_of
+from neurosym_jax.data.evidence import apart_of, judge, pace_of
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError, InputWarning
 
 
-def walk(pace=1.3, people=4, steps=40, period=0.4):
-    """People side by side, 0.7 m apart."""
+def walk(pace=1.3, people=4, steps=40, period=0.4, apart=0.7):
+    """People side by side."""
     frame, person = np.divmod(np.arange(steps * people), people)
-    place = np.stack([frame * period * pace, 0.7 * person], axis=1)
+    place = np.stack([frame * period * pace, apart * person], axis=1)
     return make_tracks("walk", frame * period, person, place)
 
 
@@ -33,18 +33,24 @@ def test_pace():
     noise = np.random.default_rng(0).normal(0, 0.02, (1280, 2))
     noisy = dataclasses.replace(fast, position=fast.position + noise)
     assert pace_of(noisy)[1] == pytest.approx(1.4, abs=0.1), "noise is not walking"
+    assert apart_of(fast) == pytest.approx(0.7)
+    assert np.isnan(apart_of(walk(people=1, steps=400))), "who is alone is near nobody"
 
 
 @pytest.mark.parametrize(
-    ("pace", "steps", "told"),
+    ("how", "told"),
     [
-        *[(0.89, 40, (1, 0)), (0.91, 40, (0, 1)), (1.04, 40, (0, 1)), (1.06, 40, (0, 0))],
-        *[(2.49, 40, (0, 0)), (2.51, 40, (0, 1)), (4.49, 40, (0, 1)), (4.51, 40, (1, 0))],
-        *[(9, 26, (1, 0)), (9, 25, (0, 1))],  # Few steps are no reason to refuse.
+        *[({"pace": 0.89}, (1, 0)), ({"pace": 0.91}, (0, 1)), ({"pace": 1.04}, (0, 1))],
+        *[({"pace": 1.06}, (0, 0)), ({"pace": 2.49}, (0, 0)), ({"pace": 2.51}, (0, 1))],
+        *[({"pace": 4.49}, (0, 1)), ({"pace": 4.51}, (1, 0))],
+        *[({"apart": 0.19}, (1, 0)), ({"apart": 0.21}, (0, 1)), ({"apart": 0.34}, (0, 1))],
+        *[({"apart": 0.36}, (0, 0)), ({"apart": 900}, (0, 0))],
+        # Few steps are no reason to refuse.
+        *[({"pace": 9, "steps": 26}, (1, 0)), ({"pace": 9, "steps": 25}, (0, 1))],
     ],
 )
-def test_each_bound_holds(pace, steps, told):
-    refused = [refused for refused, _ in judge(walk(pace, steps=steps), AS_IT_SAYS)]
+def test_each_bound_holds(how, told):
+    refused = [refused for refused, _ in judge(walk(**how), AS_IT_SAYS)]
     assert (sum(refused), len(refused) - sum(refused)) == told
 
 

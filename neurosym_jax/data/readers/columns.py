@@ -54,7 +54,7 @@ class Columns(Format):
         return bool(head.names)
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
-        """The recordings in one table.
+        """The recordings in one table, of a file or a dataframe.
 
         Raises:
             InputError: naming file, row and reason.
@@ -68,7 +68,7 @@ class Columns(Format):
             for key in (clock, "id", "x", "y", *(columns.keys() - _USUAL))
         }
         if len({place[key] for key in (clock, "id", "x", "y")}) < 4:
-            raise InputError(f"{path}: {clock}, id, x and y are four columns")
+            raise InputError(f"{table.path}: {clock}, id, x and y are four columns")
         table, said = _people(table, options.keep, {place[key] for key in (clock, "id", "x", "y")})
         parts = _recordings_of(table, set(place.values()))
         if clock == "time":
@@ -76,7 +76,7 @@ class Columns(Format):
             if "time" not in columns:
                 _refuse_other_frames(table, place[clock], stamp, parts[1])
         elif options.time_unit:
-            raise InputError(f"{path}: --time-unit is of no use: the column counts frames")
+            raise InputError(f"{table.path}: --time-unit is of no use: the column counts frames")
         else:
             stamp = table.times(place[clock], options, period)
         position = table.numbers(place["x"], place["y"]) * options.metres

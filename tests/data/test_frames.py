@@ -1,0 +1,105 @@
+"""Dataframes of pandas and polars are read as the table of the same text is, and refused alike."""
+
+import io
+
+import numpy as np
+import polars as pl
+import pytest
+
+import neurosym_jax as nj
+from neurosym_jax.data import ReadOptions, read_any, windows_from
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.plan import baseline
+from studies.mistakes.crowd import CROWD, table
+
+pytestmark = pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+ROBOT = np.where(CROWD.id == 5, "robot", "person")
+STAMPS = [f"2024-05-01T12:{int(t) // 60:02}:{t % 60:06.3f}Z" for t in CROWD.t]
+CASES = {
+    # text of a table, and options with which it is read
+    "metres": (table(), {}),
+    "kinds": (table(label=ROBOT), {}),
+    "dates": (table(t=STAMPS), {}),
+    "runs": (table(run=np.where(CROWD.id % 2, "a", "b")), {"columns": ["id=id", "pace=x"]}),
+    "frames": (table(t=None, frame=10 * CROWD.step), {"fps": 25.0}),
+    "said unit": (table(CROWD.scaled(0.01)), {"unit": "cm"}),
+    "wrong unit": (table(CROWD.scaled(0.01)), {}),
+    "wrong clock": (table(t=CROWD.t * 2), {}),
+    "frames as times": (table(t=CROWD.step), {}),
+    "no ids": (table(id=None), {}),
+    "an id missing": (table(id=["" if n == 7 else n for n in CROWD.id]), {}),
+    "a point twice": (table() + table().split("\n")[9] + "\n", {}),
+    "not a number": (table(x=np.where(CROWD.step == 9, "?", CROWD.x.astype(str))), {}),
+    "unused option": (table(), {"fps": 25.0}),
+}
+
+
+def frame_of(library, text):
+    if library == "polars":
+        return pl.read_csv(io.StringIO(text), try_parse_dates=True)
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.read_csv(io.StringIO(text))
+    return frame.assign(t=pandas.to_datetime(frame["t"])) if "T12" in text else frame
+
+
+def told(data, options):
+    """The recordings, how they were read, and what was refused, each row a place in the table."""
+    try:
+        found = read_any(data, ReadOptions(**options))
+    except InputError as error:
+        return str(error)
+    return found
+
+
+@pytest.mark.parametrize("library", ["polars", "pandas"])
+@pytest.mark.parametrize("name", CASES)
+def test_as_text(tmp_path, library, name):
+    text, options = CASES[name]
+    path = tmp_path / "dataframe.csv"
+    path.write_text(text)
+    wanted, found = told(path, options), told(frame_of(library, text), options)
+    assert isinstance(wanted, str) == (list(CASES).index(name) >= list(CASES).index("wrong unit"))
+    if isinstance(wanted, str):
+        # Only where rows are counted from differs, and how a library writes what is missing.
+        row = wanted.removeprefix(f"{path}: ").split(": ")
+        here = found.removeprefix("dataframe: ").split(": ")
+        if row[0].startswith("row "):
+            assert int(here[0].removeprefix("row ")) == int(row[0].removeprefix("row ")) - 2
+            row, here = row[1:], here[1:]
+        assert here[0].split("(")[0] == row[0].split("(")[0]
+        return
+    for one, other in zip(found, wanted, strict=True):
+        assert one.recording == other.recording
+        for field in ("stamp", "id", "position"):
+            np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+        assert one.extras.keys() == other.extras.keys()
+        for key in one.extras:
+            np.testing.assert_array_equal(one.extras[key], other.extras[key])
+        how, text_how = one.reading, other.reading
+        assert (how.rows, how.format, how.warnings) == (
+            text_how.rows,
+            text_how.format,
+            text_how.warnings,
+        )
+        assert how.file is None
+
+
+def test_wherever_recordings_are_taken(tmp_path):
+    text = table(CROWD.scaled(0.01)).replace("id", "who", 1)
+    frame, path = frame_of("polars", text), tmp_path / "dataframe.csv"
+    path.write_text(text)
+    how = {"columns": ("id=who",), "unit": "cm"}
+    model = baseline("constant_velocity", 8, 8)
+    rows = [
+        nj.evaluate(model, data, samples=1, baselines=(), **how) for data in (frame, path, [frame])
+    ]
+    for one in rows[1:]:
+        assert one.select(pl.col("^joint.*$")).equals(rows[0].select(pl.col("^joint.*$")))
+    with pytest.raises(InputError, match="dataframe: which column is id"):
+        nj.evaluate(model, frame)
+    windows = [windows_from(data, 8, 8, read=ReadOptions(**how)) for data in (frame, [frame, path])]
+    assert windows[1].agents == 2 * windows[0].agents > 0
+    with pytest.raises(InputError, match=r"dataframe: it is a table with .*, not --format text"):
+        read_any(frame, ReadOptions(format="text"))
+    with pytest.raises(InputError, match="dataframe: has no rows"):
+        read_any(frame[:0])
