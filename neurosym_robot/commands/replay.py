@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from neurosym_jax.commands._options import refuse_unused
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.errors import InputWarning
 from neurosym_robot.commands._live_options import LiveOptions
@@ -49,6 +50,7 @@ def run(options: Options) -> None:
     def warn(text: str) -> None:
         warnings.warn(f"{options.recording}: {text}", InputWarning, stacklevel=2)
 
+    refuse_unused(options.read, ["max_gap"], "on a stream")
     source = options.source(warn)
     frames = read_frames(options.recording, options.read, source)
     title = options.recording.stem

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from neurosym_jax.commands._options import refuse_unused
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
@@ -41,6 +42,7 @@ def run(options: Options) -> None:
     """Read, stitch and write; InputError names the file and the reason."""
     if os.path.exists(options.out):
         raise InputError(f"{options.out}: already there, and nothing is overwritten")
+    refuse_unused(options.read, ["max_gap"], "here: --fill and --links.max-gap say it")
     files.refuse_unwritable(options.out)
     if not 0 < options.period < float("inf"):
         raise InputError(f"period must be positive, not {options.period}")

@@ -16,25 +16,19 @@ from neurosym_jax.data.sources import open_source
 from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.results import Settings, evaluate_tests
 from neurosym_jax.forecasting.model_folder import load_model
-from tests.commands.walk import assert_it_matters, assert_repeated, done, options_of
+from tests.commands.walk import (
+    READ,
+    TABLE,
+    assert_it_matters,
+    assert_repeated,
+    done,
+    options_of,
+    write_data,
+)
 
 SMALL = Path(__file__).parents[1] / "golden" / "small.pt"
 CORE = [name for name, module in commands().items() if module.startswith("neurosym_jax.")]
-OF = ("person", "robot")
 C, LENGTHS = "neurosym_jax.commands", "--obs-len 4 --pred-len 4"
-TABLE = "time=t id=who x=px y=py"
-READ = {
-    "--format": ("walk.txt", "--format trajnet", "neither a track nor a scene"),
-    "--columns": ("tables/odd.csv", f"--columns {TABLE}"),
-    "--unit": ("walk.txt", "--unit 2"),
-    "--time-unit": ("tables/ms.csv", "--time-unit ms"),
-    "--keep": ("tables/kinds.csv", "--keep robot"),
-    "--fps": ("walk.txt", "--fps 30"),
-    "--eth-stride": ("tables/biwi_eth.txt", "--eth-stride 12"),
-    "--max-gap": ("gap.txt", "--max-gap 9"),
-    "--yes-really": ("tables/fast.txt", "--yes-really"),
-}
-"""Options of reading: a file, and what is said of it."""
 OF_READING = {
     "train": "--train-on {d}/a/%s --validate-on {d}/b/%s --obs-len 4 --pred-len 4",
     "evaluate": "--data {d}/a/%s --no-figures",
@@ -45,7 +39,7 @@ BASE = {command: line.replace("%s", "walk.txt") for command, line in OF_READING.
     "sweep": f"--data {{d}}/a {LENGTHS} --seed 0 --dataset walk",
     "report": "sweep",
     "parity": "--torch-module m.py:M --checkpoint c.pt --keep kept",
-    "convert": "{small} new",
+    "convert": f"{SMALL} new",
     "export": "sgan_zara1_8 new",
     "download": "eth-ucy",
     "models": "",
@@ -134,8 +128,8 @@ CASES = {
     },
     "inspect": {"PATH": ("{d}/a/walk.txt", "{d}/b/walk.txt"), "--figure": "--figure f.png"},
     "convert": {
-        "MODEL": ("{small} new", "sgan_zara1_8 new"),
-        "TO": ("{small} new", "{small} new.pt"),
+        "MODEL": (f"{SMALL} new", "sgan_zara1_8 new"),
+        "TO": (f"{SMALL} new", f"{SMALL} new.pt"),
         "--ignore-arg": "--ignore-arg mine",
     },
     "export": {
@@ -172,39 +166,9 @@ for command, line in OF_READING.items():
         CASES[command][option] = (base, f"{base} {said}", *error)
 
 
-def filled(line, data):
-    return line.replace("{small}", str(SMALL)).replace("{d}", str(data))
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    """Folders `a` and `b` of people who walk about, one of them alone at first."""
-    folder = tmp_path_factory.mktemp("data")
-    for seed, name in enumerate("ab"):
-        rng = np.random.default_rng(seed)
-        moves = rng.normal(0.3, 0.1, (5, 1, 2)) + rng.normal(0, 0.05, (5, 100, 2))
-        track = rng.uniform(-3, 3, (5, 1, 2)) + moves.cumsum(1)
-        rows = [(t, i, *track[i, t]) for t in range(100) for i in range(5) if t > 25 or not i]
-
-        frames = [(10 * t, i, x, y) for t, i, x, y in rows]
-        seconds = [(0.4 * t, i, x, y) for t, i, x, y in rows]
-        files = {
-            "walk.txt": ("", frames),
-            "gap.txt": (
-                "",
-                [(f, i, -y, x) for f, i, x, y in frames if i != 1 or not 400 < f < 460],
-            ),
-            "tables/biwi_eth.txt": ("", frames),
-            "tables/fast.txt": ("", [(f, i, 9 * x, 9 * y) for f, i, x, y in frames]),
-            "tables/odd.csv": ("t,who,px,py", seconds),
-            "tables/ms.csv": ("time,id,x,y", [(1000 * t, *row) for t, *row in seconds]),
-            "tables/kinds.csv": ("time,id,x,y,class", [(*r, OF[r[1] > 2]) for r in seconds]),
-        }
-        for file, (head, table) in files.items():
-            (folder / name / file).parent.mkdir(parents=True, exist_ok=True)
-            lines = [",".join(map(str, row)) for row in table]
-            (folder / name / file).write_text("\n".join([head, *lines] if head else lines))
-    return folder
+    return write_data(tmp_path_factory.mktemp("data"))
 
 
 @pytest.fixture(scope="module")
@@ -248,6 +212,7 @@ def inner(data):
             f"{C}.parity.load_torch_checkpoint": SimpleNamespace(assumed=()),
         },
         "report": {f"{C}.report.write_report": ""},
+        "models": {f"{C}.models.models_at_hand": []},
     }
 
 
@@ -257,14 +222,12 @@ def inner(data):
 def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
     case = CASES[command][option]
 
-    case = filled(case, data) if isinstance(case, str) else [filled(line, data) for line in case]
-    base = filled(BASE[command], data)
-    assert_it_matters(command, base, case, inner[command], tmp_path, capsys)
+    assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
 
 
 @pytest.mark.parametrize("command", CORE)
 def test_nothing_changes_by_itself(command, data, inner, tmp_path, capsys):
-    assert_repeated(command, filled(BASE[command], data), inner.get(command, {}), tmp_path, capsys)
+    assert_repeated(command, BASE[command], inner[command], data, tmp_path, capsys)
 
 
 REFUSED = {

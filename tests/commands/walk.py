@@ -5,8 +5,9 @@ import dataclasses
 import hashlib
 import importlib
 import os
+import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -26,6 +27,51 @@ NOT_DONE = {"options", "seconds"}
 """Fields that hold the command line itself, and times."""
 
 
+KINDS = ("person", "robot")
+TABLE = "time=t id=who x=px y=py"
+READ = {
+    "--format": ("walk.txt", "--format trajnet", "neither a track nor a scene"),
+    "--columns": ("tables/odd.csv", f"--columns {TABLE}"),
+    "--unit": ("walk.txt", "--unit 2"),
+    "--time-unit": ("tables/ms.csv", "--time-unit ms"),
+    "--keep": ("tables/kinds.csv", "--keep robot"),
+    "--fps": ("walk.txt", "--fps 30"),
+    "--eth-stride": ("tables/biwi_eth.txt", "--eth-stride 12"),
+    "--max-gap": ("gap.txt", "--max-gap 9"),
+    "--yes-really": ("tables/fast.txt", "--yes-really"),
+}
+"""Options of reading: a file, and what is said of it."""
+
+
+def write_data(folder: Path) -> Path:
+    """Folders `a` and `b` of people who walk about, one of them alone at first."""
+    for seed, name in enumerate("ab"):
+        rng = np.random.default_rng(seed)
+        moves = rng.normal(0.3, 0.1, (5, 1, 2)) + rng.normal(0, 0.05, (5, 100, 2))
+        track = rng.uniform(-3, 3, (5, 1, 2)) + moves.cumsum(1)
+        rows = [(t, i, *track[i, t]) for t in range(100) for i in range(5) if t > 25 or not i]
+
+        frames = [(10 * t, i, x, y) for t, i, x, y in rows]
+        seconds = [(0.4 * t, i, x, y) for t, i, x, y in rows]
+        files = {
+            "walk.txt": ("", frames),
+            "gap.txt": (
+                "",
+                [(f, i, -y, x) for f, i, x, y in frames if i != 1 or not 400 < f < 460],
+            ),
+            "tables/biwi_eth.txt": ("", frames),
+            "tables/fast.txt": ("", [(f, i, 9 * x, 9 * y) for f, i, x, y in frames]),
+            "tables/odd.csv": ("t,who,px,py", seconds),
+            "tables/ms.csv": ("time,id,x,y", [(1000 * t, *row) for t, *row in seconds]),
+            "tables/kinds.csv": ("time,id,x,y,class", [(*r, KINDS[r[1] > 2]) for r in seconds]),
+        }
+        for file, (head, table) in files.items():
+            (folder / name / file).parent.mkdir(parents=True, exist_ok=True)
+            lines = [",".join(map(str, row)) for row in table]
+            (folder / name / file).write_text("\n".join([head, *lines] if head else lines))
+    return folder
+
+
 def options_of(command: str) -> list[str]:
     """Names of the options, and in capitals of what is positional."""
     options = importlib.import_module(commands()[command]).Options
@@ -43,7 +89,7 @@ def plain(value: Any) -> Any:
         return {name: plain(getattr(value, name)) for name in sorted(names)}
     if isinstance(value, dict):
         return {str(name): plain(each) for name, each in value.items()}
-    if isinstance(value, list | tuple | set):
+    if isinstance(value, list | tuple | set | Iterator):
         return [plain(each) for each in value]
     if isinstance(value, Path):
         return str(value)
@@ -73,27 +119,38 @@ def done(argv: list[str], inner: dict[str, Any], cwd: Path, capsys) -> tuple[Any
             stack.enter_context(mock.patch(name, recorder(name, result)))
         with pytest.raises(SystemExit) as ended:
             main(argv)
+    mocks = {id(each): each for each in inner.values() if isinstance(each, mock.Mock)}
+    for each in mocks.values():
+        log.append(re.sub(" at 0x[0-9a-f]+", "", str(each.mock_calls)))
+        each.reset_mock()
     out, err = capsys.readouterr()
     files = sorted(str(path.relative_to(cwd)) for path in cwd.rglob("*"))
     status = ended.value.code or 0
     return (status, log, files, out), err if status == 2 else ""
 
 
-def assert_repeated(command: str, line: str, inner: dict[str, Any], folder: Path, capsys) -> None:
+def assert_repeated(
+    command: str, line: str, inner: dict[str, Any], data: Path, folder: Path, capsys
+) -> None:
     """That nothing changes by itself, or else no option could be seen to."""
-    argv = [command, *shlex.split(line)]
+    argv = [command, *shlex.split(line.replace("{d}", str(data)))]
     first, second = (done(argv, inner, folder / str(at), capsys) for at in range(2))
     assert first == second
     assert not first[1]
 
 
 def assert_it_matters(
-    command: str, base: str, case: Case, inner: dict[str, Any], folder: Path, capsys
+    command: str, base: str, case: Case, inner: dict[str, Any], data: Path, folder: Path, capsys
 ) -> None:
     """That an option changes what is done, and is no error."""
     first, second, *refusal = (base, f"{base} {case}") if isinstance(case, str) else case
     (without, _), (with_it, error) = (
-        done([command, *shlex.split(line)], inner, folder / str(at), capsys)
+        done(
+            [command, *shlex.split(line.replace("{d}", str(data)))],
+            inner,
+            folder / str(at),
+            capsys,
+        )
         for at, line in enumerate((first, second))
     )
     assert refusal[0] in error if refusal else not error, error

@@ -1,0 +1,138 @@
+"""Every option of the robot's commands changes what is done, or is refused."""
+
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from neurosym_jax.__main__ import commands
+from tests.commands.walk import READ, assert_it_matters, assert_repeated, options_of, write_data
+
+ROBOT = [name for name, module in commands().items() if module.startswith("neurosym_robot.")]
+C = "neurosym_robot.commands"
+NODE = "--model sgan_zara1_8"
+BASE = {
+    "replay": f"{{d}}/a/walk.txt {NODE}",
+    "ros1": NODE,
+    "ros2": NODE,
+    "stitch": "{d}/a/walk.txt --out o --period 0.4",
+}
+LINKS = {
+    f"--links.{name}": f"--links.{name} 0.7"
+    for name in ("max-gap", "reach", "drift", "turn", "memory", "least")
+}
+READING = {option: case for option, case in READ.items() if option != "--max-gap"}
+
+
+def with_more(base, more, cases):
+    """Cases in which an option needs another one."""
+    return {name: (f"{base} {more}", f"{base} {more} {case}") for name, case in cases.items()}
+
+
+def live(base):
+    return {
+        "--model": "--model anchors_eth_12",
+        "--period": "--period 0.5",
+        "--max-people": "--max-people 3",
+        "--samples": "--samples 3",
+        "--seed": "--seed 3",
+        "--hold": "--hold 0.5",
+        "--stitch": "--stitch",
+        **with_more(base, "--stitch", LINKS),
+        "--fixed-frame": "--fixed-frame map",
+        "--robot-frame": "--robot-frame base",
+        "--reach": "--reach 3",
+        "--dashboard": "--dashboard",
+        **with_more(
+            base,
+            "--dashboard",
+            {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"},
+        ),
+        "--at-least": "--at-least 0.7"
+        if base == NODE
+        else (f"{base} --dashboard", f"{base} --dashboard --at-least 0.7"),
+    }
+
+
+def node(base):
+    return live(base) | {
+        "--name": "--name other",
+        "--status": "--status 3",
+        "--stale-after": "--stale-after 3",
+        "--topic": "--topic /there",
+    }
+
+
+CASES = {
+    "replay": live(BASE["replay"])
+    | {
+        "RECORDING": (BASE["replay"], f"{{d}}/b/walk.txt {NODE}"),
+        "--rate": "--rate 3",
+        "--out": "--out here.bag",
+        "--html": "--html here.html",
+        "--max-gap": (BASE["replay"], f"{BASE['replay']} --max-gap 9", "--max-gap: has no effect"),
+    }
+    | {
+        option: (f"{{d}}/a/{file} {NODE}", f"{{d}}/a/{file} {NODE} {said}", *error)
+        for option, (file, said, *error) in READING.items()
+    },
+    "ros1": node(NODE) | {"--master": "--master http://there:1", "--remap": "--remap a:=b"},
+    "ros2": node(NODE) | {"--message": "--message Humans", "--ros-args": "--ros-args=-r"},
+    "stitch": {
+        "TRACKS": (BASE["stitch"], "{d}/b/walk.txt --out o --period 0.4"),
+        "--out": "--out here.txt",
+        "--period": "--period 0.5",
+        "--fill": "--fill 3",
+        "--max-gap": (BASE["stitch"], f"{BASE['stitch']} --max-gap 9", "--max-gap: has no effect"),
+    }
+    | LINKS
+    | {
+        option: (
+            f"{{d}}/a/{file} --out o --period 0.4",
+            f"{{d}}/a/{file} --out o --period 0.4 {said}",
+            *error,
+        )
+        for option, (file, said, *error) in READING.items()
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return write_data(tmp_path_factory.mktemp("data"))
+
+
+@pytest.fixture(scope="module")
+def inner():
+    """By command: what is recorded and not run, and what it returns."""
+    made = mock.MagicMock()
+    made.return_value.status.table.return_value = made.return_value.table.return_value = ""
+    names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher", "Dashboard", "Moments")
+    shared: dict[str, Any] = {
+        f"{C}._live_options.{name}": made for name in (*names, "read_floor_map")
+    }
+    shared[f"{C}._live_options.signal.signal"] = None
+    of_replay = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "threading.Event")
+    of_ros2 = ("import_rclpy", "message_type", "ForecastNode")
+    mended = SimpleNamespace(tracks=SimpleNamespace(id=np.ones(1)), before=1, joined=0, ghosts=0)
+    return {
+        "replay": shared | {f"{C}.replay.{name}": made for name in of_replay},
+        "ros1": shared | {f"{C}.ros1.ForecastNode": made},
+        "ros2": shared | {f"{C}.ros2.{name}": made for name in of_ros2},
+        "stitch": {f"{C}.stitch.stitch": mended, f"{C}.stitch.write_text": None},
+    }
+
+
+@pytest.mark.parametrize(
+    ("command", "option"), [(name, option) for name in ROBOT for option in options_of(name)]
+)
+def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
+    case = CASES[command][option]
+    assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
+
+
+@pytest.mark.parametrize("command", ROBOT)
+def test_nothing_changes_by_itself(command, data, inner, tmp_path, capsys):
+    assert_repeated(command, BASE[command], inner[command], data, tmp_path, capsys)
