@@ -12,8 +12,12 @@ from jax import Array
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.parameters import shapes_of
-from neurosym_jax.models.anchor_table import AnchorTable, AnchorTableConfig
-from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
+from neurosym_jax.models.anchors import (
+    AnchorConfig,
+    AnchorNetwork,
+    AnchorTable,
+    AnchorTableConfig,
+)
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 

@@ -15,8 +15,7 @@ from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.forecasting.parameters import shapes_of
 from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.decoder import Weigh
-from neurosym_jax.models.generator import Generator
+from neurosym_jax.models.sgan import Generator, Weigh
 from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 

@@ -1,41 +1,87 @@
-"""The anchors network: k joint forecasts of a scene, each a learned residual to constant velocity.
+"""Anchors: k joint forecasts of a scene, each a residual to constant velocity.
 
 Every person has a frame of their own heading, in which residuals are scaled by their speed. The
 heading fades with the speed, so that tracking noise does not turn the frame of a person who stands;
-a second set of anchors, in the scene's axes, is for standing people. Neighbours within `radius` are
-seen by attention, and people within 20 m are counted. Sample i of all people is one joint
-forecast and has a probability.
+a second set of anchors is for standing people. Sample i of all people is one joint forecast.
+
+The anchor table has the same k residuals for everybody, 961 numbers for 20 samples of 12 steps: a
+network that does not beat it has learned nothing from the scene but the speed. The anchors network
+learns residuals and the probability of each sample from a person's own track, from neighbours
+within `radius`, seen by attention, and from the number of people within 20 m.
 """
 
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Any
 
 import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.configuration import Count, Positive
+from neurosym_jax.configuration import Checked, Count, Positive, Rule
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchor_table import SLOW, AnchorTableConfig
-from neurosym_jax.models.frames import heading_of, length, turned
+from neurosym_jax.models.frames import closest_approach, heading_of, length, turned
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
-__all__ = ["AnchorConfig", "AnchorNetwork"]
+__all__ = ["AnchorConfig", "AnchorNetwork", "AnchorTable", "AnchorTableConfig"]
 
+SLOW = 0.125
+"""Speed at which a heading has faded to 0.7, m/s; symbols take slower movement for none."""
 HEADS = 4
 PAIR_DIM, MESSAGE_DIM = 32, 16
 """Sizes of the attention's hidden layer and of what a person learns from all neighbours."""
 BASIS = 5
 """Polynomials of time that a residual is composed of."""
+BENDS = np.where(np.arange(BASIS) == 0, 1, 0.1)[:, None]
+"""Initial sizes of their coefficients: anchors are almost straight."""
 WIDE = 20.0
 """Radius in which people are counted, metres."""
 LONGEST = 5.0
 """Time within which the closest approach is searched, s."""
 ROUGHNESS = 0.003
 """Differences of a track below this are all alike, metres."""
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorTableConfig(Checked):
+    """Lengths and number of samples of an anchor table or network."""
+
+    obs_len: Annotated[Count, Rule("be at least 4", lambda steps: steps >= 4)] = 8
+    """Observed time steps."""
+    pred_len: Count = 8
+    """Time steps to forecast."""
+    period: Positive = 0.4
+    """Seconds between time steps, in training."""
+    samples: Count = 20
+    """Number of joint forecasts, k."""
+
+
+class AnchorTable(nn.Module):
+    """Fixed offsets in each person's frame, scaled by the speed, and further ones for the still."""
+
+    config: AnchorTableConfig
+
+    @nn.compact
+    def __call__(self, observed: Array, *_: Any) -> tuple[Array, Array]:
+        """Forecast positions `[k, N, pred_len, 2]`, equally probable: log-probabilities `[k]`.
+
+        Only `observed [N, obs_len, 2]` is used, not the other arguments of `AnchorNetwork`.
+        """
+        config = self.config
+        mix = self.param("mix", nn.initializers.constant(0.8), ())
+        mean = (observed[:, -1] - observed[:, -4]) / 3
+        velocity = mix * (observed[:, -1] - observed[:, -2]) + (1 - mix) * mean
+        shape = (config.samples, config.pred_len, 2)
+        time = np.arange(1, config.pred_len + 1, dtype=np.float32)[:, None] / config.pred_len
+        moving = self.param("moving", _anchors(0.25, time, 1), shape)[:, None]
+        still = self.param("still", _anchors(0.1, time, 1), shape)[:, None]
+        scale = (length(mean) * config.pred_len)[:, None, None]
+        heading = heading_of(mean, SLOW * config.period)[:, None]
+        residual = turned(moving * scale + still, heading, 1)
+        forecast = _straight_on(observed, velocity, config.pred_len) + residual
+        return forecast, jnp.full(config.samples, -np.log(config.samples), observed.dtype)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,30 +132,27 @@ class AnchorNetwork(nn.Module):
         `company` is the number of further people who are counted but not seen, in training.
         """
         config = self.config
-        hertz, slow = 1 / config.period, SLOW * config.period
-        steps = jnp.diff(observed, axis=1)
+        hertz, steps = 1 / config.period, jnp.diff(observed, axis=1)
         velocity, roughness = self.velocity(steps)
-        speed = length(velocity)
-        heading = heading_of(velocity, slow)
+        speed, heading = length(velocity), heading_of(velocity, SLOW * config.period)
         walking = jnp.square(heading).sum(-1)
         past = turned(steps, heading[:, None], -1)
-        own = [hertz * past.reshape(past.shape[0], -1), hertz * length(steps)]
-        own += [jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1), roughness]
+        speeds = jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1)
+        own = [hertz * past.reshape(len(past), -1), hertz * length(steps), speeds, roughness]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
-        seen = [state]
         if config.interacts:
             pairs, gate, around = self.pairs(observed, velocity, heading, valid)
             if alpha is not None:
                 gate = gate * jnp.maximum(alpha, 0)
             pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
             message = _dense(MESSAGE_DIM, "message")(pairs)
-            seen += [attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)]
-            seen += [jnp.log1p(around + company)[:, None]]
-        state = nn.relu(_dense(config.hidden, "state")(jnp.concatenate(seen, -1)))
+            heard = attend(_dense(HEADS, "score", 0.5)(pairs), message, gate)
+            state = jnp.concatenate([state, heard, jnp.log1p(around + company)[:, None]], -1)
+        state = nn.relu(_dense(config.hidden, "state")(state))
 
         shape = (config.samples, BASIS, 2)
-        anchor = self.param("anchor", _anchors(0.25), shape)
-        still = self.param("still", _anchors(0.1), shape)
+        anchor = self.param("anchor", _anchors(0.25, BENDS, BASIS), shape)
+        still = self.param("still", _anchors(0.1, BENDS, BASIS), shape)
         bend = _dense(int(np.prod(shape)), "bend", 0.01)(state).reshape(-1, *shape)
         spread = jnp.exp(_dense(config.samples, "spread", 0.01)(state))[..., None, None]
         scale = (speed * config.pred_len + 0.5)[:, None, None, None]
@@ -121,11 +164,9 @@ class AnchorNetwork(nn.Module):
         residual = jnp.einsum("nkbc,tb->kntc", residual, curve)
 
         score = jnp.where(valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0)
-        prior = self.param("prior", nn.initializers.zeros, (config.samples,))
-        pooled = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
-        ahead = jnp.arange(1, config.pred_len + 1, dtype=observed.dtype)[:, None]
-        forecast = observed[:, -1:] + velocity[:, None] * ahead + residual
-        return forecast, nn.log_softmax(prior + pooled)
+        score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
+        score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
+        return _straight_on(observed, velocity, config.pred_len) + residual, nn.log_softmax(score)
 
     def velocity(self, steps: Array) -> tuple[Array, Array]:
         """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.
@@ -134,8 +175,7 @@ class AnchorNetwork(nn.Module):
         a track's roughness: the last step is best on smooth tracks (univ), a mean of several on
         noisy ones (hotel).
         """
-        second = jnp.diff(steps, axis=1)
-        differences = (second, jnp.diff(second, axis=1), steps)
+        differences = (jnp.diff(steps, axis=1), jnp.diff(steps, n=2, axis=1), steps)
         logs = [jnp.log(length(each) + ROUGHNESS) for each in differences]
         roughness = jnp.concatenate(logs, -1) / 2 + 1.5
         hidden = nn.relu(nn.Dense(16, name="rough")(roughness))
@@ -149,10 +189,12 @@ class AnchorNetwork(nn.Module):
         """Features of j seen by i `[N, N, F]`, nearness `[N, N]` and number around `[N]`."""
         config, position = self.config, observed[:, -1]
         distance = length(position - position[:, None])
-        numbers = _geometry(position, velocity / config.period, heading, distance, config.radius)
-        features = numbers if config.geometry else []
+        features = []
+        if config.geometry:
+            speed = velocity / config.period
+            features += _geometry(position, speed, heading, distance, config.radius)
         if config.symbols:
-            features = [*features, *_symbols(observed, SLOW * config.period)]
+            features += _symbols(observed, SLOW * config.period)
         others = valid & valid[:, None] & ~jnp.eye(valid.shape[0], dtype=bool)
         stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
         gate = jnp.where(others, _within(distance, config.radius), 0)
@@ -182,9 +224,7 @@ def _geometry(
     there = turned(position - position[:, None], heading[:, None], -1)
     relative = velocity - velocity[:, None]
     motion = turned(relative, heading[:, None], -1)
-    soon = -(there * motion).sum(-1) / (jnp.square(motion).sum(-1) + 0.05)
-    soon = jnp.clip(soon, 0, LONGEST)
-    miss = length(there + motion * soon[..., None])
+    soon, miss = closest_approach(there, motion, 0.05, LONGEST)
     near = 1 / jnp.maximum(distance, 1)
     speed = jnp.broadcast_to(length(velocity), distance.shape)
     return [
@@ -220,17 +260,23 @@ def _polynomials(steps: int, count: int) -> np.ndarray:
     return found
 
 
+def _straight_on(observed: Array, velocity: Array, steps: int) -> Array:
+    """`[N, steps, 2]` from the last position at a `velocity [N, 2]` in metres a step."""
+    ahead = jnp.arange(1, steps + 1, dtype=observed.dtype)[:, None]
+    return observed[:, -1:] + velocity[:, None] * ahead
+
+
 def _dense(features: int, name: str, scale: float = 2.0) -> nn.Dense:
     """Affine layer whose kernel has the variance `scale` / inputs."""
-    init = nn.initializers.variance_scaling(scale, "fan_in", "normal")
-    return nn.Dense(features, name=name, kernel_init=init)
+    normal = nn.initializers.variance_scaling(scale, "fan_in", "normal")
+    return nn.Dense(features, name=name, kernel_init=normal)
 
 
-def _anchors(scale: float) -> nn.initializers.Initializer:
-    """Initialiser of `[k, BASIS, 2]`: almost straight; the first anchor is 0."""
+def _anchors(scale: float, weights: np.ndarray, draws: int) -> nn.initializers.Initializer:
+    """Initialiser of `[k, S, 2]`: `draws` normal numbers (S or 1) by `weights [S, 1]`; first 0."""
 
     def initialise(key, shape, dtype=jnp.float32):
-        drawn = scale * nn.initializers.normal(1.0)(key, shape, dtype)
-        return drawn.at[:, 1:].multiply(0.1).at[0].set(0.0)
+        drawn = scale * nn.initializers.normal(1.0)(key, (shape[0], draws, 2), dtype)
+        return (drawn * weights.astype(dtype)).at[0].set(0.0)
 
     return initialise

@@ -13,15 +13,7 @@ from neurosym_jax.configuration import Checked
 from neurosym_jax.models.layers import Affine, uniform_within
 from neurosym_jax.plugins import Registry
 
-__all__ = [
-    "CELLS",
-    "LSTM",
-    "Cell",
-    "Encoder",
-    "cell_network",
-    "embed",
-    "register_cell",
-]
+__all__ = ["CELLS", "LSTM", "Cell", "Encoder", "embed", "register_cell"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +34,10 @@ class Cell(Checked, abc.ABC):
         It has `input_kernel` [inputs, G], `recurrent_kernel` [features, G] and maps x [..., inputs]
         to `x @ input_kernel` + biases [..., G]. G is the number of pre-activations, the gates.
         """
+
+    def scoped(self, inputs: int, features: int) -> Any:
+        """The network in the scope of its parameters."""
+        return self.network(inputs, features, self.title.lower())
 
     @abc.abstractmethod
     def start(self, hidden: Array) -> tuple[Array, ...]:
@@ -102,11 +98,6 @@ CELLS: Registry[type[Cell]] = Registry("cell", {"lstm": LSTM})
 register_cell = CELLS.register
 
 
-def cell_network(cell: Cell, inputs: int, features: int) -> Any:
-    """The cell's module, in the scope of its parameters."""
-    return cell.network(inputs, features, cell.title.lower())
-
-
 def embed(embedding: Affine, network: Any) -> tuple[Array, Array]:
     """Kernel and bias of a cell's gates as an affine map of what `embedding` embeds.
 
@@ -125,7 +116,7 @@ class Encoder(nn.Module):
     def setup(self):
         """Declare the embedding and the cell."""
         self.spatial_embedding = Affine(2, self.embedding_dim)
-        self.recurrent = cell_network(self.cell, self.embedding_dim, self.h_dim)
+        self.recurrent = self.cell.scoped(self.embedding_dim, self.h_dim)
 
     def __call__(self, displacement: Array) -> Array:
         """`displacement [N, T, 2]` metres to the hidden state `[N, h_dim]` after the last step."""
@@ -137,5 +128,4 @@ class Encoder(nn.Module):
             return self.cell.update(gates + state[0] @ recurrent, state), None
 
         zeros = jnp.zeros((displacement.shape[0], self.h_dim), displacement.dtype)
-        (hidden, *_), _ = jax.lax.scan(step, self.cell.start(zeros), driven)
-        return hidden
+        return jax.lax.scan(step, self.cell.start(zeros), driven)[0][0]

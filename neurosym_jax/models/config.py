@@ -11,8 +11,8 @@ from neurosym_jax.configuration import Checked, Count, Positive, Whole
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.cell import CELLS, LSTM, Cell
 from neurosym_jax.models.pool_net import PoolNet
-from neurosym_jax.models.pooling import NoPooling, Pooling
-from neurosym_jax.models.poolings import POOLINGS
+from neurosym_jax.models.pooling import Pooling
+from neurosym_jax.models.poolings import POOLINGS, NoPooling
 from neurosym_jax.symbolic.state_weightings import Cnd
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS

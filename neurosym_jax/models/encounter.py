@@ -6,7 +6,6 @@ and scalars, so a rotated scene gives rotated vectors and the same scalars.
 """
 
 import dataclasses
-import functools
 from typing import Annotated, ClassVar
 
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ from flax import linen as nn
 from jax import Array, lax
 
 from neurosym_jax.configuration import Count, Rule
-from neurosym_jax.models.frames import length, turned
+from neurosym_jax.models.frames import closest_approach, length, turned
 from neurosym_jax.models.layers import Affine
 from neurosym_jax.models.pooling import Pooling
 
@@ -26,6 +25,8 @@ STEPS = 4.0
 """Time steps in a unit of time: velocities are metres in so many steps."""
 SLOW = 0.01
 """Speed below which a heading fades away, metres a step."""
+SMOOTH = 0.01
+"""Length below which lengths are smooth, metres."""
 LONGEST = 5.0
 """Longest look-ahead to the closest approach, in units of `STEPS`."""
 
@@ -66,13 +67,14 @@ class _EncounterNetwork(nn.Module):
         """Social vectors `[N, bottleneck_dim]`; 0 without a neighbour of positive weight."""
         position, back = track[:, -1], min(2, track.shape[1] - 1)
         velocity = STEPS * (position - track[:, -1 - back]) / max(back, 1)
-        speed = _length(velocity)
+        speed = length(velocity, SMOOTH)
         heading = velocity / jnp.hypot(speed, STEPS * SLOW)[:, None]
 
         there = turned(position - position[:, None], heading[:, None], -1)
         motion = turned(velocity - velocity[:, None], heading[:, None], -1)
-        distance = _length(there)
-        said = nn.relu(self.pair(_features(there, motion, distance, speed[:, None])))
+        distance = length(there, SMOOTH)
+        speed = jnp.broadcast_to(speed[:, None], distance.shape)
+        said = nn.relu(self.pair(_features(there, motion, distance, speed)))
 
         others = valid & ~jnp.eye(valid.shape[0], dtype=bool)
         weight = jnp.where(others, jnp.maximum(alpha[..., -1], 0), 0)[..., None]
@@ -85,9 +87,9 @@ class _EncounterNetwork(nn.Module):
         share = share / jnp.where(whole > 0, whole, 1)
 
         message = self.message(said).reshape(*share.shape, -1)
-        pooled = (share[..., None] * message).sum(axis=1).reshape(valid.shape[0], -1)
+        pooled = (share[..., None] * message).sum(axis=1).reshape(len(valid), -1)
         pushes, numbers = jnp.split(pooled, 2, axis=-1)
-        pushes = turned(pushes.reshape(valid.shape[0], -1, 2), heading[:, None], 1)
+        pushes = turned(pushes.reshape(len(valid), -1, 2), heading[:, None], 1)
         return jnp.concatenate([pushes.reshape(numbers.shape), numbers], axis=-1)
 
 
@@ -97,18 +99,7 @@ def _features(there: Array, motion: Array, distance: Array, speed: Array) -> Arr
     Where j is and how it moves `[N, N, 2]`, the `distance [N, N]`, i's own `speed [N, 1]`; and when
     the two would be nearest if both went on, and how near.
     """
-    approach = -(there * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + 0.04)
-    soon = jnp.clip(approach, 0, LONGEST)
-    miss = _length(there + motion * soon[..., None])
+    soon, miss = closest_approach(there, motion, 0.04, LONGEST, SMOOTH)
     bearing = there / jnp.maximum(distance, 1)[..., None]
-    numbers = (
-        jnp.exp(-distance),
-        soon,
-        jnp.exp(-2 * miss - soon),
-        jnp.broadcast_to(speed, distance.shape),
-        1 / (distance + 0.3),
-    )
+    numbers = [jnp.exp(-distance), soon, jnp.exp(-2 * miss - soon), speed, 1 / (distance + 0.3)]
     return jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)
-
-
-_length = functools.partial(length, smooth=0.01)

@@ -1,9 +1,9 @@
-"""Headings, and vectors turned into the frame of a heading and back."""
+"""Headings, vectors turned into the frame of a heading and back, and closest approaches."""
 
 import jax.numpy as jnp
 from jax import Array
 
-__all__ = ["heading_of", "length", "turned"]
+__all__ = ["closest_approach", "heading_of", "length", "turned"]
 
 
 def heading_of(velocity: Array, slow: float) -> Array:
@@ -24,3 +24,16 @@ def turned(vector: Array, heading: Array, sign: int) -> Array:
 def length(vector: Array, smooth: float = 1e-3) -> Array:
     """[...] length of `vector [..., 2]`, smooth below `smooth` metres so that 0 has a gradient."""
     return jnp.sqrt(jnp.square(vector).sum(axis=-1) + smooth**2)
+
+
+def closest_approach(
+    there: Array, motion: Array, slack: float, longest: float, smooth: float = 1e-3
+) -> tuple[Array, Array]:
+    """Time [...] from now to the closest approach, up to `longest`, and the distance [...] then.
+
+    `there [..., 2]` is a relative position, `motion [..., 2]` its change in a unit of time; `slack`
+    is added to the square of the motion, so that a pair at rest has the time 0.
+    """
+    soon = -(there * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + slack)
+    soon = jnp.clip(soon, 0, longest)
+    return soon, length(there + motion * soon[..., None], smooth)

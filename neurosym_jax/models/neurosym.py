@@ -5,6 +5,7 @@
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -14,54 +15,10 @@ from jax import Array
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.layers import Affine, Perceptron
-from neurosym_jax.models.pairs import bottleneck_relu, max_over_neighbours
-from neurosym_jax.models.pool_net import PoolNet
+from neurosym_jax.models.pool_net import PoolNet, bottleneck_relu, max_over_neighbours
 from neurosym_jax.models.pooling import NO_FORECAST
 
 __all__ = ["AsDescribed", "NeurosymIjcnn", "NeurosymRos"]
-
-
-class _HistoryNetwork(nn.Module):
-    """What the variants share: their sizes and the pair perceptron over all steps and h_j."""
-
-    obs_len: int
-    embedding_dim: int
-    h_dim: int
-    hidden_dim: int
-    bottleneck_dim: int
-    whole_history: ClassVar[bool] = False
-
-    def setup(self):
-        """Declare the embedding, of each step unless `whole_history`, and the pair perceptron."""
-        steps, width = self.obs_len, self.obs_len * self.embedding_dim
-        embedding = (2 * steps, width) if self.whole_history else (2, self.embedding_dim)
-        self.spatial_embedding = Affine(*embedding)
-        self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
-
-
-class _DescribedNetwork(_HistoryNetwork):
-    """As described: each step's `Dense(X_j(t) - X_i(t))` times `alpha_ij(t)`, beside h_j.
-
-    The first layer of the pair perceptron is linear in `[alpha dx, alpha dy, alpha]` of each step,
-    so the embedding folds into it: 3 inputs a step instead of `embedding_dim`.
-    """
-
-    def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`, see `Pooling.inputs`."""
-        first, second = self.mlp.layers
-        of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
-        of_steps = of_steps.reshape(self.obs_len, self.embedding_dim, self.hidden_dim)
-        # [3, obs_len, hidden_dim]: what alpha dx, alpha dy and alpha of each step contribute.
-        dense = self.spatial_embedding
-        embedding = jnp.concatenate([dense.kernel, dense.bias[None]])
-        folded = jnp.einsum("ce,teh->cth", embedding, of_steps)
-        folded = folded.reshape(3 * self.obs_len, self.hidden_dim)
-        of_neighbour = hidden @ of_hidden + first.bias
-
-        highest = max_over_neighbours(
-            _described_pair, folded, track, (track, of_neighbour), alpha, second, valid
-        )
-        return bottleneck_relu(self, highest)
 
 
 def _described_pair(folded: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
@@ -70,7 +27,56 @@ def _described_pair(folded: Array, own: Array, theirs: tuple[Array, Array], alph
     return jnp.concatenate([alpha * x, alpha * y, alpha]) @ folded + of_neighbour
 
 
-class _RosNetwork(_HistoryNetwork):
+def _ros_pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
+    shifted, of_neighbour = theirs
+    weighted = (shifted - own) * alpha[:, None]
+    return weighted.ravel() @ of_steps + of_neighbour
+
+
+class _DescribedNetwork(nn.Module):
+    """As described: each step's `Dense(X_j(t) - X_i(t))` times `alpha_ij(t)`, beside h_j.
+
+    The first layer of the pair perceptron is linear in `[alpha dx, alpha dy, alpha]` of each step,
+    so the embedding folds into it: 3 inputs a step instead of `embedding_dim`.
+    """
+
+    obs_len: int
+    embedding_dim: int
+    h_dim: int
+    hidden_dim: int
+    bottleneck_dim: int
+    whole_history: ClassVar[bool] = False
+    """Whether the embedding takes all steps at once."""
+    pair: ClassVar[Callable[..., Array]] = staticmethod(_described_pair)
+    """The first layer of a pair, see `max_over_neighbours`."""
+
+    def setup(self):
+        """Declare the embedding and the perceptron of a pair's history and h_j."""
+        steps, width = self.obs_len, self.obs_len * self.embedding_dim
+        embedding = (2 * steps, width) if self.whole_history else (2, self.embedding_dim)
+        self.spatial_embedding = Affine(*embedding)
+        self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
+
+    def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
+        """Social vectors `[N, bottleneck_dim]`, see `Pooling.inputs`."""
+        first, second = self.mlp.layers
+        of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
+        shared, own, theirs = self.histories(track, of_steps)
+        neighbours = theirs, hidden @ of_hidden + first.bias
+        highest = max_over_neighbours(self.pair, shared, own, neighbours, alpha, second, valid)
+        return bottleneck_relu(self, highest)
+
+    def histories(self, track: Array, of_steps: Array) -> tuple[Array, Array, Array]:
+        """The first layer's parameters, and the histories of agents i and of neighbours j."""
+        of_steps = of_steps.reshape(self.obs_len, self.embedding_dim, self.hidden_dim)
+        # [3, obs_len, hidden_dim]: what alpha dx, alpha dy and alpha of each step contribute.
+        dense = self.spatial_embedding
+        embedding = jnp.concatenate([dense.kernel, dense.bias[None]])
+        folded = jnp.einsum("ce,teh->cth", embedding, of_steps)
+        return folded.reshape(3 * self.obs_len, self.hidden_dim), track, track
+
+
+class _RosNetwork(_DescribedNetwork):
     """The robot package: one Linear over the whole flattened history, then alpha by step.
 
     Block t of its output, `embedding_dim` channels, is multiplied by `alpha_ij(t)`, but mixes all
@@ -78,30 +84,17 @@ class _RosNetwork(_HistoryNetwork):
     """
 
     whole_history: ClassVar[bool] = True
+    pair: ClassVar[Callable[..., Array]] = staticmethod(_ros_pair)
 
-    def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
-        """Social vectors `[N, bottleneck_dim]`; arguments as in `_DescribedNetwork`."""
-        first, second = self.mlp.layers
-        agents = track.shape[0]
-        of_steps, of_hidden = jnp.split(first.kernel, [self.obs_len * self.embedding_dim])
-        own = track.reshape(agents, -1) @ self.spatial_embedding.kernel
+    def histories(self, track: Array, of_steps: Array) -> tuple[Array, Array, Array]:
+        """See `_DescribedNetwork.histories`."""
+        own = track.reshape(len(track), -1) @ self.spatial_embedding.kernel
         shifted = own + self.spatial_embedding.bias
-        of_neighbour = hidden @ of_hidden + first.bias
-
-        shifted, own = (x.reshape(agents, self.obs_len, -1) for x in (shifted, own))
-        highest = max_over_neighbours(
-            _ros_pair, of_steps, own, (shifted, of_neighbour), alpha, second, valid
-        )
-        return bottleneck_relu(self, highest)
+        shape = len(track), self.obs_len, -1
+        return of_steps, own.reshape(shape), shifted.reshape(shape)
 
 
-def _ros_pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
-    shifted, of_neighbour = theirs
-    weighted = (shifted - own) * alpha[:, None]
-    return weighted.ravel() @ of_steps + of_neighbour
-
-
-class _IjcnnNetwork(_HistoryNetwork):
+class _IjcnnNetwork(_DescribedNetwork):
     """The earlier release: its relative history is identically zero, so nothing depends on i.
 
     Of the embedding only the bias acts, times a row of alpha that the released collation picked for
@@ -124,7 +117,7 @@ class AsDescribed(PoolNet):
 
     title: ClassVar[str] = "NeuroSyM"
     inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "track", "alpha"})
-    variant: ClassVar[type[_HistoryNetwork]] = _DescribedNetwork
+    variant: ClassVar[type[_DescribedNetwork]] = _DescribedNetwork
 
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
         """See `Pooling.network`."""
@@ -136,7 +129,7 @@ class NeurosymRos(AsDescribed):
     """NeuroSyM as the authors' robot package computes it."""
 
     title: ClassVar[str] = "NeuroSyM (robot package)"
-    variant: ClassVar[type[_HistoryNetwork]] = _RosNetwork
+    variant: ClassVar[type[_DescribedNetwork]] = _RosNetwork
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,4 +138,4 @@ class NeurosymIjcnn(AsDescribed):
 
     title: ClassVar[str] = "NeuroSyM (IJCNN release)"
     inputs: ClassVar[frozenset[str]] = frozenset({"hidden", "alpha_rows"})
-    variant: ClassVar[type[_HistoryNetwork]] = _IjcnnNetwork
+    variant: ClassVar[type[_DescribedNetwork]] = _IjcnnNetwork

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from neurosym_jax.configuration import Checked
 
-__all__ = ["NO_FORECAST", "NoPooling", "Pooling"]
+__all__ = ["NO_FORECAST", "Pooling"]
 
 NO_FORECAST = (
     "does not weight pairs: it takes one row of alpha an agent, picked by the released collation "
@@ -45,18 +45,3 @@ class Pooling(Checked, abc.ABC):
     def width(self, h_dim: int) -> int:
         """Size of a pooled vector, by default the option `bottleneck_dim`."""
         return getattr(self, "bottleneck_dim")  # noqa: B009 (a subclass has it)
-
-
-@dataclasses.dataclass(frozen=True)
-class NoPooling(Pooling):
-    """Agents do not see each other."""
-
-    title: ClassVar[str] = "SGAN, no pooling"
-    inputs: ClassVar[frozenset[str]] = frozenset()
-
-    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> Any:
-        """None: there is nothing to call."""
-
-    def width(self, h_dim: int) -> int:
-        """0."""
-        return 0

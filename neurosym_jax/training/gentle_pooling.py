@@ -40,7 +40,7 @@ def slowed(update: Any) -> Any:
 
 
 def with_leak(generator: Any) -> Any:
-    """The variables `generator` for a loss, see `models.pairs.bottleneck_relu`."""
+    """The variables `generator` for a loss, see `models.pool_net.bottleneck_relu`."""
     leak = {"pooling": {"leak": jnp.float32(LEAK)}}
     return {**generator, "training": {**leak, "decoder": leak}}
 

@@ -5,8 +5,7 @@ from typing import Any
 
 from neurosym_jax.configuration import changed, differences
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchor_table import AnchorTableConfig
-from neurosym_jax.models.anchors import AnchorConfig
+from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS, pooling_names
 

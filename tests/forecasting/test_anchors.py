@@ -13,8 +13,7 @@ from neurosym_jax.forecasting.anchors import initial_anchors, spread_of
 from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
 from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.model import Model, predict, predict_distribution
-from neurosym_jax.models.anchor_table import AnchorTableConfig
-from neurosym_jax.models.anchors import AnchorConfig
+from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 
 METRICS = ("energy_score", "crps", "coverage_50", "central_ade", "joint_ade")
 

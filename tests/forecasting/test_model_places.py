@@ -12,7 +12,7 @@ from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
-from neurosym_jax.models.anchor_table import AnchorTableConfig
+from neurosym_jax.models.anchors import AnchorTableConfig
 
 NAME = "neurosym_zara1_8"
 SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"

@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchor_table import AnchorTable, AnchorTableConfig
-from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
+from neurosym_jax.models.anchors import (
+    AnchorConfig,
+    AnchorNetwork,
+    AnchorTable,
+    AnchorTableConfig,
+)
 from tests.networks import random_params
 
 SMALL = AnchorConfig(pred_len=6, samples=4, hidden=8, symbols=True)

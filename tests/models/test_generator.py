@@ -7,9 +7,9 @@ from numpy.testing import assert_allclose
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.cell import LSTM, Encoder
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.decoder import pooling_network
 from neurosym_jax.models.layers import Perceptron
 from neurosym_jax.models.pool_net import PoolNetwork
+from neurosym_jax.models.sgan import pooling_network
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 from tests.networks import random_params

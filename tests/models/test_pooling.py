@@ -10,7 +10,7 @@ from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.neurosym import _DescribedNetwork, _RosNetwork
 from neurosym_jax.models.pool_net import PoolNetwork
-from neurosym_jax.models.social import _GridNetwork
+from neurosym_jax.models.poolings import _GridNetwork
 from neurosym_jax.scene import make_scene
 from tests.networks import random_params
 

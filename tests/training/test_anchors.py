@@ -10,8 +10,7 @@ import pytest
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.anchor_table import AnchorTableConfig
-from neurosym_jax.models.anchors import AnchorConfig
+from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.training import anchors
 from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company
 from neurosym_jax.training.augmentation import augment
