@@ -26,9 +26,8 @@ from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import AsDescribed, Generator, GeneratorConfig
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.state_weightings import Soft
 from neurosym_jax.symbolic.weighting import Weighting
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, Ones, make_weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, Ones, Soft, make_weighting
 
 SAMPLES = 20
 

@@ -8,7 +8,7 @@ from neurosym_jax.configuration import changed, from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import AsDescribed, PoolNet, Social
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.symbolic.state_weightings import Cnd, Learned, Soft
+from neurosym_jax.symbolic.weightings import Cnd, Learned, Soft
 from neurosym_jax.training.network import model_name, named_network
 from neurosym_jax.training.recipe import RECIPES, TrainConfig, make_recipe
 

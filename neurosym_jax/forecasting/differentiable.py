@@ -27,7 +27,7 @@ def forecast(
     """k futures of one scene as a pure function, to differentiate by all but `config` and `valid`.
 
     It computes what `predict` does in the same coordinates, but nothing is padded, checked or moved
-    to the host. Reverse mode only: the gradient of pooling is written by hand (see `models.pairs`).
+    to the host. Reverse mode only: the gradient of pooling is written by hand (`models.pool_net`).
     Symbols with a hard threshold have a gradient of zero by positions; the weightings `soft` and
     `quantised` (straight through) have another.
 

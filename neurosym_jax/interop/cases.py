@@ -22,8 +22,7 @@ from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.cnd import alpha_from_states
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.state_weightings import CndShipped
-from neurosym_jax.symbolic.weightings import make_weighting
+from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.recipe import RECIPES
 from neurosym_jax.training.step import clipping, new_state, update, update_discriminator

@@ -13,9 +13,8 @@ from neurosym_jax.models.cell import CELLS, LSTM, Cell
 from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import Pooling
 from neurosym_jax.models.poolings import POOLINGS, NoPooling
-from neurosym_jax.symbolic.state_weightings import Cnd
 from neurosym_jax.symbolic.weighting import Weighting
-from neurosym_jax.symbolic.weightings import WEIGHTINGS
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, Cnd
 
 __all__ = ["DiscriminatorConfig", "GeneratorConfig"]
 

@@ -129,5 +129,4 @@ def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: 
     kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
     plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
     plan = jax.tree.map(lambda array: array.astype(jnp.float32), plan)
-    abreast = scenario == "all-forward"
-    return walk(plan, kicks, 1 / (rate * substeps), ROOM, abreast)[::substeps]
+    return walk(plan, kicks, 1 / (rate * substeps), ROOM, scenario == "all-forward")[::substeps]

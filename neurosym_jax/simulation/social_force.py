@@ -11,6 +11,7 @@ braking before the goal and pausing there for the partner, slow random changes o
 and, in place of an attraction, a spring that keeps a pair 0.8 m abreast.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -28,8 +29,7 @@ HALF_VIEW = np.deg2rad(100.0)
 WALL, WALL_RANGE = 1.0, 0.2  # m^2/s^2, m
 CONTACT, TOUCH = 30.0, 0.5  # 1/s^2, m: people nearer than this, a pair too, push apart
 MARGIN = 0.25  # m; no centre of a person comes nearer to a wall
-TOP_SPEED = 1.3  # of the desired speed
-TURN_RATE = 2.5  # rad/s
+TOP_SPEED, TURN_RATE = 1.3, 2.5  # of the desired speed, rad/s
 ABREAST = 0.8  # m between the two of a pair
 SPRING, DAMPING = 2.0, 1.0  # 1/s^2, 1/s: of a pair
 BRAKING, ARRIVED = 0.8, 0.3  # m from the goal
@@ -77,11 +77,7 @@ def walk(
         pause=plan.pause[0],
         arrived=jnp.ones(people, bool),
     )
-
-    def step(state, kick):
-        return _step(plan, abreast, dt, room, state, kick), state.position
-
-    return jax.lax.scan(step, start, kicks[1:])[1]
+    return jax.lax.scan(functools.partial(_step, plan, abreast, dt, room), start, kicks[1:])[1]
 
 
 def _step(
@@ -91,12 +87,10 @@ def _step(
     room: tuple[float, float],
     state: _State,
     kick: jax.Array,
-) -> _State:
-    """One Euler step of all people."""
-    people = len(state.leg)
-    partner = np.arange(people) ^ 1
-    partner = np.where(partner < people, partner, np.arange(people))
-    everyone = np.arange(people)
+) -> tuple[_State, jax.Array]:
+    """One Euler step of all people: the next state, and the positions [P, 2] of this one."""
+    everyone = np.arange(len(state.leg))
+    partner = np.where((everyone ^ 1) < len(everyone), everyone ^ 1, everyone)
 
     # Partners turn around together: stand until both have arrived, then pause.
     goal = plan.goal[state.leg, everyone]
@@ -126,15 +120,14 @@ def _step(
     desired = pace[:, None] * jnp.stack([jnp.cos(aim), jnp.sin(aim)], -1)
 
     force = (desired - state.velocity) / RELAXATION + _walls(state.position, room)
-    others = ~np.eye(people, dtype=bool)
+    others = ~np.eye(len(everyone), dtype=bool)
     apart = state.position[:, None] - state.position[None]
     near = _length(apart)[..., None]
     force = force + jnp.sum(CONTACT * jnp.maximum(TOUCH - near, 0.0) * apart / near, axis=1)
     if abreast:
         others[everyone, partner] = False
-        rank = np.stack([(everyone - partner) * ABREAST, np.zeros(people)], -1).astype(np.float32)
-        gap = state.position - state.position[partner]
-        drift = state.velocity - state.velocity[partner]
+        rank = ABREAST * np.stack([everyone - partner, 0 * everyone], -1).astype(np.float32)
+        gap, drift = (each - each[partner] for each in (state.position, state.velocity))
         force = force + SPRING / 2 * (rank - gap) - DAMPING / 2 * drift
     from_all = jax.vmap(_repulsion, (None, 0, None, None, 0))
     push = jax.vmap(from_all, (0, None, 0, 0, None))(
@@ -143,12 +136,13 @@ def _step(
     force = force + jnp.sum(jnp.where(others[..., None], push, 0.0), axis=1)
 
     velocity = state.velocity + dt * force
-    limit = TOP_SPEED * top / jnp.maximum(_length(velocity), TOP_SPEED * top)
-    velocity = velocity * limit[:, None]
+    limit = TOP_SPEED * top
+    velocity = velocity * (limit / jnp.maximum(_length(velocity), limit))[:, None]
     position = state.position + dt * velocity
     inside = jnp.clip(position, MARGIN, np.array([room], np.float32) - MARGIN)
     velocity = jnp.where(position == inside, velocity, 0.0)
-    return _State(inside, velocity, heading, wobble, leg, since, pause, arrived)
+    after = _State(inside, velocity, heading, wobble, leg, since, pause, arrived)
+    return after, state.position
 
 
 def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:

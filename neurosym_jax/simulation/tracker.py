@@ -4,8 +4,6 @@ From exact paths it makes the rows that a tracker would report, with the true pe
 """
 
 import dataclasses
-import functools
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -43,7 +41,7 @@ def track(
     """
     lost, label = _identities(identity_key, path, faults, rate)
     frame, person = np.nonzero(~lost)
-    noise = np.asarray(_draw(jax.random.normal, noise_key, path.shape), np.float64)
+    noise = np.asarray(jax.random.normal(noise_key, path.shape, jnp.float32), np.float64)
     position = path[frame, person] + faults.noise * noise[frame, person]
     return frame, person, label[frame, person], position
 
@@ -55,13 +53,13 @@ def _identities(
     frames, people, _ = path.shape
     if faults.dropout == faults.id_swap == 0:
         return np.zeros((frames, people), bool), np.tile(np.arange(people), (frames, 1))
-    chance = np.asarray(_draw(jax.random.uniform, key, (frames, people, 3 + people)), np.float64)
+    chance = jax.random.uniform(key, (frames, people, 3 + people), jnp.float32)
+    chance = np.asarray(chance, np.float64)
     frame = np.arange(frames)[:, None]
     # Geometric length by inversion: P(more than n frames) = (1 - 1 / mean) ** n.
     mean = max(faults.dropout_seconds * rate, 1.0)
     tail = np.log1p(-1 / mean) if mean > 1 else -np.inf
-    survive = np.log1p(-chance[..., 1])
-    length = 1 + np.floor(survive / tail)
+    length = 1 + np.floor(np.log1p(-chance[..., 1]) / tail)
     begins = chance[..., 0] < faults.dropout
     lost = np.maximum.accumulate(np.where(begins, frame + length, 0.0), axis=0) > frame
 
@@ -77,8 +75,3 @@ def _identities(
     for at, one, two in np.argwhere(swaps):
         label[at:, [one, two]] = label[at:, [two, one]]
     return lost, label
-
-
-@functools.partial(jax.jit, static_argnums=(0, 2))
-def _draw(distribution: Callable[..., jax.Array], key: jax.Array, shape: tuple[int, ...]):
-    return distribution(key, shape, jnp.float32)

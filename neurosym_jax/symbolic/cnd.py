@@ -12,15 +12,15 @@ Tables are read-only; their rows are those of `states.all_states`.
 """
 
 import functools
-from typing import Literal, get_args
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.states import ABSENT, all_states, encode_state
+from neurosym_jax.configuration import refuse
+from neurosym_jax.symbolic.states import ABSENT, Calculus, all_states, encode_state
 
 __all__ = ["Rule", "adjacency", "alpha_from_states", "alpha_table"]
 
@@ -28,14 +28,13 @@ Rule = Literal["dominance", "continuity"]
 
 
 @functools.cache
-def adjacency(calculus: str = "c1", rule: Rule = "dominance") -> np.ndarray:
+def adjacency(calculus: Calculus = "c1", rule: Rule = "dominance") -> np.ndarray:
     """[S, S] bool, symmetric: which states are neighbours; none is its own.
 
     Raises:
         InputError: for an unknown calculus or rule.
     """
-    if rule not in get_args(Rule):
-        raise InputError(f"unknown rule {rule!r}: there are {', '.join(get_args(Rule))}")
+    refuse(Rule, {"rule": rule})
     states = all_states(calculus)
     a, b = states[:, None], states[None]
     # A symbol that only one of them has is not compared; staying is no transition.
@@ -49,7 +48,7 @@ def adjacency(calculus: str = "c1", rule: Rule = "dominance") -> np.ndarray:
 
 @functools.cache
 def alpha_table(
-    calculus: str = "c1", rule: Rule = "dominance", include_self: bool = False
+    calculus: Calculus = "c1", rule: Rule = "dominance", include_self: bool = False
 ) -> np.ndarray:
     """[S] float64: 1 / N_Tr of every state, N_Tr its number of neighbours.
 

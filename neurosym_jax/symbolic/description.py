@@ -10,12 +10,8 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.forecast import (
-    SymbolSettings,
-    symbolic_events,
-    symbolic_forecast,
-)
-from neurosym_jax.symbolic.states import all_states, format_state
+from neurosym_jax.symbolic.forecast import SymbolSettings, symbolic_events, symbolic_forecast
+from neurosym_jax.symbolic.states import Calculus, all_states, format_state
 from neurosym_jax.symbolic.weighting import Weighting
 
 __all__ = [
@@ -58,12 +54,12 @@ def describe_pairs(
     period: float,
 ) -> ScenePairs:
     """The pairs of the scene `position [N, T, 2]`; `parameters` are the weighting's."""
-    observed = make_scene(position).observed
-    codes, alpha = weighting.codes(parameters, observed), weighting.alpha(parameters, observed)
-    return ScenePairs(position, people, np.asarray(codes), np.asarray(alpha), period)
+    given = parameters, make_scene(position).observed
+    codes, alpha = (np.asarray(of(*given)) for of in (weighting.codes, weighting.alpha))
+    return ScenePairs(position, people, codes, alpha, period)
 
 
-def state_texts(calculus: str = "c1") -> list[str]:
+def state_texts(calculus: Calculus = "c1") -> list[str]:
     """The S states of a calculus as text, such as `-+0+`; those of `c1` by their codes."""
     return [format_state(state, "") for state in all_states(calculus)]
 
@@ -74,9 +70,8 @@ def format_pairs(pairs: ScenePairs) -> str:
     head = [f"{pairs.period * (step + 1):>5.1f}" for step in range(pairs.codes.shape[-1])]
     lines = ["pair (k, l)     s " + " ".join(head)]
     for i, j in zip(*np.triu_indices(len(pairs.people), 1)):
-        codes = pairs.codes[i, j]
-        stays = np.diff(codes, prepend=-1) == 0
-        cells = ("." if stay else texts[code] for code, stay in zip(codes, stays))
+        codes = [-1, *pairs.codes[i, j]]
+        cells = ("." if now == last else texts[now] for last, now in itertools.pairwise(codes))
         pair = f"({pairs.people[i]}, {pairs.people[j]})"
         lines.append(f"{pair:18}" + " ".join(f"{cell:>5}" for cell in cells))
     return "\n".join(lines)
@@ -96,15 +91,10 @@ def forecast_rows(
     texts, surest = state_texts(settings.calculus), events.probability.max(axis=0)
     rows = []
     for k, l in sorted(itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]):
-        happens = {
-            name: {
-                "probability": round(float(share), 4),
-                "seconds": np.round(times, 3).tolist() if np.isfinite(times).all() else None,
-            }
-            for name, share, times in zip(
-                EVENTS, events.probability[:, k, l], events.seconds[:, k, l].astype(float)
-            )
-        }
+        happens = {}
+        for name, share, times in zip(EVENTS, events.probability[:, k, l], events.seconds[:, k, l]):
+            seconds = np.round(times.astype(float), 3).tolist() if np.isfinite(times[0]) else None
+            happens[name] = {"probability": round(float(share), 4), "seconds": seconds}
         likely = [
             {"state": texts[share.argmax()], "probability": round(float(share.max()), 4)}
             for share in states[k, l]

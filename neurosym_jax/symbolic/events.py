@@ -48,6 +48,11 @@ class Encounter:
         return self.states[..., 2 + "kl".index(who)]
 
     @property
+    def passes(self) -> Array:
+        """[..., T] bool: k, who walked towards l, walks away, within 3 m."""
+        return self.turns(self.states[..., 0]) & self.away("k") & self.within(3)
+
+    @property
     def order(self) -> Array:
         """[..., T] int8: -1 where k walks behind l, towards l who walks away, 1 ahead, else 0."""
         behind, ahead = self.towards("k") & self.away("l"), self.away("k") & self.towards("l")
@@ -85,8 +90,7 @@ class Encounter:
         lengths = _length(v) * _length(w)
         cosine = (v * w).sum(axis=-1)
         least, most = jnp.cos(jnp.radians(high)), jnp.cos(jnp.radians(low))
-        fits = (cosine >= least * lengths) & (cosine <= most * lengths)
-        return fits & (lengths > 0)
+        return (cosine >= least * lengths) & (cosine <= most * lengths) & (lengths > 0)
 
     def lasting(self, what: Array, seconds: float) -> Array:
         """[..., T] bool: `what` [..., T] holds and has held for this long."""
@@ -132,9 +136,8 @@ def _length(offset: Array) -> Array:
 
 def _shifted(array: Array, steps: int) -> Array:
     """`array` [..., T] as of `steps` steps before, zeros (False) before the first."""
-    kept = array[..., : max(0, array.shape[-1] - steps)]
-    missing = array.shape[-1] - kept.shape[-1]
-    return jnp.pad(kept, [(0, 0)] * (array.ndim - 1) + [(missing, 0)])
+    padding = [(0, 0)] * (array.ndim - 1) + [(steps, 0)]
+    return jnp.pad(array, padding)[..., : array.shape[-1]]
 
 
 EVENTS: Registry[Event] = Registry(
@@ -146,12 +149,12 @@ EVENTS: Registry[Event] = Registry(
         ),
         "passes_left": Event(
             "k, who walked towards l, walks away, with l at k's left hand within 3 m",
-            lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") > 0) & e.within(3),
+            lambda e: e.passes & (e.side("k") > 0),
             "{k} passes with {l} on the left",
         ),
         "passes_right": Event(
             "k, who walked towards l, walks away, with l at k's right hand within 3 m",
-            lambda e: e.turns(e.states[..., 0]) & e.away("k") & (e.side("k") < 0) & e.within(3),
+            lambda e: e.passes & (e.side("k") < 0),
             "{k} passes with {l} on the right",
         ),
         "crosses_before": Event(

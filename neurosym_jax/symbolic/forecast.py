@@ -26,7 +26,7 @@ from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.events import EVENTS, Encounter
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import all_states, state_index
+from neurosym_jax.symbolic.states import Calculus, all_states, state_index
 
 __all__ = [
     "EventForecast",
@@ -44,7 +44,7 @@ class SymbolSettings(Checked):
 
     period: Positive = 0.4
     """Seconds between steps."""
-    calculus: str = "c1"
+    calculus: Calculus = "c1"
     """Calculus of the states, see `qtc`; events are of QTC_C1."""
     speed: NotNegative = 0.125
     """Metres per second up to which a movement towards, away or to a side counts as none, so that
@@ -52,12 +52,7 @@ class SymbolSettings(Checked):
     smoothing: NotNegative = 1.0
     """Weight of the prior in samples; 0 leaves shares as they are counted."""
 
-    def __post_init__(self):
-        """Refuse an unknown calculus."""
-        super().__post_init__()
-        all_states(self.calculus)
-
-    def observe(self, k: Array, l: Array, calculus: str) -> Array:
+    def observe(self, k: Array, l: Array, calculus: Calculus) -> Array:
         """`qtc.observe` of paths [..., T + 1, 2] with the threshold in metres per step."""
         step = self.speed * self.period
         return observe(k, l, calculus, quantisation_factor=step, side_quantisation_factor=step)
@@ -76,7 +71,9 @@ class EventForecast(NamedTuple):
 def symbolic_forecast(
     samples: ArrayLike, observed: ArrayLike, *, pairs: ArrayLike | None = None, **settings: Any
 ) -> Array:
-    """Probabilities of the states of pairs at every future step.
+    """Probabilities [N, N, T, S] of the states of pairs at every future step, or [P, T, S].
+
+    They are in the order of `all_states(calculus)`, and 0 for an agent with itself.
 
     Args:
         samples: [k, N, T, 2] metres, futures of the scene, see `predict`.
@@ -84,10 +81,6 @@ def symbolic_forecast(
         pairs: [P, 2] ordered pairs; None for all N^2, which takes 4 N^2 T (2 S + 5 k) bytes: with
             20 samples of 8 steps in QTC_C1 21 MB for 50 people and 2.1 GB for 500.
         **settings: see `SymbolSettings`.
-
-    Returns:
-        [N, N, T, S], or [P, T, S] for `pairs`, in the order of `all_states(calculus)`; 0 for an
-        agent with itself.
 
     Raises:
         InputError: for shapes that do not fit, an unknown calculus or setting.

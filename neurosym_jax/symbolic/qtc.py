@@ -27,14 +27,14 @@ Both agents are taken at t-1, so T frames give T-1 states. Symbols are piecewise
 gradient passes through them; `soft` has differentiable ones.
 """
 
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.states import ABSENT, all_states
+from neurosym_jax.configuration import refuse
+from neurosym_jax.symbolic.states import ABSENT, Calculus
 
 __all__ = ["Convention", "observe", "other_pairs", "side_factor", "ways"]
 
@@ -44,14 +44,14 @@ Convention = Literal["distance", "line", "as_published"]
 def observe(
     k: ArrayLike,
     l: ArrayLike,
-    calculus: str = "c1",
+    calculus: Calculus = "c1",
     *,
     convention: Convention = "distance",
     quantisation_factor: ArrayLike = 0.0,
     side_quantisation_factor: ArrayLike | None = None,
     near: ArrayLike = 1.22,
 ) -> Array:
-    """States of the pair (k, l) at every step.
+    """States [..., T-1, m] of the pair (k, l) at every step: int8 in {-1, 0, 1}, or `ABSENT`.
 
     All ordered pairs of a scene of positions [N, T, 2] are `observe(positions[:, None], positions)`
     [N, N, T-1, m], with agent i as k and agent j as l in entry (i, j). Thresholds are inclusive,
@@ -67,13 +67,10 @@ def observe(
             is `quantisation_factor` in the `line` convention and 0 in the others.
         near: metres between k and l, at the end of a step, up to which `bc1` has sides.
 
-    Returns:
-        [..., T-1, m] int8 in {-1, 0, 1}, or `ABSENT`.
-
     Raises:
         InputError: for an unknown calculus or convention.
     """
-    all_states(calculus)
+    refuse(Calculus, {"calculus": calculus})
     of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
     pair = ways(k, l)
     symbols = [_approach(*way, quantisation_factor, convention) for way in pair]
@@ -88,11 +85,8 @@ def observe(
 
 def other_pairs(valid: ArrayLike | None, count: int) -> Array:
     """[N, N] bool: pairs of two different agents, both `valid` [N]; None is all valid."""
-    others = ~jnp.eye(count, dtype=bool)
-    if valid is None:
-        return others
-    valid = jnp.asarray(valid)
-    return others & valid[:, None] & valid[None]
+    present = jnp.ones(count, bool) if valid is None else jnp.asarray(valid)
+    return ~jnp.eye(count, dtype=bool) & present[:, None] & present[None]
 
 
 def side_factor(
@@ -103,13 +97,9 @@ def side_factor(
     Raises:
         InputError: for an unknown convention.
     """
-    if convention not in get_args(Convention):
-        raise InputError(
-            f"unknown QTC convention {convention!r}: there are {', '.join(get_args(Convention))}"
-        )
-    if given is not None:
-        return given
-    return quantisation_factor if convention == "line" else 0.0
+    refuse(Convention, {"convention": convention})
+    by_default = quantisation_factor if convention == "line" else 0.0
+    return by_default if given is None else given
 
 
 def ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
@@ -120,13 +110,10 @@ def ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     """
     points = [jnp.asarray(each, jnp.result_type(each, 0.0)) for each in (k, l)]
     axes = max(each.ndim for each in points)
-    frames = []
-    for each in points:
-        each = each.reshape((1,) * (axes - each.ndim) + each.shape)
-        x, y = jnp.moveaxis(each, (-1, -2), (0, 1))
-        frames.append(((x[:-1], y[:-1]), (x[1:], y[1:])))
-    (k0, k1), (l0, l1) = frames
-    return [(k0, k1, l0), (l0, l1, k0)]
+    points = [each.reshape((1,) * (axes - each.ndim) + each.shape) for each in points]
+    (kx, ky), (lx, ly) = (jnp.moveaxis(each, (-1, -2), (0, 1)) for each in points)
+    k0, l0 = (kx[:-1], ky[:-1]), (lx[:-1], ly[:-1])
+    return [(k0, (kx[1:], ky[1:]), l0), (l0, (lx[1:], ly[1:]), k0)]
 
 
 def _approach(before: Any, after: Any, other: Any, factor: ArrayLike, convention: str) -> Array:

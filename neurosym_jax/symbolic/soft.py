@@ -38,19 +38,11 @@ def soft_symbols(
     convention: Convention = "distance",
     straight_through: bool = False,
 ) -> Array:
-    """Probabilities of the QTC_C1 symbols of the pair (k, l), differentiable in every array.
+    """Probabilities [..., T-1, 4, 3] of (-, 0, +) for each QTC_C1 symbol of the pair (k, l).
 
-    Args:
-        k: [..., T, 2] positions in metres, as the other arguments see `qtc.observe`.
-        l: [..., T, 2] positions in metres.
-        temperature: metres per step, > 0.
-        quantisation_factor: metres per step.
-        side_quantisation_factor: metres per step.
-        convention: of the symbols.
-        straight_through: give the hard symbols probability 1, with the gradients of the soft ones.
-
-    Returns:
-        [..., T-1, 4, 3] probabilities of (-, 0, +) for each symbol.
+    Positions [..., T, 2] and the other arguments are those of `qtc.observe`; `temperature` is in
+    metres per step, > 0. The probabilities are differentiable in every array. `straight_through`
+    gives the hard symbols probability 1, with the gradients of the soft ones.
     """
     of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
     approaches, sides = [], []
@@ -76,15 +68,10 @@ def soft_symbols(
 
 
 def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Array:
-    """The expected weight of a QTC_C1 state whose symbols are independent.
+    """Expected weights [...] of QTC_C1 states with independent symbols, see `soft_symbols`.
 
-    Args:
-        probabilities: [..., 4, 3] of (-, 0, +), see `soft_symbols`.
-        table: [81] weights by state code; None for `cnd`, which depends on the number of zeros
-            alone. Its expectation is then built symbol by symbol, to the same bits in any shape.
-
-    Returns:
-        [...] weights.
+    `table` has [81] weights by state code; None is `cnd`, which depends on the number of zeros
+    alone. Its expectation is then built symbol by symbol, to the same bits in any shape.
     """
     probabilities = jnp.asarray(probabilities)
     if table is None:

@@ -5,17 +5,19 @@ A state is a vector of m symbols in {-1, 0, 1} (int8), or `ABSENT` where QTC_BC 
 """
 
 import functools
+from typing import Literal, get_args
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.errors import InputError
+from neurosym_jax.configuration import refuse
 
 __all__ = [
     "ABSENT",
     "CALCULI",
+    "Calculus",
     "all_states",
     "collapse",
     "encode_state",
@@ -27,19 +29,18 @@ __all__ = [
 ABSENT = np.int8(2)
 """A symbol that the state does not have: q3 and q4 of a QTC_BC state of a pair far apart."""
 
-CALCULI = ("b1", "c1", "bc1")
-_CHARACTERS = {-1: "-", 0: "0", 1: "+"}
+Calculus = Literal["b1", "c1", "bc1"]
+CALCULI: tuple[Calculus, ...] = get_args(Calculus)
 
 
 @functools.cache
-def all_states(calculus: str = "c1") -> np.ndarray:
+def all_states(calculus: Calculus = "c1") -> np.ndarray:
     """[S, m] int8, read-only: the 9 states of `b1`, 81 of `c1`, or 90 of `bc1`, pairs apart first.
 
     Raises:
         InputError: for an unknown calculus.
     """
-    if calculus not in CALCULI:
-        raise InputError(f"unknown calculus {calculus!r}: there are {', '.join(CALCULI)}")
+    refuse(Calculus, {"calculus": calculus})
     states = np.indices([3] * (2 if calculus == "b1" else 4)).astype(np.int8) - 1
     states = states.reshape(len(states), -1).T
     if calculus == "bc1":
@@ -58,18 +59,19 @@ def encode_state(states: ArrayLike) -> Array:
     return code
 
 
-def state_index(calculus: str, states: ArrayLike) -> Array:
+def state_index(calculus: Calculus, states: ArrayLike) -> Array:
     """[...] int32 rows of states [..., m] in `all_states`; those of `b1` and `c1` are codes."""
     states = jnp.asarray(states)
     if calculus != "bc1":
         return encode_state(states)
-    apart = encode_state(states[..., :2])
-    return jnp.where(states[..., 2] == ABSENT, apart, encode_state(states) + 9)
+    near = encode_state(states) + 9
+    return jnp.where(states[..., 2] == ABSENT, encode_state(states[..., :2]), near)
 
 
 def format_state(state: ArrayLike, separator: str = " ") -> str:
     """One state [m] as text, `"- 0 + -"`, without absent symbols. QSRlib separates by `,`."""
-    return separator.join(_CHARACTERS[int(symbol)] for symbol in np.asarray(state) if symbol != 2)
+    symbols = [int(symbol) for symbol in np.asarray(state) if symbol != ABSENT]
+    return separator.join("-0+"[symbol + 1] for symbol in symbols)
 
 
 def collapse(states: ArrayLike) -> np.ndarray:
@@ -79,11 +81,11 @@ def collapse(states: ArrayLike) -> np.ndarray:
 
 
 def validate(states: ArrayLike) -> np.ndarray:
-    """A chain `[T, m]` made continuous, as QSRlib does.
+    """A chain `[T, m]` made continuous, as QSRlib does (Delafontaine, 2011).
 
-    Wherever a symbol skips 0, at most one state is inserted (Delafontaine, 2011): symbols that jump
-    between - and + pass through 0; if a symbol has to leave its value for 0, all symbols that leave
-    0 wait. Symbols that only one of the two states has are not compared.
+    Wherever a symbol skips 0, at most one state is inserted: symbols that jump between - and + pass
+    through 0; if a symbol has to leave its value for 0, all symbols that leave 0 wait. Symbols that
+    only one of the two states has are not compared.
     """
     states = np.asarray(states)
     before, after = states[:-1], states[1:]

@@ -1,9 +1,9 @@
 """Weightings: how much agent j matters to agent i at each step, alpha [N, N, T].
 
 NeuroSyM (Mghames et al., 2023) multiplies the features of a pair by alpha, looked up by the QTC_C1
-state that the pair was last observed in. A weighting is a frozen dataclass: its fields
-are its options, and equal weightings share compiled programs. What it learns is in the
-model's parameters, `params["weighting"]`. The built-in ones are listed in `weightings`.
+state that the pair was last observed in. A weighting is a frozen dataclass: its fields are its
+options, and equal weightings share compiled programs. What it learns is in the model's parameters,
+`params["weighting"]`. The built-in ones are in `weightings`.
 """
 
 import abc
@@ -16,11 +16,11 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import Checked, NotNegative, differences
-from neurosym_jax.symbolic.qtc import Convention, observe
+from neurosym_jax.configuration import Checked, differences
+from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import encode_state
 
-__all__ = ["Parameters", "SymbolicWeighting", "Weighting", "initial_parameters"]
+__all__ = ["Parameters", "Weighting", "initial_parameters"]
 
 Parameters = Mapping[str, Any]
 """Arrays that a weighting learns, by name."""
@@ -40,10 +40,6 @@ class Weighting(Checked, abc.ABC):
     def start(self) -> Parameters:
         """Parameters before training."""
         return {}
-
-    def state_weights(self) -> np.ndarray | None:
-        """[81] weights of the QTC_C1 states by code before training, if it looks them up."""
-        return None
 
     def thresholds(self, parameters: Parameters) -> dict[str, Any]:
         """Arguments of `qtc.observe` with which it observes states."""
@@ -75,36 +71,13 @@ class Weighting(Checked, abc.ABC):
         present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
         alpha = self.weigh(parameters, positions, valid).astype(positions.dtype)
         alpha = jnp.where(jnp.eye(positions.shape[0], dtype=bool)[..., None], 1, alpha)
-        pairs = present[:, None] & present[None]
-        return jnp.where((pairs & (present.sum() != 1))[..., None], alpha, 0)
+        pairs = present[:, None] & present[None] & (present.sum() != 1)
+        return jnp.where(pairs[..., None], alpha, 0)
 
     @property
     def name(self) -> str:
         """Its title and the options that differ from their defaults: `soft,temperature=0.1`."""
         return ",".join([self.title, *differences(self)])
-
-
-@dataclasses.dataclass(frozen=True)
-class SymbolicWeighting(Weighting):
-    """A weighting by QTC_C1 states, with the options of their observation."""
-
-    quantisation_factor: NotNegative = 0.0
-    """Metres a step up to which a movement counts as none, see `qtc.observe`."""
-    side_quantisation_factor: NotNegative | None = None
-    """The same for q3 and q4, see `qtc.observe`."""
-    convention: Convention = "distance"
-    """Definition of the symbols, see `qtc`."""
-
-    def thresholds(self, parameters: Parameters) -> dict[str, Any]:
-        """See `Weighting.thresholds`; a learned quantisation factor replaces the option."""
-        factor = self.quantisation_factor
-        if "log_quantisation_factor" in parameters:
-            factor = jnp.exp(parameters["log_quantisation_factor"])
-        return {
-            "quantisation_factor": factor,
-            "side_quantisation_factor": self.side_quantisation_factor,
-            "convention": self.convention,
-        }
 
 
 def initial_parameters(weighting: Weighting | None) -> dict[str, np.ndarray]:

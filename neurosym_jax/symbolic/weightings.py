@@ -1,26 +1,206 @@
-"""The table of weightings, and how a plugin adds one (`register_weighting`)."""
+"""The table of weightings and its members, and how a plugin adds one (`register_weighting`).
+
+Most look alpha up by the QTC_C1 state of a pair. A table gives each of the 81 states a weight:
+`cnd` the theory's, `cnd_shipped` the authors', `learned` 81 free ones. `quantised` has symbols that
+are 0 below a threshold, `soft` the expectation over symbols that fade into each other, and
+`shuffled`, a control, gives weights to the wrong pairs.
+"""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import functools
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import component_from_text
+from neurosym_jax.configuration import NotNegative, Positive, Whole, component_from_text
+from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import Registry
-from neurosym_jax.symbolic.state_weightings import (
-    Cnd,
-    CndShipped,
-    Learned,
-    Quantised,
-    Shuffled,
-    Soft,
-)
+from neurosym_jax.symbolic.cnd import alpha_table
+from neurosym_jax.symbolic.qtc import Convention, other_pairs
+from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
 from neurosym_jax.symbolic.weighting import Parameters, Weighting, initial_parameters
 
-__all__ = ["WEIGHTINGS", "Ones", "Zeros", "make_weighting", "register_weighting"]
+__all__ = [
+    "WEIGHTINGS",
+    "Cnd",
+    "CndShipped",
+    "Learned",
+    "Ones",
+    "Quantised",
+    "Shuffled",
+    "Soft",
+    "Zeros",
+    "make_weighting",
+    "register_weighting",
+    "to_wrong_pairs",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class Cnd(Weighting):
+    """1 / N_Tr, N_Tr the number of neighbours of the state in the diagram of the theory.
+
+    What the papers describe.
+    """
+
+    title = "cnd"
+    quantisation_factor: NotNegative = 0.0
+    """Metres a step up to which a movement counts as none, see `qtc.observe`."""
+    side_quantisation_factor: NotNegative | None = None
+    """The same for q3 and q4, see `qtc.observe`."""
+    convention: Convention = "distance"
+    """Definition of the symbols, see `qtc`."""
+
+    def thresholds(self, parameters: Parameters) -> dict[str, Any]:
+        """See `Weighting.thresholds`; a learned quantisation factor replaces the option."""
+        factor = self.quantisation_factor
+        if "log_quantisation_factor" in parameters:
+            factor = jnp.exp(parameters["log_quantisation_factor"])
+        return {
+            "quantisation_factor": factor,
+            "side_quantisation_factor": self.side_quantisation_factor,
+            "convention": self.convention,
+        }
+
+    def state_weights(self) -> np.ndarray:
+        """[81] weights of the QTC_C1 states by code, before training."""
+        return alpha_table("c1")
+
+    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """See `Weighting.weigh`; at the first step no state has been observed."""
+        observed = self.observed(parameters, positions, valid)
+        unobserved = parameters.get("unobserved", 0.0)
+        first = jnp.full((*observed.shape[:2], 1), unobserved, observed.dtype)
+        return jnp.concatenate([first, observed], axis=-1)
+
+    def observed(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """[N, N, T-1] weights of the states observed in positions [N, T, 2] of `valid [N]`."""
+        table = jnp.asarray(parameters.get("table", self.state_weights()), positions.dtype)
+        return table.at[self.codes(parameters, positions)].get(mode="clip")
+
+
+@dataclasses.dataclass(frozen=True)
+class CndShipped(Cnd):
+    """The authors' own table, 1 / (2^nonzero 3^zero).
+
+    It counts neighbours by continuity alone, and staying in the state as one of them.
+    """
+
+    title = "cnd_shipped"
+    decimals: Whole | None = None
+    """Decimals to which the table is rounded; the authors printed theirs with 4."""
+
+    def state_weights(self) -> np.ndarray:
+        """See `Cnd.state_weights`."""
+        table = alpha_table("c1", rule="continuity", include_self=True)
+        return table if self.decimals is None else np.round(table, self.decimals)
+
+
+@dataclasses.dataclass(frozen=True)
+class Learned(Cnd):
+    """81 free weights, one a state, and one for the first step; they start at `cnd` and 0."""
+
+    title = "learned"
+
+    def start(self) -> Parameters:
+        """`table` [81] and `unobserved` []."""
+        return {"table": self.state_weights(), "unobserved": 0.0}
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantised(Cnd):
+    """`cnd` of symbols that are 0 below 5 cm a step.
+
+    A learned threshold has straight-through gradients: symbols are hard, their gradients those of
+    soft ones.
+    """
+
+    title = "quantised"
+    quantisation_factor: NotNegative = 0.05
+    temperature: Positive = 0.02
+    """Metres a step over which a symbol fades into the next, in gradients of the threshold."""
+    learned: bool = False
+    """Whether training changes the threshold."""
+    fades: ClassVar[bool] = False
+    """Whether alpha itself is the expectation over soft symbols."""
+
+    def __post_init__(self):
+        """Refuse a threshold that cannot be learned."""
+        super().__post_init__()
+        if self.learned and not self.quantisation_factor:
+            raise InputError("a quantisation_factor of 0 cannot be learned: its logarithm is")
+
+    def start(self) -> Parameters:
+        """`log_quantisation_factor` [] if learned."""
+        return {"log_quantisation_factor": np.log(self.quantisation_factor)} if self.learned else {}
+
+    def observed(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """See `Cnd.observed`."""
+        if not (self.learned or self.fades):
+            return super().observed(parameters, positions, valid)
+        temperature = self.temperature
+        if "log_temperature" in parameters:
+            temperature = jnp.exp(parameters["log_temperature"])
+        probabilities = soft_symbols(
+            positions[:, None],
+            positions,
+            temperature=temperature,
+            straight_through=not self.fades,
+            **self.thresholds(parameters),
+        )
+        return soft_alpha(probabilities, parameters.get("table"))
+
+
+@dataclasses.dataclass(frozen=True)
+class Soft(Quantised):
+    """The expectation of `cnd` where symbols fade into each other over `temperature`, see `soft`.
+
+    Training can change the threshold, the temperature and the table.
+    """
+
+    title = "soft"
+    fades: ClassVar[bool] = True
+
+    def start(self) -> Parameters:
+        """`log_quantisation_factor` [], `log_temperature` [], `table` [81], `unobserved` []."""
+        own = {"log_temperature": np.log(self.temperature), "table": self.state_weights()}
+        return {**super().start(), **own, "unobserved": 0.0} if self.learned else {}
+
+
+@dataclasses.dataclass(frozen=True)
+class Shuffled(Cnd):
+    """The weights of `quantised` with the wrong pairs, and the last step first.
+
+    Each neighbour of an agent gets those of the next nearer one, the nearest those of the farthest:
+    the same weights in the same scene, without their meaning.
+    """
+
+    title = "shuffled"
+    quantisation_factor: NotNegative = 0.05
+
+    def observed(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+        """See `Cnd.observed`."""
+        observed = super().observed(parameters, positions, valid)
+        return to_wrong_pairs(observed, positions[:, -1], valid)
+
+
+def to_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -> Array:
+    """`observed [N, N, T-1]` of `shuffled`, by the last positions `last [N, 2]`.
+
+    Each agent keeps its weights in another order, which follows from the scene alone: neither
+    rotation nor padding nor the order of the agents changes it.
+    """
+    others = other_pairs(valid, last.shape[0])
+    apart = jnp.square(last[:, None] - last[None]).sum(axis=-1)
+    by_distance = jnp.argsort(jnp.where(others, apart, jnp.inf), axis=1)
+    rank = jnp.argsort(by_distance, axis=1)
+    of_others = jnp.maximum(others.sum(axis=1, keepdims=True), 1)
+    source = jnp.take_along_axis(by_distance, (rank - 1) % of_others, axis=1)
+    return jnp.take_along_axis(observed[..., ::-1], source[..., None], axis=1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,14 +208,15 @@ class Ones(Weighting):
     """1 for every pair at every step, observed or not: the neural part alone."""
 
     title = "ones"
+    value: ClassVar[float] = 1.0
 
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """See `Weighting.weigh`."""
-        return jnp.ones((positions.shape[0], *positions.shape[:2]), positions.dtype)
+        return jnp.full((len(positions), *positions.shape[:2]), self.value, positions.dtype)
 
 
 @dataclasses.dataclass(frozen=True)
-class Zeros(Weighting):
+class Zeros(Ones):
     """0 for every pair, except of an agent for itself.
 
     The released training had these weights with the authors' table, because its reader took the
@@ -43,16 +224,15 @@ class Zeros(Weighting):
     """
 
     title = "zeros"
+    value: ClassVar[float] = 0.0
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
-        """See `Weighting.weigh`."""
-        return jnp.zeros((positions.shape[0], *positions.shape[:2]), positions.dtype)
-
-
-BUILT_IN = (Cnd, CndShipped, Quantised, Soft, Learned, Ones, Zeros, Shuffled)
 
 WEIGHTINGS: Registry[type[Weighting]] = Registry(
-    "weighting", {each.title: each for each in BUILT_IN}
+    "weighting",
+    {
+        each.title: each
+        for each in (Cnd, CndShipped, Quantised, Soft, Learned, Ones, Zeros, Shuffled)
+    },
 )
 
 
@@ -60,11 +240,6 @@ class FunctionWeighting(Weighting):
     """A weighting by a function `(positions [N, T, 2], valid [N], **parameters) -> [N, N, T]`."""
 
     function: ClassVar[Callable[..., Array]]
-    initial: ClassVar[Mapping[str, Any]]
-
-    def start(self) -> Parameters:
-        """The parameters that `register_weighting` was given."""
-        return self.initial
 
     def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
         """See `Weighting.weigh`."""
@@ -92,10 +267,9 @@ def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Cal
     """
 
     def register(weighting: Any) -> Any:
-        found = weighting
-        if not isinstance(weighting, type):
-            own = {"function": staticmethod(weighting), "initial": start}
-            found = type(name, (FunctionWeighting,), own)
+        own = {"function": staticmethod(weighting), "start": lambda _: start}
+        made = isinstance(weighting, type)
+        found: Any = weighting if made else type(name, (FunctionWeighting,), own)
         WEIGHTINGS.register(name, found, replace=replace)
         found.title = name
         return weighting
@@ -111,14 +285,7 @@ def make_weighting(
     `weighting` is an instance, or text such as `soft,temperature=0.05`; `parameters` are trained
     ones, by default the initial ones.
     """
-    chosen: Weighting = (
-        component_from_text(weighting, WEIGHTINGS, "weighting")
-        if isinstance(weighting, str)
-        else weighting
-    )
+    named = isinstance(weighting, str)
+    chosen = component_from_text(weighting, WEIGHTINGS, "weighting") if named else weighting
     given = initial_parameters(chosen) if parameters is None else parameters
-
-    def weigh(positions: ArrayLike, valid: ArrayLike | None = None) -> Array:
-        return chosen.alpha(given, positions, valid)
-
-    return weigh
+    return functools.partial(chosen.alpha, given)

@@ -37,8 +37,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.state_weightings import Cnd
 from neurosym_jax.symbolic.weighting import Parameters, Weighting
+from neurosym_jax.symbolic.weightings import Cnd
 from neurosym_robot.online.pairs import AT_LEAST, compile_events, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent

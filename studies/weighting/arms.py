@@ -11,8 +11,7 @@ from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.symbolic.cnd import alpha_from_states
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.state_weightings import to_wrong_pairs
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting, to_wrong_pairs
 from neurosym_jax.training.recipe import RECIPES, AnchorRecipe, Recipe, TrainConfig
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
 

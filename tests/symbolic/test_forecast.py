@@ -138,7 +138,7 @@ def test_a_registered_event_is_forecast_like_the_others():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"calculus": "z9"}, "unknown calculus 'z9'"),
+        ({"calculus": "z9"}, "calculus must be one of b1, c1, bc1"),
         ({"speed": -1.0}, "speed must"),
         ({"sped": 1.0}, "unknown field 'sped'"),
         ({"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),

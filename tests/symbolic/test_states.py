@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from neurosym_jax.symbolic.cnd import adjacency, alpha_table
-from neurosym_jax.symbolic.state_weightings import CndShipped
 from neurosym_jax.symbolic.states import (
     ABSENT,
     CALCULI,
@@ -16,6 +15,7 @@ from neurosym_jax.symbolic.states import (
     format_state,
     state_index,
 )
+from neurosym_jax.symbolic.weightings import CndShipped
 from tests.symbolic import literal
 
 

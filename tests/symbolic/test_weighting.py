@@ -14,10 +14,17 @@ from neurosym_jax.configuration import Positive, component_from_text
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import alpha_from_states, alpha_table
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.state_weightings import Cnd, CndShipped, Learned, Soft
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, make_weighting, register_weighting
+from neurosym_jax.symbolic.weightings import (
+    WEIGHTINGS,
+    Cnd,
+    CndShipped,
+    Learned,
+    Soft,
+    make_weighting,
+    register_weighting,
+)
 
 NAMES = tuple(WEIGHTINGS)
 RELEASED = CndShipped(convention="as_published", decimals=4)

@@ -12,8 +12,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.state_weightings import Soft
 from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.symbolic.weightings import Soft
 from neurosym_robot.dashboard import ReplayFile
 from neurosym_robot.dashboard.moments import MAX_NAMED, PairSymbols
 from neurosym_robot.online.frames import Frame
