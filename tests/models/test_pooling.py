@@ -1,13 +1,15 @@
-"""Poolings, folded as they are, against their formulas written out for every pair."""
+"""Poolings against their formulas written out for every pair; whom encounter pooling hears."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.encounter import _EncounterNetwork
 from neurosym_jax.models.neurosym import _DescribedNetwork, _RosNetwork
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.models.poolings import _GridNetwork
@@ -23,6 +25,9 @@ ALPHA = RNG.uniform(size=(N, N, T)).astype(np.float32)
 ALL = np.ones(N, bool)
 HIDDEN_POOLING = PoolNetwork(embedding_dim=E, h_dim=H, hidden_dim=9, bottleneck_dim=B)
 GRID = _GridNetwork(h_dim=H, grid_size=4, neighborhood_size=2.0)
+APART = OBSERVED + RNG.normal(0, 2, (N, 1, 2)).astype(np.float32)
+SOCIAL = 8
+ENCOUNTER = _EncounterNetwork(12, SOCIAL)
 DESCRIBED, ROS = (network(T, E, H, 9, B) for network in (_DescribedNetwork, _RosNetwork))
 
 
@@ -131,3 +136,53 @@ def test_a_missing_alpha_is_named():
     scene, noise = make_scene(OBSERVED), np.zeros(config.noise_dim)
     with pytest.raises(InputError, match=r"NeuroSyM needs alpha .* nj\.forecast"):
         jax.eval_shape(Generator(config).init, jax.random.key(0), scene, noise)
+
+
+@pytest.fixture(scope="module")
+def encounter():
+    """`(observed, valid, alpha) -> [N, SOCIAL]` with random parameters."""
+    params = random_params(ENCOUNTER, APART, ALL, ALPHA)
+    apply = jax.jit(ENCOUNTER.apply)
+
+    def pool(observed=APART, valid=ALL, alpha=ALPHA):
+        return np.asarray(apply(params, observed, valid, alpha))
+
+    return pool
+
+
+def test_encounter_pooling_has_no_order_of_agents(encounter):
+    order = np.array([3, 0, 5, 1, 4, 2])
+    permuted = encounter(APART[order], ALL, ALPHA[np.ix_(order, order)])
+    assert_allclose(permuted, encounter()[order], atol=1e-6)
+    assert np.ptp(encounter(), axis=0).min() > 0.01
+
+
+def test_somebody_alone_hears_nothing_and_gradients_are_finite(encounter):
+    assert_array_equal(encounter(valid=np.arange(N) == 2)[2], 0)
+    standing, params = np.zeros_like(APART), random_params(ENCOUNTER, APART, ALL, ALPHA)
+
+    def total(observed, alpha, valid):
+        return jnp.square(ENCOUNTER.apply(params, observed, valid, alpha)).sum()
+
+    gradients = jax.jit(jax.grad(total, argnums=(0, 1)))
+    for valid in (ALL, np.arange(N) == 2):
+        for gradient in gradients(standing, ALPHA, valid):
+            assert np.isfinite(gradient).all()
+
+
+def test_alpha_is_of_the_pair_and_of_the_last_step(encounter):
+    changed = ALPHA.copy()
+    changed[2, 4, :-1] = 9
+    assert_array_equal(encounter(alpha=changed), encounter())
+    changed[2, 4, -1] *= 5
+    difference = np.abs(encounter(alpha=changed) - encounter()).max(axis=1)
+    assert difference[2] > 1e-3
+    assert_array_equal(difference[np.arange(N) != 2], 0)
+
+
+def test_a_turned_scene_has_turned_pushes_and_the_same_numbers(encounter):
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]], "f4")
+    turned = encounter(APART @ turn.T + np.float32(3))
+    pushes = encounter()[:, : SOCIAL // 2].reshape(N, -1, 2) @ turn.T
+    assert_allclose(turned[:, : SOCIAL // 2].reshape(pushes.shape), pushes, atol=1e-4)
+    assert_allclose(turned[:, SOCIAL // 2 :], encounter()[:, SOCIAL // 2 :], atol=1e-4)
