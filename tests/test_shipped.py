@@ -1,15 +1,18 @@
-"""Every model that ships and looks at neighbours: its forecasts depend on who else is there."""
+"""Every model that ships: what it learned from, and who of its neighbours changes its forecasts."""
 
 import jax
 import numpy as np
 import pytest
 
 from neurosym_jax.data.batching import make_batches
+from neurosym_jax.data.published import licences_of
 from neurosym_jax.data.sources import Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.neighbours import MOVED, NEAR, without_neighbours
 from neurosym_jax.evaluation.scoring import chosen, score_scenes
 from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
+from neurosym_jax.forecasting.model import predict, predict_distribution
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 
@@ -20,6 +23,42 @@ SEEING = [name for name, model in MODELS.items() if model.forecaster.sees_neighb
 WORSE = {"sgan_univ_8": 1.05, "sgan_univ_12": 1.04}
 """Models whose neighbours raise the error, and by how much at most: univ has crowds of more than
 the 16 people that a training scene is cropped to, and SGAN's pooling is a maximum over all."""
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_model_names_its_data_and_their_licences(name):
+    model, place = MODELS[name], next(path for path in shipped_models() if path.name == name)
+    said = ", ".join(f"{data} ({licence})" for data, licence in model.data.items())
+    assert f"| learned from | {said} |" in (place / "README.md").read_text(encoding="utf-8")
+    # None forbids a use, so any of them may be a default.
+    assert {*model.data.values()} <= {"unstated", "MIT"}
+    assert licences_of(["SDD"]) == {"SDD": "CC BY-NC-SA 3.0, restricted"}
+
+
+def test_the_anchor_table_sees_nobody_and_says_so():
+    tables = [name for name in MODELS if name.startswith("anchor_table")]
+    assert {*MODELS} - {*SEEING} == {*tables}
+    assert len(tables) == 12
+    for name in tables:
+        assert MODELS[name].neighbours is None
+        assert sum(leaf.size for leaf in jax.tree.leaves(MODELS[name].params)) < 1000
+
+
+@pytest.mark.parametrize("samples", [1, 5, 20])
+def test_recommended_gives_the_samples_that_represent_twenty(samples):
+    """Fewer are the best spread by probability, which goes on from one choice to the next."""
+    model = MODELS["anchors_general_12"]
+    observed = np.random.default_rng(0).normal(0, 0.3, (4, 8, 2)).cumsum(axis=1)
+    whole, probability = predict_distribution(model, observed, samples=20)
+    found = predict(model, observed, samples=samples)
+    apart = np.abs(found[:, None] - whole).max(axis=(2, 3, 4))
+    places = apart.argmin(axis=1)
+    assert apart.min(axis=1).max() < 1e-4
+    assert len({*places}) == samples
+    if samples < 20:
+        assert places[0] == probability.argmax()
+    with pytest.raises(InputError, match="anchors has 20 samples, not 21: ask for --samples 20"):
+        predict(model, observed, samples=21)
 
 
 def batches_of(model, recordings, every=1):

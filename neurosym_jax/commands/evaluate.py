@@ -16,7 +16,7 @@ from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names
-from neurosym_jax.evaluation.plan import BASELINES, Test, load_models, load_tests, make_plan
+from neurosym_jax.evaluation.plan import BASELINES, TABLE, Test, load_models, load_tests, make_plan
 from neurosym_jax.evaluation.report import check_report, logged, write_report
 from neurosym_jax.evaluation.results import Result, Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
@@ -94,8 +94,8 @@ class Options:
     min_agents: Annotated[int | None, _named("INT")] = None
     """Minimum number of people in a scene; default: the protocol's."""
     baselines: Annotated[tuple[str, ...] | None, _named("NAME ...")] = None
-    """Forecasters to evaluate beside the models; default: constant velocity and, with --checkpoint
-    or --all, its sampled form."""
+    """Forecasters to evaluate beside the models; default: constant velocity, its sampled form and
+    the anchor table that ships; without arguments constant velocity alone."""
     metrics: Annotated[tuple[str, ...], _named("NAME ...")] = ()
     """Further metrics by name, see docs/metrics.md, or `all` but those of --symbols."""
     symbols: bool = False
@@ -182,7 +182,7 @@ def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
     if options.all:
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())
-        names = [name for name in shipped if not name.startswith(BASELINES)]
+        names = [name for name in shipped if not name.startswith(TABLE)]
     names = names or default_models(source, options.dataset, pred_len)
     models = load_models(names, source, options.dataset, pred_len)
     return source_of(models[0][1].dataset) if options.checkpoint else source, models
@@ -214,7 +214,8 @@ def _lengths(options: Options) -> dict[str, int | None]:
 
 def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) -> list[Test]:
     baselines, least = options.baselines, options.min_agents
-    if baselines is None and not (options.checkpoint or options.all):
+    chosen = options.checkpoint or options.all
+    if baselines is None and isinstance(source, Synthetic) and not chosen:
         baselines = BASELINES[:1]
     plan = make_plan(
         source,
@@ -223,6 +224,7 @@ def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) ->
         test_on=options.test_on,
         **_lengths(options),
         baselines=baselines,
+        samples=options.samples,
         # A folder of models, or what ships, is not named model by model.
         only_matching=len(models) != len(options.checkpoint),
     )

@@ -120,7 +120,8 @@ def _print_errors(run: Run, model: Model) -> None:
     """Print the validation errors of the model, which they chose, and of the baselines."""
     batches = make_batches(run.validation)
     print(f"on the {run.validation.scenes} validation scenes, joint best of {run.samples}, metres:")
-    baselines = baselines_of(None, run.network.obs_len, run.network.pred_len)
+    lengths = run.network.obs_len, run.network.pred_len
+    baselines = baselines_of(None, *lengths, run.dataset, run.samples)
     for each in (model, *(baseline for _, baseline in baselines)):
         found = score_forecaster(
             each.forecaster,

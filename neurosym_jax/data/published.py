@@ -25,7 +25,10 @@ HOME = (
 
 COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")  # folders in `data_folder()`
 
-_LICENCES = {"sdd": ("SDD", "CC BY-NC-SA 3.0"), "simulations": ("simulations", "MIT")}
+_LICENCES = {
+    "sdd": ("SDD", "CC BY-NC-SA 3.0, restricted"),  # What forbids a use is no default here.
+    "simulations": ("simulations", "MIT"),
+}
 
 
 def licences_of(names: Iterable[str]) -> dict[str, str]:

@@ -15,17 +15,19 @@ from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import find_checkpoints
+from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_name
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
 
-__all__ = ["BASELINES", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
+__all__ = ["BASELINES", "TABLE", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
 __all__ += ["load_models", "load_tests", "make_plan", "make_test"]
 
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
 """Forecasters that every model is tested beside, by name."""
+TABLE = "anchor_table"
+"""The baseline that ships trained: offsets to constant velocity, without a network."""
 LENGTH = 8
 """Steps observed, and forecast, where no model says how many."""
 
@@ -79,6 +81,7 @@ def make_plan(
     obs_len: int | None = None,
     pred_len: int | None = None,
     baselines: Sequence[str] | None = None,
+    samples: int = 20,
     only_matching: bool = False,
 ) -> dict[TestSet, Entries]:
     """Plan the entries of each test set, by the source's order of datasets, then by horizon.
@@ -93,6 +96,7 @@ def make_plan(
         obs_len: steps that the models have to observe.
         pred_len: steps that they have to forecast.
         baselines: see `baselines_of`.
+        samples: number of forecasts of each scene, k.
         only_matching: leave out models that would be refused.
 
     Raises:
@@ -118,7 +122,10 @@ def make_plan(
         tested = {TestSet(name, obs_len or LENGTH, pred_len or LENGTH): [] for name in everywhere}
     order = [*everywhere, *source.scenes]
     sets = sorted(tested, key=lambda of: (order.index(of.dataset), of.obs_len, of.pred_len))
-    return {of: [*baselines_of(baselines, of.obs_len, of.pred_len), *tested[of]] for of in sets}
+    return {
+        of: [*baselines_of(baselines, of.obs_len, of.pred_len, of.dataset, samples), *tested[of]]
+        for of in sets
+    }
 
 
 def _contradiction(
@@ -145,23 +152,41 @@ def _contradiction(
     return f"{where} on what it was trained on (--test-on with file names does so all the same)"
 
 
-def baselines_of(names: Sequence[str] | None, obs_len: int, pred_len: int) -> Entries:
-    """The baselines of a test set, by names of forecasters; None for `BASELINES`."""
-    names = BASELINES if names is None else names
-    return [(None, baseline(name, obs_len, pred_len)) for name in names]
+def baselines_of(
+    names: Sequence[str] | None,
+    obs_len: int,
+    pred_len: int,
+    dataset: str | None = None,
+    samples: int = 20,
+) -> Entries:
+    """The baselines of a test set, by names of forecasters.
+
+    None stands for `BASELINES` and, where one of this horizon ships with as many `samples`, the
+    anchor table that has not learned from `dataset`.
+    """
+    if names is None:
+        table = find_model(shipped_name(TABLE, dataset, pred_len))
+        fits = table.is_dir() and obs_len == LENGTH and samples <= load_model(table).config.samples
+        names = (*BASELINES, *([TABLE] if fits else []))
+    return [(None, baseline(name, obs_len, pred_len, dataset)) for name in names]
 
 
-def baseline(name: str, obs_len: int, pred_len: int) -> Model:
-    """Make a registered forecaster without parameters, at a horizon.
+def baseline(name: str, obs_len: int, pred_len: int, dataset: str | None = None) -> Model:
+    """Make a registered forecaster without parameters, or load the shipped anchor table.
 
     Raises:
-        InputError: for a forecaster with parameters.
+        InputError: for another forecaster with parameters, or a horizon without a table.
     """
     forecaster = FORECASTERS[name]
     config = forecaster.Config(obs_len=obs_len, pred_len=pred_len)
-    if forecaster(config).shapes():
+    if not forecaster(config).shapes():
+        return Model(config, {}, kind=name)
+    if name != TABLE:
         raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
-    return Model(config, {}, kind=name)
+    place = find_model(shipped_name(TABLE, dataset, pred_len))
+    if obs_len != LENGTH or not place.is_dir():
+        raise InputError(f"forecaster {name}: none of {obs_len} + {pred_len} steps ships")
+    return load_model(place)
 
 
 def load_tests(
@@ -195,18 +220,19 @@ def make_test(
         found, looked = seen_before(model.seen, windows)
         if found:
             line = (
-                f"{path}: was trained on these people: {found} of {looked} windows that were "
-                "looked for are among its training windows, so its errors are too small"
+                f"{path or model.name}: was trained on these people: {found} of {looked} windows "
+                "that were looked for are among its training windows, so its errors are too small"
             )
             warnings.warn(line, InputWarning, stacklevel=2)
             first = windows.reading[0]
             first = dataclasses.replace(first, warnings=(*first.warnings, line))
             windows = dataclasses.replace(windows, reading=(first, *windows.reading[1:]))
         trained = model.config.period
-        if path is not None and abs(trained - windows.period) > 0.01 * trained:
+        learned = path is not None or model.params
+        if learned and abs(trained - windows.period) > 0.01 * trained:
             warnings.warn(
-                f"{path}: was trained on steps of {trained:g} s and is tested on steps of "
-                f"{windows.period:g} s (--period {trained:g} resamples the recordings)",
+                f"{path or model.name}: was trained on steps of {trained:g} s and is tested on "
+                f"steps of {windows.period:g} s (--period {trained:g} resamples the recordings)",
                 InputWarning,
                 stacklevel=2,
             )

@@ -132,7 +132,7 @@ def evaluate(
     tests = [
         make_test(
             TestSet(name, obs_len, pred_len),
-            [*baselines_of(baselines, obs_len, pred_len), *entries],
+            [*baselines_of(baselines, obs_len, pred_len, samples=samples), *entries],
             [on_grid(tracks, period, options.max_gap) for tracks in recordings],
             min_agents,
         )
