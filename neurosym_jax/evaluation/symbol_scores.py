@@ -54,7 +54,7 @@ def _mean_log(hits: Array, k: int, classes: int, scene: Scene) -> tuple[Array, A
     scores = -jnp.log((hits + smoothing / classes) / (k + smoothing))
     last = scene.observed[:, -1]
     near = jnp.square(last[:, None] - last).sum(axis=-1) <= NEAR**2
-    pairs = near & other_pairs(scene.valid, len(last))
+    pairs = near & other_pairs(scene.valid)
     count = pairs.sum()
     each = jnp.where(pairs, scores.reshape(*pairs.shape, -1).mean(axis=-1), 0)
     return each.sum() / jnp.maximum(count, 1), count

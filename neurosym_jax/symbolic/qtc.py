@@ -83,10 +83,10 @@ def observe(
     return jnp.moveaxis(jnp.stack(symbols), (0, 1), (-1, -2))
 
 
-def other_pairs(valid: ArrayLike | None, count: int) -> Array:
-    """[N, N] bool: pairs of two different agents, both `valid` [N]; None is all valid."""
-    present = jnp.ones(count, bool) if valid is None else jnp.asarray(valid)
-    return ~jnp.eye(count, dtype=bool) & present[:, None] & present[None]
+def other_pairs(valid: ArrayLike) -> Array:
+    """[N, N] bool: pairs of two different agents, both `valid` [N]."""
+    valid = jnp.asarray(valid)
+    return ~jnp.eye(len(valid), dtype=bool) & valid[:, None] & valid[None]
 
 
 def side_factor(

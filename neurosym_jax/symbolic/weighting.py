@@ -34,7 +34,7 @@ class Weighting(Checked, abc.ABC):
     """The name by which it is registered, in text forms and tables."""
 
     @abc.abstractmethod
-    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
         """[N, N, T] weights of all ordered pairs of one scene, see `alpha` for the arguments."""
 
     def start(self) -> Parameters:
@@ -69,7 +69,7 @@ class Weighting(Checked, abc.ABC):
         """
         positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
         present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
-        alpha = self.weigh(parameters, positions, valid).astype(positions.dtype)
+        alpha = self.weigh(parameters, positions, present).astype(positions.dtype)
         alpha = jnp.where(jnp.eye(positions.shape[0], dtype=bool)[..., None], 1, alpha)
         pairs = present[:, None] & present[None] & (present.sum() != 1)
         return jnp.where(pairs[..., None], alpha, 0)

@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import NotNegative, Positive, Whole, component_from_text
 from neurosym_jax.errors import InputError
@@ -70,14 +69,14 @@ class Cnd(Weighting):
         """[81] weights of the QTC_C1 states by code, before training."""
         return alpha_table("c1")
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
         """See `Weighting.weigh`; at the first step no state has been observed."""
         observed = self.observed(parameters, positions, valid)
         unobserved = parameters.get("unobserved", 0.0)
         first = jnp.full((*observed.shape[:2], 1), unobserved, observed.dtype)
         return jnp.concatenate([first, observed], axis=-1)
 
-    def observed(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+    def observed(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
         """[N, N, T-1] weights of the states observed in positions [N, T, 2] of `valid [N]`."""
         table = jnp.asarray(parameters.get("table", self.state_weights()), positions.dtype)
         return table.at[self.codes(parameters, positions)].get(mode="clip")
@@ -138,7 +137,7 @@ class Quantised(Cnd):
         """`log_quantisation_factor` [] if learned."""
         return {"log_quantisation_factor": np.log(self.quantisation_factor)} if self.learned else {}
 
-    def observed(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+    def observed(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
         """See `Cnd.observed`."""
         if not (self.learned or self.fades):
             return super().observed(parameters, positions, valid)
@@ -182,19 +181,19 @@ class Shuffled(Cnd):
     title = "shuffled"
     quantisation_factor: NotNegative = 0.05
 
-    def observed(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+    def observed(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
         """See `Cnd.observed`."""
         observed = super().observed(parameters, positions, valid)
         return to_wrong_pairs(observed, positions[:, -1], valid)
 
 
-def to_wrong_pairs(observed: Array, last: Array, valid: ArrayLike | None) -> Array:
+def to_wrong_pairs(observed: Array, last: Array, valid: Array) -> Array:
     """`observed [N, N, T-1]` of `shuffled`, by the last positions `last [N, 2]`.
 
     Each agent keeps its weights in another order, which follows from the scene alone: neither
     rotation nor padding nor the order of the agents changes it.
     """
-    others = other_pairs(valid, last.shape[0])
+    others = other_pairs(valid)
     apart = jnp.square(last[:, None] - last[None]).sum(axis=-1)
     by_distance = jnp.argsort(jnp.where(others, apart, jnp.inf), axis=1)
     rank = jnp.argsort(by_distance, axis=1)
@@ -210,7 +209,7 @@ class Ones(Weighting):
     title = "ones"
     value: ClassVar[float] = 1.0
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
         """See `Weighting.weigh`."""
         return jnp.full((len(positions), *positions.shape[:2]), self.value, positions.dtype)
 
@@ -241,10 +240,9 @@ class FunctionWeighting(Weighting):
 
     function: ClassVar[Callable[..., Array]]
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: ArrayLike | None) -> Array:
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
         """See `Weighting.weigh`."""
-        present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
-        return type(self).function(positions, present, **parameters)
+        return type(self).function(positions, valid, **parameters)
 
     def __reduce__(self):
         # Its class is in no module: another process finds it by its name.

@@ -41,31 +41,20 @@ def sign(value, threshold=0.0):
     return (value > threshold) - (value < -threshold)
 
 
-def minus(a, b):
-    return a[0] - b[0], a[1] - b[1]
-
-
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1]
-
-
-def cross(a, b):
-    return a[0] * b[1] - a[1] * b[0]
-
-
 def norm(a):
-    return math.sqrt(dot(a, a))
+    return math.sqrt(a.real**2 + a.imag**2)
 
 
 def towards_and_aside(k0, k1, l0, convention, factor, side_factor):
     """q1 and q3 of somebody who steps from k0 to k1 while the other is at l0."""
-    step, line = minus(k1, k0), minus(l0, k0)
-    apart = norm(line)
+    k0, k1, l0 = (complex(*at) for at in (k0, k1, l0))
+    step, line = k1 - k0, l0 - k0
+    apart, turned = norm(line), step.conjugate() * line  # Their dot and cross products.
     if convention == "line":  # The component along the line through both.
-        towards = sign(-dot(step, line) / apart, factor) if apart else 0
+        towards = sign(-turned.real / apart, factor) if apart else 0
     else:  # By how much the distance grows.
-        towards = sign(norm(minus(k1, l0)) - apart, factor)
-    aside = sign(cross(step, line) / apart, side_factor) if apart else 0
+        towards = sign(norm(k1 - l0) - apart, factor)
+    aside = sign(turned.imag / apart, side_factor) if apart else 0
     # The released code takes the norm of the cross product, which is never negative.
     return towards, abs(aside) if convention == "as_published" else aside
 

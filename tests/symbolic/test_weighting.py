@@ -14,7 +14,6 @@ from neurosym_jax.configuration import Positive, component_from_text
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import alpha_from_states, alpha_table
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 from neurosym_jax.symbolic.weightings import (
     WEIGHTINGS,
@@ -42,11 +41,6 @@ def compiled(weighting):
 def alpha_of(positions, valid=None, weighting="cnd"):
     valid = np.ones(len(positions), bool) if valid is None else valid
     return compiled(weighting)(positions, valid)
-
-
-@functools.partial(jax.jit, static_argnames="factor")
-def codes_of(positions, factor=0.0):
-    return encode_state(observe(positions[:, None], positions, quantisation_factor=factor))
 
 
 def walks(agents, seed=0, steps=8):
@@ -122,7 +116,7 @@ def test_a_table_is_learned():
     total = jax.jit(jax.grad(lambda parameters: weighting.alpha(parameters, positions).sum()))
     gradient = total(initial_parameters(weighting))
     assert float(gradient["unobserved"]) == 6  # ordered pairs
-    codes = np.asarray(codes_of(positions))[~np.eye(3, dtype=bool)]
+    codes = np.asarray(weighting.codes({}, positions))[~np.eye(3, dtype=bool)]
     np.testing.assert_array_equal(gradient["table"], np.bincount(codes.ravel(), minlength=81))
     np.testing.assert_array_equal(alpha_of(positions, None, "learned"), alpha_of(positions))
 
