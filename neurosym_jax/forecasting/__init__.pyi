@@ -6,6 +6,8 @@ from .forecaster import TwoStageForecaster as TwoStageForecaster
 from .forecasters import ConstantVelocity as ConstantVelocity
 from .forecasters import ConstantVelocitySampled as ConstantVelocitySampled
 from .forecasters import register_forecaster as register_forecaster
+from .hub import from_pretrained as from_pretrained
+from .hub import push_to_hub as push_to_hub
 from .model import Model as Model
 from .model import predict as predict
 from .model import predict_distribution as predict_distribution

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -59,6 +60,25 @@ class Model:
         """The weighting of pairs; None for a model without symbols."""
         weighting = getattr(self.config, "weighting", None)
         return weighting if isinstance(weighting, Weighting) else None
+
+    @staticmethod
+    def from_pretrained(name: Path | str, *, revision: str | None = None) -> "Model":
+        """See `forecasting.from_pretrained`: a path, a shipped name, or the Hub's `owner/name`."""
+        from neurosym_jax.forecasting.hub import from_pretrained
+
+        return from_pretrained(name, revision=revision)
+
+    def save_pretrained(self, folder: Path | str, card: str | None = None) -> None:
+        """See `save_model`."""
+        from neurosym_jax.forecasting.model_folder import save_model
+
+        save_model(folder, self, card)
+
+    def push_to_hub(self, name: str, *, private: bool = False, card: str | None = None) -> str:
+        """See `forecasting.push_to_hub`: to the Hub's repository `owner/name`."""
+        from neurosym_jax.forecasting.hub import push_to_hub
+
+        return push_to_hub(self, name, private=private, card=card)
 
     def __repr__(self) -> str:
         """Five lines, without the parameters' numbers and the config's defaults."""

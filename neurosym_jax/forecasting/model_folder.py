@@ -15,7 +15,10 @@ import hashlib
 import json
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
+
+import yaml
 
 from neurosym_jax.configuration import from_json, parse_json, to_json
 from neurosym_jax.data.leakage import is_fingerprint
@@ -34,19 +37,22 @@ from neurosym_jax.forecasting.parameters import (
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder
 
-__all__ = ["load_model", "replace_card", "save_model"]
+__all__ = ["FILES", "load_model", "replace_card", "save_model"]
 
-CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
+FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
 FIELDS = {"forecaster", "config", "dataset", "plugins"}
 OPTIONAL = {"seen", "neighbours", "data"}
+HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0": "cc-by-nc-sa-3.0"}
+"""Our names of data's licences, and the Hub's."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 
 
 def save_model(folder: Path | str, model: Model, card: str | None = None) -> None:
     """Write `model` as a new folder, which appears whole or not at all.
 
-    `card` is the text of its `README.md`, by default a summary of the configuration.
+    `card` is the text of its `README.md`, by default a summary of the configuration; it gets the
+    header of the Hugging Face Hub unless it has one.
 
     Raises:
         InputError: if something is already there or cannot be written, and for a model that would
@@ -70,7 +76,8 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         raise InputError(f"the configuration of {model.name} does not come back from JSON")
     with new_folder(folder) as beside:
         (beside / PARAMS).write_bytes(save(flat_parameters(model.params)))
-        (beside / CARD).write_text(_card(model) if card is None else card, encoding="utf-8")
+        text_of_card = _headed(_card(model) if card is None else card, model.data)
+        (beside / CARD).write_text(text_of_card, encoding="utf-8")
         _write_config(beside / CONFIG, beside, f"{text[2:]}\n".encode())
 
 
@@ -78,7 +85,8 @@ def replace_card(folder: Path, card: str) -> None:
     """Replace the card of the model in `folder`, whose digest follows."""
     _, rest = _read_config(folder)
     with new_file(folder / CARD) as beside:
-        beside.write_text(card, encoding="utf-8")
+        data = parse_json(b"{" + rest, CONFIG).get("data", {})
+        beside.write_text(_headed(card, data), encoding="utf-8")
     with new_file(folder / CONFIG) as beside:
         _write_config(beside, folder, rest)
 
@@ -186,3 +194,19 @@ def _card(model: Model) -> str:
         f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "
         "ones. `neurosym_jax.load_model` reads this folder.\n" + (assumed if model.assumed else "")
     )
+
+
+def _headed(card: str, data: Mapping[str, str]) -> str:
+    """The card with the header that the Hugging Face Hub reads; `data` as `Model.data`."""
+    if card.startswith("---\n"):
+        return card
+    licences = {HUB_LICENCES.get(licence, "unknown") for licence in data.values()} or {"unknown"}
+    header = {
+        "library_name": "neurosym_jax",
+        "license": licences.pop() if len(licences) == 1 else "other",
+        "datasets": [name.lower().replace("/", "-") for name in data],
+        "dataset_licenses": dict(data),
+        "metrics": ["ade", "fde"],
+        "tags": ["trajectory-prediction", "jax"],
+    }
+    return f"---\n{yaml.safe_dump(header, sort_keys=False)}---\n\n{card}"

@@ -69,7 +69,7 @@ def test_round_trip(saved):
     assert {leaf.dtype for leaf in jax.tree.leaves(loaded.params)} == {np.dtype(np.float32)}
     files = {"README.md", "config.json", "params.safetensors"}
     assert {path.name for path in saved.iterdir()} == files
-    assert (saved / "README.md").read_text().startswith("# SGAN, to be tested on zara1\n")
+    assert "\n---\n\n# SGAN, to be tested on zara1\n" in (saved / "README.md").read_text()
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
     # Anybody can check the digest.
     command = "(tail -n +3 config.json; cat README.md params.safetensors) | sha256sum"

@@ -1,0 +1,154 @@
+"""Models to the Hugging Face Hub and back: through folders, and a small server in its place."""
+
+import base64
+import json
+import os
+import re
+import subprocess
+import sys
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import numpy as np
+import pytest
+import yaml
+
+from neurosym_jax import InputError, Model, load_model, predict
+
+COMMIT = "c" * 40
+
+
+class Hub(BaseHTTPRequestHandler):
+    """The part of the Hub's interface that an upload and a download of small files need."""
+
+    files: dict[str, bytes]
+
+    def do_POST(self):
+        body = self.rfile.read(int(self.headers["Content-Length"]))
+        if self.path.endswith("/repos/create"):
+            self.reply({"url": f"http://{self.headers['Host']}/me/walkers"})
+        elif "/preupload/" in self.path:
+            names = [file["path"] for file in json.loads(body)["files"]]
+            files = [{"path": n, "uploadMode": "regular", "shouldIgnore": False} for n in names]
+            self.reply({"files": files})
+        elif "/commit/" in self.path:
+            for line in map(json.loads, body.splitlines()):
+                if line["key"] == "file":
+                    content = base64.b64decode(line["value"]["content"])
+                    self.files[line["value"]["path"]] = content
+            url = f"http://{self.headers['Host']}/me/walkers/commit/{COMMIT}"
+            self.reply({"commitUrl": url, "commitOid": COMMIT})
+        else:
+            self.reply({})
+
+    def do_GET(self):
+        name = self.path.split("/")[-1]
+        if not self.path.startswith(("/api/models/me/walkers", "/me/walkers")):
+            self.reply({"error": "Repository not found"}, 404)
+        elif "/resolve/" in self.path:
+            headers = {"ETag": f'"{name}"', "X-Repo-Commit": COMMIT}
+            self.reply(self.files[name], **headers)
+        elif "/tree/" in self.path:
+            sizes = {name: len(content) for name, content in self.files.items()} | {"film.mp4": 9}
+            entries = {"type": "file", "oid": "0" * 40}
+            self.reply([{**entries, "path": name, "size": size} for name, size in sizes.items()])
+        else:
+            siblings = [{"rfilename": file} for file in (*self.files, "film.mp4")]
+            self.reply({"id": "me/walkers", "sha": COMMIT, "siblings": siblings})
+
+    do_HEAD = do_GET
+
+    def reply(self, content, status=200, **headers):
+        data = content if isinstance(content, bytes) else json.dumps(content).encode()
+        self.send_response(status)
+        for name, value in ({"Content-Length": str(len(data))} | headers).items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(data)
+
+    def log_message(self, format, *args):
+        pass
+
+
+@pytest.fixture
+def hub():
+    handler = type("OneHub", (Hub,), {"files": {}})
+    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}", handler.files
+    server.shutdown()
+    server.server_close()
+
+
+def header_of(folder):
+    (header,) = re.findall(r"\A---\n(.*?)---\n\n# ", (folder / "README.md").read_text(), re.DOTALL)
+    return yaml.safe_load(header)
+
+
+@pytest.mark.parametrize(
+    ("name", "licence", "datasets"),
+    [("sgan_simulations_8", "mit", ["simulations"]), ("sgan_zara1_8", "unknown", ["eth-ucy"])],
+)
+def test_folders_have_the_header_of_the_hub(tmp_path, name, licence, datasets):
+    model = Model.from_pretrained(name)
+    model.save_pretrained(tmp_path / "model")
+    header = header_of(tmp_path / "model")
+    assert (header["license"], header["datasets"]) == (licence, datasets)
+    assert header["library_name"] == "neurosym_jax"
+    assert header["metrics"] == ["ade", "fde"]
+    observed = np.cumsum(np.full((3, 8, 2), 0.3), axis=1)
+    again = Model.from_pretrained(tmp_path / "model")
+    np.testing.assert_array_equal(predict(again, observed), predict(model, observed))
+    model.save_pretrained(tmp_path / "own", card="---\nlicense: mit\n---\n\n# Mine\n")
+    assert header_of(tmp_path / "own") == {"license": "mit"}
+
+
+def test_a_licence_that_forbids_commerce_is_the_models(model, tmp_path):
+    import dataclasses
+
+    data = {"SDD": "CC BY-NC-SA 3.0"}
+    made = dataclasses.replace(model("none"), data=data)
+    made.save_pretrained(tmp_path / "sdd")
+    assert header_of(tmp_path / "sdd")["license"] == "cc-by-nc-sa-3.0"
+    dataclasses.replace(made, data={**data, "ETH/UCY": "unstated"}).save_pretrained(tmp_path / "b")
+    assert header_of(tmp_path / "b")["license"] == "other"
+
+
+def run(code, tmp_path, endpoint):
+    """`code` in a process that takes `endpoint` for the Hub."""
+    pytest.importorskip("huggingface_hub", reason="huggingface_hub is not installed")
+    cache = {"HF_HOME": str(tmp_path / "cache"), "HF_HUB_DISABLE_PROGRESS_BARS": "1"}
+    hub = {"HF_ENDPOINT": endpoint, "HF_TOKEN": "hf_a", **cache}
+    code = f"import neurosym_jax as nj\n{code}"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, **hub}, capture_output=True, text=True
+    )
+    return "".join([done.stdout, *done.stderr.splitlines(keepends=True)[-1:]]).strip()
+
+
+@pytest.mark.slow
+def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
+    endpoint, files = hub
+    code = (
+        "model = nj.load_model('sgan_simulations_8'); print(model.push_to_hub('me/walkers'))\n"
+        f"nj.Model.from_pretrained('me/walkers').save_pretrained({str(tmp_path / 'back')!r})\n"
+    )
+    assert run(code, tmp_path, endpoint) == f"{endpoint}/me/walkers/commit/{COMMIT}"
+    assert sorted(files) == ["README.md", "config.json", "params.safetensors"]
+    for name, content in files.items():
+        assert (tmp_path / "back" / name).read_bytes() == content
+    assert "me/nobody: " in run("nj.Model.from_pretrained('me/nobody')", tmp_path, endpoint)
+    files["README.md"] += b"edited in the browser"
+    again = run("nj.Model.from_pretrained('me/walkers')", tmp_path / "again", endpoint)
+    assert "damaged: its files do not match the digest" in again
+
+
+def test_what_is_nowhere_is_named_in_one_line(monkeypatch):
+    with pytest.raises(InputError, match="absent: no such checkpoint"):
+        Model.from_pretrained("absent")
+    monkeypatch.setitem(sys.modules, "huggingface_hub", None)
+    with pytest.raises(InputError, match=r"me/walkers: the Hub needs pip install .*\[hub\]"):
+        Model.from_pretrained("me/walkers")
+    with pytest.raises(InputError, match="the Hub needs"):
+        load_model("sgan_simulations_8").push_to_hub("me/walkers")
