@@ -138,7 +138,7 @@ class AnchorNetwork(nn.Module):
         walking = jnp.square(heading).sum(-1)
         past = turned(steps, heading[:, None], -1)
         speeds = jnp.stack([hertz * speed, jnp.square(hertz * speed), walking], -1)
-        own = [hertz * past.reshape(len(past), -1), hertz * length(steps), speeds, roughness]
+        own = [hertz * past.reshape(past.shape[0], -1), hertz * length(steps), speeds, roughness]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
         if config.interacts:
             pairs, gate, around = self.pairs(observed, velocity, heading, valid)

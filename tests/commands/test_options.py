@@ -16,6 +16,7 @@ from neurosym_jax.data.sources import open_source
 from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.results import Settings, evaluate_tests
 from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.interop.parity import Parity
 from tests.commands.walk import (
     READ,
     TABLE,
@@ -176,7 +177,6 @@ def inner(data):
     """By command: what is recorded and not run, and what it returns."""
     source = open_source(data / "a" / "walk.txt")
     results = list(evaluate_tests(load_tests(source, make_plan(source, [])), Settings(2)))
-    parity = SimpleNamespace(ok=True)
     figure = {"neurosym_jax.plotting.save_figure": Path("figure.png")}
     shipped = [load_model.__globals__["find_model"](n) for n in ("sgan_simulations_8",)]
     return {
@@ -206,7 +206,7 @@ def inner(data):
         },
         "download": {f"{C}.download.download": (1, 1)},
         "parity": {
-            f"{C}.parity.run_parity": parity,
+            f"{C}.parity.run_parity": Parity(()),
             f"{C}.parity.run_torch": None,
             f"{C}.parity.new_folder": lambda: contextlib.nullcontext("kept"),
             f"{C}.parity.load_torch_checkpoint": SimpleNamespace(assumed=()),

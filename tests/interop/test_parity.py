@@ -208,7 +208,7 @@ def test_bad_manifests(tmp_path, text, reason):
         ({"directory": GOLDEN / "fresh", "tolerance": -1.0}, "tolerance"),
         ({"directory": GOLDEN / "fresh", "tolerance": float("nan")}, "tolerance"),
         ({}, "give either"),
-        ({"directory": GOLDEN, "torch_module": "a.py:B"}, "give either"),
+        ({"directory": GOLDEN, "torch_module": "a.py:B"}, "--torch-module: has no effect"),
         ({"torch_module": "a.py:B"}, "give either"),
     ],
 )
