@@ -16,9 +16,8 @@ from neurosym_jax.errors import InputError
 from neurosym_robot.dashboard import Dashboard, View
 from neurosym_robot.dashboard.foxglove_view import FoxgloveView
 from neurosym_robot.dashboard.moments import Moments, read_floor_map
-from neurosym_robot.online.compilation import When
 from neurosym_robot.online.pairs import AT_LEAST
-from neurosym_robot.online.predictor import Predictor, load_models
+from neurosym_robot.online.predictor import Predictor, When, load_models
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
 from neurosym_robot.ros.people import REACH, PeopleSource

@@ -80,7 +80,7 @@ def run(options: Options) -> None:
                 if event.forecast is not None:
                     status.published(event.age)
                 for view in (*written, *live):
-                    view.show(event, status.now(), source.robot(event.frame.stamp))
+                    view.show(event, status.now())
         except KeyboardInterrupt:
             print("interrupted; until then:")
         scored = analytics.finish()

@@ -13,8 +13,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 from neurosym_robot.dashboard.moments import Moments
@@ -58,10 +56,8 @@ class View:
     where: str
     """What it is, such as "the page is at", and its address or file."""
 
-    def show(
-        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
-    ) -> None:
-        """Show a frame; `now` is `Status.now()`, `robot` [3] metres, metres, radians."""
+    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
+        """Show a frame; `now` is `Status.now()`."""
 
     def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
         """Show the final `Analytics.summary()`, and the last forecasts that were scored."""
@@ -76,11 +72,9 @@ class Page(View):
     def __init__(self, moments: Moments, write: Callable[[str], object]):
         self._moments, self._write = moments, write
 
-    def show(
-        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
-    ) -> None:
+    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
         """Write the line of a frame."""
-        line = self._moments.moment(event, now, robot)
+        line = self._moments.moment(event, now)
         if line is not None:
             self._write(line)
 

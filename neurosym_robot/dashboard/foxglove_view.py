@@ -23,7 +23,6 @@ __all__ = ["FoxgloveView"]
 
 LAST = 2.0**32  # seconds that Foxglove's stamps can hold
 SEEN = 1  # seconds that a person or a forecast is shown at most
-HEIGHT = 1.7  # metres of a person
 FAINT = 0.25  # opacity of samples
 # Of the models in their order, after Okabe and Ito.
 COLOURS = ((0.0, 0.45, 0.7), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65))
@@ -75,9 +74,7 @@ class FoxgloveView(View):
         except (OSError, RuntimeError, OverflowError) as error:
             raise InputError(f"{to}: cannot be used for Foxglove ({error})") from None
 
-    def show(
-        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
-    ) -> None:
+    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
         """Publish a frame, its forecast and the numbers."""
         frame, forecast, kinds = event.frame, event.forecast, self._kinds
         if not 0 <= frame.stamp < LAST:
@@ -112,33 +109,30 @@ class FoxgloveView(View):
         self._stop()
 
     def _person(self, id: int, x: float, y: float) -> dict[str, Any]:
-        """A cylinder and the id above it."""
-        kinds, upright = self._kinds, self._kinds.Quaternion(w=1.0)
-        body, label = (
-            kinds.Pose(position=kinds.Vector3(x=x, y=y, z=z), orientation=upright)
-            for z in (HEIGHT / 2, HEIGHT + 0.2)
+        """A ball and the id above it."""
+        kinds = self._kinds
+        ball, label = (
+            kinds.Pose(position=kinds.Vector3(x=x, y=y, z=z), orientation=kinds.Quaternion(w=1.0))
+            for z in (0.2, 0.8)
         )
-        size, grey = kinds.Vector3(x=0.4, y=0.4, z=HEIGHT), kinds.Color(r=0.5, g=0.5, b=0.5, a=0.8)
-        cylinder = kinds.CylinderPrimitive(
-            pose=body, size=size, bottom_scale=1.0, top_scale=1.0, color=grey
-        )
-        text = kinds.TextPrimitive(
-            pose=label, billboard=True, font_size=0.3, color=grey, text=str(id)
-        )
-        return {"cylinders": [cylinder], "texts": [text]}
+        size, grey = kinds.Vector3(x=0.4, y=0.4, z=0.4), kinds.Color(r=0.5, g=0.5, b=0.5, a=0.9)
+        name = {"billboard": True, "font_size": 0.3, "text": str(id)}
+        return {
+            "spheres": [kinds.SpherePrimitive(pose=ball, size=size, color=grey)],
+            "texts": [kinds.TextPrimitive(pose=label, color=grey, **name)],
+        }
 
     def _lines(self, forecast: Forecast, model: str, colour: tuple[float, ...]) -> Iterator[list]:
         """Of each person the samples, and last the most probable path."""
         kinds, result = self._kinds, forecast.models[model]
-        looks = [(FAINT, 0.02)] * len(result.samples) + [(1.0, 0.06)]
         rows = [*range(len(result.samples)), result.central]
-        colours = {a: kinds.Color(r=colour[0], g=colour[1], b=colour[2], a=a) for a in (FAINT, 1.0)}
+        looks = [(FAINT, 0.02)] * len(result.samples) + [(1.0, 0.06)]
         for n, start in enumerate(forecast.observed[:, -1:]):
-            ways = [np.append(start, result.samples[row, n], axis=0).tolist() for row in rows]
+            ways = (np.append(start, result.samples[row, n], axis=0).tolist() for row in rows)
             yield [
                 kinds.LinePrimitive(
-                    points=[kinds.Point3(x=x, y=y, z=0.0) for x, y in way],
-                    color=colours[opacity],
+                    points=[kinds.Point3(x=x, y=y) for x, y in way],
+                    color=kinds.Color(**dict(zip("rgb", colour)), a=opacity),
                     thickness=thickness,
                 )
                 for way, (opacity, thickness) in zip(ways, looks)

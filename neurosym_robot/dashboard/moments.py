@@ -124,13 +124,8 @@ class Moments:
             }
         )
 
-    def moment(
-        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
-    ) -> str | None:
-        """The line of a frame; None if its stamp is refused, as by the predictor.
-
-        `now` is `Status.now()`, `robot` [3] metres, metres, radians.
-        """
+    def moment(self, event: ReplayEvent, now: Mapping[str, Any]) -> str | None:
+        """The line of a frame; None if its stamp is refused. `now` is `Status.now()`."""
         frame, forecast = event.frame, event.forecast
         if not self._accept(float(frame.stamp)):
             return None
@@ -149,7 +144,7 @@ class Moments:
                 "ids": [str(id) for id in np.asarray(frame.ids)[near].tolist()],
                 "xy": np.round(xy[near], 3).ravel().tolist(),
                 "more": len(kept) - len(near),
-                "robot": None if robot is None else np.round(robot, 3).tolist(),
+                "robot": None if event.robot is None else np.round(event.robot, 3).tolist(),
                 "now": {**told, "missing": {str(id): reason for id, reason in missing}},
                 "step": step,
             }

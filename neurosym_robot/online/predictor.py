@@ -6,10 +6,11 @@ index of its first step, whether frames come live or from a file.
 
 import dataclasses
 import re
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,12 +22,17 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene, pad_scene
-from neurosym_robot.online.compilation import Programs, When
 from neurosym_robot.online.window import Window, nearest_first
 
-__all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor", "load_models"]
+__all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor", "Programs", "When", "load_models"]
 
 GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
+
+When = Literal["start", "needed", "meanwhile"]
+"""When programs are compiled: at the start; or each when it is needed, for a recording, which
+waits; or, on a robot, meanwhile in a thread, first the one that the people present need. Until it
+is ready, fewer of them are forecast."""
+Compile = Callable[[int], object]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,7 +96,7 @@ class Predictor:
             samples: k futures of each model.
             seed: of the noise, together with `recording` and the index of the first observed step.
             recording: name that the noise depends on, as in `predict`.
-            compile: when the programs are compiled, see `online.compilation`.
+            compile: when the programs are compiled, see `When`.
             report: called with one line before each program is compiled.
             **window: see `Window`.
 
@@ -217,3 +223,66 @@ def load_models(paths: Sequence[Path]) -> dict[str, Model]:
     if len(set(names)) < len(names):
         raise InputError(f"models must differ in kind or name: {', '.join(map(str, paths))}")
     return dict(zip(names, models))
+
+
+class Programs:
+    """Programs of a stream, one for each of a few numbers of people: those ready, and to come."""
+
+    def __init__(
+        self, sizes: Sequence[int], when: When, report: Callable[[str], None], forecast: Compile
+    ):
+        """Compile at the start, or begin to.
+
+        `sizes` are the numbers of people that have a program each, ascending; `forecast` compiles
+        the forecast of such a number; `report` is called with one line for each.
+        """
+        self.sizes, self._when, self._report, self._forecast = sizes, when, report, forecast
+        self._ready: set[int] = set()
+        self._tasks: list[tuple[int, Compile]] = []
+        self._wanted = sizes[0]
+        self._lock = threading.Lock()
+        self.waiting = False
+        """Whether programs are still to be compiled in the thread."""
+        self.add(self._compile)
+
+    def add(self, compile: Compile, sizes: Sequence[int] | None = None) -> None:
+        """Call `compile` with all numbers of people, or with `sizes`, unless on need only."""
+        tasks = [(size, compile) for size in (self.sizes if sizes is None else sizes)]
+        for size, each in tasks if self._when == "start" else ():
+            each(size)
+        with self._lock:
+            self._tasks += tasks if self._when == "meanwhile" else []
+            if self._tasks and not self.waiting:
+                self.waiting = True
+                # Not a daemon: a process that ends while XLA compiles would crash.
+                threading.Thread(target=self._work).start()
+
+    def fit(self, people: int) -> int:
+        """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
+        wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
+        if self._when == "needed" and wanted not in self._ready:
+            self._compile(wanted)
+        with self._lock:
+            self._wanted = wanted
+            largest = max(self._ready, default=0)
+            return min((size for size in self._ready if size >= wanted), default=largest)
+
+    def _compile(self, size: int) -> None:
+        n = self.sizes.index(size) + 1
+        self._report(f"compiling for up to {size} people ({n} of {len(self.sizes)})")
+        self._forecast(size)
+        with self._lock:
+            self._ready.add(size)
+
+    def _work(self) -> None:
+        while threading.main_thread().is_alive():
+            with self._lock:
+                if not self._tasks:
+                    self.waiting = False
+                    self._report("everything is compiled")
+                    return
+                first = self._wanted, self._compile
+                task = min(self._tasks, key=lambda each: (each != first, each[1] != first[1]))
+                self._tasks.remove(task)
+            size, compile = task
+            compile(size)

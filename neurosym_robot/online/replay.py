@@ -26,6 +26,7 @@ class ReplayEvent(NamedTuple):
     scored: Sequence[Forecast] = ()  # those whose future is known now
     skipped: int = 0  # older frames that were observed, but not forecast
     age: float = math.nan  # seconds from stamp to forecast, by the recording's clock
+    robot: np.ndarray | None = None  # [3] its pose in metres, metres, radians, if known
 
 
 def advance(
@@ -36,7 +37,7 @@ def advance(
     accepted = [frame for frame in frames if predictor.observe(*frame, focus=focus)]
     forecast = predictor.forecast(focus) if accepted else None
     newest = accepted[-1] if accepted else frames[-1]
-    return ReplayEvent(newest, forecast, skipped=max(len(accepted) - 1, 0))
+    return ReplayEvent(newest, forecast, skipped=max(len(accepted) - 1, 0), robot=robot)
 
 
 def replay(

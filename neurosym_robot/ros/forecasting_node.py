@@ -14,8 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from neurosym_robot.dashboard import View
 from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.frames import Frame
@@ -55,32 +53,21 @@ class ForecastBag(View):
         """Open the bag, as `BagWriter`; `source` knows the frame of the coordinates."""
         self._bag, self._source, self._period = BagWriter(path), source, predictor.window.period
         self.where, self._stamp = str(self._bag.path), 0.0
-        self._outputs = [
-            (model, each)
-            for model in predictor.models
-            for each in outputs(model, at_least)
-            if each.kind != MARKERS
-        ]
+        self._outputs = {model: outputs(model, at_least) for model in predictor.models}
 
-    def show(
-        self, event: ReplayEvent, now: Mapping[str, Any], robot: np.ndarray | None = None
-    ) -> None:
+    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
         """Write a frame with its forecast and the futures that it completed."""
-        self._stamp, new = event.frame.stamp, self._bag.new
+        self._stamp, forecast, new = event.frame.stamp, event.forecast, self._bag.new
         common = self._period, self._source.frame_id or "map"
-        messages = {PEOPLE_TOPICS[0]: make_people(new, event.frame, common[1])}
-        if event.forecast is not None:
-            for model, (topic, _, make) in self._outputs:
-                messages[topic] = make(new, event.forecast, model, *common)
-        for topic, message in messages.items():
-            self._bag.write(topic, self._stamp, message)
-        self._score(event.scored)
+        self._bag.write(PEOPLE_TOPICS[0], self._stamp, make_people(new, event.frame, common[1]))
+        for model in () if forecast is None else forecast.models:
+            for topic, (kind, make) in self._outputs[model].items():
+                if kind != MARKERS:
+                    self._bag.write(topic, self._stamp, make(new, forecast, model, *common))
+        self.end({}, event.scored)
 
     def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
-        """Write the last futures."""
-        self._score(scored)
-
-    def _score(self, scored: Sequence[Forecast]) -> None:
+        """Write the observed futures of forecasts."""
         for done in scored:
             frame_id = self._source.frame_id or "map"
             message = truth_message(self._bag.new, done, self._period, frame_id)
@@ -160,9 +147,9 @@ class ForecastingNode(abc.ABC):
         self._shown: Any = None  # what the page shows next
         self._diagnosed = 0.0
         self._forecasts = [
-            (model, each, self._advertise(each.topic, each.kind))
+            (model, kind, make, self._advertise(topic, kind))
             for model in predictor.models
-            for each in outputs(model, at_least)
+            for topic, (kind, make) in outputs(model, at_least).items()
         ]
         self._truth = self._advertise(TRUTH_TOPIC, HUMANS_TRAJS)
         self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
@@ -202,17 +189,16 @@ class ForecastingNode(abc.ABC):
             return
         for frame in frames:
             self.status.heard(frame.stamp)
-        robot = self.source.robot(frames[-1].stamp)
-        event = advance(frames, self.predictor, robot)
+        event = advance(frames, self.predictor, self.source.robot(frames[-1].stamp))
         common = self.predictor.window.period, self.source.frame_id or ""
         if event.forecast is not None:
-            for model, output, outlet in self._forecasts:
-                outlet.publish(output.make, self._new, event.forecast, model, *common)
+            for model, _, make, outlet in self._forecasts:
+                outlet.publish(make, self._new, event.forecast, model, *common)
             self.status.published(self._now() - event.frame.stamp, event.skipped)
         for done in self.analytics.add(event.forecast):
             self._truth.publish(truth_message, self._new, done, *common)
         if self.views:
-            self._shown = event, self.status.now(), robot
+            self._shown = event, self.status.now()
 
     def _read(self, kind: str, message: Any, publisher: str, received: float) -> Frame | None:
         """The frame of a message, with mended ids; None if it is left out."""

@@ -7,7 +7,7 @@ from a message to people is `people.py`.
 import copy
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,7 @@ from neurosym_robot.ros.definitions import (
     PEOPLE,
 )
 
-__all__ = ["Output", "diagnostics_message", "forecast_message", "make_people", "make_trajectories"]
+__all__ = ["diagnostics_message", "forecast_message", "make_people", "make_trajectories"]
 __all__ += ["outputs", "truth_message"]
 
 New = Callable[[str], Any]
@@ -36,19 +36,11 @@ FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
 UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz", "skipped": "frames"}
 
 
-class Output(NamedTuple):
-    """A topic of one model's forecasts."""
+def outputs(model: str, at_least: float = AT_LEAST) -> dict[str, tuple[str, Callable[..., Any]]]:
+    """By topic of a model's forecasts: type, and maker (new, forecast, model, period, frame_id).
 
-    topic: str
-    kind: str
-    make: Callable[..., Any]
-    """(new, forecast, model, period, frame_id) to the message."""
-
-
-def outputs(model: str, at_least: float = AT_LEAST) -> list[Output]:
-    """The topics of a model's forecasts; events are those with probability `at_least` or more.
-
-    "NeuroSyM" and "SGAN" have those of the robot experiment.
+    "NeuroSyM" and "SGAN" have the topics of the robot experiment; events have a probability of
+    `at_least` or more.
     """
     name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in model)
     name = {"sgan": "baseline"}.get(name.lower(), name.lower())
@@ -60,7 +52,7 @@ def outputs(model: str, at_least: float = AT_LEAST) -> list[Output]:
         MARKERS: ("/markers", markers_message),
     }
     base = f"/hri/human_poses_prediction_{name}"
-    return [Output(base + end, kind, make) for kind, (end, make) in rows.items()]
+    return {base + end: (kind, make) for kind, (end, make) in rows.items()}
 
 
 def filled(message: Any, /, **fields: Any) -> Any:

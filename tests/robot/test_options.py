@@ -50,6 +50,7 @@ def live(base):
             "--dashboard",
             {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"},
         ),
+        "--foxglove": "--foxglove 9",
         "--at-least": "--at-least 0.7"
         if base == NODE
         else (f"{base} --dashboard", f"{base} --dashboard --at-least 0.7"),
@@ -109,10 +110,9 @@ def inner():
     """By command: what is recorded and not run, and what it returns."""
     made = mock.MagicMock()
     made.return_value.status.table.return_value = made.return_value.table.return_value = ""
-    names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher", "Dashboard", "Moments")
-    shared: dict[str, Any] = {
-        f"{C}._live_options.{name}": made for name in (*names, "read_floor_map")
-    }
+    names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher")
+    views = ("Dashboard", "FoxgloveView", "Moments", "read_floor_map")
+    shared: dict[str, Any] = {f"{C}._live_options.{name}": made for name in (*names, *views)}
     shared[f"{C}._live_options.signal.signal"] = None
     of_replay = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "threading.Event")
     of_ros2 = ("import_rclpy", "message_type", "ForecastNode")

@@ -27,7 +27,7 @@ MODELS = {
     "SGAN": Model(GeneratorConfig(), {}),
     "NeuroSyM": Model(GeneratorConfig(pooling="as_described"), {}),
 }
-Shown = tuple[ReplayEvent, dict, np.ndarray | None]
+Shown = tuple[ReplayEvent, dict]
 
 
 def predictor() -> Any:
@@ -72,7 +72,7 @@ def shown(seconds: float, people: int = 3, start: float = 1.7e9) -> Iterator[Sho
             )
             status.published(1e-3 * (n % 5 + 1))
         analytics.add(forecast)
-        yield ReplayEvent(frame, forecast), status.now(), None
+        yield ReplayEvent(frame, forecast), status.now()
 
 
 @pytest.fixture

@@ -39,7 +39,7 @@ def check(scene, event) -> None:
     assert len(entities) == len(frame.ids) * (1 + len(forecast.models))
     for n, id in enumerate(frame.ids.tolist()):
         body = entities[f"person {id}"]
-        at = body.cylinders[0].pose.position
+        at = body.spheres[0].pose.position
         assert_allclose([at.x, at.y], frame.xy[n])
         assert (body.texts[0].text, body.frame_id) == (str(id), "odom")
         stamp = body.timestamp.seconds + 1e-9 * body.timestamp.nanos
@@ -69,7 +69,7 @@ def test_an_mcap_holds_scene_numbers_and_events(stream, schema, tmp_path):
     }
     assert len(of["/forecasts"]) == len(of["/stream"]) == len(events)
     assert [row[2].log_time for row in of["/forecasts"]] == [
-        round(1e9 * event.frame.stamp) for event, *_ in events
+        round(1e9 * event.frame.stamp) for event, _ in events
     ]
     definition, _, message = of["/forecasts"][-1]
     check(schema(definition.data, message.data), events[-1][0])

@@ -26,7 +26,7 @@ def test_a_forecast_is_told_whole_once_a_period(moments, stream):
     events = list(stream(6))
     told = [json.loads(moments.moment(*event)) for event in events]
     assert [n for n, each in enumerate(told) if each["step"]] == list(range(28, 60, 4))
-    (frame, forecast, *_), now, _ = events[56]
+    (frame, forecast, *_), now = events[56]
     told = told[56]
     assert told["ids"] == [str(id) for id in frame.ids]
     assert_allclose(np.reshape(told["xy"], (-1, 2)), frame.xy, atol=6e-4)

@@ -108,11 +108,11 @@ def test_what_is_old_is_not_called_live(page, moments, stream):
     page.goto(dashboard.where)
     page.get_by_text(re.compile(r"^stale for \d+ s")).wait_for()
     page.get_by_text(re.compile(r"The newest people are \d+ s old: this is not now")).wait_for()
-    event, now, _ = last
-    dashboard.show(event, {**now, "age": 30_000.0}, None)  # New, but of half a minute ago.
+    event, now = last
+    dashboard.show(event, {**now, "age": 30_000.0})  # New, but of half a minute ago.
     page.get_by_text("stale for 30 s").wait_for()
     later = event._replace(frame=event.frame._replace(stamp=event.frame.stamp + 0.1))
-    dashboard.show(later, {**now, "age": 30_000.0, "offset": 30.0}, None)
+    dashboard.show(later, {**now, "age": 30_000.0, "offset": 30.0})
     page.wait_for_function("() => document.getElementById('status').innerText === 'live'")
     assert "clock offset\n30.0 s" in page.locator("#tiles").inner_text()
     dashboard.close()
@@ -143,9 +143,9 @@ def test_who_has_no_forecast_and_why(page, play, stream):
     missing = page.locator("#missing").inner_text()
     assert missing.startswith("seen for 1.9 of 2.8 s, or with a gap")
     assert all(str(2**53 + n) in missing for n in range(3))
-    *events, (event, now, _) = stream(6)
+    *events, (event, now) = stream(6)
     lost = event.frame._replace(ids=event.frame.ids[1:], xy=event.frame.xy[1:])
-    more = [(event._replace(frame=lost), {**now, "missing": {2**53 + 2: "compiling"}}, None)]
+    more = [(event._replace(frame=lost), {**now, "missing": {2**53 + 2: "compiling"}})]
     play(events + more)
     missing = page.locator("#missing").inner_text()
     assert "program for so many people is being compiled: 9007199254740994" in missing
@@ -161,7 +161,10 @@ def test_who_comes_near_the_robot(page, play, stream):
     speed = (path[-1] - path[-2]) / 0.4
     aside = np.array([-speed[1], speed[0]]) / np.hypot(*speed)
     robots = [path[-1] + aside + speed * (n - 60) / 10 for n in range(61)]
-    events = [(*event[:2], np.array([*at, 0.0])) for event, at in zip(events, robots)]
+    events = [
+        (event._replace(robot=np.array([*at, 0.0])), now)
+        for (event, now), at in zip(events, robots)
+    ]
     play(events)
     near = page.locator("#near tbody tr", has_text=str(2**53)).inner_text().split("\t")
     samples = forecast.models["SGAN"].samples

@@ -112,7 +112,7 @@ def test_slow_and_vanished_readers_delay_nobody(dashboard, moments, stream, monk
     events = list(stream(8))
     began = time.monotonic()
     for n in range(20):
-        for event, now, _ in events:
+        for event, now in events:
             frame = event.frame._replace(stamp=event.frame.stamp + 8 * n)
             dashboard.show(event._replace(frame=frame), now)
     assert time.monotonic() - began < 60

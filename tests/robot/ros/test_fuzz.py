@@ -155,7 +155,7 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecas
     walk = [people(idle, frame) for frame in frames]
     for node, batch in ((idle, 1), (loaded, 5)):
         heard = Outlet(sent[node.name[1:]].append, lambda: True)
-        node._forecasts = [(*row[:2], heard) for row in node._forecasts if row[1].kind == FORECAST]
+        node._forecasts = [(*row[:3], heard) for row in node._forecasts if row[1] == FORECAST]
         for n in range(0, 40, batch):
             work(node, *walk[n : n + batch])
     assert [len(each) for each in sent.values()] == [28, 6]
