@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import functools
 import shlex
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -85,6 +86,8 @@ class Options:
     """Folder of the run; default: runs/ and a name made of the options."""
     resume: bool = False
     """Continue the run in the folder."""
+    log: Literal["tensorboard"] | None = None
+    """Also write the metrics as TensorBoard's events to the run's folder."""
 
 
 PREPARE = functools.partial(with_file, Options)
@@ -109,11 +112,35 @@ def run(options: Options) -> None:
         print(text)
     repeated = dataclasses.replace(options, out=folder, resume=False)
     run = dataclasses.replace(run, options=options_text(repeated))
-    model = train_run(run, folder, resume=options.resume)
+    logged = _tensorboard(folder) if options.log else contextlib.nullcontext(lambda row: None)
+    with logged as on_row:
+        model = train_run(run, folder, resume=options.resume, on_row=on_row)
     _print_errors(run, model)
     data = "" if options.data is None else f" --data {shlex.quote(str(options.data))}"
     place = shlex.quote(str(folder / "model"))
     print(f"model: {place}\ntest it: neurosym evaluate --checkpoint {place}{data}")
+
+
+@contextlib.contextmanager
+def _tensorboard(folder: Path) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """What writes rows of metrics to an event file in `folder`."""
+    try:
+        from tensorboardX import SummaryWriter  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        needed = "pip install 'neurosym-jax[tensorboard]'"
+        raise InputError(f"--log tensorboard needs tensorboardX: {needed}") from None
+    writers: list[Any] = []
+
+    def write(row: dict[str, Any]) -> None:
+        if not writers:
+            # Steps beyond the saved state that a run resumes from are hidden.
+            new = SummaryWriter(str(folder), flush_secs=10, purge_step=row["step"])
+            writers.append(stack.enter_context(new))
+        for name in sorted(row.keys() - {"step"}):
+            writers[0].add_scalar(name, row[name], row["step"])
+
+    with contextlib.ExitStack() as stack:
+        yield write
 
 
 def _print_errors(run: Run, model: Model) -> None:

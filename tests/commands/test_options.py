@@ -69,6 +69,7 @@ CASES = {
         "--train-also": "--train-also {d}/a/gap.txt",
         "--out": "--out here",
         "--resume": "--resume",
+        "--log": "--log tensorboard",
     },
     "sweep": {
         "--model": "--model anchors",
@@ -87,6 +88,7 @@ CASES = {
         "--train-also": "--train-also {d}/b",
         "--out": "--out here",
         "--jobs": "--jobs 3",
+        "--log": "--log tensorboard",
         "--dry-run": "--dry-run",
         **{option: said for option, (_, said, *_) in READ.items()},
     },
@@ -180,7 +182,11 @@ def inner(data):
     figure = {"neurosym_jax.plotting.save_figure": Path("figure.png")}
     shipped = [load_model.__globals__["find_model"](n) for n in ("sgan_simulations_8",)]
     return {
-        "train": {f"{C}.train.train_run": None, f"{C}.train._print_errors": None},
+        "train": {
+            f"{C}.train.train_run": None,
+            f"{C}.train._print_errors": None,
+            f"{C}.train._tensorboard": lambda: contextlib.nullcontext(print),
+        },
         "sweep": {f"{C}.sweep.run_sweep": 0},
         "evaluate": {
             f"{C}.evaluate.evaluate_tests": lambda: iter(results),

@@ -24,7 +24,9 @@ perhaps the error of the second."""
 
 
 NOT_DONE = {"options", "seconds"}
-"""Fields that hold the command line itself, and times."""
+"""Fields that hold the options themselves, and times."""
+FILE = "# neurosym-jax"
+"""The first words of a file of options."""
 
 
 KINDS = ("person", "robot")
@@ -80,6 +82,8 @@ def options_of(command: str) -> list[str]:
 
 def plain(value: Any) -> Any:
     """What can be compared: arrays as digests, functions and other objects by name."""
+    if isinstance(value, str) and value.startswith(FILE):
+        return FILE
     if isinstance(value, str | int | float | bytes | None):
         return value
     if isinstance(value, np.ndarray):

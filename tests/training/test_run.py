@@ -1,6 +1,7 @@
 """`neurosym train`: its data, and the real `train.py` in processes, killed and resumed."""
 
 import os
+import struct
 import subprocess
 import sys
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neurosym_jax.commands import train
 from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError, InputWarning
 
@@ -64,6 +66,32 @@ def test_a_kill_changes_nothing(files, tmp_path, final):
     assert (state, model, metrics) == final(tmp_path / "alone")
     assert state
     assert len(metrics.splitlines()) == 6
+
+
+def events(folder):
+    """(step, name, value) of all scalars in the event files of a folder, the first file first."""
+    found, event_pb2 = [], pytest.importorskip("tensorboardX.proto.event_pb2")
+    for path in sorted(folder.glob("events.*")):
+        content = path.read_bytes()
+        while content:
+            (size,) = struct.unpack("<Q", content[:8])  # Then 4 bytes of checksum, twice.
+            event = event_pb2.Event.FromString(content[12 : 12 + size])
+            found += [(event.step, each.tag, each.simple_value) for each in event.summary.value]
+            content = content[16 + size :]
+    return found
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
+    rows = [{"step": 25, "g_loss": 2.0}, {"step": 50, "g_loss": 1.0, "val_ade": 0.5}]
+    options = train.Options(
+        data=files, train_on=("walk",), validate_on=("check",), out=tmp_path, log="tensorboard"
+    )
+    monkeypatch.setattr(train, "_print_errors", lambda *_: None)
+    monkeypatch.setattr(train, "train_run", lambda *_, on_row, **__: [*map(on_row, rows)])
+    train.run(options)
+    wanted = [(row["step"], name, row[name]) for row in rows for name in row if name != "step"]
+    assert events(tmp_path) == wanted
 
 
 def test_a_model_knows_its_rate(files):
