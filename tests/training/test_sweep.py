@@ -106,6 +106,6 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(tmp_path, monkeypatch,
     capsys.readouterr()
     assert run(chosen) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
-    for changes in ({"steps": 50}, {"read": dataclasses.replace(chosen.read, max_gap=2.0)}):
+    for changes in ({"steps": 50}, {"period": 0.5}):
         with pytest.raises(InputError, match="the run had other options: choose another --out"):
             run(dataclasses.replace(chosen, **changes))
