@@ -1,6 +1,7 @@
 """How time and memory grow with agents in a scene, samples, and windows; each in its own process.
 
-SGAN with pooling and random weights; seconds are of a warm repeat, memory is the process's peak.
+SGAN with pooling and random weights, in a crowd the recommended model, with one person on four
+square metres; seconds are of a warm repeat, memory is the process's peak.
 """
 
 import json
@@ -16,6 +17,7 @@ from benchmarks.timing import OURS, Row, peak_mb, row
 
 POINTS = {
     "agents": (2, 10, 100, 1000),
+    "crowd": (100, 1000, 10_000),
     "samples": (1, 10, 100, 1000),
     "windows": (10, 1000, 100_000, 1_000_000),
 }
@@ -45,6 +47,7 @@ def one(axis: str, point: int) -> dict[str, Any]:
     from neurosym_jax.evaluation.metrics import metric_names
     from neurosym_jax.evaluation.scoring import score_forecaster
     from neurosym_jax.forecasting.model import predict
+    from neurosym_jax.forecasting.model_folder import load_model
     from neurosym_jax.models.config import GeneratorConfig
 
     model = _random_model(GeneratorConfig())
@@ -67,8 +70,11 @@ def one(axis: str, point: int) -> dict[str, Any]:
             score_forecaster(model.forecaster, model.params, make_batches(windows), **arguments)
             seconds.append(time.perf_counter() - start)
     else:
-        agents, samples = (point, 20) if axis == "agents" else (10, point)
-        observed = rng.uniform(0, 20, (agents, 1, 2)) + np.zeros((1, 8, 1))
+        agents, samples = (10, point) if axis == "samples" else (point, 20)
+        side = 20.0
+        if axis == "crowd":
+            model, side = load_model("anchors_general_12"), 2 * agents**0.5
+        observed = rng.uniform(0, side, (agents, 1, 2)) + np.zeros((1, 8, 1))
         for _ in range(4):
             start = time.perf_counter()
             predict(model, observed, samples=samples)

@@ -51,6 +51,9 @@ class Scene(struct.PyTreeNode):
     """[2] float64 metres, the centre in the caller's frame; None inside a model."""
     future: AnyArray | None = None
     """[N, pred_len, 2] positions in metres relative to `origin`, where known; None in a model."""
+    near: AnyArray | None = None
+    """[N, C] slots of the neighbours that a forecaster sees, and an agent's own in what is left;
+    None for all. See `Forecaster.prepared`."""
     extras: Mapping[str, AnyArray] = struct.field(default_factory=dict)
     """name: [N, ...] further numbers of each agent, zero in padding; for metrics, not models."""
 

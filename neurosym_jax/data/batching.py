@@ -20,8 +20,10 @@ class Batch:
 
 
 def bucket_of(agents: np.ndarray | int) -> np.ndarray:
-    """Padded size of scenes with `agents` [...] agents: a power of two, at least 4."""
-    return 2 ** np.ceil(np.log2(np.maximum(agents, 4))).astype(int)
+    """Padded size of scenes with `agents` [...] agents: a power of two, at least 4; for more than
+    1,024 a multiple of these."""
+    power = 2 ** np.ceil(np.log2(np.clip(agents, 4, 1024))).astype(int)
+    return np.where(np.asarray(agents) > 1024, -(-np.asarray(agents) // 1024) * 1024, power)
 
 
 def make_batches(windows: Windows, slots: int = 1024) -> list[Batch]:

@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from neurosym_jax.errors import InputError
@@ -28,6 +29,11 @@ __all__ = [
     "initial_anchors",
     "spread_of",
 ]
+
+CROWD = 128
+"""Slots above which the pairs of a scene are too many to compute all of them."""
+PLACES = 32
+"""C is a multiple of it, so that few programs are compiled."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +83,9 @@ class AnchorTableForecaster(Forecaster):
         probabilities are those given that the future is one of them.
         """
         observed, valid = jnp.asarray(scene.observed), jnp.asarray(scene.valid)
-        samples, log_probability = apply_anchors(self.config, params, observed, valid)
+        samples, log_probability = apply_anchors(
+            self.config, params, observed, valid, near=scene.near
+        )
         probability = jnp.exp(log_probability)
         if len(noise) < len(samples):
             chosen = spread_of(samples, probability, valid, len(noise))
@@ -109,6 +117,29 @@ class AnchorsForecaster(AnchorTableForecaster):
         """Whether the attention has inputs."""
         return self.config.interacts
 
+    def prepared(self, scene: Scene) -> Scene:
+        """See `Forecaster.prepared`; a crowd has the neighbours within the radius alone."""
+        if len(scene.valid) <= CROWD or not self.sees_neighbours or self.config.weighting:
+            return scene
+        return scene.replace(near=neighbours(scene, self.config.radius))
+
+
+def neighbours(scene: Scene, radius: float) -> np.ndarray:
+    """`Scene.near` of the valid agents within `radius` metres; C grows until all have a place."""
+    from scipy.spatial import KDTree  # It takes a third of a second to import.
+
+    valid = np.flatnonzero(scene.valid)
+    last = np.asarray(scene.observed)[valid, -1]
+    pairs = valid[KDTree(last).query_pairs(radius, output_type="ndarray")]
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    agent, other = pairs[np.argsort(pairs[:, 0], kind="stable")].T
+    count = np.bincount(agent, minlength=len(scene.valid))
+    slots = np.arange(len(count))
+    places = -(-max(count.max(), 1) // PLACES) * PLACES
+    near = np.repeat(slots[:, None], places, axis=1)
+    near[agent, np.arange(len(agent)) - (np.cumsum(count) - count)[agent]] = other
+    return near
+
 
 def apply_anchors(
     config: Any,
@@ -117,6 +148,7 @@ def apply_anchors(
     valid: Array,
     alpha: Array | None = None,
     company: Array | float = 0.0,
+    near: Any = None,
 ) -> tuple[Array, Array]:
     """All samples [K, N, pred_len, 2] and log-probabilities [K] of one scene.
 
@@ -127,7 +159,9 @@ def apply_anchors(
     if alpha is None and weighting is not None:
         alpha = weighting.alpha(params.get("weighting", {}), observed, valid)
     last = None if alpha is None else alpha[..., -1]
-    return _network(config).apply({"params": params["params"]}, observed, valid, last, company)
+    return _network(config).apply(
+        {"params": params["params"]}, observed, valid, last, company, near
+    )
 
 
 def initial_anchors(config: Any, key: Array) -> Any:

@@ -76,6 +76,10 @@ class Forecaster(abc.ABC):
         `origin`; `noise` is [k, dim], or [k, N, dim] where it is per agent; k = 1 for dim 0.
         """
 
+    def prepared(self, scene: Scene) -> Scene:
+        """The padded `scene` of a single forecast, with what is best computed on the host."""
+        return scene
+
     def distribution(self, params: Any, scene: Scene, noise: Array) -> Distribution:
         """`forecast`, and the probabilities [k] of its samples; None where all have the same."""
         return self.forecast(params, scene, noise), None

@@ -38,7 +38,7 @@ class SceneForecaster:
     def start(self, scene: Scene) -> Distribution:
         """Begin the forecast of `scene`, of N slots, without waiting for it."""
         slots = int(bucket_of(len(scene.valid)))
-        padded = pad_scene(scene.bare(), slots)
+        padded = self.forecaster.prepared(pad_scene(scene.bare(), slots))
         spec = self.forecaster.noise
         noise: Any = np.zeros((self.samples, 0), np.float32)
         if spec.dim:

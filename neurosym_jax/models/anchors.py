@@ -20,15 +20,13 @@ from jax import Array
 
 from neurosym_jax.configuration import Checked, Count, Positive, Rule
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.frames import closest_approach, heading_of, length, turned
-from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.models.anchor_pairs import SLOW, attend, pair_features
+from neurosym_jax.models.frames import heading_of, length, turned
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 __all__ = ["AnchorConfig", "AnchorNetwork", "AnchorTable", "AnchorTableConfig"]
 
-SLOW = 0.125
-"""Speed at which a heading has faded to 0.7, m/s; symbols take slower movement for none."""
 HEADS = 4
 PAIR_DIM, MESSAGE_DIM = 32, 16
 """Sizes of the attention's hidden layer and of what a person learns from all neighbours."""
@@ -36,10 +34,6 @@ BASIS = 5
 """Polynomials of time that a residual is composed of."""
 BENDS = np.where(np.arange(BASIS) == 0, 1, 0.1)[:, None]
 """Initial sizes of their coefficients: anchors are almost straight."""
-WIDE = 20.0
-"""Radius in which people are counted, metres."""
-LONGEST = 5.0
-"""Time within which the closest approach is searched, s."""
 ROUGHNESS = 0.003
 """Differences of a track below this are all alike, metres."""
 
@@ -92,7 +86,7 @@ class AnchorConfig(AnchorTableConfig):
     """Units of a person's two hidden layers."""
     radius: Positive = 10.0
     """Distance at which the attention to a neighbour has smoothly fallen to 0, metres; people are
-    counted up to `WIDE`."""
+    counted up to 20 m."""
     geometry: bool = True
     """Whether the attention sees neighbours' positions and velocities."""
     symbols: bool = False
@@ -125,11 +119,13 @@ class AnchorNetwork(nn.Module):
         valid: Array,
         alpha: Array | None = None,
         company: Array | float = 0.0,
+        near: Array | None = None,
     ) -> tuple[Array, Array]:
         """Forecast positions `[k, N, pred_len, 2]` and log-probabilities `[k]`.
 
         `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None for 1;
-        `company` is the number of further people who are counted but not seen, in training.
+        `company` is the number of further people who are counted but not seen, in training; `near`
+        is that of a scene.
         """
         config = self.config
         hertz, steps = 1 / config.period, jnp.diff(observed, axis=1)
@@ -141,7 +137,7 @@ class AnchorNetwork(nn.Module):
         own = [hertz * past.reshape(past.shape[0], -1), hertz * length(steps), speeds, roughness]
         state = nn.relu(_dense(config.hidden, "own")(jnp.concatenate(own, -1)))
         if config.interacts:
-            pairs, gate, around = self.pairs(observed, velocity, heading, valid)
+            pairs, gate, around = pair_features(config, observed, velocity, heading, valid, near)
             if alpha is not None:
                 gate = gate * jnp.maximum(alpha, 0)
             pairs = nn.relu(_dense(PAIR_DIM, "pair")(pairs))
@@ -182,73 +178,6 @@ class AnchorNetwork(nn.Module):
         recent = np.arange(steps.shape[1], dtype=np.float32)
         weight = nn.softmax(recent + nn.Dense(steps.shape[1], name="smooth")(hidden))
         return (weight[..., None] * steps).sum(1), roughness
-
-    def pairs(
-        self, observed: Array, velocity: Array, heading: Array, valid: Array
-    ) -> tuple[Array, Array, Array]:
-        """Features of j seen by i `[N, N, F]`, nearness `[N, N]` and number around `[N]`."""
-        config, position = self.config, observed[:, -1]
-        distance = length(position - position[:, None])
-        features = []
-        if config.geometry:
-            speed = velocity / config.period
-            features += _geometry(position, speed, heading, distance, config.radius)
-        if config.symbols:
-            features += _symbols(observed, SLOW * config.period)
-        others = valid & valid[:, None] & ~jnp.eye(valid.shape[0], dtype=bool)
-        stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
-        gate = jnp.where(others, _within(distance, config.radius), 0)
-        return stacked, gate, jnp.where(others, _within(distance, WIDE), 0).sum(1)
-
-
-def attend(score: Array, value: Array, gate: Array) -> Array:
-    """Attention with an empty slot, `sum_j g_ij exp(s_ij) v_ij / (1 + sum_j g_ij exp(s_ij))`.
-
-    A softmax over neighbours alone would give a single neighbour the full weight at any distance.
-    `score [N, N, HEADS]` and `value [N, N, M]`, an equal part for each head, give [N, M];
-    `gate [N, N]` is 0 for a neighbour that is not attended to.
-    """
-    weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
-    share = weight / (1 + weight.sum(1, keepdims=True))
-    value = value.reshape(*share.shape, -1)
-    return (share[..., None] * value).sum(1).reshape(gate.shape[0], -1)
-
-
-def _geometry(
-    position: Array, velocity: Array, heading: Array, distance: Array, radius: float
-) -> list[Array]:
-    """Features of pairs, each `[N, N]`: bearing, relative motion, closest approach, speeds.
-
-    `velocity [N, 2]` is in m/s.
-    """
-    there = turned(position - position[:, None], heading[:, None], -1)
-    relative = velocity - velocity[:, None]
-    motion = turned(relative, heading[:, None], -1)
-    soon, miss = closest_approach(there, motion, 0.05, LONGEST)
-    near = 1 / jnp.maximum(distance, 1)
-    speed = jnp.broadcast_to(length(velocity), distance.shape)
-    return [
-        *(there[..., 0] * near, there[..., 1] * near, motion[..., 0], motion[..., 1]),
-        *(length(relative), jnp.exp(-distance), distance / radius, 1 / (distance + 0.3)),
-        *(soon, jnp.exp(-2 * miss - soon), speed.T, speed),
-    ]
-
-
-def _symbols(observed: Array, factor: float) -> list[Array]:
-    """QTC_C1 symbols of all pairs at two steps, and their sizes: 16 features `[N, N]`."""
-    features = []
-    for end in (observed.shape[1], max(observed.shape[1] - 3, 2)):
-        pair = observed[:, end - 2 : end]
-        state = observe(
-            pair[:, None], pair, quantisation_factor=factor, side_quantisation_factor=factor
-        )[..., 0, :].astype(observed.dtype)
-        features += [*jnp.moveaxis(state, -1, 0), *jnp.moveaxis(jnp.abs(state), -1, 0)]
-    return features
-
-
-def _within(distance: Array, radius: float) -> Array:
-    """1 at distance 0, falling smoothly to 0 at `radius`."""
-    return jnp.square(jnp.maximum(1 - jnp.square(distance / radius), 0))
 
 
 def _polynomials(steps: int, count: int) -> np.ndarray:

@@ -9,11 +9,15 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score, score_forecaster
+from neurosym_jax.forecasting import anchors
 from neurosym_jax.forecasting.anchors import initial_anchors, spread_of
 from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
 from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.model import Model, predict, predict_distribution
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
+from neurosym_jax.scene import make_scene
 
 METRICS = ("energy_score", "crps", "coverage_50", "central_ade", "joint_ade")
 
@@ -121,6 +125,24 @@ def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
     assert jnp.abs(of_observed).max() > 0
     of_params = jax.jit(jax.grad(lambda params: end(params, None, jnp.asarray(seen))))(model.params)
     assert any(jnp.abs(leaf).max() > 0 for leaf in jax.tree.leaves(of_params["weighting"]))
+
+
+@pytest.mark.parametrize("apart", [0.2, 3.0])
+def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, apart):
+    model = load_model("anchors_general_8")
+    walks = np.random.default_rng(0).normal(0, 0.3, (150, 9, 2)).cumsum(1)[:, 1:]
+    walks += apart * np.stack(np.divmod(np.arange(150), 12), -1)[:, None]
+    found = {}
+    for crowd in (1000, anchors.CROWD):
+        monkeypatch.setattr(anchors, "CROWD", crowd)
+        run = SceneForecaster(model.forecaster, model.params, samples=20, seed=0)
+        found[crowd] = run(make_scene(walks))
+    np.testing.assert_allclose(found[anchors.CROWD], found[1000], atol=1e-5)
+    near = anchors.neighbours(make_scene(walks), model.config.radius)
+    distance = np.linalg.norm(walks[:, None, -1] - walks[:, -1], axis=-1)
+    for agent, slots in enumerate(near):  # An agent's own slot fills what is left.
+        within = np.flatnonzero(distance[agent] <= model.config.radius)
+        assert set(slots) | {agent} == set(within)
 
 
 def test_the_table_has_equal_probabilities():
