@@ -85,7 +85,7 @@ def main(places: list[str]) -> None:
         if not found:
             continue
         everything += found
-        values = [[of(tracks) for _, tracks in found] for of in (_pace, apart_of)]
+        values = zip(*((pace_of(tracks)[1], apart_of(tracks)) for _, tracks in found))
         ranges = [f"{np.nanmin(each):.2f} to {np.nanmax(each):.2f}" for each in values]
         named = [
             [tracks.recording for options, tracks in found if what(judge(tracks, options))]
@@ -98,10 +98,6 @@ def main(places: list[str]) -> None:
     print(f"| mistake | {' | '.join(kinds)} |\n|---|---:|---:|---:|")
     for name, said in zip(SCALES, zip(*(outcomes(t, options) for options, t in everything))):
         print(f"| {name} | {' | '.join(str(said.count(kind)) for kind in kinds)} |")
-
-
-def _pace(tracks: Tracks) -> float:
-    return pace_of(tracks)[1]
 
 
 def _of_scale(said: Iterable[tuple[bool, str]]) -> bool:

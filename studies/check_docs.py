@@ -16,6 +16,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 __all__ = ["commands", "lacking", "plain"]
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -61,10 +63,8 @@ def _prepare(folder: Path) -> None:
     from neurosym_jax.data.sources import Synthetic
 
     tracks = Synthetic().recordings("cross-path", "test")[0]
-    rows = [
-        (round(at / 0.4), person, x, y)
-        for at, person, (x, y) in zip(tracks.stamp, tracks.id, tracks.position)
-    ]
+    frames = np.rint(tracks.stamp / 0.4).astype(int)
+    rows = list(zip(frames, tracks.id, *tracks.position.T))
     text = "".join(f"{frame} {person} {x:.3f} {y:.3f}\n" for frame, person, x, y in rows)
     for name in ("my_tracks.txt", "mine.txt"):
         (folder / name).write_text(text)

@@ -25,8 +25,6 @@ from neurosym_jax.symbolic.states import encode_state
 STEPS = 8
 CHUNK = 65_536
 """Pairs at a time: one compiled shape, and memory that does not grow with the data."""
-
-
 LABELS = (
     "states without a 0 (the authors' alpha is 1/16)",
     "  quantised at 0.05 m a step",

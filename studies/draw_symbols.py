@@ -24,7 +24,6 @@ TOWARDS, AWAY = "#E3EFF8", "#FBF1E6"
 FRAME = (-2.2, 4.1, -2.35, 2.35)
 SIGNS = str.maketrans("-", "−")
 
-
 WALKS = {
     "approaches": (((0, 0), (1, 0)), ((3.4, 0.6), (0, 0))),
     "passes_left": (((0, 0), (1, 0)), ((1.5, 1), (0, 0))),
@@ -56,14 +55,11 @@ def draw_events(path: Path) -> None:
             agent(axes, way[0], letter, colour, (-0.3 if letter == "k" else 0.3, 0.0))
             ring = {"facecolor": "none", "edgecolor": INK, "linewidth": 1.6, "zorder": 5}
             axes.add_patch(Circle((way[at, 0], way[at, 1]), 0.2, **ring))
-        middle = (paths.min(axis=(0, 1)) + paths.max(axis=(0, 1))) / 2
-        axes.set(xlim=(middle[0] - 2.9, middle[0] + 2.9), ylim=(middle[1] - 2.1, middle[1] + 2.1))
-        axes.set(aspect="equal", xticks=[], yticks=[])
+        x, y = (paths.min(axis=(0, 1)) + paths.max(axis=(0, 1))) / 2
+        frame(axes, (x - 2.9, x + 2.9, y - 2.1, y + 2.1))
         axes.set_title(f"{name}, {seconds:.1f} s", fontsize=13, color=INK, loc="left", pad=8)
         words_of = textwrap.fill(EVENTS[name].sentence, 40)
         axes.set_xlabel(words_of, fontsize=9.5, color=GREY, loc="left")
-        for spine in axes.spines.values():
-            spine.set_color("#CCCCCC")
     panels[-1].axis("off")
     told = "Big dots: where they were seen last.\nSmall ones: each 0.4 s after.\n\n"
     told += "Rings: where they are when the\nevent happens, at the time beside\nits name."
@@ -75,11 +71,8 @@ def draw(path: Path) -> None:
     """Write the figure."""
     figure = Figure(figsize=(12.4, 3.75), dpi=130, facecolor="white", layout="constrained")
     panels = figure.subplots(1, 3)
-    for axes, convention, title in zip(
-        panels,
-        ("distance", "line"),
-        ("q1 q3 by distance (papers)", "q1 q3 by the line (QSRlib)"),
-    ):
+    titles = ("q1 q3 by distance (papers)", "q1 q3 by the line (QSRlib)")
+    for axes, convention, title in zip(panels, ("distance", "line"), titles):
         regions(axes, convention)
         axes.set_title(title, fontsize=13, color=INK, loc="left", pad=8)
     example(panels[2])
@@ -132,13 +125,10 @@ def example(axes: Axes) -> None:
         y = -0.72 - 0.42 * row
         axes.text(-2.0, y, name, color=GREY, fontsize=11.5, va="center")
         label(axes, np.array([-1.35, y]), symbol, colour)
-        axes.text(
-            -1.05, y, f"{who} moves {words_of[symbol]}", color=INK, fontsize=11.5, va="center"
-        )
-    axes.text(
-        -2.0, 1.9, "( " + "  ".join(symbols) + " )", color=INK, fontsize=17, va="center",
-        fontweight="bold",
-    )  # fmt: skip
+        said = f"{who} moves {words_of[symbol]}"
+        axes.text(-1.05, y, said, color=INK, fontsize=11.5, va="center")
+    bold = {"fontsize": 17, "va": "center", "fontweight": "bold"}
+    axes.text(-2.0, 1.9, "( " + "  ".join(symbols) + " )", color=INK, **bold)
     frame(axes)
 
 
@@ -174,9 +164,9 @@ def words(axes: Axes, at: tuple[float, float], text: str) -> None:
     axes.text(*at, text, color=GREY, fontsize=10.5, ha="center", va="center", zorder=5)
 
 
-def frame(axes: Axes) -> None:
-    """The same extent everywhere, nothing around it."""
-    left, right, bottom, top = FRAME
+def frame(axes: Axes, extent: tuple[float, float, float, float] = FRAME) -> None:
+    """Show an extent, with nothing around it."""
+    left, right, bottom, top = extent
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set_color("#CCCCCC")

@@ -19,6 +19,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -36,6 +37,26 @@ ERRORS = ("joint ADE", "joint FDE", "marginal ADE", "marginal FDE", "all ADE", "
 MORE = "more="
 """The change to a recipe that is neither of the training's options nor of the network's."""
 ROOT = Path(__file__).resolve().parents[1]
+PAGE = """# Which augmentation for unseen places?
+
+Errors added to observed positions (`jitter`) help most; half of the scenes
+turned (`rotate=0.5`) is best for four of five data sets ([why](recipe.md)).
+
+ADE / FDE in metres of SGAN, 8 + 12, joint best of 20, {steps} steps of
+training, {seeds}; `studies/left_out.py` says how. Bold is the best of a column.
+
+Judged for each data set by the others that it was left out with:
+
+{judged}
+
+The same runs by the data set that they were tested on:
+
+{tested}
+
+Change of the mean over scenes against `{first}`, paired by seed, with
+Student's 95 % interval over seeds where there are several:
+
+{changes}"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,10 +67,10 @@ class Study:
     """ETH/UCY as SGAN has it: `train`, `val` and `all`."""
     out: Path
     """Folder of the runs and the evaluations."""
-    recipes: tuple[str, ...]
+    recipes: Sequence[str]
     steps: int
-    seeds: tuple[int, ...]
-    pairs: tuple[tuple[str, ...], ...] = tuple(itertools.combinations(SCENES, 2))
+    seeds: Sequence[int]
+    pairs: Sequence[tuple[str, ...]] = tuple(itertools.combinations(SCENES, 2))
     more: Path = Path()
     """Folder of the additional recordings that some recipes learn from."""
 
@@ -121,30 +142,13 @@ class Study:
             ).mean(axis=(0, 2))
             for scene, others in self.others().items()
         }
-        tested = {scene: values.mean(axis=(1, 2)) for scene, values in errors.items()}
-        return "\n".join(
-            [
-                "# Which augmentation for unseen places?",
-                "",
-                "Errors added to observed positions (`jitter`) help most; half of the scenes",
-                "turned (`rotate=0.5`) is best for four of five data sets ([why](recipe.md)).",
-                "",
-                f"ADE / FDE in metres of SGAN, 8 + 12, joint best of 20, {self.steps} steps of",
-                f"training, {seeds}; `studies/left_out.py` says how. Bold is the best of a column.",
-                "",
-                "Judged for each data set by the others that it was left out with:",
-                "",
-                self.table(judged),
-                "",
-                "The same runs by the data set that they were tested on:",
-                "",
-                self.table(tested),
-                "",
-                f"Change of the mean over scenes against `{self.recipes[0]}`, paired by seed, with",
-                "Student's 95 % interval over seeds where there are several:",
-                "",
-                self.changes_table(errors),
-            ]
+        return PAGE.format(
+            steps=self.steps,
+            seeds=seeds,
+            judged=self.table(judged),
+            tested=self.table({scene: each.mean(axis=(1, 2)) for scene, each in errors.items()}),
+            first=self.recipes[0],
+            changes=self.changes_table(errors),
         )
 
     def table(self, errors: dict[str, np.ndarray]) -> str:
@@ -209,15 +213,9 @@ def main() -> None:
     parser.add_argument("--more", type=Path, default=Path())
     parser.add_argument("--pairs", nargs="+", default=["+".join(p) for p in Study.pairs])
     options = parser.parse_args()
-    study = Study(
-        options.data.resolve(),
-        options.out.resolve(),
-        tuple(options.recipes),
-        options.steps,
-        tuple(range(options.seeds)),
-        tuple(tuple(pair.split("+")) for pair in options.pairs),
-        options.more.resolve(),
-    )
+    places = {name: getattr(options, name).resolve() for name in ("data", "out", "more")}
+    seeds, pairs = range(options.seeds), [tuple(pair.split("+")) for pair in options.pairs]
+    study = Study(**places, steps=options.steps, recipes=options.recipes, seeds=seeds, pairs=pairs)
     # Whole seeds first: an early look has all pairs.
     runs = itertools.product(study.seeds, study.pairs, study.recipes)
     with ThreadPoolExecutor(cpu_cores()) as pool:

@@ -21,12 +21,8 @@ from neurosym_jax.forecasting.forecasters import ConstantVelocity
 def look_ahead(path: Path) -> None:
     """Print how much of a recording is interpolated, and constant velocity's error both ways."""
     recordings = [on_grid(tracks) for tracks in read_any(path)]
-    late = [
-        tracks.known > tracks.stamp + SNAP
-        if tracks.known is not None
-        else np.zeros(len(tracks.stamp), bool)
-        for tracks in recordings
-    ]
+    depends = [tracks.stamp if tracks.known is None else tracks.known for tracks in recordings]
+    late = [known > tracks.stamp + SNAP for known, tracks in zip(depends, recordings)]
     print(f"{100 * np.concatenate(late).mean():.0f} % of the points lie between two observations")
     careless = [dataclasses.replace(tracks, known=None, foreseen=None) for tracks in recordings]
     for name, tracks in {"interpolated": careless, "as observed": recordings}.items():

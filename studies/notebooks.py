@@ -40,8 +40,7 @@ def execute(path: Path) -> Any:
 if __name__ == "__main__":
     import nbformat
 
-    for chosen in [FOLDER / f"{name}.ipynb" for name in sys.argv[1:]] or sorted(
-        FOLDER.glob("*.ipynb")
-    ):
+    names = sys.argv[1:] or sorted(path.stem for path in FOLDER.glob("*.ipynb"))
+    for chosen in (FOLDER / f"{name}.ipynb" for name in names):
         write_text(chosen, nbformat.writes(execute(chosen)) + "\n")
         print(chosen)

@@ -1,17 +1,22 @@
-"""Figures of docs/reliability.md: damage done to models and bags, and what became of it.
+"""Figures of docs/reliability.md: small files that ask for much, and damage to models and bags.
 
     python -m studies.reliability
 
-Some minutes. Every bit of one shipped model's `config.json`, bits of its parameters drawn with a
-seed, and bytes of recordings of people in the three kinds of bags are changed, one damage at a
-time. Silent is what loads or reads differently, with neither an error nor a warning.
+Some minutes. Each small file is read by a process of its own. Every bit of one shipped model's
+`config.json`, bits of its parameters drawn with a seed, and bytes of bags of people are changed,
+one damage at a time. Silent is what reads differently, with neither an error nor a warning.
 """
 
+import contextlib
+import json
 import shutil
+import subprocess
+import sys
 import tempfile
 import warnings
+import zipfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,27 +27,95 @@ from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.ros.bags import BagWriter, read_people
-from neurosym_robot.ros.definitions import PEOPLE_TOPICS
+from neurosym_robot.ros.definitions import PEOPLE_TOPICS, shared_typestore
 from neurosym_robot.ros.messages import make_people
 
-__all__ = ["main"]
+__all__ = ["BAGS", "bag_of_blanks", "main"]
 
+BAGS = ("bag LZ4", "bag BZ2", "mcap STORAGE", "db3 MESSAGE", "db3 FILE")
+"""Kinds of bags, and what in them is compressed."""
+SIZE = 600_000_000  # bytes in a small file, once it is decompressed
 FLIPS, MUTATIONS = 1000, 300
 COLUMNS = ("refused", "read as before", "other values", "frames lost, said", "frames lost, silent")
 
+TABLE, MODEL = "nj.data.read_any(path)", "nj.load_model(path)"
+MAP = "from neurosym_robot.dashboard.moments import read_floor_map; read_floor_map(path)"
+LAUGHS = "a0: &a0 [x]\n" + "".join(f"a{n}: &a{n} [{f'*a{n - 1},' * 10}]\n" for n in range(1, 10))
+TEXTS = {
+    # what: file, content, code that reads it
+    "table of 8 million columns": ("a.csv", "t,id,x,y" + ",c" * 8_000_000 + "\n1\n", TABLE),
+    "JSON, 100,000 deep": ("deep.ndjson", '{"track": {"f": ' + "[" * 100_000, TABLE),
+    "YAML of a map, aliases of aliases": ("a.yaml", LAUGHS, MAP),
+}
+READING = """
+import json, resource, sys, time, warnings
+from pathlib import Path
+import neurosym_jax as nj
+def peak():
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0])
+warnings.simplefilter("ignore")
+nj.load_model, nj.data.read_any
+path, before, since, said = Path(sys.argv[1]), peak(), time.perf_counter(), "read"
+try:
+    exec(sys.argv[2])
+except nj.InputError as error:
+    said = str(error).removeprefix(f"{path}: ")[:70]
+took = max(peak() - before, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+print(json.dumps([f"{took / 1e3:.0f}", f"{time.perf_counter() - since:.1f}", said]))
+"""
+
 
 def main() -> None:
-    """Print the two tables."""
-    print("| damage | cases | refused | loaded |\n|---|---|---|---|")
+    """Print the three tables."""
     with tempfile.TemporaryDirectory() as folder:
+        print("| file | bytes | MB | seconds | |\n|---|---:|---:|---:|---|")
+        for name, path, code in _bombs(Path(folder)):
+            size = sum(f.stat().st_size for f in (path, *path.glob("*")) if f.is_file())
+            command = [sys.executable, "-c", READING, str(path), code]
+            took = json.loads(subprocess.check_output(command, text=True).splitlines()[-1])
+            print(f"| {name} | {size} | {' | '.join(took)} |")
+        print("\n| damage | cases | refused | loaded |\n|---|---|---|---|")
         for name, found in _models(Path(folder)):
             print(f"| {name} | {found.total()} | {found['refused']} | {found['loaded']} |")
-    print(f"\n| bag | cases | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 2)}")
-    for kind in ("bag", "db3", "mcap"):
-        with tempfile.TemporaryDirectory() as folder:
+        print(f"\n| bag | cases | {' | '.join(COLUMNS)} |\n|{'---|' * (len(COLUMNS) + 2)}")
+        for kind in ("bag", "db3", "mcap"):
             found = _changed_bytes(Path(folder), kind)
-        cells = " | ".join(str(found[name]) for name in COLUMNS)
-        print(f"| {kind} | {found.total()} | {cells} |")
+            cells = " | ".join(str(found[name]) for name in COLUMNS)
+            print(f"| {kind} | {found.total()} | {cells} |")
+
+
+def bag_of_blanks(path: Path, kind: str, size: int = SIZE) -> Path:
+    """A bag of one of `BAGS` with a text of `size` blanks."""
+    from rosbags import rosbag1, rosbag2
+
+    ending, compressed = kind.split()
+    ros1 = ending == "bag"
+    store = shared_typestore(1 if ros1 else 2)
+    text = store.types["std_msgs/msg/String"](data=" " * size)
+    if ros1:
+        writer = rosbag1.Writer(path := path.with_suffix(".bag"))
+        writer.set_compression(rosbag1.Writer.CompressionFormat[compressed])
+    else:
+        plugin = rosbag2.StoragePlugin["MCAP" if ending == "mcap" else "SQLITE3"]
+        writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
+        writer.set_compression(rosbag2.CompressionMode[compressed], rosbag2.CompressionFormat.ZSTD)
+    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+    with writer:
+        connection = writer.add_connection("/text", text.__msgtype__, typestore=store)
+        writer.write(connection, 10**9, serialize(text, text.__msgtype__))
+    return path
+
+
+def _bombs(folder: Path) -> Iterator[tuple[str, Path, str]]:
+    """What a small file is, its path, and the code that reads it."""
+    for kind in BAGS:
+        yield kind, bag_of_blanks(folder / kind.replace(" ", "_"), kind), TABLE
+    for name, (file, content, code) in TEXTS.items():
+        (folder / file).write_text(content)
+        yield name, folder / file, code
+    with zipfile.ZipFile(path := folder / "a.pt", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("a/data.pkl", bytes(SIZE))
+    yield "zip of torch", path, MODEL
 
 
 def _models(folder: Path) -> Iterator[tuple[str, Counter]]:
@@ -57,26 +130,13 @@ def _models(folder: Path) -> Iterator[tuple[str, Counter]]:
         found: Counter[str] = Counter()
         for bit in map(int, chosen):
             with _changed(file, {bit // 8: 1 << bit % 8}):
-                found[_outcome(lambda: load_model(model))] += 1
+                try:
+                    load_model(model)
+                    found["loaded"] += 1
+                except InputError:
+                    found["refused"] += 1
         what = "each of its bits" if wanted is None else "bits drawn from all"
         yield f"`{name}`, {what}", found
-
-
-def _outcome(load: Callable[[], object]) -> str:
-    try:
-        load()
-    except InputError:
-        return "refused"
-    return "loaded"
-
-
-def _written(path: Path, seconds: float) -> Path:
-    """A bag of three people, ten frames a second."""
-    with BagWriter(path) as bag:
-        for frame in frames_of_tracks(simulate("cross-path", 1, seconds, people=3)):
-            frame = frame._replace(stamp=frame.stamp + 1.7e9)
-            bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.new, frame))
-    return bag.path
 
 
 def _content(path: Path) -> list[tuple[float, list, list]]:
@@ -85,7 +145,11 @@ def _content(path: Path) -> list[tuple[float, list, list]]:
 
 def _changed_bytes(folder: Path, kind: str) -> Counter:
     """How often a bag of 60 frames was read in which way, with one to three bytes changed."""
-    path = _written(folder / f"run.{kind}", 6.0)
+    with BagWriter(folder / f"run.{kind}") as bag:
+        for frame in frames_of_tracks(simulate("cross-path", 1, 6.0, people=3)):
+            frame = frame._replace(stamp=frame.stamp + 1.7e9)
+            bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.new, frame))
+    path = bag.path
     files = [path] if path.is_file() else sorted(path.iterdir())
     wanted, found = _content(path), Counter()
     for seed in range(MUTATIONS):
@@ -107,21 +171,16 @@ def _changed_bytes(folder: Path, kind: str) -> Counter:
     return found
 
 
-class _changed:
+@contextlib.contextmanager
+def _changed(file: Path, damage: dict[int, int]) -> Iterator[None]:
     """A context in which bytes of a file are others."""
-
-    def __init__(self, file: Path, damage: dict[int, int]):
-        self.file, self.whole = file, file.read_bytes()
-        self.damage = damage
-
-    def __enter__(self) -> None:
-        broken = bytearray(self.whole)
-        for place, by in self.damage.items():
-            broken[place] ^= by
-        self.file.write_bytes(broken)
-
-    def __exit__(self, *_: object) -> None:
-        self.file.write_bytes(self.whole)
+    whole = file.read_bytes()
+    broken = bytearray(whole)
+    for place, by in damage.items():
+        broken[place] ^= by
+    file.write_bytes(broken)
+    yield
+    file.write_bytes(whole)
 
 
 if __name__ == "__main__":

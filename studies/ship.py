@@ -29,11 +29,8 @@ def ship(runs: Path, rows: list[dict[str, Any]]) -> None:
         names = {folder.name, run.name}
         tested = [row for row in rows if names & set(Path(row["checkpoint"] or "").parts)]
         tests = {(row["dataset"], row["pred_len"]) for row in tested}
-        baselines = [
-            row
-            for row in rows
-            if row["checkpoint"] is None and (row["dataset"], row["pred_len"]) in tests
-        ]
+        untrained = [row for row in rows if row["checkpoint"] is None]
+        baselines = [row for row in untrained if (row["dataset"], row["pred_len"]) in tests]
         facts = json.loads((run / "run.json").read_text())
         replace_card(folder, model_card(facts, [*tested, *baselines]))
         print(f"{folder.name}: {len(tested)} test sets")

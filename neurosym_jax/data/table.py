@@ -28,6 +28,7 @@ __all__ = ["FRAME", "Table", "is_frame", "read_table"]
 
 FRAME = Path("dataframe")  # what messages call one, and its recording
 
+MOST = 1_000_000  # columns of a table
 # Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
 STEPS = (1, 6, 10, 12)
 
@@ -219,6 +220,8 @@ def read_table(path: Any, names: Sequence[str] | None = None, header: str = "") 
         )
     lines, row = lines[starts[0] :], row[starts[0] :]
     mark = separator_of(lines[0])
+    if lines[0].count(mark) > MOST:
+        raise InputError(f"{path}: row {row[0]}: has more than {MOST} columns")
     if mark == " ":
         lines = lines.str.replace_all(r"\s+", " ")
     if names is None:

@@ -171,6 +171,8 @@ def _read_zip(stream: io.BytesIO) -> Any:
         names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
         if len(names) != 1:
             raise InputError("a zip archive, but not one of torch.save: it has no data.pkl")
+        if any(each.compress_type != zipfile.ZIP_STORED for each in archive.infolist()):
+            raise InputError("its content is compressed, and may be of any size; torch's never is")
         contents = _load(io.BytesIO(archive.read(names[0])), storages)
         for key, storage in storages.items():
             _fill(storage, archive.read(f"{names[0].removesuffix('.pkl')}/{key}"))

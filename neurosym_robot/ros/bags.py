@@ -21,6 +21,7 @@ from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.plugin import SUFFIXES, is_bag, topic_of
+from neurosym_robot.ros.bag_limits import refuse_bombs
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS, TF_TOPICS, blank, shared_typestore
 from neurosym_robot.ros.people import KINDS, POSES, PeopleSource
 from neurosym_robot.tracking.following import FAR
@@ -132,7 +133,9 @@ def _read(
         for file in files:
             _refuse_damaged(file)
         whole = path.is_file() or (path / "metadata.yaml").is_file()
-        with AnyReader([path] if whole else files, default_typestore=store) as reader:
+        paths = [path] if whole else files
+        refuse_bombs(path, paths)
+        with AnyReader(paths, default_typestore=store) as reader:
             chosen = choose({each.topic: each.msgtype for each in reader.connections})
             connections = [each for each in reader.connections if each.topic in chosen]
             for connection, at, data in reader.messages(connections=connections):

@@ -29,6 +29,7 @@ REFUSALS = [
     ("text", "0 1 2 3\n1 01 2 3\n", "the ids '1' and '01' are one number"),
     ("text", "0 1 2 3\n3 1 2 3\n", r"its frames are 3 apart, .*\(--fps 25\)"),
     ("cliff", "1e12,1,0,0,0,0\n", r"row 1: time .* is not a usable number of seconds"),
+    ("columns", "t,id,x,y" + ",c" * 10**6 + "\n1\n", "row 1: has more than 1000000 columns"),
     ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),
     ("columns", "t,id,x,x,y\n1,2,3,4,5\n", "which column is x"),
     ("columns", f"{TABLE}1,2,3,1\n1,n/a,3,1\n", r"row 3: the id is missing \('n/a'\)"),

@@ -34,9 +34,9 @@ def legacy_file(program, keys=(), storages=(), little_endian=True, protocol=1001
     return b"".join(parts + [struct.pack("<q", len(s) // 4) + s for s in storages])
 
 
-def zip_file(program):
+def zip_file(program, compression=zipfile.ZIP_STORED):
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
+    with zipfile.ZipFile(file, "w", compression) as archive:
         archive.writestr("archive/data.pkl", program)
     return file.getvalue()
 
@@ -62,6 +62,7 @@ def test_legacy_form_reads_the_same(tmp_path):
         (b"\x80\x02}.", "not a file of torch.save"),
         (zip_file(b"")[:4], "damaged or cut short"),
         (zip_file(b"").replace(b"data.pkl", b"data.jpg"), "not one of torch"),
+        (zip_file(EMPTY, zipfile.ZIP_DEFLATED), "compressed, and may be of any size"),
         (legacy_file(EMPTY, little_endian=False), "big-endian"),
         (legacy_file(EMPTY, protocol=1000), "another format"),
         (legacy_file(EMPTY) + b"more", "4 bytes follow"),

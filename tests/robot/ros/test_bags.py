@@ -13,11 +13,12 @@ from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.commands import ros2
 from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
-from neurosym_robot.ros import messages
+from neurosym_robot.ros import bag_limits, messages
 from neurosym_robot.ros.bags import BagWriter, read_frames, read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, seconds_of, typestore
 from neurosym_robot.ros.messages import make_trajectories
 from neurosym_robot.ros.people import see
+from studies.reliability import BAGS, bag_of_blanks
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -93,6 +94,21 @@ def test_whatever_reads_tracks_reads_bags(tmp_path):
     # The folder of ROS 2 is one recording, a folder of bags is several.
     assert not is_folder(second)
     assert data_files(tmp_path) == files_in(tmp_path) == [first, second]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", BAGS)
+def test_a_bag_that_takes_much_memory_is_refused(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr(bag_limits, "MEMORY", 30_000_000)
+    small = bag_of_blanks(tmp_path / "small", kind, 1000)
+    with pytest.raises(InputError, match=r"small.*none carries"):
+        next(read_people(small))
+    large = bag_of_blanks(tmp_path / "large", kind, 90_000_000)
+    with pytest.raises(InputError, match=r"large.*: takes more than 30 MB of memory to decompress"):
+        next(read_people(large))
+    monkeypatch.setattr(bag_limits, "SECONDS", 0.01)
+    with pytest.raises(InputError, match=r"large.*: takes more than 0 s to decompress"):
+        next(read_people(large))
 
 
 @pytest.fixture

@@ -1,0 +1,94 @@
+"""Whatever fails on the disk: every file is the old or the new one, whole, and work goes on."""
+
+import builtins
+import errno
+import io
+import itertools
+import json
+import os
+import shutil
+
+import pytest
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.report import write_report
+from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.models.config import GeneratorConfig
+from tests.networks import random_model
+
+NETWORK = GeneratorConfig(obs_len=2, pred_len=1, pooling="none", embedding_dim=2, mlp_dim=2)
+
+
+class Disk:
+    """Of the operations that change it, number `at` fails; of a write half is done."""
+
+    def __init__(self, patch, at):
+        self.at, self.count = at, 0
+        for name in ("fsync", "mkdir", "rename", "replace"):
+            patch.setattr(os, name, self.striking(getattr(os, name)))
+        plain = io.open
+
+        def opening(file, mode="r", *arguments, **options):
+            changes = set(mode) & set("wax+") and not str(file).startswith("/dev/")
+            opened = (self.striking(plain) if changes else plain)(file, mode, *arguments, **options)
+            if changes:
+                write = opened.write
+                opened.write = self.striking(write, lambda data: write(data[: len(data) // 2]))
+            return opened
+
+        for module in (io, builtins):
+            patch.setattr(module, "open", opening)
+
+    def striking(self, operation, before=lambda data: None):
+        def strike_first(*arguments, **options):
+            self.count += 1
+            if self.count == self.at:
+                before(arguments[0])
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return operation(*arguments, **options)
+
+        return strike_first
+
+
+def every_fault(work, check):
+    """Let each operation of `work()` fail in turn, in one line, and call `check(done)` after it."""
+    for at in itertools.count(1):
+        error = None
+        with pytest.MonkeyPatch.context() as patch:
+            disk = Disk(patch, at)
+            try:
+                work()
+            except (InputError, OSError) as caught:
+                error = caught
+        assert "\n" not in str(error)
+        assert not isinstance(error, OSError) or error.errno == errno.ENOSPC
+        check(error is None)
+        if disk.count < at:
+            assert error is None
+            assert at > 5, "no faults were made"
+            return
+
+
+def test_a_report_is_the_old_or_the_new_one(tmp_path, capsys):
+    path, (old, new) = tmp_path / "rows.json", ([{"model": number}] * 100 for number in (1, 2))
+
+    def check(done):
+        found = json.loads(path.read_text())["rows"]
+        assert found == new if done else found in (old, new)
+        assert list(tmp_path.iterdir()) == [path]
+        write_report(path, old, {})
+
+    write_report(path, old, {})
+    every_fault(lambda: write_report(path, new, {}), check)
+
+
+def test_a_model_is_there_whole_or_not_at_all(tmp_path):
+    model, folder = random_model(NETWORK), tmp_path / "model"
+
+    def check(done):
+        assert {each.name for each in tmp_path.iterdir()} <= {"model"}
+        if done or folder.exists():
+            assert load_model(folder).config == NETWORK
+            shutil.rmtree(folder)
+
+    every_fault(lambda: save_model(folder, model), check)
