@@ -112,8 +112,11 @@ class Options:
     """Draw figures."""
     plots: Path = Path("results/figures")
     """Folder of the figures; or a prefix of their names that ends in .png, .pdf or .svg."""
+    style: Literal["paper", "talk"] = "paper"
+    """Look of the figures; a talk's have larger letters and lines."""
     save_forecasts: Annotated[Path | None, _named("FILE")] = None
-    """Also write all forecasts, as .npz or .ndjson (TrajNet++), a file for each model."""
+    """Also write all forecasts, as .npz, .nc (xarray) or .ndjson (TrajNet++), a file for each
+    model."""
     cluster: Annotated[str | None, _named("ADDRESS")] = None
     """Address of a Dask scheduler whose workers evaluate test sets in parallel."""
 
@@ -251,8 +254,10 @@ def _write_files(
     """Write figures and forecasts; returns a line for each kind of file."""
     said = []
     if options.figures:
+        from neurosym_jax.plotting import use_style
         from neurosym_jax.plotting.evaluation import draw_figures
 
+        use_style(options.style)
         drawn = draw_figures(options.plots, results, together=together)
         several = f"figures: {len(drawn)} in {drawn[0].parent}"
         said += [f"figure: {drawn[0]}" if len(drawn) == 1 else several]
@@ -280,6 +285,6 @@ def _validate(options: Options) -> None:
 
         check_figures(options.plots)
     else:
-        refuse_unused(options, ["plots"], "with --no-figures")
+        refuse_unused(options, ["plots", "style"], "with --no-figures")
     if options.save_forecasts:
         check_forecasts_file(options.save_forecasts)

@@ -3,11 +3,12 @@
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
 
+from neurosym_jax.commands._options import refuse_unused
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
@@ -25,7 +26,13 @@ class Options:
     path: Annotated[Path, tyro.conf.Positional]
     """A file, or a folder, which is searched with its subfolders."""
     figure: Path | None = None
-    """PNG file for a figure of all tracks."""
+    """File for a figure of all tracks: .png, .pdf or .svg."""
+    underlay: Path | None = None
+    """Image of the floor under the tracks: a map, or a frame of a video."""
+    homography: Path | None = None
+    """Text file of 3 x 3 numbers that turn pixels (column, row, 1) of the underlay into metres."""
+    style: Literal["paper", "talk"] = "paper"
+    """Look of the figure; a talk's has larger letters and lines."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How files are read."""
 
@@ -34,8 +41,15 @@ def run(options: Options) -> int:
     """Print the summaries; return 2 if no file in a folder could be read.
 
     Raises:
-        InputError: for a single file that cannot be read, or a folder without files.
+        InputError: for a single file that cannot be read, a folder without files, or an option
+            that is not used.
     """
+    if options.figure is None:
+        refuse_unused(options, ["underlay", "homography", "style"], "without --figure")
+    if options.underlay is None:
+        refuse_unused(options, ["homography"], "without --underlay")
+    elif options.homography is None:
+        raise InputError("--underlay: needs a --homography, which says where it lies")
     folder = is_folder(options.path)
     paths = files_in(options.path, "**/*") if folder else [options.path]
     recordings: list[Tracks] = []
@@ -57,10 +71,13 @@ def run(options: Options) -> int:
     if len(recordings) > 1:
         print(f"altogether {len(recordings)} recordings of {len(paths)} files")
     if options.figure and recordings:
-        from neurosym_jax.plotting import save_figure
-        from neurosym_jax.plotting.tracks import plot_tracks
+        from neurosym_jax.plotting import plot_tracks, read_underlay, save_figure, use_style
 
-        print(f"wrote {save_figure(plot_tracks(recordings), options.figure)}")
+        use_style(options.style)
+        floor = None
+        if options.underlay is not None and options.homography is not None:
+            floor = read_underlay(options.underlay, options.homography)
+        print(f"wrote {save_figure(plot_tracks(recordings, floor), options.figure)}")
     return 0 if recordings else 2
 
 

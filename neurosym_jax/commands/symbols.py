@@ -8,7 +8,7 @@ JSON lines.
 import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -61,6 +61,8 @@ class Options:
     """Random seed of the noise."""
     out: Path = Path("results/symbols")
     """Folder of the figures."""
+    style: Literal["paper", "talk"] = "paper"
+    """Look of the figure; a talk's has larger letters and lines."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How files are read."""
 
@@ -72,7 +74,7 @@ def run(options: Options) -> None:
         InputError: for data, a window, a weighting or a model that cannot be used.
     """
     if options.forecast:
-        refuse_unused(options, ["weighting"], "with --forecast")
+        refuse_unused(options, ["weighting", "style"], "with --forecast")
     else:
         refuse_unused(options, ["samples", "seed"], "without --forecast")
     refuse(Count, {"--samples": options.samples})
@@ -114,8 +116,9 @@ def _show_weights(options: Options, model: Model | None, title: str, shown: Wind
     print(f"{title}: {len(pairs.people)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(pairs))
 
-    from neurosym_jax.plotting import plot_pairs, save_figure
+    from neurosym_jax.plotting import plot_pairs, save_figure, use_style
 
+    use_style(options.style)
     figure = plot_pairs(pairs, f"{title}, {weighting.name}{hint}")
     print(f"\n{save_figure(figure, options.out / 'pairs.png')}")
 

@@ -18,6 +18,7 @@ from .results import evaluate as evaluate
 from .results import evaluate_tests as evaluate_tests
 from .saved_forecasts import forecasts_of as forecasts_of
 from .saved_forecasts import save_forecasts as save_forecasts
+from .saved_forecasts import to_xarray as to_xarray
 from .scoring import Evaluation as Evaluation
 from .scoring import Score as Score
 from .scoring import score as score

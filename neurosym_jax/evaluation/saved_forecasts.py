@@ -1,4 +1,4 @@
-"""Forecasts of a whole test set in a file: NumPy arrays, or TrajNet++ lines (docs/evaluate.md).
+"""Forecasts of a whole test set in a file: NumPy arrays, xarray's netCDF, or TrajNet++ lines.
 
 The test set is forecast again; with the same seed these are the forecasts that were scored.
 """
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import Test
@@ -20,11 +21,18 @@ from neurosym_jax.runtime.environment import cpu_cores, refuse_beyond_memory
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.scene import scene_identity
 
-__all__ = ["check_forecasts_file", "forecasts_of", "save_forecasts"]
+__all__ = ["check_forecasts_file", "forecasts_of", "save_forecasts", "to_xarray"]
 
 DECIMALS = 4
 """Decimals of metres in files."""
-ENDINGS = (".npz", ".ndjson")
+ENDINGS = (".npz", ".nc", ".ndjson")
+DIMENSIONS = {
+    "forecast": ("sample", "agent", "time", "xy"),
+    "probability": ("sample", "agent"),
+    "truth": ("agent", "time", "xy"),
+    "observed": ("agent", "past", "xy"),
+}
+"""Of arrays; others have a value for each agent."""
 
 
 def check_forecasts_file(path: Path) -> None:
@@ -35,6 +43,8 @@ def check_forecasts_file(path: Path) -> None:
     """
     if path.suffix.lower() not in ENDINGS:
         raise InputError(f"{path}: forecasts are written as {', '.join(ENDINGS)}, by the ending")
+    if path.suffix.lower() == ".nc":
+        _xarray()
     refuse_unwritable(path)
 
 
@@ -42,7 +52,7 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
     """Write a file for each model on each test set: `path`, or several names beside it.
 
     Args:
-        path: its ending, .npz or .ndjson (TrajNet++), is the format.
+        path: its ending, .npz, .nc (see `to_xarray`) or .ndjson (TrajNet++), is the format.
         tests: test sets and their models.
         samples: k.
         seed: random seed of the noise.
@@ -63,11 +73,14 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
         found = forecasts_of(model, test, samples, seed)
         for each in ("forecast", "truth", "observed"):
             found[each] = np.round(found[each], DECIMALS)
-        if path.suffix.lower() == ".npz":
-            with new_file(target) as beside:
-                np.savez_compressed(beside, **found)
-        else:
+        if path.suffix.lower() == ".ndjson":
             write_text(target, _trajnet_text(found))
+        else:
+            with new_file(target) as beside:
+                if path.suffix.lower() == ".nc":
+                    to_xarray(**found).to_netcdf(beside, engine="scipy")
+                else:
+                    np.savez_compressed(beside, **found)
         paths.append(target)
     return paths
 
@@ -100,6 +113,40 @@ def forecasts_of(model: Model, test: Test, samples: int, seed: int) -> dict[str,
         "period": windows.period,
         **({} if likely is None else {"probability": likely[:, scene]}),
     }
+
+
+def to_xarray(forecast: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) -> Any:
+    """Forecasts of A people as an `xarray.Dataset`, with `time` in seconds from the last position.
+
+    `to_xarray(nj.predict(...))` takes a scene's, `to_xarray(**forecasts_of(...))` a test set's.
+
+    Args:
+        forecast: [k, A, T, 2] metres.
+        period: seconds between steps.
+        **arrays: `probability` [k] or [k, A], `truth` [A, T, 2], `observed` [A, obs_len, 2], and
+            coordinates [A] by any other name, such as `person`.
+
+    Raises:
+        InputError: where xarray is not installed.
+    """
+    given = {name: np.asarray(of) for name, of in {"forecast": forecast, **arrays}.items()}
+    found: dict[str, Any] = {
+        name: (DIMENSIONS.get(name, ("agent",))[: of.ndim], of) for name, of in given.items()
+    }
+    found["xy"] = ["x", "y"]
+    found["time"] = period * np.arange(1, given["forecast"].shape[2] + 1)
+    if "observed" in given:
+        found["past"] = period * np.arange(1 - given["observed"].shape[1], 1)
+    dataset = _xarray().Dataset(found, attrs={"units": "metres", "period": period})
+    return dataset.set_coords(arrays.keys() - DIMENSIONS.keys())
+
+
+def _xarray() -> Any:
+    try:
+        import xarray
+    except ImportError:
+        raise InputError(".nc files need xarray: pip install 'neurosym-jax[frames]'") from None
+    return xarray
 
 
 def _trajnet_text(found: dict[str, Any]) -> str:

@@ -3,7 +3,7 @@
 Observed paths are dark, the true future is a broad green band, a model has its own colour and line.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,7 +21,8 @@ from neurosym_jax.plotting.style import (
     new_figure,
 )
 
-__all__ = ["draw_horizon", "draw_paths", "draw_scene", "plot_forecasts", "plot_horizon_errors"]
+__all__ = ["draw_horizon", "draw_paths", "draw_scene"]
+__all__ += ["plot_event_errors", "plot_forecasts", "plot_horizon_errors"]
 
 
 def plot_forecasts(
@@ -51,7 +52,8 @@ def plot_forecasts(
     extent = np.maximum(extent, [0.75 * extent[1], 0.36 * extent[0]])
     # High figures go into one column.
     width = WIDTH if extent[1] < 0.7 * extent[0] else COLUMN
-    figure, ((axes,),) = new_figure(width, (width - 0.5) * extent[1] / extent[0] + 0.85)
+    height = (width - 0.5) * extent[1] / extent[0] + (0.85 if title else 0.55)
+    figure, ((axes,),) = new_figure(width, height)
     (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.ticklabel_format(useOffset=False, style="plain")
@@ -84,7 +86,8 @@ def draw_scene(
                     draw_paths(axes, sample, past, **faint)
             path = path.mean(axis=0) if future is None else best_sample(path, future)
             of = "mean" if future is None else "best"
-            label = f"{name}, {of} of {len(samples[name])}" if len(samples[name]) > 1 else name
+            label = f"{name}, {of} of {len(samples[name])}"
+            label = label if len(samples[name]) > 1 else f"{name}, one guess"
         draw_paths(axes, path, past, **look, linewidth=1.5 * weight, zorder=4, label=label)
 
 
@@ -110,7 +113,8 @@ def plot_horizon_errors(
     """A mean error against the horizon, one line a model, the largest first in the legend.
 
     Args:
-        errors: [pred_len], by the model's name.
+        errors: [pred_len] by the model's name; or [3, pred_len] with the bounds of an interval,
+            low and high, which is drawn as a band.
         period: seconds from the last observation to the first step, and between steps.
         title: of the figure.
         label: name of the error, with its unit.
@@ -123,12 +127,39 @@ def plot_horizon_errors(
 
 
 def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> None:
-    """Draw a line [pred_len] for each model against seconds."""
+    """Draw a line [pred_len] and a band for each model against seconds."""
     looks = model_looks(errors)
-    curves = {name: np.asarray(curve, float) for name, curve in errors.items()}
+    curves = {name: np.atleast_2d(np.asarray(curve, float)) for name, curve in errors.items()}
     # Sorted, so that the legend has the order of the lines' ends.
-    for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]):
+    for name, (curve, *bounds) in sorted(curves.items(), key=lambda item: -item[1][0, -1]):
         seconds = period * np.arange(1, len(curve) + 1)
         look = {"linewidth": 1.6, "marker": "o", "markersize": 2.5, **looks[name]}
         axes.plot(seconds, curve, label=name, **look)
+        if bounds:
+            axes.fill_between(seconds, *bounds, color=looks[name]["color"], alpha=0.2, linewidth=0)
     axes.set(xlim=(0, None), ylim=(0, None))
+
+
+def plot_event_errors(
+    events: Sequence[str], errors: Mapping[str, ArrayLike], label: str = "joint ADE [m]"
+) -> Figure:
+    """Errors of models for the people to whom an event happens, a row an event.
+
+    Args:
+        events: E names, such as "overtaking (31 people)".
+        errors: [E], or [3, E] with the bounds of an interval, by the model's name.
+        label: name of the error, with its unit.
+    """
+    figure, ((axes,),) = new_figure(COLUMN, 0.7 + 0.3 * len(events))
+    rows = np.arange(len(events))
+    for number, (name, look) in enumerate(model_looks(errors).items()):
+        mean, *bounds = np.atleast_2d(np.asarray(errors[name], float))
+        place = rows + 0.16 * (number - (len(errors) - 1) / 2)
+        if bounds:
+            axes.hlines(place, *bounds, color=look["color"], linewidth=1.2)
+        axes.plot(mean, place, "o", color=look["color"], markersize=3.5, label=name)
+    axes.set_yticks(rows, events)
+    axes.set(xlim=(0, None), ylim=(len(rows) - 0.5, -0.5))
+    dress(axes, label)
+    add_legend(figure, axes)
+    return figure

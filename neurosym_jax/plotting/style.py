@@ -1,38 +1,30 @@
 """The common look: figures in the style `neurosym.mplstyle`, legends, files, and models' colours.
 
-A model has its own colour and line in every figure.
+A model has its own colour and line in every figure. Sizes are a paper's; `use_style("talk")` draws
+on a smaller canvas with more dots an inch, so letters and lines are larger beside the rest.
 """
 
 import textwrap
 from collections.abc import Iterable
 from contextlib import AbstractContextManager
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 
-__all__ = [
-    "COLUMN",
-    "ENDINGS",
-    "INK",
-    "LABEL",
-    "PALETTE",
-    "SMALL",
-    "TRUTH",
-    "WIDTH",
-    "add_legend",
-    "dress",
-    "model_looks",
-    "new_figure",
-    "save_figure",
-]
+__all__ = ["COLUMN", "ENDINGS", "INK", "LABEL", "PALETTE", "SEQUENTIAL", "SMALL", "TRUTH", "WIDTH"]
+__all__ += ["Style", "add_legend", "colour_bar", "dress", "model_looks", "new_figure"]
+__all__ += ["save_figure", "use_style"]
 
 WIDTH, COLUMN = 7.0, 3.4
 """Width of a figure over both columns of a paper, and over one, inches."""
@@ -41,11 +33,18 @@ TITLE, LABEL, SMALL = 9, 8, 7
 ENDINGS = (".png", ".pdf", ".svg")
 """Endings of a figure's file."""
 
+Style = Literal["paper", "talk"]
+TALK = 0.62
+"""Size of a talk's canvas, of a paper's."""
+_size = ContextVar("size", default=1.0)
+
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#4D4D4D")
 """Those of Okabe and Ito, safe for colour-blind readers, without the yellow that fades on white."""
 BLUE, RED, GREEN, PURPLE, AMBER, SKY, GREY = PALETTE
 INK = "#222222"
 """Colour of observed paths and text."""
+SEQUENTIAL = LinearSegmentedColormap.from_list("blues", colormaps["Blues"](np.linspace(0.15, 1)))
+"""Colours of values from little to much, which all can be seen on white."""
 TRUTH = GREEN
 """Colour of the true future, as in the live view."""
 
@@ -74,6 +73,11 @@ _OTHERS = (
 _UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
 
+def use_style(style: Style) -> None:
+    """Draw the figures that follow, in this thread, for a paper (the default) or a talk."""
+    _size.set(TALK if style == "talk" else 1.0)
+
+
 def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """`color` and `linestyle` of each model, for `Axes.plot`.
 
@@ -91,16 +95,17 @@ def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
 def new_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, **grid: Any
 ) -> tuple[Figure, np.ndarray]:
-    """An empty figure, `width` by `height` inches, and its [rows, columns] axes."""
+    """An empty figure, `width` by `height` inches of a paper, and its [rows, columns] axes."""
     layout = ConstrainedLayoutEngine(w_pad=0.05, h_pad=0.05, compress=True)
     with _styled():
-        figure = Figure(figsize=(width, height), layout=layout)
+        figure = Figure(figsize=(_size.get() * width, _size.get() * height), layout=layout)
+        figure.set_dpi(figure.get_dpi() / _size.get())
         return figure, figure.subplots(rows, columns, squeeze=False, **grid)
 
 
 def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str | None = None) -> None:
     """Set labels and a title, wrapped to the width of the axes."""
-    axes.set(xlabel=x_label, ylabel=y_label)
+    axes.set(xlabel=x_label, ylabel=_wrapped(y_label, 24))
     if title:
         figure, grid = axes.get_figure(), axes.get_gridspec()
         assert isinstance(figure, Figure)
@@ -112,20 +117,28 @@ def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str | None = 
 
 
 def add_legend(figure: Figure, *panels: Axes) -> None:
-    """Add a legend of the distinct labels of `panels` below them; the figure grows for it."""
+    """Add a small legend of the distinct labels of `panels` below; the figure grows for it."""
     handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels()):
             handles.setdefault(label, handle)
     # In letters; the line before a text is as wide as eight.
-    width = int(figure.get_figwidth() * 72 / LABEL * 2) - 2
+    width = int(figure.get_figwidth() * 72 / SMALL * 2) - 2
     texts = [_wrapped(label, min(40, width - 8)) for label in handles]
     longest = max(len(line) for text in texts for line in text.split("\n"))
     columns = max(1, min(len(texts), width // (longest + 8)))
     rows = max(text.count("\n") + 1 for text in texts) * -(-len(texts) // columns)
-    figure.set_figheight(figure.get_figheight() + (1.4 * rows + 0.6) * LABEL / 72)
+    figure.set_figheight(figure.get_figheight() + (1.4 * rows + 0.6) * SMALL / 72)
     with _styled():
         figure.legend(handles.values(), texts, loc="outside lower left", ncols=columns)
+
+
+def colour_bar(figure: Figure, image: Any, axes: Axes, label: str) -> None:
+    """Add the scale of an image's or a collection's colours beside `axes`."""
+    bar = figure.colorbar(image, ax=axes, pad=0.01)
+    bar.outline.set_visible(False)
+    bar.set_label(label, fontsize=LABEL)
+    bar.ax.tick_params(labelsize=SMALL)
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:
@@ -139,7 +152,7 @@ def save_figure(figure: Figure, path: str | Path) -> Path:
     if ending not in ENDINGS:
         raise InputError(f"{path}: a figure's name must end in .png, .pdf or .svg")
     with new_file(path) as beside, _styled():
-        figure.savefig(beside, format=ending[1:], metadata=_UNDATED.get(ending))
+        figure.savefig(beside, format=ending[1:], dpi=figure.dpi, metadata=_UNDATED.get(ending))
     return path
 
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from neurosym_jax.__main__ import commands
 from neurosym_jax.data.sources import open_source
@@ -49,6 +50,7 @@ TWO = f"--data {{d}}/a {LENGTHS}"
 NEURO = f"{BASE['train']} --model neurosym"
 WEIGHTS, N = "{d}/a/walk.txt", "neurosym_zara1_8"
 LATEX = BASE["evaluate"]
+FLOOR = "{d}/a/walk.txt --figure f.png --underlay {d}/%s/floor.png --homography {d}/a/h.txt"
 CASES = {
     "train": {
         "--model": "--model anchors",
@@ -115,6 +117,7 @@ CASES = {
         "--json": "--json here.json",
         "--figures": "--figures",
         "--plots": ("--data {d}/a/walk.txt", "--data {d}/a/walk.txt --plots here.png"),
+        "--style": ("--data {d}/a/walk.txt", "--data {d}/a/walk.txt --style talk"),
         "--save-forecasts": "--save-forecasts here.npz",
         "--cluster": "--cluster tcp://there",
     },
@@ -128,8 +131,15 @@ CASES = {
         "--samples": "--samples 3",
         "--seed": "--seed 3",
         "--out": "--out here",
+        "--style": (WEIGHTS, f"{WEIGHTS} --style talk"),
     },
-    "inspect": {"PATH": ("{d}/a/walk.txt", "{d}/b/walk.txt"), "--figure": "--figure f.png"},
+    "inspect": {
+        "PATH": ("{d}/a/walk.txt", "{d}/b/walk.txt"),
+        "--figure": "--figure f.png",
+        "--underlay": (FLOOR % "a", FLOOR % "b"),
+        "--homography": (FLOOR % "a", f"{FLOOR % 'a'} --homography {{d}}/b/h.txt"),
+        "--style": ("{d}/a/walk.txt --figure f.png", "{d}/a/walk.txt --figure f.png --style talk"),
+    },
     "convert": {
         "MODEL": (f"{SMALL} new", "sgan_zara1_8 new"),
         "TO": (f"{SMALL} new", f"{SMALL} new.pt"),
@@ -171,7 +181,11 @@ for command, line in OF_READING.items():
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    return write_data(tmp_path_factory.mktemp("data"))
+    folder = write_data(tmp_path_factory.mktemp("data"))
+    for seed, name in enumerate("ab"):
+        Image.new("L", (3, 3), 99 * seed).save(folder / name / "floor.png")
+        np.savetxt(folder / name / "h.txt", (seed + 1) * np.eye(3) + np.eye(3)[::-1] / 9)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +193,10 @@ def inner(data):
     """By command: what is recorded and not run, and what it returns."""
     source = open_source(data / "a" / "walk.txt")
     results = list(evaluate_tests(load_tests(source, make_plan(source, [])), Settings(2)))
-    figure = {"neurosym_jax.plotting.save_figure": Path("figure.png")}
+    figure = {
+        "neurosym_jax.plotting.save_figure": Path("figure.png"),
+        "neurosym_jax.plotting.use_style": None,
+    }
     shipped = [load_model.__globals__["find_model"](n) for n in ("sgan_simulations_8",)]
     return {
         "train": {
@@ -194,13 +211,14 @@ def inner(data):
             f"{C}.evaluate.shipped_models": shipped,
             f"{C}.evaluate.save_forecasts": [Path("f.npz")],
             "neurosym_jax.plotting.evaluation.draw_figures": [Path("f.png")],
+            "neurosym_jax.plotting.use_style": None,
         },
         "symbols": {
             f"{C}.symbols.predict": np.zeros((2, 5, 8, 2)),
             f"{C}.symbols.forecast_rows": [],
             **figure,
         },
-        "inspect": figure,
+        "inspect": figure | {"neurosym_jax.plotting.plot_tracks": None},
         "convert": {
             f"{C}.convert.{name}": SimpleNamespace(name="model")
             for name in ("load_model", "load_torch_checkpoint", "save_model")
@@ -250,6 +268,11 @@ REFUSED = {
     "evaluate --all --checkpoint a": "--checkpoint: has no effect with --all",
     "evaluate --no-figures --plots a.png": "--plots: has no effect with --no-figures",
     "symbols --unit cm": "--unit: has no effect on simulations",
+    "symbols --forecast --style talk": "--style: has no effect with --forecast",
+    "evaluate --no-figures --style talk": "--style: has no effect with --no-figures",
+    "inspect a --style talk": "--style: has no effect without --figure",
+    "inspect a --figure b.png --homography c": "--homography: has no effect without --underlay",
+    "inspect a --figure b.png --underlay c": "--underlay: needs a --homography",
     "symbols --samples 3": "--samples: has no effect without --forecast",
     "symbols --forecast --weighting cnd": "--weighting: has no effect with --forecast",
     "parity cases --seed 1": "--seed: has no effect on stored cases",

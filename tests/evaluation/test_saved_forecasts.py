@@ -1,6 +1,7 @@
 """Forecasts in files are those that were scored, and other programs can read them."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -8,9 +9,15 @@ import pytest
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
 from neurosym_jax.evaluation.plan import baseline, make_test
-from neurosym_jax.evaluation.saved_forecasts import forecasts_of, save_forecasts
+from neurosym_jax.evaluation.saved_forecasts import (
+    check_forecasts_file,
+    forecasts_of,
+    save_forecasts,
+    to_xarray,
+)
 from neurosym_jax.evaluation.scoring import score, score_forecaster
 
 ORIGIN = np.array([5e5, 4e6])
@@ -51,6 +58,29 @@ def test_a_file_for_each_model(test_set, tmp_path):
     found, wanted = np.load(paths[1]), forecasts_of(test_set.entries[1][1], test_set, 3, 0)
     assert set(found) == set(wanted)
     np.testing.assert_allclose(found["forecast"], wanted["forecast"], atol=1e-4)
+
+
+def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
+    xarray = pytest.importorskip("xarray")
+    wanted = forecasts_of(test_set.entries[1][1], test_set, 3, 0)
+    path = save_forecasts(tmp_path / "out.nc", [test_set], 3, 0)[1]
+    with xarray.open_dataset(path, engine="scipy") as found:
+        people = found.isel(agent=np.flatnonzero(wanted["scene"] == 4)).sel(time=0.8, xy="y")
+        moved = wanted["forecast"][:, wanted["scene"] == 4, 1, 1]
+        np.testing.assert_allclose(people.forecast, moved, atol=1e-4)
+        assert people.forecast.dims == ("sample", "agent")
+        assert found.person.values.tolist() == wanted["person"].tolist()
+        np.testing.assert_allclose(found.past, [-1.2, -0.8, -0.4, 0])
+        np.testing.assert_allclose(found.observed, wanted["observed"], atol=1e-4)
+        assert set(found.recording.values.astype(str)) == {"a", "b"}
+    own = to_xarray(wanted["forecast"], probability=[0.5, 0.3, 0.2], period=0.5)
+    assert float(own.weighted(own.probability).mean("sample").forecast[0, 0, 0]) == pytest.approx(
+        np.average(wanted["forecast"][:, 0, 0, 0], weights=[0.5, 0.3, 0.2])
+    )
+    assert own.time.values[0] == 0.5
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="need xarray: pip install"):
+        check_forecasts_file(tmp_path / "other.nc")
 
 
 def test_trajnet_reads_what_happened_and_skips_forecasts(test_set, tmp_path):

@@ -1,9 +1,11 @@
 """Tables: runs of one model are one line, means over test sets, and what a paper takes."""
 
+import contextlib
 import csv
 import dataclasses
 import io
 import re
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -165,6 +167,26 @@ def test_latex_fits_one_column_of_a_paper():
     # Names that would be the same without their options keep them.
     same = [row(f"NeuroSyM, quantised,factor={each}", "zara1", 0.4) for each in (1, 2)]
     assert "factor=1" in format_table(rows_frame(same), "latex")
+
+
+def test_from_a_pandas_frame_to_a_latex_table_in_five_lines(tmp_path, monkeypatch):
+    """The lines of docs/evaluate.md, run; and the rows go back to pandas."""
+    pandas = pytest.importorskip("pandas")
+    page = (Path(__file__).parents[2] / "docs/evaluate.md").read_text()
+    (code,) = re.findall(r"```python\n(import pandas.*?)```", page, re.DOTALL)
+    assert len([line for line in code.splitlines() if line]) <= 5
+    stamp, person = (each.ravel() for each in np.mgrid[0:20, 0:3])
+    frame = {"time": 0.4 * stamp, "person": person, "x": 0.5 * stamp, "y": person + 0.1 * stamp}
+    monkeypatch.chdir(tmp_path)
+    pandas.DataFrame(frame).to_csv("my_tracks.csv", index=False)
+    names, printed = {}, io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, names)
+    assert f"CV & 1 & {names['rows']['joint_ade'][0]:.3f}" in printed.getvalue().replace(
+        "\\textbf{", ""
+    )
+    back = names["rows"].to_pandas()
+    assert back["joint_ade"].tolist() == names["rows"]["joint_ade"].to_list()
 
 
 def test_a_table_fits_the_terminal():

@@ -2,8 +2,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
-from matplotlib.image import imread
+from matplotlib.image import imread, imsave
 
+from neurosym_jax import plotting
+from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.summary import labels
 from neurosym_jax.plotting import (
@@ -166,3 +168,128 @@ def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
 def test_checkpoints_where_they_tell_models_apart(paths, shown):
     given = [("cv", None), *(("SGAN", path) for path in paths)]
     assert labels(given) == ["cv", *(f"SGAN {name}".strip() for name in shown)]
+
+
+def test_horizon_bands_hold_the_interval():
+    figure = plot_horizon_errors({"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.4, 0.7]]}, 0.5)
+    (axes,) = figure.axes
+    (band,) = axes.collections
+    corners = {tuple(np.round(corner, 6)) for corner in band.get_paths()[0].vertices}
+    assert corners == {(0.5, 0.1), (0.5, 0.4), (1.0, 0.3), (1.0, 0.7)}
+    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_ydata(), [0.2, 0.4])
+
+
+def test_calibration_is_drawn_against_the_diagonal():
+    figure = plotting.plot_calibration([0.5, 0.9], {"SGAN": [0.4, 0.7]})
+    (axes,) = figure.axes
+    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_xydata(), [[0.5, 0.4], [0.9, 0.7]])
+    np.testing.assert_allclose(labelled(axes, "calibrated")[0].get_xydata(), [[0, 0], [1, 1]])
+    assert_neat(figure)
+
+
+def test_occupancy_is_the_probability_that_somebody_is_near():
+    """Two people at two places each: certain where they stand in all samples."""
+    samples = np.zeros((4, 2, 1, 2))
+    samples[:, 0] = [2, 0]
+    samples[:, 1] = [5, 3]
+    samples[0, 1] = [8, 0]
+    places = [[2, 0], [2.25, 0], [2.4, 0], [8, 0], [5, 3], [6.5, 1.5]]
+    for probability, at_8 in ((None, 0.25), ([0.7, 0.1, 0.1, 0.1], 0.7)):
+        axes, _ = plotting.plot_occupancy(np.zeros((2, 3, 2)), samples, probability).axes
+        (floor,) = axes.collections
+        corners = floor.get_coordinates()
+        cells = (corners[:-1, :-1] + corners[1:, 1:]) / 2
+        values = floor.get_array().filled(0)
+        found = [
+            values[np.unravel_index(i, values.shape)]
+            for i in (np.linalg.norm(cells - place, axis=-1).argmin() for place in places)
+        ]
+        np.testing.assert_allclose(found, [1, 1, 0, at_8, 1 - at_8, 0], atol=1e-9)
+
+
+def test_anchors_have_the_colour_and_the_bar_of_their_probability():
+    samples = np.arange(3.0)[:, None, None, None] * np.ones((2, 4, 2))
+    where, bars = plotting.plot_anchors(np.zeros((2, 3, 2)), samples, [0.2, 0.7, 0.1]).axes
+    drawn = [(line.get_xdata()[-1], tuple(line.get_color())) for line in where.lines[2:]]
+    heights = {bar.get_facecolor(): (bar.get_x() + 0.4, bar.get_height()) for bar in bars.patches}
+    # The most probable sample is on top.
+    assert [end for end, _ in drawn] == [2, 2, 0, 0, 1, 1]
+    np.testing.assert_allclose(
+        [heights[of] for _, of in drawn[::2]], [[3, 0.1], [2, 0.2], [1, 0.7]]
+    )
+
+
+def test_alpha_is_an_arrow_from_who_looks():
+    observed = np.zeros((3, 4, 2)) + np.array([[0, 0], [4, 0], [0, 3]])[:, None]
+    alpha = np.array([[9, 0.5, 0], [0, 9, 0.04], [0.25, 0, 9]])
+    axes, bar = plotting.plot_alpha(observed, alpha).axes
+    arrows = [each for each in axes.texts if each.arrow_patch is not None]
+    drawn = [(*each.xyann, *each.xy, each.arrow_patch.get_linewidth()) for each in arrows]
+    # From 2 to 0 by half of the largest, from 0 to 1; 0.04 is too little.
+    np.testing.assert_allclose(drawn, [[0, 3, 0, 0, 1.3], [0, 0, 4, 0, 2.2]])
+    assert bar.get_ylim() == (0, 0.5)
+
+
+def test_events_have_a_row_and_models_a_dot_with_an_interval():
+    errors = {"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.3, 0.6]], "anchors": [0.1, 0.2]}
+    figure = plotting.plot_event_errors(["crossing (3)", "passing (4)"], errors)
+    (axes,) = figure.axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["crossing (3)", "passing (4)"]
+    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_xydata(), [[0.2, -0.08], [0.4, 0.92]])
+    ends = np.array(axes.collections[0].get_segments())[..., 0]
+    np.testing.assert_allclose(ends, [[0.1, 0.3], [0.3, 0.6]])
+    assert axes.get_ylim()[0] > axes.get_ylim()[1]
+    assert_neat(figure)
+
+
+def test_an_underlay_lies_where_its_homography_says(tmp_path):
+    """A camera that looks along y: a red pixel, and what lies behind the camera is not drawn."""
+    image = np.full((80, 60, 3), 0.2)
+    image[40, 30] = 1, 0, 0
+    matrix = np.array([[0.1, 0, 0], [0, 0.1, 0], [0, 0.02, 1]])
+    imsave(tmp_path / "any.png", image)
+    np.savetxt(tmp_path / "h.txt", matrix)
+    floor = plotting.read_underlay(tmp_path / "any.png", tmp_path / "h.txt")
+    track = make_tracks("walk", [0, 1, 2], [1, 1, 1], [[0, -3], [6, 4], [2, 2]])
+    (axes,) = plotting.plot_tracks([track], floor).axes
+    (drawn,) = axes.images
+    alpha = drawn.get_alpha()
+    left, right, bottom, top = drawn.get_extent()
+    row, column = np.argwhere(np.asarray(drawn.get_array())[..., 0] == 1).mean(axis=0)
+    x, y, depth = matrix @ [30, 40, 1]
+    assert left + (right - left) * column / 699 == pytest.approx(x / depth, abs=0.05)
+    assert bottom + (top - bottom) * row / 699 == pytest.approx(y / depth, abs=0.05)
+    heights = np.linspace(bottom, top, 700)
+    assert not alpha[heights < -0.1].any()
+    assert (alpha[(heights > 0.1) & (heights < 3)] == 0.6).any()
+
+
+@pytest.mark.parametrize(
+    ("image", "numbers", "message"),
+    [
+        ("any.png", "1 2 3", "h.txt: 3 x 3 numbers"),
+        ("any.png", "1 2 3\n2 4 6\n0 0 1", "h.txt: .* an inverse"),
+        ("h.txt", "1 0 0\n0 1 0\n0 0 1", "h.txt: cannot be read as an image"),
+    ],
+)
+def test_an_underlay_that_cannot_be_read_is_refused(tmp_path, image, numbers, message):
+    imsave(tmp_path / "any.png", np.zeros((3, 3)))
+    (tmp_path / "h.txt").write_text(numbers)
+    with pytest.raises(InputError, match=message):
+        plotting.read_underlay(tmp_path / image, tmp_path / "h.txt")
+
+
+def test_a_talk_has_larger_letters_and_as_many_dots(tmp_path):
+    paper = plot_horizon_errors({"a": [1, 2]})
+    plotting.use_style("talk")
+    try:
+        talk = plot_horizon_errors({"a": [1, 2]})
+    finally:
+        plotting.use_style("paper")
+    assert talk.get_figwidth() == pytest.approx(0.62 * paper.get_figwidth())
+    dots = [figure.get_figwidth() * figure.get_dpi() for figure in (paper, talk)]
+    assert dots[0] == pytest.approx(dots[1])
+    sizes = [figure.axes[0].xaxis.label.get_size() for figure in (paper, talk)]
+    assert sizes[0] == sizes[1]  # In points, of a smaller canvas.
+    image = imread(save_figure(talk, tmp_path / "talk.png"))
+    assert image.shape[1] == pytest.approx(dots[0], abs=2)
