@@ -37,7 +37,7 @@ from studies.symbolic_forecast.sets import TestSet, sets_of
 LENGTH, SAMPLES, SEED = 8, 20, 0
 MOST: dict[Split, int] = {"train": 20_000, "val": 8_000, "test": 30_000}
 """Pairs of each split, about."""
-AGAINST = ("Markov chain", "constant velocity")
+AGAINST = ("Markov chain", "constant velocity", "SGAN", "anchors")
 """What NeuroSyM is compared with."""
 
 
@@ -102,6 +102,8 @@ def _of_set(which: TestSet) -> tuple[dict[str, ErrorsByScene], dict[str, Any]]:
     folder = Path(__file__).resolve().parents[2] / "checkpoints"
     models = {
         "NeuroSyM": load_model(folder / f"neurosym_{which.models}_8"),
+        "SGAN": load_model(folder / f"sgan_{which.models}_8"),
+        "anchors": load_model(folder / f"anchors_{which.models}_8"),
         "constant velocity": baseline("constant_velocity", LENGTH, LENGTH),
         "constant velocity, sampled": baseline("constant_velocity_sampled", LENGTH, LENGTH),
     }
