@@ -120,8 +120,8 @@ def _costs() -> dict[str, float]:
     import jax
     import numpy as np
 
+    from neurosym_jax.forecasting.model import forecast_scene
     from neurosym_jax.forecasting.networks import GeneratorForecaster
-    from neurosym_jax.forecasting.scene_forecaster import forecast_scene
     from neurosym_jax.models import Generator, GeneratorConfig
     from neurosym_jax.models.poolings import POOLINGS
     from neurosym_jax.scene import make_scene, pad_scene

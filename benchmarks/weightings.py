@@ -21,8 +21,8 @@ from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.forecasting.batched import forecast_batch
+from neurosym_jax.forecasting.forecaster import draw_noise
 from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models import AsDescribed, Generator, GeneratorConfig
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 from neurosym_jax.scene import make_scene

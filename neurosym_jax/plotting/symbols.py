@@ -9,19 +9,8 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from neurosym_jax.plotting import style
 from neurosym_jax.plotting.forecasts import draw_paths
-from neurosym_jax.plotting.style import (
-    COLUMN,
-    INK,
-    LABEL,
-    PALETTE,
-    SEQUENTIAL,
-    SMALL,
-    WIDTH,
-    colour_bar,
-    dress,
-    new_figure,
-)
 from neurosym_jax.symbolic.description import ScenePairs, state_texts
 
 __all__ = ["plot_alpha", "plot_pairs"]
@@ -30,9 +19,9 @@ PAIRS = 12
 """Pairs that fit a heat map with their states."""
 PALE = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
 """Pale enough for dark letters."""
-LETTERS: dict[str, Any] = {"family": "DejaVu Sans Mono", "color": INK, "ha": "center"}
+LETTERS: dict[str, Any] = {"family": "DejaVu Sans Mono", "color": style.INK, "ha": "center"}
 """Of one width, so that QTC states align."""
-BESIDE: dict[str, Any] = {"textcoords": "offset points", "fontsize": LABEL}
+BESIDE: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.LABEL}
 """A name beside a person."""
 
 
@@ -47,14 +36,13 @@ def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
     rows = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
     rows = rows[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
-    figure, ((where, when),) = new_figure(WIDTH, height, 1, 2, width_ratios=(1, 2.7))
-    for path, person, colour in zip(pairs.position, people, PALETTE * count):
+    figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2.7))
+    for path, person, colour in zip(pairs.position, people, style.PALETTE * count):
         draw_paths(where, path[None], color=colour, lw=1.2)
         draw_paths(where, path[None, -1:], color=colour, marker="o", ms=4)
         where.annotate(f"{person}", path[-1], (4, 4), **BESIDE, color=colour)
-    where.set_aspect("equal", adjustable="datalim")
     where.margins(0.15)
-    dress(where, "x [m]", "y [m]", "paths, a dot at the end")
+    style.dress_floor(where, "paths, a dot at the end")
     values = np.array([alpha[row] for row in rows])
     highest = values.max() if values.size and values.max() > 0 else 1.0
     # Learned weights may be negative.
@@ -62,7 +50,7 @@ def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
     image = when.imshow(values, aspect="auto", cmap=PALE, vmin=lowest, vmax=highest)
     image.set_visible(not pairs.constant)  # One colour would show nothing: the title says so.
     # A letter is 0.6 of its size wide; four and a margin fit into a step.
-    size = min(SMALL, 0.58 * figure.get_figwidth() * 72 / steps / 3)
+    size = min(style.SMALL, 0.58 * figure.get_figwidth() * 72 / steps / 3)
     for place, row in enumerate(rows):
         for step, code in enumerate(pairs.codes[row], 1):
             when.text(step, place, texts[code], fontsize=size, va="center", **LETTERS)
@@ -71,9 +59,9 @@ def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
     ticks = range(0, steps, 2)
     when.set_xticks(ticks, [f"{pairs.period * step:.1f}" for step in ticks])
     when.grid(visible=False)
-    dress(when, "time [s]", "", f"alpha and QTC state: {title}")
+    style.dress(when, "time [s]", "", f"alpha and QTC state: {title}")
     if not pairs.constant:
-        colour_bar(figure, image, when, "alpha")
+        style.colour_bar(figure, image, when, "alpha")
     return figure
 
 
@@ -90,21 +78,22 @@ def plot_alpha(observed: ArrayLike, alpha: ArrayLike) -> Figure:
     share = np.where(np.eye(len(share), dtype=bool), 0, share)
     largest = share.max() or 1.0
     share /= largest
-    figure, ((axes,),) = new_figure(COLUMN, 3.0)
-    draw_paths(axes, past[:, -3:], color=INK, lw=1.2)
+    figure, ((axes,),) = style.new_figure(style.COLUMN, 3.0)
+    draw_paths(axes, past[:, -3:], color=style.INK, lw=1.2)
     last = past[:, -1]
-    axes.plot(*last.T, "o", color=INK, ms=4, zorder=4)
+    axes.plot(*last.T, "o", color=style.INK, ms=4, zorder=4)
     for person, place in enumerate(last):
         box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
-        axes.annotate(f"{person}", place, (5, 4), zorder=5, **BESIDE, color=INK, bbox=box)
+        axes.annotate(f"{person}", place, (5, 4), zorder=5, **BESIDE, color=style.INK, bbox=box)
     for flat in share.argsort(axis=None, kind="stable"):  # The largest on top.
         i, j = np.unravel_index(flat, share.shape)
         if share[i, j] >= 0.1:
             look = {"arrowstyle": "-|>", "connectionstyle": "arc3,rad=0.15", "shrinkA": 4}
-            look |= {"color": SEQUENTIAL(share[i, j]), "lw": 0.4 + 1.8 * share[i, j], "shrinkB": 4}
-            axes.annotate("", last[j], last[i], arrowprops=look)
-    axes.set_aspect("equal", adjustable="datalim")
+            look |= {"lw": 0.4 + 1.8 * share[i, j], "shrinkB": 4}
+            colour = style.SEQUENTIAL(share[i, j])
+            axes.annotate("", last[j], last[i], arrowprops={**look, "color": colour})
     axes.margins(0.12)
-    dress(axes, "x [m]", "y [m]")
-    colour_bar(figure, ScalarMappable(Normalize(0, largest), SEQUENTIAL), axes, "weight")
+    style.dress_floor(axes)
+    scale = ScalarMappable(Normalize(0, largest), style.SEQUENTIAL)
+    style.colour_bar(figure, scale, axes, "weight")
     return figure
