@@ -130,7 +130,9 @@ def _decoded_agents(
     forecaster: TwoStageForecaster, params: Any, scenes: Scene, noise: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """`[k, A, pred_len, 2]` of the agents, packed as one scene and decoded in parts of `PART`."""
-    agents = _encode(forecaster, params, scenes.bare()), scenes.bare().replace(identity=None)
+    encoder, bare = forecaster.encoder, scenes.bare()
+    context = () if encoder is None else _encode(encoder, params, bare)
+    agents = context, bare.replace(identity=None)
     agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
     each = noise[:, valid] if noise.ndim == 4 else np.repeat(noise, valid.sum(axis=1), axis=1)
     packed, parts = (*agents, each.swapaxes(0, 1)), []
@@ -161,8 +163,8 @@ def _forecast(forecaster, params, scenes, noise):
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _encode(forecaster, params, scenes):
-    return jax.vmap(forecaster.encode, in_axes=(None, 0))(params, scenes)
+def _encode(encoder, params, scenes):
+    return jax.vmap(encoder.encode, in_axes=(None, 0))(params, scenes)
 
 
 @functools.partial(jax.jit, static_argnums=0)

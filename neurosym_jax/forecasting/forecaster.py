@@ -122,6 +122,11 @@ class TwoStageForecaster(Forecaster):
     """
 
     @property
+    def encoder(self) -> "TwoStageForecaster | None":
+        """The forecaster that encodes: equal ones share a program; None if `encode` gives ()."""
+        return None
+
+    @property
     def decodes_alone(self) -> bool:
         """Whether `decode` looks at no neighbour."""
         return True

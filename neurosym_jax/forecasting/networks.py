@@ -58,12 +58,19 @@ class GeneratorForecaster(TwoStageForecaster):
         return self.config.pools
 
     @property
+    def encoder(self) -> "GeneratorForecaster | None":
+        """Encoding does not depend on the horizon; without pooling it is part of `decode`."""
+        if not self.config.pools:
+            return None
+        return GeneratorForecaster(dataclasses.replace(self.config, pred_len=1))
+
+    @property
     def decodes_alone(self) -> bool:
         """Unless it pools at every step."""
         return not self.config.pool_every_timestep
 
     def encode(self, params: Any, scene: Scene) -> Any:
-        """Context `[N, C]`, see `encode_scene`; without pooling encoding is part of `decode`."""
+        """Context `[N, C]`, see `encode_scene`."""
         return encode_scene(self.config, params, scene) if self.config.pools else ()
 
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
