@@ -15,7 +15,7 @@ from neurosym_jax.data import formats
 from neurosym_jax.data.published import COLLECTIONS, data_folder, find
 from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
+from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid, resample
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, printable
 
@@ -82,10 +82,10 @@ class Synthetic(Source):
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         if scene == GENERAL:
             raise InputError(f"{scene} is for models of real people: say of whom with --data")
-        from neurosym_jax.simulation.scenarios import synthetic_tracks
+        from neurosym_jax.simulation.scenarios import simulate
 
         seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
-        return (synthetic_tracks(cast(Any, scene), seed) for seed in seeds)
+        return (resample(simulate(cast(Any, scene), seed), PERIOD) for seed in seeds)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,9 +16,8 @@ from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_name
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from neurosym_jax.models.pooling import NO_FORECAST
-from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
 
 __all__ = ["BASELINES", "TABLE", "Entries", "Test", "TestSet", "baseline", "baselines_of"]

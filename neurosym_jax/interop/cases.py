@@ -24,8 +24,8 @@ from neurosym_jax.interop.names import params_from_torch
 from neurosym_jax.models import Discriminator, Generator, NeurosymIjcnn
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.cnd import alpha_from_states
 from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.recipe import RECIPES
@@ -198,7 +198,7 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
         compiled = jax.jit(observe, static_argnames="convention")
         released = compiled(k, l, convention="as_published")
         ours = {
-            "alpha_reference": alpha_from_states(released, RELEASED.state_weights()),
+            "alpha_reference": RELEASED.state_weights()[encode_state(released)],
             "qtc_reference": released,
             "qtc_signed": compiled(k, l),
             "qtc_signed_q005": compiled(k, l, quantisation_factor=0.05),

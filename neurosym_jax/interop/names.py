@@ -26,7 +26,7 @@ from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.pool_net import PoolNet
-from neurosym_jax.models.poolings import NoPooling, Social
+from neurosym_jax.models.pooling import NoPooling, Social
 from neurosym_jax.models.sgan import Discriminator
 
 __all__ = ["params_from_torch", "params_to_torch", "torch_names", "without_dropout"]

@@ -3,14 +3,14 @@ from .cell import Cell as Cell
 from .cell import register_cell as register_cell
 from .config import DiscriminatorConfig as DiscriminatorConfig
 from .config import GeneratorConfig as GeneratorConfig
+from .config import register_pooling as register_pooling
 from .encounter import Encounter as Encounter
 from .neurosym import AsDescribed as AsDescribed
 from .neurosym import NeurosymIjcnn as NeurosymIjcnn
 from .neurosym import NeurosymRos as NeurosymRos
 from .pool_net import PoolNet as PoolNet
+from .pooling import NoPooling as NoPooling
 from .pooling import Pooling as Pooling
-from .poolings import NoPooling as NoPooling
-from .poolings import Social as Social
-from .poolings import register_pooling as register_pooling
+from .pooling import Social as Social
 from .sgan import Discriminator as Discriminator
 from .sgan import Generator as Generator

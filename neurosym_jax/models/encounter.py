@@ -58,7 +58,6 @@ class _EncounterNetwork(nn.Module):
     bottleneck_dim: int
 
     def setup(self):
-        """Declare the layer of a pair, and the layers of its message and scores."""
         self.pair = Affine(FEATURES, self.hidden_dim)
         self.message = Affine(self.hidden_dim, self.bottleneck_dim)
         self.score = Affine(self.hidden_dim, HEADS)

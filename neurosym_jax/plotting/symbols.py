@@ -9,9 +9,10 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from neurosym_jax.data.windows import Windows
 from neurosym_jax.plotting import style
 from neurosym_jax.plotting.forecasts import draw_paths
-from neurosym_jax.symbolic.description import ScenePairs, state_texts
+from neurosym_jax.symbolic.description import is_constant, state_texts
 
 __all__ = ["plot_alpha", "plot_pairs"]
 
@@ -25,19 +26,21 @@ BESIDE: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.LABEL
 """A name beside a person."""
 
 
-def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
+def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str) -> Figure:
     """A scene's paths beside alpha of its pairs over time, with the QTC_C1 states written in.
 
-    Where alpha is the same both ways, a pair has one row; the first 12 rows are shown.
+    `scene` has one window of N people, whose states have `codes [N, N, T - 1]` and weigh
+    `alpha [N, N, T]`. Where alpha is the same both ways, a pair has one row; the first 12 rows are
+    shown.
     """
-    people, alpha, texts = pairs.people, pairs.alpha, state_texts()
+    people, texts = scene.agent, state_texts()
     count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
     rows = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
     rows = rows[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
     figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2.7))
-    for path, person, colour in zip(pairs.position, people, style.PALETTE * count):
+    for path, person, colour in zip(scene.position, people, style.PALETTE * count):
         draw_paths(where, path[None], color=colour, lw=1.2)
         draw_paths(where, path[None, -1:], color=colour, marker="o", ms=4)
         where.annotate(f"{person}", path[-1], (4, 4), **BESIDE, color=colour)
@@ -48,19 +51,19 @@ def plot_pairs(pairs: ScenePairs, title: str) -> Figure:
     # Learned weights may be negative.
     lowest = min(0.0, values.min(initial=0.0))
     image = when.imshow(values, aspect="auto", cmap=PALE, vmin=lowest, vmax=highest)
-    image.set_visible(not pairs.constant)  # One colour would show nothing: the title says so.
+    image.set_visible(not is_constant(alpha))  # One colour would show nothing: the title says so.
     # A letter is 0.6 of its size wide; four and a margin fit into a step.
     size = min(style.SMALL, 0.58 * figure.get_figwidth() * 72 / steps / 3)
     for place, row in enumerate(rows):
-        for step, code in enumerate(pairs.codes[row], 1):
+        for step, code in enumerate(codes[row], 1):
             when.text(step, place, texts[code], fontsize=size, va="center", **LETTERS)
     arrow = "→" if both_ways else "–"
     when.set_yticks(range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows])
     ticks = range(0, steps, 2)
-    when.set_xticks(ticks, [f"{pairs.period * step:.1f}" for step in ticks])
+    when.set_xticks(ticks, [f"{scene.period * step:.1f}" for step in ticks])
     when.grid(visible=False)
     style.dress(when, "time [s]", "", f"alpha and QTC state: {title}")
-    if not pairs.constant:
+    if not is_constant(alpha):
         style.colour_bar(figure, image, when, "alpha")
     return figure
 

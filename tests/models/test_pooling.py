@@ -12,7 +12,7 @@ from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.models.encounter import _EncounterNetwork
 from neurosym_jax.models.neurosym import _DescribedNetwork, _RosNetwork
 from neurosym_jax.models.pool_net import PoolNetwork
-from neurosym_jax.models.poolings import _GridNetwork
+from neurosym_jax.models.pooling import _GridNetwork
 from neurosym_jax.scene import make_scene
 from tests.networks import random_params
 

@@ -16,8 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import simulate
-from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.simulation.scenarios import TrackerFaults, simulate
 from neurosym_robot.commands import replay as command
 from neurosym_robot.online.frames import Frame, frames_of_tracks
 from neurosym_robot.online.replay import replay
