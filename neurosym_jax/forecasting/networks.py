@@ -12,8 +12,8 @@ from jax import Array
 
 from neurosym_jax.forecasting.forecaster import NoiseSpec, TwoStageForecaster
 from neurosym_jax.forecasting.parameters import shapes_of
-from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.layers import LSTM
 from neurosym_jax.models.sgan import Generator, Weigh
 from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.weighting import initial_parameters

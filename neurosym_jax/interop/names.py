@@ -22,8 +22,8 @@ from neurosym_jax.forecasting.parameters import (
     refuse_not_finite,
     shapes_of,
 )
-from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.layers import LSTM
 from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NoPooling, Social

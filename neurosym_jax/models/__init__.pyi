@@ -1,10 +1,10 @@
-from .cell import LSTM as LSTM
-from .cell import Cell as Cell
-from .cell import register_cell as register_cell
 from .config import DiscriminatorConfig as DiscriminatorConfig
 from .config import GeneratorConfig as GeneratorConfig
 from .config import register_pooling as register_pooling
 from .encounter import Encounter as Encounter
+from .layers import LSTM as LSTM
+from .layers import Cell as Cell
+from .layers import register_cell as register_cell
 from .neurosym import AsDescribed as AsDescribed
 from .neurosym import NeurosymIjcnn as NeurosymIjcnn
 from .neurosym import NeurosymRos as NeurosymRos

@@ -1,7 +1,6 @@
 """Configurations of SGAN's networks, and the table of poolings.
 
-The defaults are those of the published SGAN checkpoints, which are not those of SGAN's own command
-line.
+Defaults are those of the published SGAN checkpoints, which SGAN's own command line does not have.
 """
 
 import dataclasses
@@ -9,8 +8,8 @@ from typing import Annotated, Literal
 
 from neurosym_jax.configuration import Checked, Count, Positive, Whole
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.cell import CELLS, LSTM, Cell
 from neurosym_jax.models.encounter import Encounter
+from neurosym_jax.models.layers import CELLS, LSTM, Cell
 from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.pool_net import PoolNet
 from neurosym_jax.models.pooling import NoPooling, Pooling, Social
@@ -81,7 +80,6 @@ class GeneratorConfig(Checked):
     """Weights of pairs, for a pooling that takes alpha; its default is then the papers' `cnd`."""
 
     def __post_init__(self):
-        """Refuse values from which no network can be built."""
         super().__post_init__()
         if self.noise_dim >= self.decoder_h_dim:
             raise InputError(

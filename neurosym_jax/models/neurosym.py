@@ -79,16 +79,14 @@ class _RosNetwork(_DescribedNetwork):
     def histories(self, track: Array, of_steps: Array) -> tuple[Array, Array, Array]:
         """See `_DescribedNetwork.histories`."""
         own = track.reshape(len(track), -1) @ self.spatial_embedding.kernel
-        shifted = own + self.spatial_embedding.bias
         shape = len(track), self.obs_len, -1
-        return of_steps, own.reshape(shape), shifted.reshape(shape)
+        return of_steps, own.reshape(shape), (own + self.spatial_embedding.bias).reshape(shape)
 
     @staticmethod
     def pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
         """See `_DescribedNetwork.pair`."""
         shifted, of_neighbour = theirs
-        weighted = (shifted - own) * alpha[:, None]
-        return weighted.ravel() @ of_steps + of_neighbour
+        return ((shifted - own) * alpha[:, None]).ravel() @ of_steps + of_neighbour
 
 
 class _IjcnnNetwork(_DescribedNetwork):

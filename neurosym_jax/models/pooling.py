@@ -106,5 +106,4 @@ class _GridNetwork(nn.Module):
         column, row = jnp.moveaxis(jnp.floor(scaled * self.grid_size), -1, 0)
         cell = jnp.where(inside, column + self.grid_size * row, -1)
         occupied = (cell[..., None] == jnp.arange(self.grid_size**2)).astype(hidden.dtype)
-        grid = jnp.einsum("ijc,jh->ich", occupied, hidden)
-        return self.mlp(grid.reshape(len(valid), -1))
+        return self.mlp(jnp.einsum("ijc,jh->ich", occupied, hidden).reshape(len(valid), -1))

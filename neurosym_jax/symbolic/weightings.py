@@ -57,7 +57,7 @@ class Cnd(Weighting):
     def thresholds(self, parameters: Parameters) -> dict[str, Any]:
         """See `Weighting.thresholds`; a learned quantisation factor replaces the option."""
         return {
-            "quantisation_factor": learned(parameters, self, "quantisation_factor"),
+            "quantisation_factor": value_of(parameters, self, "quantisation_factor"),
             "side_quantisation_factor": self.side_quantisation_factor,
             "convention": self.convention,
         }
@@ -79,7 +79,7 @@ class Cnd(Weighting):
         return table.at[self.codes(parameters, positions)].get(mode="clip")
 
 
-def learned(parameters: Parameters, weighting: Weighting, option: str) -> Any:
+def value_of(parameters: Parameters, weighting: Weighting, option: str) -> Any:
     """An option of `weighting`, or its learned value, of which the logarithm is a parameter."""
     name = f"log_{option}"
     return jnp.exp(parameters[name]) if name in parameters else getattr(weighting, option)
@@ -147,7 +147,7 @@ class Quantised(Cnd):
         probabilities = soft_symbols(
             positions[:, None],
             positions,
-            temperature=learned(parameters, self, "temperature"),
+            temperature=value_of(parameters, self, "temperature"),
             straight_through=not self.fades,
             **self.thresholds(parameters),
         )

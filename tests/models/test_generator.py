@@ -5,9 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
-from neurosym_jax.models.cell import LSTM, Encoder, LSTMNetwork
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.layers import LSTM, Affine, Encoder, LSTMNetwork, Perceptron
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.models.sgan import pooling_network
 from neurosym_jax.scene import make_scene

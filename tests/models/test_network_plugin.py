@@ -14,8 +14,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models import GeneratorConfig
-from neurosym_jax.models.cell import CELLS, Encoder
 from neurosym_jax.models.config import POOLINGS, pooling_names
+from neurosym_jax.models.layers import CELLS, Encoder
 from neurosym_jax.plugins import load_plugin
 from neurosym_jax.training.network import named_network
 from tests.networks import random_model
