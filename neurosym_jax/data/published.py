@@ -26,7 +26,8 @@ HOME = (
 COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")  # folders in `data_folder()`
 
 _LICENCES = {
-    "sdd": ("SDD", "CC BY-NC-SA 3.0, restricted"),  # What forbids a use is no default here.
+    # What forbids a use is called restricted, and learned from by no model that ships.
+    **dict.fromkeys(("sdd", "stanford"), ("SDD", "CC BY-NC-SA 3.0, restricted")),
     "simulations": ("simulations", "MIT"),
 }
 

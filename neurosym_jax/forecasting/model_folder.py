@@ -43,7 +43,7 @@ FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
 FIELDS = {"forecaster", "config", "dataset", "plugins"}
 OPTIONAL = {"seen", "neighbours", "data"}
-HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0": "cc-by-nc-sa-3.0"}
+HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0, restricted": "cc-by-nc-sa-3.0"}
 """Our names of data's licences, and the Hub's."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 

@@ -41,10 +41,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class Cnd(Weighting):
-    """1 / N_Tr, N_Tr the number of neighbours of the state in the diagram of the theory.
-
-    What the papers describe.
-    """
+    """The papers' 1 / N_Tr, N_Tr the number of neighbours of the state in the theory's diagram."""
 
     title = "cnd"
     quantisation_factor: NotNegative = 0.0
