@@ -132,8 +132,7 @@ def test_gradients_where_people_coincide(module, valid):
 
     gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, hidden, 0 * OBSERVED, ALPHA)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
-    somebody_is_heard = module is not ENCOUNTER or valid.all()
-    assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0])) == somebody_is_heard
+    assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
 
 
 def test_a_missing_alpha_is_named():
