@@ -101,10 +101,10 @@ class _Graph:
         self, people: int, rate: float, jitter: float, browser: bool
     ) -> tuple[np.ndarray, int]:
         """Ages of the forecasts of `SECONDS`, and the number of frames sent."""
-        from neurosym_robot.online.frames import Frame
         from neurosym_robot.ros.definitions import FORECAST, PEOPLE, blank, ros1_name, typestore
         from neurosym_robot.ros.messages import make_people
         from neurosym_robot.ros.tcpros import Node, Topic
+        from neurosym_robot.tracking.following import Frame
 
         store = typestore(1)
 

@@ -9,9 +9,9 @@ import neurosym_jax as nj
 import neurosym_robot as robot
 
 tracks, name = sys.argv[1:]
-predictor = robot.online.Predictor(nj.load_model(name))
+predictor = robot.Predictor(nj.load_model(name))
 (recording,) = nj.data.read_any(tracks)
-for stamp, ids, xy in robot.online.frames_of_tracks(recording):
+for stamp, ids, xy in robot.frames_of_tracks(recording):
     forecast = predictor.push(stamp, ids, xy)  # None until somebody has been seen long enough
     if forecast is not None:
         (model,) = forecast.models.values()

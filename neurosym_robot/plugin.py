@@ -11,8 +11,6 @@ from neurosym_jax.data.formats import format_of, register_format
 from neurosym_jax.data.reading import Format, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 
-__all__ = ["Bag", "is_bag", "topic_of"]
-
 # Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag.
 SUFFIXES = (".bag", ".mcap", ".db3")
 

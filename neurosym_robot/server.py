@@ -7,8 +7,6 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-__all__ = ["BoundedServer", "ConnectionServer", "deadline"]
-
 MOST = 64  # connections of a server at once
 
 

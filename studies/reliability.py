@@ -2,8 +2,9 @@
 
     python -m studies.reliability
 
-It takes minutes. Every bit of a shipped model's `config.json`, bits of its parameters drawn with a
-seed, and bytes of bags are changed. Silent is what reads differently without a warning.
+Some minutes. Each small file is read by a process of its own. Every bit of one shipped model's
+`config.json`, bits of its parameters drawn with a seed, and bytes of bags of people are changed,
+one damage at a time. Silent is what reads differently, with neither an error nor a warning.
 """
 
 import contextlib
@@ -24,10 +25,10 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.simulation.scenarios import simulate
-from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.ros.bags import BagWriter, read_people
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS, shared_typestore
 from neurosym_robot.ros.messages import make_people
+from neurosym_robot.tracking.following import frames_of_tracks
 
 __all__ = ["BAGS", "bag_of_blanks", "main"]
 

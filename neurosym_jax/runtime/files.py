@@ -18,26 +18,30 @@ from typing import Any
 from neurosym_jax.errors import InputError
 
 __all__ = ["append_text", "folder_digest", "new_file", "new_folder", "refuse_unwritable"]
-__all__ += ["write_json", "write_text"]
+__all__ += ["sync", "write_json", "write_text"]
 
 
-def new_file(path: Path | str) -> contextlib.AbstractContextManager[Path]:
-    """A context with the path of a temporary file, which replaces `path` unless there is an error.
+@contextlib.contextmanager
+def new_file(path: Path | str) -> Iterator[Path]:
+    """Path of a temporary file that replaces `path` on exit; an error removes it.
 
     A missing folder is made. Where `path` cannot be written, an `InputError` says why.
     """
-    return _beside(Path(path), Path.touch)
+    with _beside(Path(path), Path.touch) as beside:
+        yield beside
 
 
-def new_folder(path: Path | str) -> contextlib.AbstractContextManager[Path]:
-    """A context with the path of a temporary folder, which becomes `path` unless there is an error.
+@contextlib.contextmanager
+def new_folder(path: Path | str) -> Iterator[Path]:
+    """Path of a temporary folder that becomes `path` on exit; an error removes it.
 
     Raises:
         InputError: if `path` exists or cannot be written.
     """
     if os.path.exists(path):  # os's also for a name that is too long.
         raise InputError(f"{path}: already there, and nothing is overwritten")
-    return _beside(Path(path), Path.mkdir)
+    with _beside(Path(path), Path.mkdir) as beside:
+        yield beside
 
 
 @contextlib.contextmanager
@@ -50,9 +54,9 @@ def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
         try:
             yield beside
             for each in (*beside.rglob("*"), beside):
-                _sync(each)
+                sync(each)
             beside.replace(path)
-            _sync(path.parent)
+            sync(path.parent)
         finally:
             shutil.rmtree(beside, ignore_errors=True)
             with contextlib.suppress(OSError):  # It is a folder, or in its place.
@@ -103,7 +107,7 @@ def refuse_unwritable(path: Path | str) -> None:
             pass
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
     """Wait until a file, or the entries of a folder, are on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:

@@ -58,7 +58,8 @@ def observe(
     and may be traced.
 
     Args:
-        k, l: [..., T, 2] positions in metres; leading axes broadcast.
+        k: [..., T, 2] positions in metres.
+        l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
         calculus: `b1`, `c1` or `bc1`.
         convention: see the module.
         quantisation_factor: metres per step up to which q1 and q2 are 0.

@@ -13,17 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.dashboard import Dashboard, View
+from neurosym_robot.dashboard.dashboard import Dashboard, View
 from neurosym_robot.dashboard.foxglove_view import FoxgloveView
-from neurosym_robot.dashboard.moments import Moments, read_floor_map
+from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import Predictor, When, load_models
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
 from neurosym_robot.ros.people import REACH, PeopleSource
 from neurosym_robot.tracking.stitching import LinkOptions, OnlineStitcher
-
-__all__ = ["NAME", "LiveOptions", "NodeOptions", "as_options", "value_of"]
 
 NAME = "neurosym_jax"  # of a node
 
@@ -99,16 +97,20 @@ class LiveOptions:
 
     def moments(self, predictor: Predictor, title: str) -> Moments:
         """The lines of JSON of this predictor's stream; InputError if the map cannot be read."""
-        floor_map = read_floor_map(self.map) if self.map else None
-        return Moments(predictor, title=title, floor_map=floor_map, at_least=self.at_least)
+        return Moments(predictor, title=title, floor_map=self.map, at_least=self.at_least)
 
     def views(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
         """What shows the stream live, if the options ask for it; InputError if it cannot."""
         if self.dashboard:
             yield Dashboard(self.moments(predictor, title), self.host, self.port)
         if self.foxglove is not None:
-            frame = {"frame_id": lambda: source.frame_id, "at_least": self.at_least}
-            yield FoxgloveView(predictor, self.foxglove, self.host, **frame)
+            yield FoxgloveView(
+                predictor,
+                self.foxglove,
+                self.host,
+                frame_id=lambda: source.frame_id,
+                at_least=self.at_least,
+            )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -125,8 +127,11 @@ class NodeOptions(LiveOptions):
     def node_options(self, report: Callable[[str], None]) -> dict[str, Any]:
         """The options that a `ForecastingNode` takes."""
         same = ("name", "at_least", "status", "stale_after")
-        options = {name: getattr(self, name) for name in same}
-        return {**options, "source": self.source(report), "stitcher": self.stitcher()}
+        return {
+            **{name: getattr(self, name) for name in same},
+            "source": self.source(report),
+            "stitcher": self.stitcher(),
+        }
 
     def forecast(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
         """Run a node until interrupted, with what shows it; then print its summary."""
@@ -147,7 +152,7 @@ def value_of(arguments: Sequence[str], option: str, otherwise: str) -> str:
     for place, argument in enumerate(arguments):
         name, equals, value = argument.partition("=")
         if name == option:
-            otherwise = value if equals else " ".join(arguments[place + 1 : place + 2])
+            return value if equals else " ".join(arguments[place + 1 : place + 2])
     return otherwise
 
 

@@ -6,6 +6,7 @@ import math
 import signal
 import threading
 import warnings
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Literal
@@ -16,14 +17,13 @@ from neurosym_jax.commands._options import refuse_unused
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.errors import InputWarning
 from neurosym_robot.commands._live_options import LiveOptions
-from neurosym_robot.dashboard import ReplayFile, View
-from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.replay import replay
+from neurosym_robot.dashboard.dashboard import ReplayFile, View
+from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.online.replay import Analytics, replay
 from neurosym_robot.online.status import Status
 from neurosym_robot.ros.bags import read_frames
 from neurosym_robot.ros.forecasting_node import ForecastBag
-
-__all__ = ["Options", "run"]
+from neurosym_robot.ros.people import PeopleSource
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -42,6 +42,13 @@ class Options(LiveOptions):
     html: Path | None = None
     """HTML file to write: the page of --dashboard with its data inside; nothing is overwritten."""
 
+    def files(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
+        """What writes the stream, if the options ask for it; InputError if it cannot."""
+        if self.out is not None:
+            yield ForecastBag(self.out, predictor, source, self.at_least)
+        if self.html is not None:
+            yield ReplayFile(self.html, self.moments(predictor, title))
+
 
 def run(options: Options) -> None:
     """Forecast the recording; InputError names the file or model and the reason."""
@@ -53,7 +60,6 @@ def run(options: Options) -> None:
     refuse_unused(options.read, ["max_gap"], "on a stream")
     source = options.source(warn)
     frames = read_frames(options.recording, options.read, source)
-    title = options.recording.stem
     with contextlib.ExitStack() as stack:
         # Files are finished on SIGTERM, too.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -62,21 +68,21 @@ def run(options: Options) -> None:
         analytics = Analytics(predictor)
         status = Status(predictor, analytics, warn, counts=lambda: source.refused)
         files = stack.enter_context(contextlib.ExitStack())
-        written: list[View] = []
-        if options.out is not None:
-            bag = ForecastBag(options.out, predictor, source, options.at_least)
-            written.append(files.enter_context(closing(bag)))
-        if options.html is not None:
-            page = ReplayFile(options.html, options.moments(predictor, title))
-            written.append(files.enter_context(closing(page)))
-        views = options.views(predictor, title, source)
-        live = [stack.enter_context(closing(view)) for view in views]
+        what = predictor, options.recording.stem, source
+        written = [files.enter_context(closing(view)) for view in options.files(*what)]
+        live = [stack.enter_context(closing(view)) for view in options.views(*what)]
         for view in live:
             print(f"{view.title} {view.where}", flush=True)
-        how = {"stitcher": options.stitcher(), "robot": source.robot}
-        speed = math.inf if rate == "max" else rate
+        events = replay(
+            frames,
+            predictor,
+            analytics,
+            rate=math.inf if rate == "max" else rate,
+            stitcher=options.stitcher(),
+            robot=source.robot,
+        )
         try:
-            for event in replay(frames, predictor, analytics, rate=speed, **how):
+            for event in events:
                 if event.forecast is not None:
                     status.published(event.age)
                 for view in (*written, *live):

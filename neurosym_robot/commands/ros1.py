@@ -10,8 +10,6 @@ from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options,
 from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node_name
 
-__all__ = ["PREPARE", "Options", "run"]
-
 
 def arguments_of_ros(arguments: Sequence[str]) -> list[str]:
     """`a:=b` as `--remap a:=b`, `__name:=` as `--name`, and the master's parameters as options.

@@ -13,8 +13,6 @@ from neurosym_robot.ros.definitions import PEOPLE_TOPICS
 from neurosym_robot.ros.people import KINDS
 from neurosym_robot.ros.ros2 import ForecastNode, import_rclpy, message_type, node_parameters
 
-__all__ = ["PREPARE", "Options", "run"]
-
 Message = Literal["People", "Humans", "TrackedPersons", "Agents", "Detection3DArray", "PoseArray"]
 
 
@@ -52,10 +50,8 @@ def run(options: Options) -> None:
     message_type(kind)  # Refused before the models are loaded.
     predictor = options.predictor()
     rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])
-    logger = rclpy.logging.get_logger(options.name)
-    node = ForecastNode(
-        predictor, topic=options.topic, kind=kind, **options.node_options(logger.warning)
-    )
+    warn = rclpy.logging.get_logger(options.name).warning
+    node = ForecastNode(predictor, topic=options.topic, kind=kind, **options.node_options(warn))
     report = node.node.get_logger().info
     report(f"listening to {node.topic}")
     try:

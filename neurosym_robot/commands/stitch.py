@@ -16,8 +16,6 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.runtime import files
 from neurosym_robot.tracking.stitching import LinkOptions, stitch
 
-__all__ = ["Options", "run", "write_text"]
-
 
 @dataclasses.dataclass(frozen=True)
 class Options:
@@ -58,7 +56,8 @@ def run(options: Options) -> None:
 def write_text(path: Path, tracks: Tracks, period: float) -> None:
     """Rows `frame ped x y`, frame by frame; `read_any`, with this `frame_period`, reads them."""
     frame = np.rint(tracks.stamp / period).astype(np.int64)
-    rows = np.lexsort((tracks.id, frame))
-    points = tracks.position.tolist()
-    lines = [f"{frame[n]}\t{tracks.id[n]}\t{points[n][0]:.6f}\t{points[n][1]:.6f}\n" for n in rows]
-    files.write_text(path, "".join(lines))
+    rows = [
+        f"{frame[n]}\t{tracks.id[n]}\t{tracks.position[n, 0]:.6f}\t{tracks.position[n, 1]:.6f}\n"
+        for n in np.lexsort((tracks.id, frame))
+    ]
+    files.write_text(path, "".join(rows))

@@ -20,8 +20,6 @@ from neurosym_robot.dashboard.server import PageServer
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import ReplayEvent
 
-__all__ = ["Dashboard", "ReplayFile", "View"]
-
 # In the order in which they build on each other; together they are one module.
 SCRIPTS = ("recording.js", "stage.js", "panels.js", "app.js")
 POLICY = (
@@ -89,10 +87,9 @@ class Dashboard(Page):
     title = "the page is at"
 
     def __init__(self, moments: Moments, host: str = "127.0.0.1", port: int = 8765):
-        """Serve in background threads at a name or address; port 0 is any free one.
+        """Serve in background threads at an address; port 0 is any free one.
 
-        Raises:
-            InputError: if the address cannot be used.
+        InputError if it cannot be used.
         """
         try:
             self._server = PageServer((host, port), "".join(page_parts()), moments.introduction)
@@ -122,11 +119,7 @@ class ReplayFile(Page):
     title = "forecasts are in"
 
     def __init__(self, path: Path, moments: Moments):
-        """Begin the file.
-
-        Raises:
-            InputError: if it exists, is not named `.html`, or cannot be written.
-        """
+        """Begin the file; InputError if it exists, is not `.html`, or cannot be written."""
         if path.suffix not in (".html", ".htm"):
             raise InputError(f"{path}: a replay is written as .html")
         if os.path.exists(path):
@@ -135,8 +128,7 @@ class ReplayFile(Page):
         beside = self._files.enter_context(new_file(path))
         file = self._files.enter_context(beside.open("w", encoding="utf-8"))
         super().__init__(moments, functools.partial(print, file=file))
-        self._write(page_parts()[0])
-        self._write(moments.introduction)
+        self._write(f"{page_parts()[0]}\n{moments.introduction}")
 
     def close(self) -> None:
         """Finish the file."""

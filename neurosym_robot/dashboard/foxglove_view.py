@@ -15,11 +15,9 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_robot.dashboard.dashboard import View
-from neurosym_robot.online.pairs import AT_LEAST, compile_events, likely_events
+from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
-
-__all__ = ["FoxgloveView"]
 
 LAST = 2.0**32  # seconds that Foxglove's stamps can hold
 SEEN = 1  # seconds that a person or a forecast is shown at most
@@ -43,9 +41,7 @@ class FoxgloveView(View):
         """Begin to serve at port `to`, 0 for any free one, or to write the file `to`.
 
         `frame_id` returns the frame of the stream's coordinates, "map" while it is not known.
-
-        Raises:
-            InputError: without foxglove-sdk, or if the port or the file cannot be used.
+        InputError without foxglove-sdk, or if the port or the file cannot be used.
         """
         if isinstance(to, Path) and to.suffix != ".mcap":
             raise InputError(f"{to}: for Foxglove, a port or a new .mcap file is needed")
@@ -53,11 +49,10 @@ class FoxgloveView(View):
             foxglove = importlib.import_module("foxglove")
             self._kinds = importlib.import_module("foxglove.messages")
         except ImportError:
-            remedy = "pip install 'neurosym-jax[foxglove]'"
-            raise InputError(f"this needs foxglove-sdk: {remedy}") from None
+            reason = "Foxglove needs foxglove-sdk: pip install 'neurosym-jax[foxglove]'"
+            raise InputError(reason) from None
         self._frame_id, self._at_least = frame_id, at_least
         self._period = predictor.window.period
-        compile_events(predictor)
         # Channels are closed with their context, and log nothing then.
         self._context = context = foxglove.Context()
         self._scene = foxglove.channels.SceneUpdateChannel("/forecasts", context=context)
@@ -97,12 +92,18 @@ class FoxgloveView(View):
                     for id, lines in zip(forecast.ids.tolist(), self._lines(forecast, name, colour))
                 ]
                 for each in likely_events(forecast, name, self._period, self._at_least):
-                    said = {"message": each.words(forecast.ids), "level": kinds.LogLevel.Info}
-                    log = kinds.Log(timestamp=common["timestamp"], name=name, **said)
+                    log = kinds.Log(
+                        timestamp=common["timestamp"],
+                        name=name,
+                        message=each.words(forecast.ids),
+                        level=kinds.LogLevel.Info,
+                    )
                     self._events.log(log, log_time=at)
         self._scene.log(kinds.SceneUpdate(entities=entities), log_time=at)
-        missing = {str(id): reason for id, reason in now["missing"].items()}
-        self._numbers.log({**now, "missing": missing}, log_time=at)
+        self._numbers.log(
+            {**now, "missing": {str(id): reason for id, reason in now["missing"].items()}},
+            log_time=at,
+        )
 
     def close(self) -> None:
         """Finish the file, or end all connections."""
@@ -116,24 +117,26 @@ class FoxgloveView(View):
             for z in (0.2, 0.8)
         )
         size, grey = kinds.Vector3(x=0.4, y=0.4, z=0.4), kinds.Color(r=0.5, g=0.5, b=0.5, a=0.9)
-        name = {"billboard": True, "font_size": 0.3, "text": str(id)}
         return {
             "spheres": [kinds.SpherePrimitive(pose=ball, size=size, color=grey)],
-            "texts": [kinds.TextPrimitive(pose=label, color=grey, **name)],
+            "texts": [
+                kinds.TextPrimitive(
+                    pose=label, color=grey, billboard=True, font_size=0.3, text=str(id)
+                )
+            ],
         }
 
     def _lines(self, forecast: Forecast, model: str, colour: tuple[float, ...]) -> Iterator[list]:
         """Of each person the samples, and last the most probable path."""
         kinds, result = self._kinds, forecast.models[model]
-        rows = [*range(len(result.samples)), result.central]
-        looks = [(FAINT, 0.02)] * len(result.samples) + [(1.0, 0.06)]
+        looks = [(sample, FAINT, 0.02) for sample in result.samples]
+        looks.append((result.samples[result.central], 1.0, 0.06))
         for n, start in enumerate(forecast.observed[:, -1:]):
-            ways = (np.append(start, result.samples[row, n], axis=0).tolist() for row in rows)
             yield [
                 kinds.LinePrimitive(
-                    points=[kinds.Point3(x=x, y=y) for x, y in way],
+                    points=[kinds.Point3(x=x, y=y) for x, y in [*start, *sample[n]]],
                     color=kinds.Color(**dict(zip("rgb", colour)), a=opacity),
                     thickness=thickness,
                 )
-                for way, (opacity, thickness) in zip(ways, looks)
+                for sample, opacity, thickness in looks
             ]

@@ -39,17 +39,16 @@ from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.weighting import Parameters, Weighting
 from neurosym_jax.symbolic.weightings import Cnd
-from neurosym_robot.online.pairs import AT_LEAST, compile_events, likely_events
+from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import FAR
-
-__all__ = ["MAX_NAMED", "UNKNOWN", "Moments", "PairSymbols", "read_floor_map"]
 
 MAX_NAMED = 256  # people named in a moment, and people without a forecast named in it
 MAX_LIKELY = 16  # events told of a forecast
 # Seconds on the page between what was before the clock was set back and what comes after.
 BREAK = 60.0
+CELLS = 2**26  # of a map; larger ones are refused
 LARGEST = 4096  # pixels along a side; larger maps are shown coarser
 UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
@@ -58,13 +57,12 @@ class PairSymbols:
     """Symbols by the convention of the first NeuroSyM among some models; else the papers'."""
 
     def __init__(self, models: Mapping[str, Model]):
-        symbolic = {name: each for name, each in models.items() if each.weighting}
-        self.model = next(iter(symbolic), None)
+        self.model = next((name for name, each in models.items() if each.weighting), None)
         """Its name, None where no model weights pairs."""
         self.weighting: Weighting = Cnd()
         self._parameters: Parameters = {}
         if self.model is not None:
-            chosen = symbolic[self.model]
+            chosen = models[self.model]
             self.weighting = chosen.weighting or self.weighting
             self._parameters = chosen.params.get("weighting", {})
 
@@ -76,9 +74,11 @@ class PairSymbols:
         """
         people = len(observed)
         scene = pad_scene(make_scene(observed), int(bucket_of(people)))
-        codes, alpha = _newest(self.weighting, self._parameters, scene.observed, scene.valid)
-        weights = None if self.model is None else np.asarray(alpha)[:people, :people]
-        return np.asarray(codes)[:people, :people], weights
+        codes, alpha = (
+            np.asarray(each)[:people, :people]
+            for each in _newest(self.weighting, self._parameters, scene.observed, scene.valid)
+        )
+        return codes, None if self.model is None else alpha
 
 
 @functools.partial(jax.jit, static_argnums=0)
@@ -97,25 +97,25 @@ class Moments:
         predictor: Predictor,
         *,
         title: str = "",
-        floor_map: dict[str, Any] | None = None,
+        floor_map: Path | None = None,
         at_least: float = AT_LEAST,
     ):
-        """Begin a page with a title, a map of `read_floor_map`, and events from `at_least` on."""
+        """Begin a page with a title, a map as of `read_floor_map`, and events from `at_least`."""
         self._window = window = predictor.window
         self._symbols = symbols = PairSymbols(predictor.models)
         self._at_least, self._wait = at_least, window.period - SNAP
-        compile_events(predictor)
         self._start = self._stamp = self._told = math.nan
         self._of_events = symbols.model or next(iter(predictor.models))
-        shown = {"model": symbols.model, "name": symbols.weighting.name}
+        predictor.programs.add(self._step)
         self.introduction = _json(
             {
                 "title": title,
                 "period": window.period,
                 "observed": (window.steps - 1) * window.period,
                 "models": list(predictor.models),
-                "weighting": None if symbols.model is None else shown,
-                "map": floor_map,
+                "weighting": symbols.model
+                and {"model": symbols.model, "name": symbols.weighting.name},
+                "map": None if floor_map is None else read_floor_map(floor_map),
                 "likely": {
                     "model": self._of_events,
                     "at_least": at_least,
@@ -132,12 +132,12 @@ class Moments:
         xy = np.asarray(frame.xy, np.float64).reshape(-1, 2)
         kept = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
         near = kept[:MAX_NAMED]
-        told = {key: value for key, value in now.items() if key != "score"}
         missing = itertools.islice(now["missing"].items(), MAX_NAMED)
-        step = None
+        told = {**now, "missing": {str(id): reason for id, reason in missing}}
+        score, step = told.pop("score"), None
         if forecast is not None and not 0 <= forecast.stamp - self._told < self._wait:
             self._told = forecast.stamp
-            step = {**self._step(forecast), "score": now["score"]}
+            step = {**self._step(forecast), "score": score}
         return _json(
             {
                 "t": round(self._stamp - self._start, 3),
@@ -145,7 +145,7 @@ class Moments:
                 "xy": np.round(xy[near], 3).ravel().tolist(),
                 "more": len(kept) - len(near),
                 "robot": None if event.robot is None else np.round(event.robot, 3).tolist(),
-                "now": {**told, "missing": {str(id): reason for id, reason in missing}},
+                "now": told,
                 "step": step,
             }
         )
@@ -224,14 +224,25 @@ def read_floor_map(path: Path) -> dict[str, Any]:
         if not (resolution > 0 and np.isfinite([resolution, x, y, yaw]).all()):
             raise ValueError("resolution must be positive and the origin finite")
         with Image.open(path.parent / str(said["image"])) as image:
-            grey = np.asarray(image.convert("L"), np.float64) / 255
-        chance = grey if int(said["negate"]) else 1 - grey
-        free = np.where(chance < float(said["free_thresh"]), 0, UNKNOWN)
-        opacity = np.where(chance > float(said["occupied_thresh"]), 255, free)
-    except (OSError, ValueError, TypeError, LookupError, yaml.YAMLError) as error:
+            width, height = image.size
+            if width * height > CELLS:
+                raise ValueError(f"{width} x {height} cells are more than {CELLS}")
+            grey = image.convert("L")
+        level = np.arange(256) / 255
+        chance = level if int(said["negate"]) else 1 - level
+        opacity = np.where(chance < float(said["free_thresh"]), 0, UNKNOWN)
+        opacity[chance > float(said["occupied_thresh"])] = 255
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        LookupError,
+        yaml.YAMLError,
+        Image.DecompressionBombError,
+    ) as error:
         reason = f"not a map with image, resolution and origin ({' '.join(str(error).split())})"
         raise InputError(f"{path}: {reason}") from None
-    alpha = Image.fromarray(opacity.astype(np.uint8))
+    alpha = grey.point(opacity.tolist())
     alpha.thumbnail((LARGEST, LARGEST))
     picture = Image.new("LA", alpha.size)
     picture.putalpha(alpha)
@@ -239,7 +250,7 @@ def read_floor_map(path: Path) -> dict[str, Any]:
     picture.save(file, "PNG", optimize=True)
     return {
         "image": "data:image/png;base64," + base64.b64encode(file.getvalue()).decode(),
-        "width": round(grey.shape[1] * resolution, 6),
-        "height": round(grey.shape[0] * resolution, 6),
+        "width": round(width * resolution, 6),
+        "height": round(height * resolution, 6),
         "origin": [x, y, yaw],
     }

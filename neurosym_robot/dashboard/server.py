@@ -18,8 +18,6 @@ from typing import Any
 
 from neurosym_robot.server import BoundedServer, deadline
 
-__all__ = ["PageServer", "Stream"]
-
 ASKING = 3.0  # seconds that a request may take to arrive
 PATIENCE = 10.0  # seconds that an event may take to be taken
 HEARTBEAT = 5.0  # seconds of silence after which a reader is written to, to see whether it is there
@@ -83,11 +81,7 @@ class PageServer(BoundedServer):
     allow_reuse_address = sys.platform != "win32"  # There it would share the port.
 
     def __init__(self, address: tuple[str, int], page: str, introduction: str):
-        """Bind to an address, whose port may be 0 for any free one.
-
-        Raises:
-            OSError: if it cannot be used.
-        """
+        """Bind to an address, whose port may be 0 for any free one; OSError if it cannot be."""
         family, *_, place = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
         self.address_family = family
         self.page, self.introduction, self.stream = page.encode(), introduction.encode(), Stream()
@@ -150,7 +144,6 @@ class _Handler(BaseHTTPRequestHandler):
     def _send_events(self) -> None:
         """What is remembered, then what comes, until the reader is gone or nothing comes."""
         stream = self.server.stream
-        session = stream.session.encode()
         said, _, number = self.headers.get("Last-Event-ID", "").partition("-")
         known = int(number) if said == stream.session and number.isdecimal() else 0
         self.wfile.write(b"event: introduction\ndata: %b\n\n" % self.server.introduction)
@@ -160,7 +153,9 @@ class _Handler(BaseHTTPRequestHandler):
             ended = stream.ended
             first, events = stream.after(known, HEARTBEAT)
             for known, event in enumerate(events, first):
-                self.wfile.write(b"id: %b-%d\ndata: %b\n\n" % (session, known, event))
+                self.wfile.write(
+                    b"id: %b-%d\ndata: %b\n\n" % (stream.session.encode(), known, event)
+                )
             if not events:
                 if ended:
                     break

@@ -1,5 +1,1 @@
 """Forecasts frame by frame, over a recording or live, without ROS."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,10 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from neurosym_jax.symbolic.events import EVENTS
-from neurosym_jax.symbolic.forecast import EventForecast, symbolic_events
-from neurosym_robot.online.predictor import Forecast, Predictor
-
-__all__ = ["AT_LEAST", "LikelyEvent", "compile_events", "likely_events"]
+from neurosym_jax.symbolic.forecast import symbolic_events
+from neurosym_robot.online.predictor import Forecast
 
 AT_LEAST = 0.5  # least probability of an event that is listed
 PAIRS = 16  # pairs that are looked at: those whose mean paths come nearest to each other
@@ -33,18 +31,6 @@ class LikelyEvent(NamedTuple):
         return f"{what}: {100 * self.probability:.0f} %, in {self.seconds:.1f} s"
 
 
-def compile_events(predictor: Predictor) -> None:
-    """Compile `likely_events` with the programs of `predictor`: one for any number of people."""
-
-    def compile(size: int) -> None:
-        for steps in {model.config.pred_len for model in predictor.models.values()}:
-            for count in predictor.samples:
-                samples = np.zeros((count, 4 * PAIRS, steps, 2))
-                _events(samples, samples[0, :, :1], predictor.window.period)
-
-    predictor.programs.add(compile, predictor.programs.sizes[:1])
-
-
 def likely_events(
     forecast: Forecast, model: str, period: float, at_least: float = AT_LEAST
 ) -> list[LikelyEvent]:
@@ -62,19 +48,19 @@ def likely_events(
     # Both directions of a pair; always as many, so that one program serves all.
     pairs = np.resize(np.concatenate([near, near[:, ::-1]]), (2 * PAIRS, 2))
     ends = pairs.T.ravel()
-    found = _events(result.samples[:, ends], forecast.observed[ends, -1:], period)
+    found = symbolic_events(
+        result.samples[:, ends],
+        forecast.observed[ends, -1:],
+        events=tuple(EVENTS),
+        pairs=np.arange(len(ends)).reshape(2, -1).T,
+        period=period,
+    )
     share, seconds = np.asarray(found.probability), np.asarray(found.seconds)[..., 1]
     names, listed = tuple(EVENTS), []
     for event, row in np.argwhere(share[:, : 2 * len(near)] >= at_least).tolist():
         # A mutual event has the same probability in both directions, and is listed once.
         once = row < len(near) or not EVENTS[names[event]].mutual
         if once and np.isfinite(seconds[event, row]):
-            at = float(share[event, row]), float(seconds[event, row])
-            listed.append(LikelyEvent(names[event], int(pairs[row, 0]), int(pairs[row, 1]), *at))
+            how = float(share[event, row]), float(seconds[event, row])
+            listed.append(LikelyEvent(names[event], *pairs[row].tolist(), *how))
     return sorted(listed, key=lambda each: (-each.probability, each.seconds))
-
-
-def _events(samples: np.ndarray, last: np.ndarray, period: float) -> EventForecast:
-    """Of the first half of the paths in `samples` [k, 2 P, T, 2] with the second."""
-    pairs = np.arange(samples.shape[1]).reshape(2, -1).T
-    return symbolic_events(samples, last, events=tuple(EVENTS), pairs=pairs, period=period)

@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model, SceneForecaster
+from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.window import Window, nearest_first
-
-__all__ = ["GRACE", "Forecast", "ModelForecast", "Predictor", "Programs", "When", "load_models"]
 
 GRACE = 1.0  # seconds waited for the end of a future, for people lost for a moment there
 
@@ -31,7 +30,6 @@ When = Literal["start", "needed", "meanwhile"]
 """When programs are compiled: at the start; or each when it is needed, for a recording, which
 waits; or, on a robot, meanwhile in a thread, first the one that the people present need. Until it
 is ready, fewer of them are forecast."""
-Compile = Callable[[int], object]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,21 +84,14 @@ class Predictor:
         report: Callable[[str], None] = lambda text: None,
         **window: Any,
     ):
-        """Compile the programs, or start to.
+        """Compile the programs, or start to, as `compile` says; `window` are options of `Window`.
 
-        Args:
-            models: a model, called by its own name, or models by name.
-            period: seconds between steps; by default those of the models' training data.
-            max_people: maximum in a forecast; of more, the nearest are taken.
-            samples: k futures of each model.
-            seed: of the noise, together with `recording` and the index of the first observed step.
-            recording: name that the noise depends on, as in `predict`.
-            compile: when the programs are compiled, see `When`.
-            report: called with one line before each program is compiled.
-            **window: see `Window`.
-
-        Raises:
-            InputError: for numbers out of range, no model, or models that observe different spans.
+        `models` are one, called by its own name, or several by name; their `samples` are k futures
+        each, and the `period` in seconds is by default that of their training data. Of more than
+        `max_people` the nearest are forecast. Noise depends on `seed`, `recording` and the index of
+        the first observed step, as in `predict`; `report` is called with one line before each
+        program is compiled. InputError for numbers out of range, no model, or models that observe
+        different spans.
         """
         self.models = {models.name: models} if isinstance(models, Model) else dict(models)
         lengths = {model.config.obs_len for model in self.models.values()}
@@ -127,13 +118,8 @@ class Predictor:
             name: SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
             for name, model in self.models.items()
         }
-        self.samples = {forecaster.samples for forecaster in self._forecasters.values()}
-        """Numbers of samples of the models."""
         sizes = {int(bucket_of(people + 1)) for people in range(max_people)}
-        alone = np.zeros((1, self.window.steps, 2))
-        self.programs = Programs(
-            sorted(sizes), compile, report, lambda size: self._forecast(alone, 0, size)
-        )
+        self.programs = Programs(sorted(sizes), compile, report, self._example)
         """What is compiled for these forecasts, and for what is computed of them."""
 
     def push(
@@ -141,26 +127,15 @@ class Predictor:
     ) -> Forecast | None:
         """Take in one frame; return its forecast if anybody's window is whole.
 
-        `observe` and `forecast` in one; of several frames that wait, only the last needs the
-        second.
-
-        Args:
-            stamp: seconds, of the message's header. A frame is everybody seen at that moment.
-            ids: [N] whole numbers.
-            xy: [N, 2] world metres.
-            focus: [2] metres, the robot: of more than `max_people`, those nearest to it are
-                forecast; by default those nearest to the centre of all.
+        `window.push` and `forecast` in one: of several that wait, only the last needs the second.
+        A frame is everybody seen at the `stamp` [s] of the message's header: `ids` [N] whole
+        numbers at `xy` [N, 2] world metres. Of more than `max_people`, those nearest to `focus` [2]
+        are forecast, the robot, by default those nearest to the centre of all.
 
         Raises:
             InputError: if the shapes differ; whatever else is wrong is counted in `health`.
         """
-        return self.forecast(focus) if self.observe(stamp, ids, xy, focus) else None
-
-    def observe(
-        self, stamp: float, ids: ArrayLike, xy: ArrayLike, focus: ArrayLike | None = None
-    ) -> bool:
-        """Take in one frame without a forecast; whether its stamp was accepted."""
-        return self.window.push(stamp, ids, xy, focus)
+        return self.forecast(focus) if self.window.push(stamp, ids, xy, focus) else None
 
     def forecast(self, focus: ArrayLike | None = None) -> Forecast | None:
         """The forecast of the newest frame; None, and everybody is `dropped`, without a window."""
@@ -180,11 +155,16 @@ class Predictor:
             people, observed, extrapolated = people[near], observed[near], extrapolated[near]
         if not len(people):
             return None
-        index = self.window.index
+        index, stamp = self.window.index, self.window.stamp
         models = self._forecast(observed, index - self.window.steps + 1, slots)
         took = time.perf_counter() - began - waited
-        stamp, dropped = self.window.stamp, self.dropped
-        return Forecast(stamp, index, people, observed, models, dropped, took, extrapolated)
+        return Forecast(stamp, index, people, observed, models, self.dropped, took, extrapolated)
+
+    def _example(self, size: int) -> Forecast:
+        """The forecast of `size` people, for whom programs are compiled."""
+        observed, seen = np.zeros((size, self.window.steps, 2)), np.zeros(size, int)
+        models = self._forecast(observed, 0, size)
+        return Forecast(0.0, 0, np.arange(size), observed, models, {}, 0.0, seen)
 
     def _forecast(self, observed: np.ndarray, frame: int, slots: int) -> dict[str, ModelForecast]:
         """Of every model; the window of N people, in `slots`, begins at step `frame`."""
@@ -224,35 +204,44 @@ def load_models(paths: Sequence[Path]) -> dict[str, Model]:
     return dict(zip(names, models))
 
 
+Use = Callable[[Forecast], object]
+
+
 class Programs:
     """Programs of a stream, one for each of a few numbers of people: those ready, and to come."""
 
     def __init__(
-        self, sizes: Sequence[int], when: When, report: Callable[[str], None], forecast: Compile
+        self,
+        sizes: Sequence[int],
+        when: When,
+        report: Callable[[str], None],
+        forecast: Callable[[int], Forecast],
     ):
         """Compile at the start, or begin to.
 
-        `sizes` are the numbers of people that have a program each, ascending; `forecast` compiles
-        the forecast of such a number; `report` is called with one line for each.
+        `sizes` are the numbers of people that have a program each, ascending; `forecast` forecasts
+        such a number; `report` is called with one line before it is compiled.
         """
         self.sizes, self._when, self._report, self._forecast = sizes, when, report, forecast
         self._ready: set[int] = set()
-        self._tasks: list[tuple[int, Compile]] = []
+        self._tasks: list[tuple[int, Use]] = []
         self._wanted = sizes[0]
         self._lock = threading.Lock()
         self.waiting = False
         """Whether programs are still to be compiled in the thread."""
-        self.add(self._compile)
+        self.add(self._note)
 
-    def add(self, compile: Compile, sizes: Sequence[int] | None = None) -> None:
-        """Call `compile` with all numbers of people, or with `sizes`, unless on need only."""
-        tasks = [(size, compile) for size in (self.sizes if sizes is None else sizes)]
-        for size, each in tasks if self._when == "start" else ():
-            each(size)
-        with self._lock:
-            self._tasks += tasks if self._when == "meanwhile" else []
-            if self._tasks and not self.waiting:
-                self.waiting = True
+    def add(self, use: Use) -> None:
+        """Compile what computes something of a forecast by doing so, unless on need only."""
+        tasks = [(size, use) for size in self.sizes]
+        if self._when == "start":
+            for task in tasks:
+                self._compile(*task)
+        elif self._when == "meanwhile":
+            with self._lock:
+                self._tasks += tasks
+                begin, self.waiting = not self.waiting, True
+            if begin:
                 # Not a daemon: a process that ends while XLA compiles would crash.
                 threading.Thread(target=self._work).start()
 
@@ -260,18 +249,21 @@ class Programs:
         """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
         wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
         if self._when == "needed" and wanted not in self._ready:
-            self._compile(wanted)
+            self._compile(wanted, self._note)
         with self._lock:
             self._wanted = wanted
             largest = max(self._ready, default=0)
             return min((size for size in self._ready if size >= wanted), default=largest)
 
-    def _compile(self, size: int) -> None:
-        n = self.sizes.index(size) + 1
-        self._report(f"compiling for up to {size} people ({n} of {len(self.sizes)})")
-        self._forecast(size)
+    def _compile(self, size: int, use: Use) -> None:
+        if size not in self._ready:
+            n = self.sizes.index(size) + 1
+            self._report(f"compiling for up to {size} people ({n} of {len(self.sizes)})")
+        use(self._forecast(size))
+
+    def _note(self, forecast: Forecast) -> None:
         with self._lock:
-            self._ready.add(size)
+            self._ready.add(len(forecast.ids))
 
     def _work(self) -> None:
         while threading.main_thread().is_alive():
@@ -280,8 +272,7 @@ class Programs:
                     self.waiting = False
                     self._report("everything is compiled")
                     return
-                first = self._wanted, self._compile
+                first = self._wanted, self._note
                 task = min(self._tasks, key=lambda each: (each != first, each[1] != first[1]))
                 self._tasks.remove(task)
-            size, compile = task
-            compile(size)
+            self._compile(*task)

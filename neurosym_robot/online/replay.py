@@ -1,21 +1,120 @@
-"""A stream of frames through stitching, prediction and analytics, in real time or faster."""
+"""A stream of frames through stitching, prediction and scores, in real time or faster.
 
+Scores are running errors of forecasts as the future arrives, the same live and in a replay: one
+forecast a period is scored, against what the predictor's window has seen since. Only people whose
+whole future was observed are scored; the others are counted with the reason.
+"""
+
+import collections
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from neurosym_jax.data.tracks import SNAP
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frames import Frame
-from neurosym_robot.online.predictor import Forecast, Predictor
+from neurosym_jax.evaluation.metrics import metric_names
+from neurosym_jax.evaluation.scoring import score
+from neurosym_robot.online.predictor import GRACE, Forecast, Predictor
+from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
-__all__ = ["ReplayEvent", "advance", "replay"]
-
+STRAIGHT = "constant velocity"  # scored beside the models, as a baseline
 LONGEST = 10.0  # seconds waited at most between two frames
+
+
+class Analytics:
+    """Running scores of the models of a predictor's forecasts, and of `STRAIGHT`."""
+
+    def __init__(self, predictor: Predictor):
+        """Compile the scores with the programs of `predictor`."""
+        self.forecasts = 0
+        self.dropped: collections.Counter[str] = collections.Counter()
+        """People without a forecast by reason, once for each forecast that they are missing in;
+        and people with a forecast that cannot be scored: "future unknown"."""
+        self._sums: dict[str, dict[str, Any]] = {}
+        """Of each model: forecasts and people scored, and [2, ...] total and count of metrics."""
+        self._window = predictor.window
+        self._wait = predictor.seconds_ahead + GRACE
+        self._pending: collections.deque[Forecast] = collections.deque()
+        predictor.programs.add(
+            lambda forecast: [score(each, each[0]) for each in _with_straight(forecast).values()]
+        )
+
+    def add(self, forecast: Forecast | None) -> list[Forecast]:
+        """Take in what the newest frame brought; return the forecasts that it completed.
+
+        One forecast a period is followed, and returned with its `future`.
+        """
+        done = []
+        if self._pending and self._window.stamp < self._pending[-1].stamp:
+            done = self.finish()  # The clock was set back: their future never comes.
+        while self._pending and self._window.stamp >= self._pending[0].stamp + self._wait:
+            done.append(self._score(self._pending.popleft()))
+        if forecast is not None:
+            self.forecasts += 1
+            self.dropped.update(forecast.dropped.values())
+            newest = self._pending[-1].stamp if self._pending else -np.inf
+            if forecast.stamp - newest >= self._window.period - SNAP:
+                self._pending.append(forecast)
+        return done
+
+    def finish(self) -> list[Forecast]:
+        """At the end of a recording, score the forecasts that wait, and return them."""
+        done = [self._score(forecast) for forecast in self._pending]
+        self._pending.clear()
+        return done
+
+    def summary(self) -> dict[str, Any]:
+        """JSON-able counts, and means in metres or None before the first."""
+        models = {}
+        for name, sums in self._sums.items():
+            models[name] = {"forecasts": sums["forecasts"], "people": sums["people"]}
+            for metric in metric_names():
+                total, count = sums.get(metric, np.zeros(2))
+                models[name][metric] = (total / count).tolist() if count.any() else None
+        return {
+            "forecasts": self.forecasts,
+            "pending": len(self._pending),
+            "dropped": dict(self.dropped),
+            "models": models,
+        }
+
+    def _score(self, forecast: Forecast) -> Forecast:
+        samples = _with_straight(forecast)
+        steps = np.arange(1, samples[STRAIGHT].shape[2] + 1)
+        future = self._window.resampled(forecast.ids, forecast.stamp + self._window.period * steps)
+        known: Any = np.isfinite(future).all(axis=2)
+        for name, each in samples.items():
+            sums = self._sums.setdefault(name, {"forecasts": 0, "people": 0})
+            length = each.shape[2]
+            there = known[:, :length].all(axis=1)
+            if there.any():
+                sums["forecasts"] += 1
+                sums["people"] += int(there.sum())
+                for metric, one in score(each, future[:, :length], there).items():
+                    both = np.stack(np.broadcast_arrays(one.total[0], one.count[0]))
+                    sums[metric] = sums.get(metric, 0) + both
+        unknown = int((~known.all(axis=1)).sum())
+        self.dropped.update({"future unknown": unknown} if unknown else {})
+        return dataclasses.replace(forecast, future=future)
+
+
+def _with_straight(forecast: Forecast) -> dict[str, np.ndarray]:
+    """Samples by model, and of `STRAIGHT` as many as a model's, for the same program."""
+    samples = {name: result.samples for name, result in forecast.models.items()}
+    first, steps = len(next(iter(samples.values()))), max(s.shape[2] for s in samples.values())
+    going_on = straight(forecast.observed, steps)
+    return samples | {STRAIGHT: np.repeat(going_on[None], first, axis=0)}
+
+
+def straight(observed: np.ndarray, steps: int) -> np.ndarray:
+    """[N, steps, 2] of people `observed` [N, T, 2] who go on as between their last two steps."""
+    step = np.diff(observed[:, -2:], axis=1).sum(axis=1, keepdims=True)
+    return observed[:, -1:] + np.arange(1, steps + 1)[:, None] * step
 
 
 class ReplayEvent(NamedTuple):
@@ -34,10 +133,11 @@ def advance(
 ) -> ReplayEvent:
     """Observe all frames, and forecast the newest; those nearest to the `robot` [3] go first."""
     focus = None if robot is None else robot[:2]
-    accepted = [frame for frame in frames if predictor.observe(*frame, focus=focus)]
-    forecast = predictor.forecast(focus) if accepted else None
-    newest = accepted[-1] if accepted else frames[-1]
-    return ReplayEvent(newest, forecast, skipped=max(len(accepted) - 1, 0), robot=robot)
+    accepted = [frame for frame in frames if predictor.window.push(*frame, focus=focus)]
+    if not accepted:
+        return ReplayEvent(frames[-1], None, robot=robot)
+    forecast = predictor.forecast(focus)
+    return ReplayEvent(accepted[-1], forecast, skipped=len(accepted) - 1, robot=robot)
 
 
 def replay(

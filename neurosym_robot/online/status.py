@@ -12,11 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.evaluation.metrics import METRICS, metric_names
-from neurosym_robot.online.analytics import Analytics
 from neurosym_robot.online.predictor import Predictor
-
-__all__ = ["STALE_AFTER", "Status"]
+from neurosym_robot.online.replay import Analytics
 
 STALE_AFTER = 2.0  # seconds of age from which on forecasts no longer describe the present
 OFFSET = 0.5  # seconds: a least age beyond it is an offset between two clocks, and reported
@@ -94,8 +93,8 @@ class Status:
         """Report what is due."""
         if self.stale != self._alarmed and math.isfinite(self._newest):
             self._alarmed = self.stale
-            old = f"{self.age - self.offset:.1f} s old"
-            self._report(f"stale: the newest people are {old}" if self.stale else "people again")
+            late = f"stale: the newest people are {self.age - self.offset:.1f} s old"
+            self._report(late if self.stale else "people again")
         if self._every and time.monotonic() - self._said >= self._every:
             self._said = time.monotonic()
             self._report(self.line())
@@ -126,28 +125,32 @@ class Status:
 
     def line(self) -> str:
         """The status line."""
-        old, summary = "", self._analytics.summary()
-        if self.stale:
-            late = f"stale for {self.age - self.offset:.0f} s"
-            old = "no people yet" if math.isnan(self._newest) else late
+        summary = self._analytics.summary()
+        late = f"stale for {self.age - self.offset:.0f} s" if self.stale else ""
         errors = (
             f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
             for name, means in summary["models"].items()
             if means["people"]
         )
-        parts = [self._counted(summary), old, self._ages_in_words(), *errors, _listed(self.wrong())]
+        parts = [
+            self._counted(summary),
+            "no people yet" if math.isnan(self._newest) else late,
+            self._ages_in_words(),
+            *errors,
+            _listed(self.wrong()),
+        ]
         return "; ".join(filter(None, parts))
 
     def table(self) -> str:
         """The stream and its errors, at the end: several lines."""
         summary = self._analytics.summary()
         models = {name: means for name, means in summary["models"].items() if means["people"]}
-        nobody = "  no person's forecast could be compared with what happened"
-        if not summary["forecasts"]:
-            nobody = "  nobody was seen for a whole observation window"
+        nobody = "nobody was seen for a whole observation window"
+        if summary["forecasts"]:
+            nobody = "no person's forecast could be compared with what happened"
         lines = [
             f"{self._counted(summary)}; metres",
-            *(_table(models) if models else [nobody]),
+            _table(models) if models else nobody,
             self._ages_in_words(),
             _listed(summary["dropped"], "people without a forecast or a score: "),
             _listed(self.wrong(), "wrong with the stream: "),
@@ -171,16 +174,11 @@ def _listed(counts: Mapping[str, int], title: str = "") -> str:
     return text and title + text
 
 
-def _table(models: dict[str, dict[str, Any]]) -> list[str]:
-    """Lines of a table: models in rows, metrics with a single number in columns."""
-    means = list(models.values())
-    names = [name for name in metric_names() if not isinstance(means[0][name], list)]
-    titles = [METRICS[name].title.rpartition(" ") for name in names]
-    rows = [("", *(title[n] for title in titles), end) for n, end in ((0, "people"), (2, "scored"))]
+def _table(models: dict[str, dict[str, Any]]) -> str:
+    """Models in rows, metrics with a single number in columns."""
+    first = next(iter(models.values()))
+    names = [name for name in metric_names() if not isinstance(first[name], list)]
+    rows = [["", *(METRICS[name].title for name in names), "people scored"]]
     for model, of in models.items():
-        rows.append((model, *(METRICS[name].text(of[name]) for name in names), str(of["people"])))
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    return [
-        "  " + "  ".join(f"{text:{'>' if n else '<'}{widths[n]}}" for n, text in enumerate(row))
-        for row in rows
-    ]
+        rows.append([model, *(METRICS[name].text(of[name]) for name in names), str(of["people"])])
+    return aligned_table(rows)

@@ -15,9 +15,6 @@ from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import FAR, is_jump
 
-__all__ = ["HEALTH", "Window", "nearest_first"]
-
-
 HEALTH = {
     "frames": "pushed, including those refused",
     "bad_stamps": "frames refused: the stamp is not a usable number",
@@ -52,16 +49,11 @@ class Window:
     ):
         """An empty window of `steps`, `period` seconds apart; the last is the newest frame.
 
-        Args:
-            max_gap: longest gap in seconds between two observations that is bridged.
-            timeout: seconds after which a track not seen is forgotten.
-            reset_after: a stamp this many seconds older than the newest means a clock set back.
-            max_tracks: how many are followed at once; of newcomers the nearest to the focus first.
-            hold: seconds for which a person not seen is extrapolated.
-            memory: seconds of observations kept at least, beside those of the window.
-
-        Raises:
-            InputError: for a length or number that is out of range.
+        In seconds, `max_gap` is the longest gap between two observations that is bridged, `timeout`
+        the absence after which a track is forgotten, `reset_after` the age of a stamp that means a
+        clock set back, `hold` the absence for which a person is extrapolated, and `memory` the past
+        kept at least, beside the window. Of newcomers beyond `max_tracks` the nearest to the focus
+        are followed. InputError for a number that is out of range.
         """
         if not 2 * SNAP < period < math.inf:
             raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
@@ -128,9 +120,10 @@ class Window:
         unseen = ahead > SNAP
         if unseen.any():
             now, before = self._at(people, last - [0.0, self.period]).swapaxes(0, 1)
-            speed = (now - before) / self.period
-            guess = now[:, None] + ahead[..., None] * speed[:, None]
-            positions = np.where(unseen[..., None], guess, positions)
+            speed = ((now - before) / self.period)[:, None]
+            positions = np.where(
+                unseen[..., None], now[:, None] + ahead[..., None] * speed, positions
+            )
         whole = np.isfinite(positions).all(axis=(1, 2))
         return self._ids[people[whole]], positions[whole], unseen[whole].sum(axis=1)
 
@@ -181,13 +174,10 @@ class Window:
 
     def _accept(self, stamp: float) -> bool:
         """Whether this frame is the next; clears everything if the clock was set back."""
-        back, wrong = self.stamp - stamp, ""
-        if not abs(stamp) < LATE:
-            wrong = "bad_stamps"
-        elif 0 <= back < self.reset_after:
-            wrong = "backward_stamps" if back else "duplicate_stamps"
-        if wrong:
-            self.health[wrong] += 1
+        back = self.stamp - stamp
+        if not abs(stamp) < LATE or 0 <= back < self.reset_after:
+            twice = "backward_stamps" if back else "duplicate_stamps"
+            self.health[twice if abs(stamp) < LATE else "bad_stamps"] += 1
             return False
         if back > 0:
             self.health["clock_resets"] += 1

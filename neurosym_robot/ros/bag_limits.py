@@ -14,8 +14,6 @@ from pathlib import Path
 
 from neurosym_jax.errors import InputError
 
-__all__ = ["refuse_bombs"]
-
 MEMORY, TIMES = 256_000_000, 10
 """Bytes that reading may take, or as many times the bag's if that is more."""
 SECONDS, RATE = 20, 5e6
@@ -25,16 +23,11 @@ WORDS = (b"compression=lz4", b"compression=bz2", b"zstd", b"lz4")
 
 
 def refuse_bombs(bag: Path, paths: Sequence[Path]) -> None:
-    """Refuse a bag, of files or folders `paths`, that would take too much memory or time.
-
-    Raises:
-        InputError: naming the bag and the limit.
-    """
+    """InputError for a bag of `paths` that would take too much memory or time, with the limit."""
     inside = [file for path in paths for file in (path, *path.glob("*")) if file.is_file()]
-    files = [file for file in inside if file.stat().st_size]
-    if not any(map(_compressed, files)):
+    if not any(map(_compressed, inside)):
         return
-    size = sum(file.stat().st_size for file in files)
+    size = sum(file.stat().st_size for file in inside)
     limit, seconds = max(MEMORY, TIMES * size), SECONDS + size / RATE
     command = [sys.executable, "-m", __name__, str(limit), *map(str, paths)]
     try:
@@ -46,9 +39,10 @@ def refuse_bombs(bag: Path, paths: Sequence[Path]) -> None:
 
 
 def _compressed(file: Path) -> bool:
-    """Whether a file, not empty, says that something in it is compressed."""
+    """Whether a file says that something in it is compressed; it may be larger than memory."""
     with file.open("rb") as content:
-        data = mmap.mmap(content.fileno(), 0, access=mmap.ACCESS_READ)
+        size = file.stat().st_size
+        data = mmap.mmap(content.fileno(), 0, access=mmap.ACCESS_READ) if size else b""
         return any(data.find(word) >= 0 for word in WORDS)
 
 

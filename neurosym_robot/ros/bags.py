@@ -4,12 +4,12 @@ rosbags is imported when a bag is opened. A bag that was cut short is refused by
 the tool that mends it.
 """
 
+import contextlib
 import dataclasses
 import os
 import sqlite3
 import warnings
 from collections.abc import Callable, Collection, Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,11 @@ from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
-from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.plugin import SUFFIXES, is_bag, topic_of
 from neurosym_robot.ros.bag_limits import refuse_bombs
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS, TF_TOPICS, blank, shared_typestore
 from neurosym_robot.ros.people import KINDS, POSES, PeopleSource
-from neurosym_robot.tracking.following import FAR
-
-__all__ = ["BagWriter", "read_bag", "read_frames", "read_messages", "read_people"]
+from neurosym_robot.tracking.following import FAR, Frame, frames_of_tracks, tracks_of_frames
 
 TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 
@@ -76,8 +73,7 @@ def read_bag(path: Path, topic: str | None = None) -> list[Tracks]:
     if lost:
         said.append(f"{lost} positions are left out: nowhere, far away, twice, or out of order")
     tracks = tracks_of_frames(iter(kept), printable(path.stem))
-    where = printable(str(path))
-    how = Reading(tracks.recording, where, rows=len(tracks.id), warnings=tuple(said))
+    how = Reading(tracks.recording, printable(str(path)), rows=len(tracks.id), warnings=tuple(said))
     return [dataclasses.replace(tracks, reading=how)]
 
 
@@ -109,11 +105,7 @@ def read_people(
 
 
 def read_messages(path: Path) -> Iterator[tuple[str, Any]]:
-    """Topic and message, of all topics.
-
-    Raises:
-        InputError: naming the file and the reason.
-    """
+    """Topic and message, of all topics; InputError names the file and the reason."""
     return ((topic, message) for topic, message, *_ in _read(path, list))
 
 
@@ -131,7 +123,8 @@ def _read(
         from rosbags.highlevel import AnyReader
 
         for file in files:
-            _refuse_damaged(file)
+            if file.suffix == ".db3":
+                _refuse_damaged(file)
         whole = path.is_file() or (path / "metadata.yaml").is_file()
         paths = [path] if whole else files
         refuse_bombs(path, paths)
@@ -153,39 +146,41 @@ def _read(
 
 def _refuse_damaged(file: Path) -> None:
     """ValueError for a database that is damaged, of which rosbags would read a part."""
-    if file.suffix == ".db3":
-        uri = f"{file.absolute().as_uri()}?mode=ro"
-        with closing(sqlite3.connect(uri, uri=True)) as base:
-            (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
-        if found != "ok":
-            raise ValueError(f"its database is damaged: {found}")
+    with contextlib.closing(
+        sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)
+    ) as base:
+        (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
+    if found != "ok":
+        raise ValueError(f"its database is damaged: {found}")
 
 
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
     """The topic of the people."""
     usable = [name for name, kind in topics.items() if kind in KINDS]
     there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
-    usual = [name for name in PEOPLE_TOPICS if name in usable][:1]
-    # Poses may be of anything, such as a robot's hypotheses of its own pose.
-    usual = usual or [name for name in usable if topics[name] != POSES] or usable
-    found = usual if asked is None else [asked] if asked in usable else []
+    found = [asked] if asked in usable else []
+    if asked is None:
+        # Poses may be of anything, such as a robot's hypotheses of its own pose.
+        others = [name for name in usable if topics[name] != POSES] or usable
+        found = [name for name in PEOPLE_TOPICS if name in usable][:1] or others
     if not found:
         what = "none" if asked is None else f"{asked} is not there, or none that"
         raise InputError(f"{path}: {what} carries {' or '.join(KINDS)}; there are: {there}")
     if len(found) > 1:
-        choose = "choose one with --format bag,topic=NAME"
-        raise InputError(f"{path}: which topic has the people? There are: {there}; {choose}")
+        raise InputError(
+            f"{path}: which topic has the people? There are: {there}; choose one with "
+            "--format bag,topic=NAME"
+        )
     return found[0]
 
 
-class BagWriter:
+class BagWriter(contextlib.AbstractContextManager):
     """Writes a new bag; `with BagWriter(path) as bag` closes it whatever happens."""
 
     def __init__(self, path: Path):
         """Open `NAME.bag` of ROS 1, or for `NAME.db3` or `NAME.mcap` a folder `NAME` of ROS 2.
 
-        Raises:
-            InputError: for another ending, a bag that exists, or a folder that cannot be written.
+        InputError for another ending, a bag that exists, or a folder that cannot be written.
         """
         path = Path(path)
         if path.suffix not in SUFFIXES:
@@ -228,9 +223,6 @@ class BagWriter:
             self._connections[topic] = self._writer.add_connection(topic, kind, typestore=store)
         serialise = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
         self._writer.write(self._connections[topic], round(stamp * 1e9), serialise(message, kind))
-
-    def __enter__(self) -> "BagWriter":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

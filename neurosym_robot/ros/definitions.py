@@ -4,16 +4,12 @@ Two folders in `msg/` are links to the packages in `ros/` that catkin and colcon
 """
 
 import functools
-from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, Literal
 
 import numpy as np
 
 from neurosym_jax.errors import InputError
-
-__all__ = ["Decoder", "blank", "definitions", "ros1_name", "seconds_of", "shared_typestore"]
-__all__ += ["typestore"]
 
 PEOPLE = "people_msgs/msg/People"
 HUMANS = "darko_perception_msgs/msg/Humans"
@@ -88,48 +84,3 @@ def blank(store: Any, kind: str) -> Any:
 def seconds_of(stamp: Any) -> float:
     """Of a message's time."""
     return stamp.sec + 1e-9 * stamp.nanosec
-
-
-class Decoder:
-    """Reads messages of ROS 1 of some types, each defined as its publisher defines it.
-
-    A type that we define is refused if its publisher's definition differs. Raises InputError if
-    rosbags is not installed.
-    """
-
-    def __init__(self, kinds: Mapping[str, Any]):
-        self._kinds = kinds
-        self._learned: dict[tuple[str, str], Any] = {}
-        self.store = typestore(1)
-
-    def refuse(self, header: Mapping[str, str]) -> str | None:
-        """Why messages of a publisher with this header cannot be read, or None."""
-        kind, md5 = header.get("type", "").replace("/", "/msg/"), header.get("md5sum", "")
-        if kind not in self._kinds:
-            return f"none of {', '.join(map(ros1_name, self._kinds))}"
-        if kind in definitions():
-            ours = self.store.generate_msgdef(kind, ros_version=1)[1]
-            return None if md5 == ours else f"not {ros1_name(kind)} with md5 {ours}"
-        from rosbags.typesys import get_types_from_msg
-
-        store = typestore(1)
-        try:
-            types = get_types_from_msg(header.get("message_definition", ""), kind)
-            store.register({name: form for name, form in types.items() if name not in store.types})
-            theirs = store.generate_msgdef(kind, ros_version=1)[1]
-        except Exception as error:  # The text is not ours and can make the parser raise anything.
-            return f"whose definition cannot be read ({type(error).__name__})"
-        if theirs != md5:
-            return f"whose definition has the md5 {theirs}"
-        self._learned[kind, md5] = store
-        return None
-
-    def decode(self, data: bytes, header: Mapping[str, str]) -> tuple[str, Any]:
-        """Type and message.
-
-        Raises:
-            rosbags.serde.SerdeError: for bytes that are no such message.
-        """
-        kind = header["type"].replace("/", "/msg/")
-        store = self._learned.get((kind, header["md5sum"]), self.store)
-        return kind, store.deserialize_ros1(data, kind)

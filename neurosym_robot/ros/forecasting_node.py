@@ -14,12 +14,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neurosym_robot.dashboard import View
-from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frames import Frame
-from neurosym_robot.online.pairs import AT_LEAST, compile_events
+from neurosym_robot.dashboard.dashboard import View
+from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast, Predictor
-from neurosym_robot.online.replay import ReplayEvent, advance
+from neurosym_robot.online.replay import Analytics, ReplayEvent, advance
 from neurosym_robot.online.status import STALE_AFTER, Status
 from neurosym_robot.ros.bags import BagWriter
 from neurosym_robot.ros.definitions import (
@@ -34,9 +32,8 @@ from neurosym_robot.ros.definitions import (
 )
 from neurosym_robot.ros.messages import diagnostics_message, make_people, outputs, truth_message
 from neurosym_robot.ros.people import PeopleSource
+from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
-
-__all__ = ["ForecastBag", "ForecastingNode", "Outlet"]
 
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
 SHOW = 0.05  # seconds at least between two moments of the page
@@ -68,9 +65,9 @@ class ForecastBag(View):
 
     def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
         """Write the observed futures of forecasts."""
+        common = self._period, self._source.frame_id or "map"
         for done in scored:
-            frame_id = self._source.frame_id or "map"
-            message = truth_message(self._bag.new, done, self._period, frame_id)
+            message = truth_message(self._bag.new, done, *common)
             if message is not None:
                 self._bag.write(TRUTH_TOPIC, self._stamp, message)
 
@@ -134,7 +131,11 @@ class ForecastingNode(abc.ABC):
         self.name, self.predictor, self.stitcher = name, predictor, stitcher
         self.source = source or PeopleSource(report=report)
         self.analytics = Analytics(predictor)
-        compile_events(predictor)
+        predictor.programs.add(
+            lambda forecast: [
+                likely_events(forecast, model, predictor.window.period) for model in forecast.models
+            ]
+        )
         self.late = self.malformed = 0  # messages left out: too many waited, or not readable
         self.stopped = threading.Event()
         self.views: Sequence[View] = ()
@@ -155,8 +156,9 @@ class ForecastingNode(abc.ABC):
         self._diagnostics = self._advertise("/diagnostics", DIAGNOSTICS)
         self._mended = UNHEARD  # people under mended ids
         for topic, static in zip(TF_TOPICS, (False, True)) if self.source.needs_transforms else ():
-            hear = functools.partial(self.source.transforms.hear, static=static)
-            self._listen(topic, TRANSFORMS, hear)
+            self._listen(
+                topic, TRANSFORMS, functools.partial(self.source.transforms.hear, static=static)
+            )
 
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
@@ -182,8 +184,7 @@ class ForecastingNode(abc.ABC):
     def work(self) -> None:
         """Take in the messages that wait, and publish the forecast of the newest frame."""
         with self._changed:
-            heard = list(self._waiting)
-            self._waiting.clear()
+            heard, self._waiting = self._waiting, collections.deque()
         frames = [frame for each in heard if (frame := self._read(*each)) is not None]
         if not frames:
             return
@@ -214,8 +215,11 @@ class ForecastingNode(abc.ABC):
 
     def _renamed(self, kind: str, message: Any, frame: Frame, known: Any) -> Any:
         """People with mended ids: the message received, renamed, if its people are all ours."""
-        ours = message.header.frame_id.removeprefix("/") == self.source.frame_id
-        if kind != PEOPLE or not ours or len(message.people) != len(known):
+        if (
+            kind != PEOPLE
+            or message.header.frame_id.removeprefix("/") != self.source.frame_id
+            or len(message.people) != len(known)
+        ):
             return make_people(self._new, frame, self.source.frame_id or "")
         message.people = list(itertools.compress(message.people, known))
         for person, id in zip(message.people, frame.ids.tolist()):
@@ -233,6 +237,9 @@ class ForecastingNode(abc.ABC):
 
     def _counts(self) -> dict[str, int]:
         """Counts of what was wrong with the stream, beside the predictor's health."""
-        joined = self.stitcher.joined if self.stitcher else 0
-        more = {"tracks_joined": joined, "late": self.late, "malformed": self.malformed}
-        return {**self.source.refused, **more}
+        return {
+            **self.source.refused,
+            "tracks_joined": self.stitcher.joined if self.stitcher else 0,
+            "late": self.late,
+            "malformed": self.malformed,
+        }

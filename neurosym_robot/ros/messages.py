@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.pairs import AT_LEAST, likely_events
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.status import Status
@@ -25,9 +24,7 @@ from neurosym_robot.ros.definitions import (
     MARKERS,
     PEOPLE,
 )
-
-__all__ = ["diagnostics_message", "forecast_message", "make_people", "make_trajectories"]
-__all__ += ["outputs", "truth_message"]
+from neurosym_robot.tracking.following import Frame
 
 New = Callable[[str], Any]
 # Colours of people's lines, after Okabe and Ito.
@@ -44,15 +41,13 @@ def outputs(model: str, at_least: float = AT_LEAST) -> dict[str, tuple[str, Call
     """
     name = "".join(letter if letter.isascii() and letter.isalnum() else "_" for letter in model)
     name = {"sgan": "baseline"}.get(name.lower(), name.lower())
-    events = functools.partial(events_message, at_least=at_least)
-    rows = {
-        HUMANS_TRAJS: ("", forecast_message),
-        FORECAST: ("/samples", samples_message),
-        EVENTS: ("/events", events),
-        MARKERS: ("/markers", markers_message),
-    }
     base = f"/hri/human_poses_prediction_{name}"
-    return {base + end: (kind, make) for kind, (end, make) in rows.items()}
+    return {
+        base: (HUMANS_TRAJS, forecast_message),
+        f"{base}/samples": (FORECAST, samples_message),
+        f"{base}/events": (EVENTS, functools.partial(events_message, at_least=at_least)),
+        f"{base}/markers": (MARKERS, markers_message),
+    }
 
 
 def filled(message: Any, /, **fields: Any) -> Any:
@@ -120,11 +115,17 @@ def make_trajectories(
         return human
 
     def everybody(step: int) -> Any:
-        humans = [human(n, step) for n in range(people)]
-        return filled(new(HUMANS), header=_header(times[step], frame_id), humans=humans)
+        return filled(
+            new(HUMANS),
+            header=_header(times[step], frame_id),
+            humans=[human(n, step) for n in range(people)],
+        )
 
-    trajectories = [everybody(step) for step in range(length)]
-    return filled(new(HUMANS_TRAJS), header=_header(times[now], frame_id), trajs=trajectories)
+    return filled(
+        new(HUMANS_TRAJS),
+        header=_header(times[now], frame_id),
+        trajs=[everybody(step) for step in range(length)],
+    )
 
 
 def forecast_message(
@@ -156,8 +157,7 @@ def truth_message(new: New, forecast: Forecast, period: float, frame_id: str = "
     if not whole.any():
         return None
     steps, now = _steps(forecast, xy, period), forecast.observed.shape[1] - 1
-    ids = forecast.ids[whole]
-    return make_trajectories(new, steps, ids, xy[whole], frame_id=frame_id, now=now)
+    return make_trajectories(new, steps, forecast.ids[whole], xy[whole], frame_id=frame_id, now=now)
 
 
 def _steps(forecast: Forecast, xy: np.ndarray, period: float) -> np.ndarray:
@@ -197,8 +197,8 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
 
     def line(n: int, id: int) -> Any:
         marker = new("visualization_msgs/msg/Marker")
-        point = functools.partial(new, "geometry_msgs/msg/Point")
-        colour = [part / 255 for part in COLOURS[n % len(COLOURS)]]
+        red, green, blue = COLOURS[n % len(COLOURS)]
+        opacity = FAINT if forecast.extrapolated[n] else 1.0
         return filled(
             marker,
             header=header,
@@ -206,14 +206,13 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
             type=marker.LINE_STRIP,
             scale={"x": 0.05},
             pose={"orientation": {"w": 1.0}},
-            color={**dict(zip("rgb", colour)), "a": FAINT if forecast.extrapolated[n] else 1.0},
+            color={"r": red / 255, "g": green / 255, "b": blue / 255, "a": opacity},
             # The line disappears by itself when forecasts end.
             lifetime=_time(2 * period),
-            points=[filled(point(), x=x, y=y) for x, y in paths[n]],
+            points=[filled(new("geometry_msgs/msg/Point"), x=x, y=y) for x, y in paths[n]],
         )
 
-    lines = [line(n, id) for n, id in enumerate(forecast.ids.tolist())]
-    return filled(new(MARKERS), markers=lines)
+    return filled(new(MARKERS), markers=list(map(line, range(len(paths)), forecast.ids.tolist())))
 
 
 def events_message(
@@ -237,8 +236,7 @@ def events_message(
         )
         for each in likely_events(forecast, model, period, at_least)
     ]
-    header = _header(forecast.stamp, frame_id)
-    return filled(new(EVENTS), header=header, model=model, events=events)
+    return filled(new(EVENTS), header=_header(forecast.stamp, frame_id), model=model, events=events)
 
 
 def diagnostics_message(new: New, status: Status, name: str, now: float) -> Any:

@@ -13,12 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_robot.online.frames import Frame
 from neurosym_robot.ros.definitions import HUMANS, PEOPLE, seconds_of
 from neurosym_robot.ros.transforms import Transforms
-from neurosym_robot.tracking.following import FAR, NearestIds
-
-__all__ = ["KINDS", "POSES", "REACH", "Kind", "PeopleSource", "Seen", "id_of_name", "see"]
+from neurosym_robot.tracking.following import FAR, Frame, NearestIds
 
 POSES = "geometry_msgs/msg/PoseArray"
 SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
@@ -84,12 +81,13 @@ def see(kind: str, message: Any) -> Seen:
     form = KINDS[kind]
     people = list(getattr(message, form.people))
     ids = [form.id(each) for each in people]
-    points = map(attrgetter(form.position), people)
     return Seen(
         seconds_of(message.header.stamp),
         message.header.frame_id.removeprefix("/"),
         None if None in ids else np.array(ids, np.int64),
-        np.array([(at.x, at.y, at.z) for at in points], np.float64).reshape(-1, 3),
+        np.array(
+            [(at.x, at.y, at.z) for at in map(attrgetter(form.position), people)], np.float64
+        ).reshape(-1, 3),
     )
 
 
@@ -126,8 +124,7 @@ class PeopleSource:
         """[3] metres, metres, radians: the robot's pose in the stream's frame, or None."""
         if not (self.robot_frame and self.frame_id):
             return None
-        unknown = "no_robot", "it is not known where the robot is"
-        matrix = self._matrix(self.robot_frame, stamp, *unknown)
+        matrix = self._matrix(self.robot_frame, stamp, "no_robot", "the robot's place is unknown")
         if matrix is None:
             return None
         return np.array([*matrix[:2, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])
@@ -183,8 +180,11 @@ class PeopleSource:
         if publisher == ours:
             self._heard = received
         else:
-            text = f"people of a second publisher, {publisher}, are left out beside those of {ours}"
-            self._refuse("other_publisher", f"{text}; remap one of them")
+            self._refuse(
+                "other_publisher",
+                f"people of a second publisher, {publisher}, are left out beside those of {ours}; "
+                "remap one of them",
+            )
         return publisher == ours
 
     def _refuse(self, reason: str, text: str, detail: str = "") -> None:

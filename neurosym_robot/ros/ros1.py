@@ -4,6 +4,7 @@
 """
 
 import contextlib
+import importlib
 import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -13,17 +14,59 @@ from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.definitions import (
     PEOPLE,
     PEOPLE_TOPICS,
-    Decoder,
     blank,
+    definitions,
     ros1_name,
     seconds_of,
+    typestore,
 )
 from neurosym_robot.ros.forecasting_node import ForecastingNode, Outlet
 from neurosym_robot.ros.people import KINDS
 from neurosym_robot.ros.tcpros import CallError, Node, Topic, call
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
-__all__ = ["ForecastNode"]
+
+class Decoder:
+    """Reads messages of ROS 1 of some types, each defined as its publisher defines it.
+
+    A type that we define is refused if its publisher's definition differs. Raises InputError if
+    rosbags is not installed.
+    """
+
+    def __init__(self, kinds: Mapping[str, Any]):
+        self._kinds = kinds
+        self._learned: dict[tuple[str, str], Any] = {}
+        self.store = typestore(1)
+        self.error = importlib.import_module("rosbags.serde").SerdeError
+        """What `decode` raises for bytes that are no such message."""
+
+    def refuse(self, header: Mapping[str, str]) -> str | None:
+        """Why messages of a publisher with this header cannot be read, or None."""
+        kind, md5 = header.get("type", "").replace("/", "/msg/"), header.get("md5sum", "")
+        if kind not in self._kinds:
+            return f"none of {', '.join(map(ros1_name, self._kinds))}"
+        if kind in definitions():
+            ours = self.store.generate_msgdef(kind, ros_version=1)[1]
+            return None if md5 == ours else f"not {ros1_name(kind)} with md5 {ours}"
+        from rosbags.typesys import get_types_from_msg
+
+        store = typestore(1)
+        try:
+            types = get_types_from_msg(header.get("message_definition", ""), kind)
+            store.register({name: form for name, form in types.items() if name not in store.types})
+            theirs = store.generate_msgdef(kind, ros_version=1)[1]
+        except Exception as error:  # The text is not ours and can make the parser raise anything.
+            return f"whose definition cannot be read ({type(error).__name__})"
+        if theirs != md5:
+            return f"whose definition has the md5 {theirs}"
+        self._learned[kind, md5] = store
+        return None
+
+    def decode(self, data: bytes, header: Mapping[str, str]) -> tuple[str, Any]:
+        """Type and message; `error` for bytes that are no such message."""
+        kind = header["type"].replace("/", "/msg/")
+        store = self._learned.get((kind, header["md5sum"]), self.store)
+        return kind, store.deserialize_ros1(data, kind)
 
 
 class ForecastNode(ForecastingNode):
@@ -44,10 +87,8 @@ class ForecastNode(ForecastingNode):
         """Join the graph of the `master`, a URI; further arguments as of `ForecastingNode`.
 
         People come on `topic`; None is the first of `PEOPLE_TOPICS`, or the second with a
-        `stitcher`, as the mended people are published on the first.
-
-        Raises:
-            InputError: for an invalid topic, name or URI, or if rosbags is not installed.
+        `stitcher`, as the mended people are published on the first. InputError for an invalid
+        topic, name or URI, or if rosbags is not installed.
         """
         filtered, raw = PEOPLE_TOPICS
         if stitcher is not None and topic == filtered:
@@ -71,20 +112,16 @@ class ForecastNode(ForecastingNode):
 
     def hear(self, data: bytes, header: Mapping[str, str]) -> None:
         """Let serialised people wait."""
-        from rosbags.serde import SerdeError
-
         try:
             kind, message = self._decoder.decode(data, header)
-        except SerdeError:
+        except self._decoder.error:
             self.malformed += 1
         else:
             self.put(kind, message, header.get("callerid", ""))
 
     def _listen(self, name: str, kind: str, hear: Callable[[Any], None]) -> None:
-        from rosbags.serde import SerdeError
-
         def decode(data: bytes, header: Mapping[str, str]) -> None:
-            with contextlib.suppress(SerdeError):
+            with contextlib.suppress(self._decoder.error):
                 hear(self._store.deserialize_ros1(data, kind))
 
         self.node.subscribe(self._topic(name, kind), decode)

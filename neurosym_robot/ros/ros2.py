@@ -13,8 +13,6 @@ from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.definitions import PEOPLE, PEOPLE_TOPICS, TF_TOPICS
 from neurosym_robot.ros.forecasting_node import UNHEARD, WAITING, ForecastingNode, Outlet
 
-__all__ = ["ForecastNode", "import_rclpy", "message_type", "node_parameters"]
-
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
@@ -23,8 +21,9 @@ def import_rclpy() -> Any:
     try:
         return importlib.import_module("rclpy")
     except ImportError:
-        text = "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
-        raise InputError(text) from None
+        raise InputError(
+            "this needs rclpy in the same Python: set up a ROS 2 (Jazzy or later) first"
+        ) from None
 
 
 def message_type(kind: str) -> Any:
@@ -71,10 +70,8 @@ class ForecastNode(ForecastingNode):
     ):
         """Join the graph; further arguments as of `ForecastingNode`.
 
-        People come on `topic` in messages of the type `kind`, a key of `people.KINDS`.
-
-        Raises:
-            InputError: if ROS 2 has no such message.
+        People come on `topic` in messages of the type `kind`, a key of `people.KINDS`; InputError
+        if ROS 2 has no such message.
         """
         rclpy, people = import_rclpy(), message_type(kind)
         from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -85,8 +82,7 @@ class ForecastNode(ForecastingNode):
         super().__init__(predictor, self.report, name=name, **options)
         # A best-effort subscription receives from reliable publishers, too.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
-        heard = self.node.create_subscription(people, topic, self.hear, quality)
-        self.topic = heard.topic_name
+        self.topic = self.node.create_subscription(people, topic, self.hear, quality).topic_name
         """Of the people, after remapping."""
 
     def run(self) -> None:

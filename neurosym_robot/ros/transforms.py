@@ -13,8 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from neurosym_robot.ros.definitions import seconds_of
 
-__all__ = ["Transforms"]
-
 KEPT = 10.0  # seconds of each frame's past
 AHEAD = 0.5  # seconds for which the newest pose still holds
 
@@ -82,13 +80,12 @@ def _pose_at(frame: str, poses: list[tuple[float, np.ndarray]], stamp: float) ->
     """[7] pose of a frame in its parent, linear between two of those known."""
     begin, end = poses[0][0], poses[-1][0]
     if not begin <= stamp <= end + AHEAD and begin > -np.inf:
-        known = f"known from {begin:.2f} to {end:.2f} s, not at {stamp:.2f}"
-        raise LookupError(f"where {frame} lies is {known}")
-    after = bisect.bisect_left(poses, stamp, key=itemgetter(0))
-    if after == len(poses) or poses[after][0] == stamp:
-        return poses[min(after, len(poses) - 1)][1]
-    (before, first), (then, last) = poses[after - 1 : after + 1]
-    share = (stamp - before) / (then - before)
+        raise LookupError(
+            f"where {frame} lies is known from {begin:.2f} to {end:.2f} s, not at {stamp:.2f}"
+        )
+    after = bisect.bisect_right(poses, stamp, key=itemgetter(0))
+    (before, first), (then, last) = poses[after - 1], poses[min(after, len(poses) - 1)]
+    share = (stamp - before) / (then - before) if then > before else 0.0
     # q and -q are the same rotation. Between messages a robot turns so little that linear and
     # spherical interpolation agree.
     if first[3:] @ last[3:] < 0:

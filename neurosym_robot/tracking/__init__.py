@@ -1,5 +1,1 @@
 """Whose observations are one person's: stitching of broken tracks, offline and live."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,17 +1,19 @@
-"""Tracks from frame to frame: the tracker's ids are kept if people can have moved so.
+"""Frames of people, and tracks from frame to frame.
 
-Swapped and changed ids are corrected by the expected positions. Longer losses are for `stitching`.
+The tracker's ids are kept if people can have moved so. Swapped and changed ids are corrected by the
+expected positions. Longer losses are for `stitching`.
 """
 
 import collections
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
-__all__ = ["FAR", "RECENT", "Follower", "NearestIds", "Track", "is_jump", "velocity"]
+from neurosym_jax.data.tracks import Tracks, make_tracks, resample
+from neurosym_jax.errors import InputError
 
 FAR = 3000.0  # metres; the original robot's filter puts lost people at (-3000, -3000)
 MAX_SPEED = 5.0  # metres per second of a person between two observations
@@ -24,6 +26,52 @@ REACH = 0.75  # maximum metres from the expected position of a track of another 
 RECENT = 0.5  # seconds of loss after which only a track of the same id continues
 FORGET = 1.0  # seconds after which a person without id who was not seen gets a new id
 CROWD = 512  # people without ids followed at once; the others get new ids in every frame
+
+
+class Frame(NamedTuple):
+    """Everybody seen at one moment, as `Predictor.push` takes it."""
+
+    stamp: float
+    """Seconds, of the message's header."""
+    ids: np.ndarray
+    """[N] int64."""
+    xy: np.ndarray
+    """[N, 2] float64 world metres."""
+
+
+def synchronous(tracks: Tracks) -> Tracks:
+    """The tracks, resampled to one clock if agents have clocks of their own."""
+    frames = np.unique(tracks.stamp)
+    steps = np.diff(tracks.stamp)[np.diff(tracks.id) == 0]
+    if len(steps) and np.median(np.diff(frames)) < 0.5 * np.median(steps):
+        return resample(tracks, float(np.median(steps)))
+    return tracks
+
+
+def frames_of_tracks(tracks: Tracks) -> Iterator[Frame]:
+    """Everybody at each stamp, of `synchronous` tracks."""
+    tracks = synchronous(tracks)
+    order = np.lexsort((tracks.id, tracks.stamp))
+    starts = np.flatnonzero(np.diff(tracks.stamp[order])) + 1
+    for rows in np.split(order, starts) if len(order) else ():
+        yield Frame(float(tracks.stamp[rows[0]]), tracks.id[rows], tracks.position[rows])
+
+
+def tracks_of_frames(frames: Iterator[Frame], recording: str = "") -> Tracks:
+    """Tracks of a stream.
+
+    Raises:
+        InputError: without people, or for frames that `make_tracks` refuses.
+    """
+    kept = [frame for frame in frames if len(frame.ids)]
+    if not kept:
+        raise InputError(f"{recording}: nobody in it")
+    return make_tracks(
+        recording,
+        np.repeat([frame.stamp for frame in kept], [len(frame.ids) for frame in kept]),
+        np.concatenate([frame.ids for frame in kept]),
+        np.concatenate([frame.xy for frame in kept]),
+    )
 
 
 def is_jump(moved: Any, gap: Any) -> Any:

@@ -15,11 +15,14 @@ from scipy.optimize import linear_sum_assignment
 
 from neurosym_jax.data.tracks import SNAP, Tracks, resample
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.frames import Frame, frames_of_tracks, synchronous
-from neurosym_robot.tracking.following import RECENT, Follower, Track
-
-__all__ = ["NOBODY", "LinkOptions", "OnlineStitcher", "Stitched", "idf1", "stitch"]
-__all__ += ["stitched_ids"]
+from neurosym_robot.tracking.following import (
+    RECENT,
+    Follower,
+    Frame,
+    Track,
+    frames_of_tracks,
+    synchronous,
+)
 
 NOBODY = int(np.iinfo(np.int64).min)
 """Id of a detection that is far away, not finite, or seen too briefly so far."""
@@ -199,8 +202,7 @@ def stitch(
     if not there.any():
         raise InputError(f"{tracks.recording}: nobody is seen for {BRIEF:g} s")
     mended = tracks.take(there).with_ids(ids[there])
-    start = period * np.floor(mended.stamp.min() / period)
-    mended = resample(mended, period, fill, start)
+    mended = resample(mended, period, fill, period * np.floor(mended.stamp.min() / period))
     return Stitched(mended, len(np.unique(tracks.id)), joined, int((~there).sum()))
 
 
@@ -225,15 +227,14 @@ def stitched_ids(tracks: Tracks, options: LinkOptions | None = None) -> tuple[np
 
 
 def _names(tracks: list[Track | None]) -> np.ndarray:
-    named = [None if track is None else track.name for track in tracks]
-    return np.array([NOBODY if name is None else name for name in named], np.int64)
+    names = (None if track is None else track.name for track in tracks)
+    return np.array([NOBODY if name is None else name for name in names], np.int64)
 
 
 def _tracks(tracks: Tracks, push: Callable[..., list[Track | None]]) -> list[Track | None]:
     """[R] the track of each row."""
     found = [each for frame in frames_of_tracks(tracks) for each in push(*frame)]
-    order = np.lexsort((tracks.id, tracks.stamp))
-    return [found[n] for n in np.argsort(order)]
+    return [found[n] for n in np.argsort(np.lexsort((tracks.id, tracks.stamp)))]
 
 
 def idf1(person: ArrayLike, given: ArrayLike) -> float:
@@ -246,11 +247,10 @@ def idf1(person: ArrayLike, given: ArrayLike) -> float:
         given: [R] whole numbers, the id given to it; -1 if the person was missed.
     """
     person, given = np.asarray(person), np.asarray(given)
-    total = int((person != -1).sum() + (given != -1).sum())
     both = (person != -1) & (given != -1)
     people, row = np.unique(person[both], return_inverse=True)
     ids, column = np.unique(given[both], return_inverse=True)
     together = np.zeros((len(people), len(ids)), int)
     np.add.at(together, (row, column), 1)
     right = together[linear_sum_assignment(together, maximize=True)].sum()
-    return float(2 * right / total)
+    return float(2 * right / ((person != -1).sum() + (given != -1).sum()))

@@ -14,14 +14,14 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import shipped_models
-from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults, simulate_labelled
-from neurosym_robot.online.analytics import STRAIGHT, Analytics
-from neurosym_robot.online.frames import Frame, frames_of_tracks
+from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
+from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.online.predictor import Predictor, load_models
-from neurosym_robot.online.replay import replay
+from neurosym_robot.online.replay import STRAIGHT, Analytics, replay
 from neurosym_robot.ros.bags import BagWriter, read_people
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS
 from neurosym_robot.ros.messages import make_people
+from neurosym_robot.tracking.following import Frame, frames_of_tracks
 from neurosym_robot.tracking.stitching import NOBODY, OnlineStitcher
 from studies.experiment.report import write_report
 from studies.experiment.results import PEOPLE, Recording, Results, score

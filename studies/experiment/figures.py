@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_robot.online.analytics import STRAIGHT
-from neurosym_robot.online.frames import Frame, tracks_of_frames
 from neurosym_robot.online.predictor import Forecast
+from neurosym_robot.online.replay import STRAIGHT
+from neurosym_robot.tracking.following import Frame, tracks_of_frames
 from studies.experiment.results import Recording, complete, published
 
 __all__ = ["write_figures"]

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
-from neurosym_robot.online.frames import frames_of_tracks
+from neurosym_robot.tracking.following import frames_of_tracks
 from neurosym_robot.tracking.stitching import (
     NOBODY,
     LinkOptions,

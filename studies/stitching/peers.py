@@ -3,8 +3,7 @@
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
-from neurosym_robot.online.frames import frames_of_tracks
-from neurosym_robot.tracking.following import velocity
+from neurosym_robot.tracking.following import frames_of_tracks, velocity
 from neurosym_robot.tracking.stitching import LinkOptions
 
 __all__ = ["greedy", "norfair_ids"]

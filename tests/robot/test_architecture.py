@@ -13,7 +13,7 @@ from tests.test_architecture import ROOT, imports
 PACKAGE = ROOT / "neurosym_robot"
 FILES = {path.relative_to(PACKAGE).as_posix(): imports(path) for path in PACKAGE.rglob("*.py")}
 ROOMS = {
-    "tracking": {"tracking", "online"},  # `online.frame`
+    "tracking": {"tracking"},
     "online": {"tracking", "online"},
     "dashboard": {"tracking", "online", "dashboard"},
     "ros": {"tracking", "online", "dashboard", "ros"},

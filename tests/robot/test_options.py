@@ -23,7 +23,6 @@ LINKS = {
     f"--links.{name}": f"--links.{name} 0.7"
     for name in ("max-gap", "reach", "drift", "turn", "memory", "least")
 }
-READING = {option: case for option, case in READ.items() if option != "--max-gap"}
 
 
 def with_more(base, more, cases):
@@ -66,6 +65,14 @@ def node(base):
     }
 
 
+def reading(command):
+    base, cases = BASE[command], {}
+    for option, (file, said, *error) in READ.items():
+        one = base.replace("walk.txt", file)
+        cases[option] = (one, f"{one} {said}", *error)
+    return cases | {"--max-gap": (base, f"{base} --max-gap 9", "--max-gap: has no effect")}
+
+
 CASES = {
     "replay": live(BASE["replay"])
     | {
@@ -73,12 +80,8 @@ CASES = {
         "--rate": "--rate 3",
         "--out": "--out here.bag",
         "--html": "--html here.html",
-        "--max-gap": (BASE["replay"], f"{BASE['replay']} --max-gap 9", "--max-gap: has no effect"),
     }
-    | {
-        option: (f"{{d}}/a/{file} {NODE}", f"{{d}}/a/{file} {NODE} {said}", *error)
-        for option, (file, said, *error) in READING.items()
-    },
+    | reading("replay"),
     "ros1": node(NODE) | {"--master": "--master http://there:1", "--remap": "--remap a:=b"},
     "ros2": node(NODE) | {"--message": "--message Humans", "--ros-args": "--ros-args=-r"},
     "stitch": {
@@ -86,17 +89,9 @@ CASES = {
         "--out": "--out here.txt",
         "--period": "--period 0.5",
         "--fill": "--fill 3",
-        "--max-gap": (BASE["stitch"], f"{BASE['stitch']} --max-gap 9", "--max-gap: has no effect"),
     }
     | LINKS
-    | {
-        option: (
-            f"{{d}}/a/{file} --out o --period 0.4",
-            f"{{d}}/a/{file} --out o --period 0.4 {said}",
-            *error,
-        )
-        for option, (file, said, *error) in READING.items()
-    },
+    | reading("stitch"),
 }
 
 
@@ -111,7 +106,7 @@ def inner():
     made = mock.MagicMock()
     made.return_value.status.table.return_value = made.return_value.table.return_value = ""
     names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher")
-    views = ("Dashboard", "FoxgloveView", "Moments", "read_floor_map")
+    views = ("Dashboard", "FoxgloveView", "Moments")
     shared: dict[str, Any] = {f"{C}._live_options.{name}": made for name in (*names, *views)}
     shared[f"{C}._live_options.signal.signal"] = None
     of_replay = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "threading.Event")

@@ -11,7 +11,6 @@ import random
 
 import numpy as np
 
-CALCULI = ("b1", "c1", "bc1")
 CONVENTIONS = ("distance", "line", "as_published")
 
 

@@ -6,25 +6,23 @@ import re
 import socket
 import threading
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.ros.tcpros.topics import HANDSHAKE, Hear, Publisher, Refuse, Subscriber
+from neurosym_robot.ros.tcpros.topics import Hear, Publisher, Refuse, Subscriber
 from neurosym_robot.ros.tcpros.wire import (
     CallError,
     Refused,
     SlaveServer,
     Topic,
     call,
-    prepare,
-    read_header,
+    shake_hands,
 )
-from neurosym_robot.server import ConnectionServer, deadline
-
-__all__ = ["Node", "master_uri", "node_name"]
+from neurosym_robot.server import ConnectionServer
 
 WATCH = 1.0  # seconds between looks whether the master still knows the node
+End = TypeVar("End", Publisher, Subscriber)
 
 
 class Node:
@@ -40,13 +38,10 @@ class Node:
         report: Callable[[str], None] = print,
         remaps: Iterable[str] = (),
     ):
-        """Open the ports.
+        """Open the ports; InputError for an invalid name or URI.
 
         The master ends an older node of that `name`; `report` is called with one line about each
         event of a connection; `remaps` are "FROM:=TO" each.
-
-        Raises:
-            InputError: for an invalid name or URI.
         """
         self.name, self.master, self._report = node_name(name), master_uri(master), report
         self.names = names_of(self.name, remaps)
@@ -61,7 +56,7 @@ class Node:
         self._slave = SlaveServer(bind, self._methods())
         self._host, self._port = host, self._data.server_address[1]
         self.uri = f"http://{host}:{self._slave.server_address[1]}/"
-        self._registered, self._missed = False, False
+        self._registered = False
         self._wake, self._closing = threading.Event(), threading.Event()
         self._watcher = threading.Thread(target=self._watch, daemon=True, name="master")
         self._watcher.start()
@@ -70,17 +65,13 @@ class Node:
         self, topic: Topic, hear: Hear, refuse: Refuse = lambda header: None
     ) -> Subscriber:
         """Subscribe `topic`."""
-        subscriber = Subscriber(topic, self.name, self._report, hear, refuse)
-        self._subscribers[topic.name] = subscriber
-        self._register_soon()
-        return subscriber
+        return self._add(
+            self._subscribers, Subscriber(topic, self.name, self._report, hear, refuse)
+        )
 
     def advertise(self, topic: Topic, queue_size: int = 10) -> Publisher:
         """Advertise `topic`; a full queue drops its oldest message."""
-        publisher = Publisher(topic, self.name, self._report, queue_size)
-        self._publishers[topic.name] = publisher
-        self._register_soon()
-        return publisher
+        return self._add(self._publishers, Publisher(topic, self.name, self._report, queue_size))
 
     def close(self) -> None:
         """Unregister, end all connections and threads."""
@@ -88,21 +79,24 @@ class Node:
         self._wake.set()
         self._watcher.join()
         with contextlib.suppress(CallError):  # There may be no master to tell.
-            for name in self._subscribers:
-                call(self.master, "unregisterSubscriber", self.name, name, self.uri, timeout=1.0)
-            for name in self._publishers:
-                call(self.master, "unregisterPublisher", self.name, name, self.uri, timeout=1.0)
+            for end in [*self._subscribers.values(), *self._publishers.values()]:
+                about = self.name, end.topic.name, self.uri
+                call(self.master, f"unregister{type(end).__name__}", *about, timeout=1.0)
         for subscriber in self._subscribers.values():
             subscriber.close()
         self._data.close()
         self._slave.close()
 
-    def _register_soon(self) -> None:
+    def _add(self, ends: dict[str, End], end: End) -> End:
+        """Register the end of a topic soon."""
+        ends[end.topic.name] = end
         self._registered = False
         self._wake.set()
+        return end
 
     def _watch(self) -> None:
         """Register, and again whenever the master has forgotten the node."""
+        missed = False
         while not self._closing.is_set():
             self._wake.clear()
             try:
@@ -110,13 +104,13 @@ class Node:
                     self._look()
                 if not self._registered:
                     self._register()
-                if self._missed:
+                if missed:
                     self._report(f"master at {self.master}: there again")
-                    self._missed = False
+                missed = False
             except CallError as error:
-                if not self._missed:
+                if not missed:
                     self._report(f"waiting for the master at {self.master}: {error}")
-                self._missed = True
+                missed = True
             self._wake.wait(WATCH)
 
     def _look(self) -> None:
@@ -133,22 +127,18 @@ class Node:
     def _register(self) -> None:
         self._registered = True
         try:
-            for end in list(self._publishers.values()):
-                self._tell("registerPublisher", end.topic)
-            for end in list(self._subscribers.values()):
-                end.update(_uris(self._tell("registerSubscriber", end.topic)), all_of_them=False)
+            for end in [*self._publishers.values(), *self._subscribers.values()]:
+                about = self.name, end.topic.name, end.topic.type, self.uri
+                found = call(self.master, f"register{type(end).__name__}", *about)
+                if isinstance(end, Subscriber):
+                    end.update(_uris(found), all_of_them=False)
         except CallError:
             self._registered = False
             raise
 
-    def _tell(self, method: str, topic: Topic) -> Any:
-        return call(self.master, method, self.name, topic.name, topic.type, self.uri)
-
     def _accept(self, connection: socket.socket) -> None:
         """Serve a connection to our TCPROS port."""
-        prepare(connection)
-        with deadline(connection, HANDSHAKE):
-            header = read_header(connection)
+        header = shake_hands(connection)
         publisher = self._publishers.get(header.get("topic", ""))
         if publisher is not None:
             publisher.serve(connection, header)
@@ -185,12 +175,19 @@ class Node:
 
     def _bus_info(self) -> list[list[Any]]:
         """[id, other side, direction, transport, topic, connected] of every connection."""
-        ends = [
-            *((name, "i", each.publishers) for name, each in self._subscribers.items()),
-            *((name, "o", each.subscribers) for name, each in self._publishers.items()),
+        rows = [
+            *(
+                (uri, "i", name)
+                for name, each in self._subscribers.items()
+                for uri in each.publishers
+            ),
+            *(
+                (peer, "o", name)
+                for name, each in self._publishers.items()
+                for peer in each.subscribers
+            ),
         ]
-        rows = [(way, name, other) for name, way, others in ends for other in others]
-        return [[n, other, way, "TCPROS", name, True] for n, (way, name, other) in enumerate(rows)]
+        return [[n, other, way, "TCPROS", name, True] for n, (other, way, name) in enumerate(rows)]
 
 
 def _types(ends: Any) -> list[list[str]]:
@@ -216,11 +213,7 @@ def node_name(name: str) -> str:
 
 
 def names_of(node: str, remaps: Iterable[str] = ()) -> Callable[[str], str]:
-    """What gives a node's names their global ones, see https://wiki.ros.org/Names.
-
-    Raises:
-        InputError: for a remapping that is not "FROM:=TO".
-    """
+    """What gives a node's names their global ones, see https://wiki.ros.org/Names."""
     namespace, new = node.rpartition("/")[0], {}
     for text in remaps:
         name, assigned, other = text.partition(":=")

@@ -11,21 +11,18 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 
 from neurosym_robot.ros.tcpros.wire import (
+    HANDSHAKE,
     CallError,
     ProtocolError,
     Topic,
     call,
     encode_block,
     encode_header,
-    prepare,
     read_block,
-    read_header,
+    shake_hands,
 )
-from neurosym_robot.server import deadline, shut
+from neurosym_robot.server import shut
 
-__all__ = ["HANDSHAKE", "Hear", "Publisher", "Refuse", "Subscriber"]
-
-HANDSHAKE = 5.0  # seconds for each step until messages come
 PATIENCE = (0.1, 2.0)  # seconds before a lost publisher is tried again: at first, and at most
 MOST = 32  # publishers of a topic that are listened to at once
 SLOW = 5.0  # seconds that a subscriber may take for one message before it is dropped
@@ -67,8 +64,10 @@ class Publisher:
         """Serve a subscriber that sent `header` until one side is closed."""
         topic, peer = self.topic, header.get("callerid", "somebody")
         if header.get("md5sum") not in ("*", topic.md5):
-            wanted = f"{header.get('type')} with md5 {header.get('md5sum')}"
-            reason = f"{topic.name} is {topic.type} with md5 {topic.md5}, not {wanted}"
+            reason = (
+                f"{topic.name} is {topic.type} with md5 {topic.md5}, "
+                f"not {header.get('type')} with md5 {header.get('md5sum')}"
+            )
             self._report(f"refused the subscriber {peer}: {reason}")
             connection.sendall(encode_header({"error": reason}))
             return
@@ -113,19 +112,18 @@ class Subscriber:
     def publishers(self) -> dict[str, str]:
         """Names of the connected publishers by URI."""
         with self._lock:
-            links = list(self._links.items())
-        return {uri: link.header.get("callerid", "") for uri, link in links if link.connected}
+            return {
+                uri: link.header.get("callerid", "")
+                for uri, link in self._links.items()
+                if link.connected
+            }
 
     def update(self, uris: Iterable[str], all_of_them: bool = True) -> None:
         """Connect to the publishers that the master names.
 
         A publisher that is no longer named is left when its connection ends: a restarted master
-        has forgotten publishers that are still there.
-
-        Args:
-            uris: of the publishers.
-            all_of_them: whether others are gone. The answer to a registration only adds, because
-                it may be older than an update.
+        has forgotten publishers that are still there. The answer to a registration only adds,
+        because it may be older than an update: it is not `all_of_them`.
         """
         with self._lock:
             wanted = dict.fromkeys(uris)
@@ -195,12 +193,9 @@ class _Link(threading.Thread):
 
     def _shake(self, connection: socket.socket) -> None:
         topic = self._subscriber.topic
-        prepare(connection)
         # With any md5sum the publisher answers, and we compare and report what is wrong.
         fields = topic.header(self._subscriber.caller, md5sum="*", tcp_nodelay="1")
-        with deadline(connection, HANDSHAKE):
-            connection.sendall(encode_header(fields))
-            header = read_header(connection)
+        header = shake_hands(connection, fields)
         if "error" in header:
             raise ProtocolError(f"it answers: {header['error']!r:.200}")
         theirs = f"{header.get('type')!s:.80} with md5 {header.get('md5sum')!s:.40}"

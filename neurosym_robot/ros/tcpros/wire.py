@@ -6,6 +6,7 @@ https://wiki.ros.org/ROS/Master_API and https://wiki.ros.org/ROS/Slave_API say: 
 `[code, message, value]`, and code 1 means success. What the other side sends is bounded.
 """
 
+import contextlib
 import dataclasses
 import http.client
 import socket
@@ -13,22 +14,23 @@ import struct
 import xmlrpc.client
 from collections.abc import Callable, Mapping
 from typing import Any
+from urllib.parse import urlsplit
 from xml.parsers.expat import ExpatError
 from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler
 
 from neurosym_robot.server import BoundedServer, deadline
 
-__all__ = ["CallError", "ProtocolError", "Refused", "SlaveServer", "Topic", "call"]
-__all__ += ["encode_block", "encode_header", "prepare", "read_block", "read_header"]
-
 MAX_HEADER = 1 << 20  # bytes; a header carries the message's definition, a few kilobytes at most
 MAX_MESSAGE = 4 << 20  # bytes; ten thousand people are about 1 MB
 MAX_BODY = 4 << 20  # bytes; the state of a graph of thousands of topics stays below
-TIMEOUT = 5.0  # seconds
+TIMEOUT = 5.0  # seconds of a call
+HANDSHAKE = 5.0  # seconds for each step until messages come
 
 # What Python's parsers raise at an answer that is none.
-NONSENSE = (http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError)
-NONSENSE += (LookupError, AttributeError, ArithmeticError)
+NONSENSE = (
+    *(http.client.HTTPException, xmlrpc.client.Error, ExpatError, ValueError, TypeError),
+    *(LookupError, AttributeError, ArithmeticError),
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,8 +44,14 @@ class Topic:
 
     def header(self, caller: str, **more: str) -> dict[str, str]:
         """Fields of the header that begins a connection of the node `caller`."""
-        fields = {"callerid": caller, "topic": self.name, "type": self.type, "md5sum": self.md5}
-        return {**fields, "message_definition": self.definition, **more}
+        return {
+            "callerid": caller,
+            "topic": self.name,
+            "type": self.type,
+            "md5sum": self.md5,
+            "message_definition": self.definition,
+            **more,
+        }
 
 
 class ProtocolError(ConnectionError):
@@ -57,8 +65,24 @@ def encode_block(data: bytes) -> bytes:
 
 def encode_header(fields: Mapping[str, str]) -> bytes:
     """A header as the block that begins a connection."""
-    rows = (encode_block(f"{key}={value}".encode()) for key, value in fields.items())
-    return encode_block(b"".join(rows))
+    return encode_block(
+        b"".join(encode_block(f"{key}={value}".encode()) for key, value in fields.items())
+    )
+
+
+def shake_hands(connection: socket.socket, fields: Mapping[str, str] | None = None) -> dict:
+    """Send a header if there is one, and return that of the other side.
+
+    The connection sends at once, and notices within half a minute when the other computer is gone.
+    """
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
+        if hasattr(socket, name):  # Not every system lets them be set.
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+    with deadline(connection, HANDSHAKE):
+        connection.sendall(encode_header(fields) if fields else b"")
+        return read_header(connection)
 
 
 def read_header(connection: socket.socket) -> dict[str, str]:
@@ -76,19 +100,10 @@ def read_header(connection: socket.socket) -> dict[str, str]:
 
 def read_block(connection: socket.socket, limit: int = MAX_MESSAGE) -> bytes:
     """The next block, without its length; ProtocolError if longer than `limit` bytes."""
-    (length,) = struct.unpack("<I", _read(connection, 4))
+    length = int.from_bytes(_read(connection, 4), "little")
     if length > limit:
         raise ProtocolError(f"a block of {length} bytes was announced, more than {limit}")
     return bytes(_read(connection, length))
-
-
-def prepare(connection: socket.socket) -> None:
-    """Send at once; notice within half a minute when the other computer is gone."""
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for name, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
-        if hasattr(socket, name):  # Not every system lets them be set.
-            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 def _read(connection: socket.socket, length: int) -> bytearray:
@@ -110,25 +125,6 @@ class Refused(CallError):
     """The call got through, and the answer was no."""
 
 
-class _Transport(xmlrpc.client.Transport):
-    accept_gzip_encoding = False
-
-    def __init__(self, timeout: float):
-        super().__init__()
-        self._timeout = timeout
-
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        connection = super().make_connection(host)
-        connection.timeout = self._timeout
-        return connection
-
-    def parse_response(self, response: Any) -> Any:
-        body = response.read(MAX_BODY + 1)
-        if len(body) > MAX_BODY:
-            raise ValueError(f"the answer is longer than {MAX_BODY} bytes")
-        return xmlrpc.client.loads(body)[0]
-
-
 def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> Any:
     """The answer of `method` of the node or master at `uri`.
 
@@ -136,9 +132,16 @@ def call(uri: str, method: str, *arguments: Any, timeout: float = TIMEOUT) -> An
         Refused: with the message, if the code is not 1.
         CallError: for no valid answer within `timeout` seconds.
     """
+    said = xmlrpc.client.dumps(arguments, method).encode()
     try:
-        with xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout)) as proxy:
-            code, message, value = getattr(proxy, method)(*arguments)  # pyright: ignore
+        at = urlsplit(uri)
+        connection = http.client.HTTPConnection(at.hostname or "", at.port, timeout=timeout)
+        with contextlib.closing(connection):
+            connection.request("POST", at.path or "/", said, {"Content-Type": "text/xml"})
+            body = connection.getresponse().read(MAX_BODY + 1)
+        if len(body) > MAX_BODY:
+            raise ValueError(f"the answer is longer than {MAX_BODY} bytes")
+        ((code, message, value),) = xmlrpc.client.loads(body)[0]  # pyright: ignore
     except OSError as error:
         # A host name that is not known here is helped by ROS_IP where the node runs.
         raise CallError(f"{uri!s:.80}: {error.strerror or error}") from None

@@ -11,12 +11,11 @@ import pytest
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_robot.dashboard.moments import Moments
-from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Forecast, ModelForecast
-from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.online.replay import Analytics, ReplayEvent
 from neurosym_robot.online.status import Status
 from neurosym_robot.online.window import Window
+from neurosym_robot.tracking.following import Frame
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 QUIET = (
@@ -32,12 +31,10 @@ Shown = tuple[ReplayEvent, dict]
 
 def predictor() -> Any:
     """What a page needs of a predictor."""
-    programs = SimpleNamespace(add=lambda *_: None, sizes=(4,))
     return SimpleNamespace(
         models=MODELS,
         window=Window(8, 0.4, memory=5.0),
-        programs=programs,
-        samples={5},
+        programs=SimpleNamespace(add=lambda use: None),
         seconds_ahead=3.2,
         dropped={},
         health={},

@@ -1,23 +1,22 @@
-"""What the page is told is what was seen and forecast, bounded, whatever comes."""
+"""What the page is told is what was seen and forecast, bounded, whatever comes; maps are ROS's."""
 
+import base64
+import io
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weightings import Soft
-from neurosym_robot.dashboard import ReplayFile
-from neurosym_robot.dashboard.moments import MAX_NAMED, PairSymbols
-from neurosym_robot.online.frames import Frame
+from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, PairSymbols, read_floor_map
 from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.tracking.following import Frame
 
 NOW = {"missing": {}, "score": {}}
 
@@ -84,11 +83,30 @@ def test_whatever_is_seen_is_bounded_and_sound(moments):
     assert told["ids"][:2] == ["2", "6"]
 
 
-def test_a_file_is_never_overwritten(moments, tmp_path):
-    path = tmp_path / "new" / "replay.html"
-    ReplayFile(path, moments).close()
-    cases = [(path, "already there"), (tmp_path / "a.txt", ".html")]
-    cases.append((Path("/dev/null/a/b.html"), "cannot be written"))
-    for wrong, reason in cases:
-        with pytest.raises(InputError, match=reason):
-            ReplayFile(wrong, moments)
+YAML = "image: room.pgm\nresolution: 0.05\norigin: [-1.0, 2.5, 0.1]\n"
+PIXELS = np.array([[0, 205, 254], [254, 100, 0]], np.uint8)
+
+
+def opacity(told) -> np.ndarray:
+    from PIL import Image
+
+    data = base64.b64decode(told["image"].removeprefix("data:image/png;base64,"))
+    return np.asarray(Image.open(io.BytesIO(data)))[..., 1]
+
+
+@pytest.fixture
+def room(tmp_path):
+    pgm = b"P5\n# CREATOR: map_saver\n3 2\n255\n" + PIXELS.tobytes()
+    (tmp_path / "room.pgm").write_bytes(pgm)
+    (tmp_path / "room.yaml").write_text(YAML)
+    return tmp_path / "room.yaml"
+
+
+def test_walls_floor_and_the_unknown(room):
+    told = read_floor_map(room)
+    assert (told["width"], told["height"]) == (0.15, 0.1)
+    assert told["origin"] == [-1.0, 2.5, 0.1]
+    # As map_server reads it, 205 is (255 - 205) / 255 = 0.196 and so just not free.
+    assert_array_equal(opacity(told), [[255, UNKNOWN, 0], [0, UNKNOWN, 255]])
+    room.write_text(YAML + "negate: 1\noccupied_thresh: 0.9\nfree_thresh: 0.1\n")
+    assert_array_equal(opacity(read_floor_map(room)), [[0, UNKNOWN, 255], [255, UNKNOWN, 0]])

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from neurosym_robot.dashboard import Dashboard, ReplayFile
+from neurosym_robot.dashboard.dashboard import Dashboard, ReplayFile
 from neurosym_robot.online.pairs import likely_events
 
 ADE = "#errors tbody tr:has-text('{}') td[data-key=joint_ade]"

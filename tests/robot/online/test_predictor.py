@@ -1,6 +1,8 @@
 """Online is offline: the same windows, the same noise, the same forecasts."""
 
 import dataclasses
+import gc
+import os
 import threading
 import time
 from pathlib import Path
@@ -14,13 +16,16 @@ from neurosym_jax.data.tracks import resample
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, unpacked
-from neurosym_jax.forecasting.forecaster import draw_noise
 from neurosym_jax.forecasting.model import predict
+from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.online.predictor import Predictor, load_models
+from neurosym_robot.online.replay import Analytics
 from tests.compiling import compile_seconds
 
 SHIPPED = Path(__file__).resolve().parents[3] / "checkpoints"
+RATE, PEOPLE, OBS = 10, 12, 4
+MEMORY = Path("/proc/self/statm")
 
 
 def stream(tracks):
@@ -61,7 +66,7 @@ def test_a_frame_that_is_only_observed_changes_no_other_forecast(model):
     every, some = (Predictor(model(), samples=2, max_people=8) for _ in range(2))
     for n, frame in enumerate(stream(tracks)):
         wanted = every.push(*frame)
-        assert some.observe(*frame)
+        assert some.window.push(*frame)
         forecast = some.forecast() if n % 3 == 0 else None
         if forecast is not None:
             assert forecast.stamp == wanted.stamp == frame[0]
@@ -181,21 +186,56 @@ def test_names_of_models_side_by_side():
     assert list(load_models((sgan,))) == ["SGAN"]
     both = load_models((sgan, SHIPPED / "sgan_eth_8"))
     assert list(both) == ["sgan_zara1_8", "sgan_eth_8"]
-    with pytest.raises(InputError, match="at least one"):
-        load_models(())
-    with pytest.raises(InputError, match="differ in kind or name"):
-        load_models((sgan, sgan))
 
 
-def test_misuse_is_refused(model):
+def test_steps_are_the_models_own(model):
     one = model()
     other = dataclasses.replace(one, config=dataclasses.replace(one.config, period=0.2))
     assert Predictor(other, max_people=1, samples=1).window.period == 0.2
-    for models, options, reason in (
-        ({}, {}, "steps"),
-        (one, {"samples": 0}, "samples"),
-        (one, {"seed": -1}, "seed"),
-        ({"one": one, "other": other}, {}, r"steps of one length, not \[0\.2, 0\.4\] s"),
-    ):
-        with pytest.raises(InputError, match=reason):
-            Predictor(models, **options)
+    with pytest.raises(InputError, match=r"steps of one length, not \[0\.2, 0\.4\] s"):
+        Predictor({"one": one, "other": other})
+
+
+def resident() -> int:
+    """Bytes of memory that this process holds."""
+    gc.collect()
+    return int(MEMORY.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not MEMORY.exists(), reason="memory is read from Linux's /proc")
+@pytest.mark.parametrize("minutes", [3, pytest.param(60, marks=pytest.mark.exhaustive)])
+def test_people_come_and_go_for_long(model, minutes):
+    rng, frames = np.random.default_rng(0), 60 * RATE * minutes
+    # Two never leave; the others stay a minute at most, and somebody else comes to their place.
+    stay = np.append([frames, frames], rng.integers(30, 600, PEOPLE - 2))
+    absent = rng.integers(25, 300, PEOPLE) * (stay < frames)
+    place, step = rng.uniform(0, 20, (PEOPLE, 2)), rng.normal(0, 5e-3, (PEOPLE, 2))
+    predictor = Predictor(model("as_described"), samples=2, max_people=PEOPLE)
+    analytics, compiled = Analytics(predictor), compile_seconds()
+    memory, count = [], 0
+    for frame in range(frames):
+        visit, since = np.divmod(frame, stay + absent)
+        here = since < stay
+        ids = np.arange(PEOPLE) + PEOPLE * visit
+        # It begins at a clock that counts from 1970, with frames that tremble by 2 ms.
+        stamp = 1.7e9 + frame / RATE + (2e-3 * np.sin(frame) if frame % 4 else 0.0)
+        forecast = predictor.push(stamp, ids[here], (place + step * since[:, None])[here])
+        analytics.add(forecast)
+        if forecast is not None:
+            count += 1
+            # Whose window begins within the trembling of its first frame may have it or not.
+            whole, sure = (here & (since >= 4 * (OBS - 1) + n) for n in (0, 1))
+            assert set(ids[sure]) <= set(forecast.ids.tolist()) <= set(ids[whole])
+        if frame % (frames // 6) == frames // 12:
+            memory.append(resident())
+    assert count >= frames - 4 * (OBS - 1) - 1  # With every frame.
+    assert compile_seconds() == compiled
+    assert max(memory) - memory[0] < (8e6 if minutes == 60 else 3e6), memory
+    health = dict(predictor.health)
+    assert health.pop("frames") == frames
+    assert health.pop("forgotten") > visit.sum() - PEOPLE
+    assert not any(health.values()), health
+    summary = analytics.summary()
+    assert summary["forecasts"] == count
+    assert summary["dropped"].keys() <= {"short", "unseen", "future unknown"}

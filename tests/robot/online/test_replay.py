@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import TrackerFaults, simulate
+from neurosym_jax.simulation.scenarios import simulate
+from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.commands import replay as command
-from neurosym_robot.online.frames import Frame, frames_of_tracks
 from neurosym_robot.online.replay import replay
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS, TRUTH_TOPIC, seconds_of
 from neurosym_robot.ros.people import see
+from neurosym_robot.tracking.following import Frame, frames_of_tracks
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -144,29 +144,10 @@ def test_the_table_is_the_errors_of_what_is_written(folder, replayed, name):
     assert int(line.split()[-1]) == people > 10
 
 
-def test_what_is_wrong_is_one_line(folder, tmp_path):
-    text, there = tmp_path / "tracks.txt", tmp_path / "there.bag"
-    text.write_text("0 1 0 0\n10 1 x 0\n")
-    there.touch()
-    cases: list[tuple[dict, str]] = [
-        ({"read": ReadOptions(format="bag,topic=/nobody")}, "/nobody is not there"),
-        ({"recording": text}, "row 2"),
-        ({"recording": tmp_path / "none.bag"}, "no such file"),
-        ({"out": there}, "already there"),
-        ({"out": tmp_path / "forecasts.csv"}, "ends in .bag"),
-        ({"rate": 0.0}, "rate must be positive"),
-    ]
-    for changed, reason in cases:
-        with pytest.raises(InputError) as error:
-            run(**{"recording": folder / "run", "model": MODELS[:1], **changed})
-        assert reason in str(error.value)
-        assert "\n" not in str(error.value)
-
-
 def test_the_rate_is_that_of_the_stamps():
     still = SimpleNamespace(  # A predictor, and its analytics, that forecast nothing.
         waited=0.0,
-        observe=lambda *_, **__: True,
+        window=SimpleNamespace(push=lambda *_, **__: True),
         forecast=lambda *_, **__: None,
         add=lambda forecast: [],
     )

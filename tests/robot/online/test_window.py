@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data.tracks import make_tracks, resample
-from neurosym_jax.errors import InputError
 from neurosym_robot.online.window import Window
 
 EMPTY = np.zeros((0, 2))
@@ -140,16 +139,3 @@ def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
     assert [steps[n].get(1) for n in (21, 22, 25, 26, 27, 28)] == [0, 1, 1, 2, 2, 0]
     assert [steps[n].get(1) for n in (44, 48, 54, 55)] == [0, 1, 3, None]
     assert all(each[2] == 0 for n, each in steps.items() if n >= 12)
-
-
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [({"period": 0.0}, "period"), ({"timeout": 0.5}, "timeout"), ({"hold": 20.0}, "hold")],
-)
-def test_misuse_is_refused(options, reason):
-    with pytest.raises(InputError, match=reason):
-        Window(**{"steps": 2, "period": 0.4, **options})
-    with pytest.raises(InputError, match="xy"):
-        Window(2, 0.4).push(0.0, [1], [[1, 2, 3]])
-    with pytest.raises(InputError, match="whole"):
-        Window(2, 0.4).push(0.0, ["a"], [[1, 2]])

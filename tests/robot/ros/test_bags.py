@@ -1,8 +1,5 @@
 """Bags of all three kinds give back what was written, and damaged ones say so in one line."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -11,13 +8,12 @@ from neurosym_jax.data.formats import data_files, files_in, is_folder, read_any
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.simulation.scenarios import simulate
-from neurosym_robot.commands import ros2
-from neurosym_robot.online.frames import Frame, frames_of_tracks, tracks_of_frames
 from neurosym_robot.ros import bag_limits, messages
 from neurosym_robot.ros.bags import BagWriter, read_frames, read_messages, read_people
-from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, seconds_of, typestore
+from neurosym_robot.ros.definitions import HUMANS, PEOPLE_TOPICS, seconds_of
 from neurosym_robot.ros.messages import make_trajectories
 from neurosym_robot.ros.people import see
+from neurosym_robot.tracking.following import Frame, frames_of_tracks, tracks_of_frames
 from studies.reliability import BAGS, bag_of_blanks
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -153,48 +149,3 @@ def test_text_files_are_streams_too(tmp_path):
     assert [frame.ids.tolist() for frame in got] == [[1], [1, 2], [2]]
     assert [frame.stamp for frame in got] == pytest.approx([0, 0.4, 0.8])
     assert_array_equal(tracks_of_frames(iter(got), "again").id, [1, 1, 2, 2])
-
-
-def read(path, **options):
-    return list(read_frames(path, ReadOptions(**options)))
-
-
-@pytest.mark.parametrize(
-    ("use", "reason"),
-    [
-        (lambda bag, text: read(bag, format="bag,topic=/no"), "/no is not there.*: /chatter .*"),
-        (lambda bag, text: read(bag, format="bag,topic=/chatter"), "or none that carries"),
-        (lambda bag, text: read(text, format="text,topic=/x"), "unknown field 'topic' for Text"),
-        (lambda bag, text: read(bag.with_name("none.bag")), "no such file"),
-        (lambda bag, text: read(bag.parent), "not a bag"),
-        (lambda bag, text: BagWriter(text), r"ends in \.bag"),
-        (lambda bag, text: BagWriter(text / "run.bag"), "cannot be written"),
-        (lambda bag, text: tracks_of_frames(iter([]), "again"), "nobody"),
-    ],
-)
-def test_refusals(topics, tmp_path, use, reason):
-    text = tmp_path / "tracks.txt"
-    text.write_text("0 1 0 0\n")
-    with pytest.raises(InputError, match=reason) as error:
-        use(topics, text)
-    assert "\n" not in str(error.value)
-
-
-def test_a_bag_without_people_and_a_stamp_that_does_not_fit(tmp_path):
-    with BagWriter(tmp_path / "new" / "run.bag") as bag:
-        bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
-        with pytest.raises(InputError, match="does not fit"):
-            bag.write(TOPIC, -1.0, messages.make_people(bag.new, frames()[0]))
-    with pytest.raises(InputError, match="none carries people_msgs/msg/People"):
-        read(bag.path)
-
-
-def test_a_missing_library_is_named_with_its_remedy(monkeypatch):
-    for name in [name for name in sys.modules if name.startswith("rosbags.")]:
-        monkeypatch.delitem(sys.modules, name)
-    for library in ("rosbags", "rclpy"):
-        monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(InputError, match=r"pip install 'neurosym-jax\[robot\]'"):
-        typestore(1)
-    with pytest.raises(InputError, match="this needs rclpy"):
-        ros2.run(ros2.Options(model=(Path("none"),)))

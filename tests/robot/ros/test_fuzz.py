@@ -1,5 +1,6 @@
 """Whatever a stream holds, the chain from message to forecast goes on and stays small."""
 
+import contextlib
 import random
 import struct
 from typing import Any
@@ -9,14 +10,14 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.online.analytics import Analytics
-from neurosym_robot.online.frames import Frame
 from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.replay import advance
+from neurosym_robot.online.replay import Analytics, advance
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.definitions import FORECAST, PEOPLE, PEOPLE_TOPICS
 from neurosym_robot.ros.forecasting_node import WAITING, Outlet
 from neurosym_robot.ros.ros1 import ForecastNode
+from neurosym_robot.ros.tcpros.wire import SlaveServer
+from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 from tests.compiling import compile_seconds
 
@@ -169,3 +170,23 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecas
         loaded.put(PEOPLE, n)
     assert loaded.late == 1000 - WAITING
     assert loaded._waiting[-1][1] == 999
+
+
+@pytest.fixture
+def forecast_node(model):
+    """`forecast_node(**options)` is our node, with a master that knows nobody."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed")
+    from neurosym_robot.ros.ros1 import ForecastNode
+
+    with contextlib.ExitStack() as stack:
+
+        def make(**options: Any) -> ForecastNode:
+            master = SlaveServer("127.0.0.1", {})
+            stack.callback(master.close)
+            uri = f"http://127.0.0.1:{master.server_address[1]}"
+            predictor = Predictor({"SGAN": model()}, samples=2, max_people=4)
+            node = ForecastNode(predictor, master=uri, **options)
+            stack.callback(node.close)
+            return node
+
+        yield make

@@ -2,11 +2,16 @@
 
 import dataclasses
 import functools
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_robot.commands.ros1 import Options
 from neurosym_robot.online.pairs import likely_events
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros import messages
@@ -14,12 +19,13 @@ from neurosym_robot.ros.definitions import (
     HUMANS,
     HUMANS_TRAJS,
     PEOPLE,
-    Decoder,
     blank,
+    definitions,
     seconds_of,
     typestore,
 )
 from neurosym_robot.ros.people import KINDS, id_of_name, see
+from neurosym_robot.ros.ros1 import Decoder
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -190,3 +196,34 @@ def test_what_is_not_understood_is_refused_with_a_reason():
         ({"md5sum": "0"}, "whose definition has the md5"),
     ):
         assert reason in str(decoder.refuse({**poses, "md5sum": "1", **change}))
+
+
+ROS = Path(__file__).resolve().parents[3] / "ros"
+PACKAGES = sorted(path.parent for path in ROS.glob("*/package.xml"))
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_a_package_is_for_both_ros(package):
+    root = ElementTree.parse(package / "package.xml").getroot()
+    assert root.findtext("name") == package.name
+    assert {each.text for each in root.iter("build_type")} == {"catkin", "ament_cmake"}
+    cmake = (package / "CMakeLists.txt").read_text()
+    assert re.search(rf"project\({package.name}\b", cmake)
+    wanted = {each.text for each in root.iter("depend")}
+    assert wanted == {*re.findall(r"^  find_package\((\w+_msgs) REQUIRED\)", cmake, re.MULTILINE)}
+
+
+def test_the_wheel_and_the_packages_have_the_same_definitions():
+    for path in ROS.glob("*/msg/*.msg"):
+        assert definitions()[f"{path.parts[-3]}/msg/{path.stem}"] == path.read_text()
+
+
+def test_parameters_are_options_and_the_views_are_of_our_topics():
+    parameters = yaml.safe_load((ROS / "neurosym_ros/config/forecast.yaml").read_text())
+    flat = {name for name, value in parameters.items() if not isinstance(value, dict)}
+    assert flat <= Options.__dataclass_fields__.keys()
+    assert parameters["links"].keys() <= vars(Options(model=()).links).keys()
+    for path in (ROS / "neurosym_ros/rviz").iterdir():
+        displays = yaml.safe_load(path.read_text())["Visualization Manager"]["Displays"]
+        assert sum("/markers" in str(display) for display in displays) == 2
+    compile((ROS / "neurosym_ros/launch/forecast.launch.py").read_text(), "launch", "exec")

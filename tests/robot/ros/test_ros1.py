@@ -19,11 +19,11 @@ from numpy.testing import assert_allclose
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.simulation.scenarios import simulate
 from neurosym_robot.commands import replay
-from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, TRUTH_TOPIC, seconds_of, typestore
 from neurosym_robot.ros.tcpros.wire import CallError, call
+from neurosym_robot.tracking.following import frames_of_tracks
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -280,8 +280,7 @@ def test_it_leaves_the_graph_when_told_to(graph, node):
     with pytest.raises(CallError, match="unknown node"):
         call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
     assert "Traceback" not in "\n".join(node.lines)
-    # The title of a metric takes two lines: its quantity stands in the second.
-    assert any(line.split()[:2] == ["ADE", "FDE"] for line in node.lines), node.lines[-8:]
+    assert any(line.split()[:2] == ["joint", "ADE"] for line in node.lines), node.lines[-8:]
 
 
 def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path):

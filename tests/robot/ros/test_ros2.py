@@ -22,8 +22,8 @@ from numpy.testing import assert_allclose
 
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.simulation.scenarios import simulate
-from neurosym_robot.online.frames import frames_of_tracks
 from neurosym_robot.online.predictor import Predictor
+from neurosym_robot.tracking.following import frames_of_tracks
 
 ROOT = Path(__file__).resolve().parents[3]
 WITH_TRACES = ("-X", "faulthandler")

@@ -8,10 +8,10 @@ from neurosym_jax.commands._running import run_command
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import TrackerFaults, simulate_labelled
+from neurosym_jax.simulation.scenarios import simulate_labelled
+from neurosym_jax.simulation.tracker import TrackerFaults
 from neurosym_robot.commands import stitch as command
-from neurosym_robot.online.frames import frames_of_tracks
-from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds
+from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds, frames_of_tracks
 from neurosym_robot.tracking.stitching import (
     NOBODY,
     LinkOptions,

@@ -1,0 +1,221 @@
+"""What is told of a stream: its scores are offline ones, its age is honest, its events are all."""
+
+from collections import Counter
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.symbolic import symbolic_events
+from neurosym_jax.symbolic.events import EVENTS
+from neurosym_robot.online.pairs import PAIRS, likely_events
+from neurosym_robot.online.predictor import Forecast, ModelForecast
+from neurosym_robot.online.replay import STRAIGHT, Analytics
+from neurosym_robot.online.status import ARRIVALS, Status
+from neurosym_robot.online.window import Window
+
+K, OBS, PRED = 4, 3, 5
+
+
+class Stream:
+    """A predictor of random futures for people who walk, ten frames a second."""
+
+    def __init__(self, length: int, people: int = 3):
+        rng = np.random.default_rng(0)
+        self.path = rng.normal(0, 0.1, (people, length, 2)).cumsum(axis=1)
+        self.window = Window(OBS, 0.4, memory=0.4 * PRED + 1.0)
+        programs = SimpleNamespace(add=lambda use: None)
+        fake: Any = SimpleNamespace(window=self.window, seconds_ahead=0.4 * PRED, programs=programs)
+        self.analytics = Analytics(fake)
+        self.done: list[Forecast] = []
+
+    def push(self, n: int, ids, stamp: float | None = None) -> Forecast | None:
+        """The forecast of frame n, in which `ids` are seen."""
+        self.window.push(n / 10 if stamp is None else stamp, ids, self.path[ids, n])
+        people, observed, lost = self.window.complete()
+        each = None
+        if len(people):
+            samples = np.random.default_rng(n).normal(size=(K, len(people), PRED, 2))
+            models = {"a": ModelForecast(samples, samples.mean(axis=0), 0)}
+            missing = self.window.incomplete(people)
+            each = Forecast(self.window.stamp, n, people, observed, models, missing, 1e-3, lost)
+        self.done += self.analytics.add(each)
+        return each
+
+
+def test_equals_the_offline_errors_of_one_forecast_a_period():
+    stream = Stream(160)
+    forecasts = [stream.push(n, [0, 1, 2]) for n in range(160)]
+    stream.done += stream.analytics.finish()
+    assert [each.index for each in stream.done] == list(range(8, 160, 4))
+    scored = [each for each in stream.done if each.index + 4 * PRED < 160]
+    for each in scored:
+        truth = stream.path[:, each.index + 4 : each.index + 4 * PRED + 1 : 4]
+        assert_allclose(each.future, truth, atol=1e-9)
+    summary = stream.analytics.summary()
+    assert summary["forecasts"] == sum(each is not None for each in forecasts) == 152
+    result = summary["models"]["a"]
+    assert (result["forecasts"], result["people"]) == (len(scored), 3 * len(scored))
+    alone = [score(each.models["a"].samples, each.future) for each in scored]
+    for metric in alone[0]:
+        expected = np.mean([each[metric].mean for each in alone], axis=0)
+        assert result[metric] == pytest.approx(expected, rel=1e-6)
+    # Beside them whoever goes on as before, once and not best of several.
+    off = []
+    for each in scored:
+        last, before = each.observed[:, -1], each.observed[:, -2]
+        for t in range(PRED):
+            way = last + (t + 1) * (last - before)
+            off.append(np.linalg.norm(way - each.future[:, t], axis=-1))
+    result = summary["models"][STRAIGHT]
+    assert result["joint_ade"] == pytest.approx(np.mean(off), rel=1e-5)
+    assert stream.analytics.dropped["future unknown"] == 3 * (len(stream.done) - len(scored))
+
+
+def test_who_is_gone_is_not_scored_and_who_is_lost_for_a_moment_is():
+    stream = Stream(120)
+    for n in range(120):
+        stream.push(n, [0] + [1] * (not 40 <= n < 46) + [2] * (n < 70))
+    stream.done += stream.analytics.finish()
+    known = {n: np.isfinite(each.future).all(axis=(1, 2)) for n, each in enumerate(stream.done)}
+    for n, each in enumerate(stream.done):
+        ends = each.index + 4 * PRED
+        wanted = {0: ends < 120, 1: ends < 120, 2: ends < 70}
+        assert {id: bool(k) for id, k in zip(each.ids.tolist(), known[n])} == {
+            id: wanted[id] for id in each.ids.tolist()
+        }
+    assert stream.analytics.dropped["unseen"] > 0
+
+
+def test_a_clock_set_back_ends_what_waits_and_memory_is_bounded():
+    stream = Stream(400)
+    for n in range(200):
+        stream.push(n, [0, 1])
+        assert len(stream.analytics._pending) <= (PRED * 0.4 + 1.0) / 0.4 + 1
+    pending = len(stream.analytics._pending)
+    before = len(stream.done)
+    stream.push(200, [0, 1], stamp=-1000.0)
+    assert len(stream.done) == before + pending
+    assert np.isnan(stream.done[-1].future).all()
+    assert stream.analytics.summary()["pending"] == 0
+
+
+class Clocked:
+    """A status, the lines that it reports, and a clock that is set by hand."""
+
+    def __init__(self):
+        self.now, self.said = 1000.0, []
+        self.predictor: Any = SimpleNamespace(
+            health=Counter(), window=SimpleNamespace(reset_after=5.0), dropped={}
+        )
+        summary = {"forecasts": 0, "dropped": {}, "models": {}}
+        analytics: Any = SimpleNamespace(summary=lambda: summary)
+        report = self.said.append
+        self.status = Status(self.predictor, analytics, report, 0.0, clock=lambda: self.now)
+
+    def run(self, seconds: float, late: float) -> None:
+        """Ten frames a second, each `late` when it comes."""
+        for _ in range(round(10 * seconds)):
+            self.now += 0.1
+            self.status.heard(self.now - late)
+            self.status.published(late + 0.005)
+            self.status.look()
+
+
+def test_a_stream_is_stale_by_its_age_and_says_when_it_is_back():
+    stream = Clocked()
+    stream.status.look()
+    assert stream.status.stale  # Nothing came yet, which is no alarm.
+    stream.run(5, late=0.02)
+    assert not stream.status.stale
+    assert stream.said == []
+    assert stream.status.now()["p99"] == pytest.approx(25)
+    stream.now += 3.0
+    stream.status.look()
+    stream.status.look()
+    assert stream.said == ["stale: the newest people are 3.0 s old"]
+    stream.run(0.1, late=0.02)
+    assert stream.said[1:] == ["people again"]
+
+
+def test_a_growing_backlog_is_stale_though_frames_come():
+    stream = Clocked()
+    stream.run(5, late=0.02)
+    for late in (0.5, 1.0, 1.5, 2.5):
+        stream.run(1, late)
+    assert stream.status.stale
+    assert stream.status.offset == 0
+    assert len(stream.said) == 1
+    assert stream.status.now()["age"] == pytest.approx(2505)
+
+
+@pytest.mark.parametrize(("late", "way"), [(30.0, "behind"), (-7.0, "ahead of")])
+def test_a_constant_offset_is_told_and_not_called_stale(late, way):
+    stream = Clocked()
+    stream.run(ARRIVALS / 10, late)
+    (line,) = stream.said
+    assert f"stamps are {abs(late):.1f} s {way} this computer's clock, constantly" in line
+    assert not stream.status.stale
+    assert stream.status.offset == pytest.approx(late)
+    assert f"of which {late:.1f} s are a constant offset" in stream.status.line()
+    stream.now += 2.5
+    assert stream.status.stale
+
+
+def test_counts_and_a_table_of_little():
+    stream = Clocked()
+    stream.predictor.health = Counter(frames=3, duplicate_stamps=2)
+    stream.status.published(0.01, skipped=4)
+    assert stream.status.wrong() == {"skipped": 4, "duplicate stamps": 2}
+    table = stream.status.table()
+    assert "nobody was seen" in table
+    assert "skipped 4, duplicate stamps 2" in table
+    assert "no people yet" in stream.status.line()
+
+
+def forecast_of(place, velocity, samples=20) -> Forecast:
+    """People who go straight on, as the samples say but for 2 cm."""
+    place, velocity = (np.asarray(each, float)[:, None] for each in (place, velocity))
+    steps = 0.4 * np.arange(-7, 9)[:, None]
+    way = place + velocity * steps
+    noise = np.random.default_rng(0).normal(0, 0.02, (samples, len(place), 8, 2))
+    futures = way[:, 8:] + noise
+    result = ModelForecast(futures, futures.mean(axis=0), 0)
+    count = len(place)
+    return Forecast(
+        0.0, 0, np.arange(count) + 3, way[:, :8], {"m": result}, {}, 0.0, np.zeros(count, int)
+    )
+
+
+def test_two_who_come_towards_each_other_pass():
+    forecast = forecast_of([(0, 0), (4, 0.8)], [(1.2, 0), (-1.2, 0)])
+    words = [event.words(forecast.ids) for event in likely_events(forecast, "m", 0.4)]
+    # What is mutual is told once; 4, at the left of 3, has 3 at the left, too.
+    assert "3 and 4 meet: 98 %, in 1.6 s" in words
+    assert [text.split(":")[0] for text in sorted(words)] == [
+        *("3 and 4 meet", "3 approaches 4", "3 passes with 4 on the left"),
+        *("4 approaches 3", "4 passes with 3 on the left"),
+    ]
+    assert likely_events(forecast_of([(0, 0)], [(1, 0)]), "m", 0.4) == []
+
+
+def test_the_list_is_that_of_all_pairs_and_bounded():
+    rng = np.random.default_rng(1)
+    for people in (5, 40):
+        forecast = forecast_of(rng.uniform(-5, 5, (people, 2)) + 1e5, rng.normal(0, 1, (people, 2)))
+        told = likely_events(forecast, "m", 0.4, 0.3)
+        found = symbolic_events(forecast.models["m"].samples, forecast.observed)
+        share = dict(zip(EVENTS, np.asarray(found.probability)))
+        seconds = dict(zip(EVENTS, np.asarray(found.seconds)[..., 1]))
+        assert told == sorted(told, key=lambda each: -each.probability)
+        for name, *pair, probability, when in told:
+            assert probability == pytest.approx(share[name][tuple(pair)], abs=1e-6)
+            assert when == pytest.approx(seconds[name][tuple(pair)])
+        pairs = {frozenset(each[1:3]) for each in told}
+        assert len(pairs) <= PAIRS
+        if people == 5:
+            once = [np.triu(each) if EVENTS[name].mutual else each for name, each in share.items()]
+            assert len(told) == (np.array(once) >= 0.3).sum() > 2
