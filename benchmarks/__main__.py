@@ -23,8 +23,11 @@ from neurosym_jax.runtime.files import write_text
 
 FORMAT = 1
 
-Name = Literal["zoo", "training", "symbols", "online", "age", "start", "cold", "reading", "growth"]
-NAMES: tuple[Name, ...] = get_args(Name)
+Name = Literal[
+    "zoo", "training", "symbols", "online", "age", "start", "reading", "crowds", "numeric"
+]
+NAMES: tuple[Name, ...] = get_args(Name)[:-1]
+ON_GPU: tuple[Name, ...] = ("numeric", "crowds", "training", "zoo")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,11 +35,14 @@ class BenchmarkOptions:
     """Measure ours beside torch's, warm, in rounds that alternate; medians and spreads."""
 
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
-    """What to measure: the evaluation of the published checkpoints, a training iteration, QTC
-    and alpha of all pairs, online latency, the age of a forecast, a robot's first forecasts, a
-    cold process, reading and windowing, growth."""
+    """What to measure: the evaluation of the published checkpoints, training iterations, QTC and
+    alpha of all pairs, online latency, the age of a forecast, whole processes, reading and
+    windowing, crowds; and numeric, the tests of numbers, which runs where it is named."""
+    gpu: bool = False
+    """Measure what depends on an accelerator: numeric, crowds, training, and zoo where there are
+    --data and --checkpoints. Without a GPU it runs on the CPU."""
     data: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
-    """ETH/UCY as SGAN arranges it; zoo, training and reading need it."""
+    """ETH/UCY as SGAN arranges it; zoo and reading need it, training takes it."""
     checkpoints: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
     """The folder of sgan-models and sgan-p-models; zoo needs it."""
     reference: Annotated[Path | None, tyro.conf.arg(metavar="PATH")] = None
@@ -72,12 +78,17 @@ def run(options: BenchmarkOptions) -> None:
         raise InputError("--page shows the numbers of a file: --json")
     if (options.reference or options.neurosym_reference) and not options.torch:
         raise InputError("the original code needs torch, which is not installed")
-    needs = {"zoo": ("data", "checkpoints")}
-    needs |= dict.fromkeys(("training", "reading"), ("data",))
-    for name in options.names:
+    if options.gpu and options.names != NAMES:
+        raise InputError("--gpu says what is measured: name nothing else")
+    names = ON_GPU if options.gpu else options.names
+    if options.gpu and not (options.data and options.checkpoints):
+        names = ON_GPU[:-1]
+        print("zoo is left out: it needs --data and --checkpoints")
+    needs = {"zoo": ("data", "checkpoints"), "reading": ("data",)}
+    for name in names:
         if absent := [need for need in needs.get(name, ()) if getattr(options, need) is None]:
             raise InputError(f"--{absent[0]} is needed for {name}")
-    for name in options.names:
+    for name in names:
         result = importlib.import_module(f"benchmarks.{name}").measure(options)
         print(f"{name}: {text(result)}\n", flush=True)
         if options.json:

@@ -9,13 +9,17 @@ from benchmarks.timing import OURS, alternate, rows
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.batching import make_batches
-    from neurosym_jax.data.readers.eth_ucy import SCENES, read_split
+    from neurosym_jax.data.readers.eth_ucy import SCENES, Text, split_files
+    from neurosym_jax.data.reading import AS_IT_SAYS
+    from neurosym_jax.data.tracks import PERIOD
     from neurosym_jax.data.windows import cut_windows
 
     data, counts = options.need("data"), {}
 
     def ours() -> None:
-        windows = [cut_windows(read_split(data, scene, "test"), 8, 12) for scene in SCENES]
+        files = [split_files(data, scene, "test") for scene in SCENES]
+        read = [[Text().read(path, AS_IT_SAYS, PERIOD)[0] for path in paths] for paths in files]
+        windows = [cut_windows(tracks, 8, 12) for tracks in read]
         for each in windows:
             make_batches(each)
         counts[OURS] = sum(each.agents for each in windows)

@@ -1,8 +1,11 @@
-"""Seconds from the start of a robot's process until people are forecast, and what it costs them.
+"""Seconds of whole processes, imports and compiling included, with and without compiled programs.
 
-Forty people at ten frames a second from when the process can take them, and the two models that
-ship for zara1 at 8 + 8; their observation alone lasts 2.8 s. `start` compiles everything at first,
-`meanwhile` what forecasts four people, and the rest beside the forecasts.
+`first forecast` loads a model that ships and forecasts one scene of ten people; `evaluate.py`
+evaluates one published checkpoint on its scene, or 20, where data and checkpoints are given.
+
+A robot's process has forty people at ten frames a second from when it can take them, and the two
+models that ship for zara1 at 8 + 8; their observation alone lasts 2.8 s. `start` compiles
+everything at first, `meanwhile` what forecasts four people, and the rest beside the forecasts.
 """
 
 import json
@@ -10,12 +13,23 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.timing import OURS, row
+from benchmarks.timing import OURS, Row, peak_mb, row
 
 ROOT = Path(__file__).resolve().parents[1]
+
+FORECAST = """
+import sys
+import numpy as np
+from neurosym_jax import load_model, predict
+from neurosym_jax.runtime.process import enable_compilation_cache, tune
+tune()
+enable_compilation_cache()
+predict(load_model(sys.argv[1]), np.cumsum(np.ones((10, 8, 2)) * 0.3, axis=1))
+"""
 
 NODE = """
 import json, sys, time
@@ -60,22 +74,54 @@ print(json.dumps({
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     models = [str(ROOT / f"checkpoints/{kind}_zara1_8") for kind in ("neurosym", "sgan")]
-    table = []
+    commands = {"imports": ["-c", "import neurosym_jax"]}
+    commands["first forecast"] = ["-c", FORECAST, models[-1]]
+    if options.data and options.checkpoints:
+        evaluate = [str(ROOT / "evaluate.py"), "--data", str(options.data.resolve())]
+        evaluate += ["--no-figures", "--no-collisions", "--json", "rows.json", "--checkpoint"]
+        published = sorted(map(str, options.checkpoints.resolve().glob("*/*_model.pt")))
+        zara1 = [path for path in published if path.endswith("sgan-p-models/zara1_8_model.pt")]
+        commands["evaluate.py, a checkpoint"] = evaluate + zara1
+        commands[f"evaluate.py, {len(published)} checkpoints"] = evaluate + published
     for when in ("start", "meanwhile"):
+        commands[f"robot, {when}"] = ["-c", NODE, when, *models]
+    table: list[Row] = []
+    for case, command in commands.items():
         with tempfile.TemporaryDirectory() as cache:
-            runs = [_node(cache, when, models) for _ in range(1 + options.repeats)]
+            runs = [_process(command, cache) for _ in range(1 + options.repeats)]
         for kind, found in (("cold", runs[:1]), ("warm", runs[1:])):
-            for case in runs[0]:
-                values = [each[case] for each in found]
-                table.append(row(f"{when}, {kind}: {case}", OURS, values))
-    return {"title": "a robot's first forecasts", "rows": table}
+            peak = max(each.pop("peak_mb") for each in found)
+            for what in found[0]:
+                values = [each[what] for each in found]
+                table.append(row(f"{case}, {kind}{what}", OURS, values, peak_mb=peak))
+    return {"title": "whole processes", "rows": table}
 
 
-def _node(cache: str, when: str, models: list[str]) -> dict[str, float]:
-    done = subprocess.run(
-        [sys.executable, "-c", NODE, when, *models],
+def _process(command: list[str], cache: str) -> dict[str, float]:
+    """Seconds of the whole, or of what a robot's process says, and the peak of memory in MB."""
+    start = time.perf_counter()
+    said, peak = Path(cache, "said"), 0.0
+    process = subprocess.Popen(
+        [sys.executable, *command],
         env={**os.environ, "XDG_CACHE_HOME": cache, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        check=True,
+        cwd=cache,
+        stdout=said.open("w"),
     )
-    return json.loads(done.stdout)
+    # The system keeps no figures of an ended process; its peak is reached before the end.
+    while os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+        peak = max(peak, _peak_so_far(process.pid))
+        time.sleep(0.01)
+    seconds = time.perf_counter() - start
+    if process.wait():
+        raise RuntimeError(f"{' '.join(command[:3])} failed")
+    found = {"": seconds}
+    if NODE in command:
+        found = {f": {what}": each for what, each in json.loads(said.read_text()).items()}
+    return {"peak_mb": peak, **found}
+
+
+def _peak_so_far(process: int) -> float:
+    try:
+        return peak_mb(process)
+    except StopIteration:  # It ended just now.
+        return 0.0

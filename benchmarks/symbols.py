@@ -63,7 +63,7 @@ def measure(options: Any) -> dict[str, Any]:
             raise AssertionError(f"{who} agrees in {agreed:.4%} of alpha only")
     pairs = SCENES * AGENTS * (AGENTS - 1)
     case = f"{pairs} pairs, {STEPS} steps"
-    found = rows(case, seconds) + _of_samples(options.repeats)
+    found = rows(case, seconds) + _of_samples(options.repeats) + _of_weightings(options.repeats)
     return {"title": "QTC and alpha of all pairs", "rows": found}
 
 
@@ -91,6 +91,25 @@ def _of_samples(repeats: int) -> list[Row]:
         timed = alternate({OURS: lambda run=run: jax.block_until_ready(run())}, repeats, warm=3)
         found += rows(f"{what}, {SAMPLES} samples of {CROWD} people", timed)
     return found
+
+
+def _of_weightings(repeats: int) -> list[Row]:
+    """Alpha by each weighting, and beside it a whole forecast of such a scene, untrained."""
+    import jax
+
+    from neurosym_jax.forecasting.model import Model, predict
+    from neurosym_jax.forecasting.networks import initial_generator
+    from neurosym_jax.models import AsDescribed, GeneratorConfig
+    from neurosym_jax.symbolic.weightings import WEIGHTINGS, Ones, Soft, make_weighting
+
+    walks = np.random.default_rng(0).normal(0, 0.4, (CROWD, STEPS, 2)).cumsum(axis=1)
+    config = GeneratorConfig(pooling=AsDescribed(), weighting=Ones())
+    model = Model(config, initial_generator(config, jax.random.key(0)))
+    runs: dict[str, Callable[[], object]] = {OURS: lambda: predict(model, walks, samples=SAMPLES)}
+    for weighting in [*(each() for each in WEIGHTINGS.values()), Soft(learned=True)]:
+        weigh = jax.jit(make_weighting(weighting))
+        runs[weighting.name] = lambda weigh=weigh: weigh(walks).block_until_ready()
+    return rows(f"alpha of {CROWD} people, beside a forecast", alternate(runs, repeats, warm=3))
 
 
 def _original(walks: np.ndarray, reference: Path) -> Callable[[], None]:

@@ -1,11 +1,15 @@
-"""A training iteration of recipe `sgan`, a discriminator and a generator step: ours and torch's.
+"""A training iteration of each recipe; that of `sgan` beside torch's and the original's.
 
-All train on the same 64 scenes of zara1's training split (about 780 agents), best of 20,
-8 + 8 steps, with the published sizes. The opponents are `torch_peer` and, with `--reference`, the
-original code, whose own step functions and networks are run on the CPU.
+An iteration of `sgan` is a discriminator and a generator step on the same 64 scenes of zara1's
+training split (about 780 agents), best of 20, 8 + 8 steps, with the published sizes. The opponents
+are `torch_peer` and, with `--reference`, the original code, whose own step functions and networks
+are run on the CPU. Without `--data` the scenes are simulated. With it, anchors are trained once as
+they ship, too.
 """
 
 import argparse
+import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,13 +17,22 @@ from typing import Any
 import numpy as np
 
 from benchmarks.light import Work, decoding, encoding, limit, lstm, machine_rates
-from benchmarks.timing import OURS, alternate, rows
+from benchmarks.timing import OURS, alternate, peak_mb, row, rows
 
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    batches = read_batches(options.need("data"))
-    contestants = {OURS: ours(batches)}
+    from neurosym_jax.data.sources import open_source
+    from neurosym_jax.data.windows import cut_windows
+    from neurosym_jax.models.anchors import AnchorConfig
+    from neurosym_jax.training.loop import train
+    from neurosym_jax.training.recipe import RECIPES
+    from neurosym_jax.training.stream import SceneStream
+
+    source, scene = open_source(options.data), "zara1" if options.data else "cross-path"
+    windows = cut_windows(source.recordings(scene, "train"), 8, 8)
+    batches = SceneStream(windows, RECIPES["sgan"].batch_scenes, seed=0).steps(0, 2)
+    contestants = {OURS: generator_steps("sgan", batches)}
     arrays = [unpadded(batches, index) for index in (0, 1)]
     if options.torch:
         contestants["torch peer"] = peer(arrays)
@@ -29,11 +42,22 @@ def measure(options: Any) -> dict[str, Any]:
     scenes, agents = (len(arrays[0][name]) for name in ("sizes", "observed"))
     table = rows(f"{scenes} scenes, {agents} agents, best of 20", seconds)
     work = _work(arrays[0], discriminator=True) + _work(arrays[1], discriminator=False)
-    return {
-        "title": "a training iteration",
-        "rows": table,
-        "light": limit(work, machine_rates(), table[0]["median"]),
-    }
+    light = limit(work, machine_rates(), table[0]["median"])
+    ours = SceneStream(windows, RECIPES["ours"].batch_scenes, 0, RECIPES["ours"].max_agents)
+    for name, step in (
+        ("ours", generator_steps("ours", ours.steps(0, 1))),
+        ("anchors", anchor_steps(windows)),
+    ):
+        found = alternate({OURS: step}, 3 * options.repeats, warm=2)[OURS]
+        table.append(row(f"recipe {name}", OURS, found, peak_mb=peak_mb()))
+    if options.data:
+        parts = [source.recordings(scene, part) for part in ("train", "val")]
+        with tempfile.TemporaryDirectory() as folder:
+            start = time.perf_counter()
+            train(*parts, Path(folder, "run"), network=AnchorConfig(pred_len=12))
+            found = [time.perf_counter() - start]
+        table.append(row("a whole training of anchors, zara1, 8 + 12", OURS, found))
+    return {"title": "a training iteration", "rows": table, "light": light}
 
 
 def _work(array: dict[str, np.ndarray], *, discriminator: bool) -> Work:
@@ -60,17 +84,6 @@ def _with_gradient(forward: Work) -> Work:
     return forward._replace(flops=3 * forward.flops)
 
 
-def read_batches(data: Path):
-    """Two batches (one for each network) of 64 scenes, groups by bucket, as training reads them."""
-    from neurosym_jax.data.sources import open_source
-    from neurosym_jax.data.windows import cut_windows
-    from neurosym_jax.training.recipe import RECIPES
-    from neurosym_jax.training.stream import SceneStream
-
-    windows = cut_windows(open_source(data).recordings("zara1", "train"), 8, 8)
-    return SceneStream(windows, RECIPES["sgan"].batch_scenes, seed=0).steps(0, 2)
-
-
 def unpadded(batches, index: int) -> dict[str, np.ndarray]:
     """One batch agent by agent: positions, displacements, and the sizes of its scenes."""
     parts = {"observed": [], "moves": [], "future": [], "sizes": []}
@@ -86,25 +99,47 @@ def unpadded(batches, index: int) -> dict[str, np.ndarray]:
     return arrays
 
 
-def ours(batches) -> Callable[[], None]:
-    """One call of the compiled step, on batches that lie on the device."""
+def generator_steps(name: str, batches) -> Callable[[], None]:
+    """One iteration of a generator's recipe, on batches that lie on the device."""
     import jax
 
     from neurosym_jax.models.config import GeneratorConfig
     from neurosym_jax.training.recipe import RECIPES
     from neurosym_jax.training.step import initial_state, train_step
 
-    generator, config = GeneratorConfig(), RECIPES["sgan"]
+    generator, recipe, key = GeneratorConfig(), RECIPES[name], jax.random.key(0)
     batches = jax.device_put(batches)
-    key = jax.random.key(0)
-    state = jax.jit(lambda: initial_state(generator, config, key))()
-    step = jax.jit(
-        lambda state, key: train_step(generator, config, state, batches, key), donate_argnums=0
-    )
+    state = jax.jit(lambda: initial_state(generator, recipe, key))()
+
+    def step(state):
+        key_of_step = jax.random.fold_in(key, state.step)
+        return train_step(generator, recipe, state, batches, key_of_step)
+
+    return _iterate(jax.jit(step, donate_argnums=0), state)
+
+
+def anchor_steps(windows: Any) -> Callable[[], None]:
+    """One iteration of recipe `anchors`."""
+    import jax
+
+    from neurosym_jax.forecasting.anchors import initial_anchors
+    from neurosym_jax.models.anchors import AnchorConfig
+    from neurosym_jax.training.anchors import AnchorStream, anchor_step
+    from neurosym_jax.training.recipe import RECIPES
+    from neurosym_jax.training.step import new_state
+
+    network, recipe, key = AnchorConfig(), RECIPES["anchors"], jax.random.key(0)
+    batch = jax.device_put(AnchorStream(windows, recipe).batch(0))
+    state = new_state(recipe, initial_anchors(network, key))
+    return _iterate(lambda state: anchor_step(network, recipe, key, state, *batch), state)
+
+
+def _iterate(step: Callable[[Any], tuple[Any, Any]], state: Any) -> Callable[[], None]:
+    import jax
 
     def iterate() -> None:
         nonlocal state
-        state, _ = step(state, jax.random.fold_in(key, state.step))
+        state, _ = step(state)
         jax.block_until_ready(state)
 
     return iterate

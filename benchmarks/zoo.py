@@ -76,13 +76,8 @@ def measure(options: Any) -> dict[str, Any]:
         for each in rows(f"{len(paths)} checkpoints, best of {SAMPLES}", seconds)
     ]
     table += _commands(options, paths)
-    largest = max(range(len(models)), key=lambda index: tests[index].agents)
-    return {
-        "title": "evaluation of the published checkpoints",
-        "rows": table,
-        "light": limit(work, machine_rates(), table[0]["median"]),
-        "stages": _stages(models[largest], tests[largest]),
-    }
+    light = limit(work, machine_rates(), table[0]["median"])
+    return {"title": "evaluation of the published checkpoints", "rows": table, "light": light}
 
 
 def _commands(options: Any, paths: list[Path]) -> list[Row]:
@@ -106,7 +101,7 @@ def _commands(options: Any, paths: list[Path]) -> list[Row]:
 def _peer(paths: list[Path], tests: list[Any], ades: dict[str, list[float]]):
     import torch
 
-    from benchmarks.torch_eval import TorchForecaster, chunks_of
+    from benchmarks.torch_peer import TorchForecaster, chunks_of
 
     peers = [
         TorchForecaster.of(torch.load(path, map_location="cpu", weights_only=True))
@@ -144,44 +139,3 @@ def _original(options: Any, paths: list[Path], ades: dict[str, list[float]]) -> 
         found.append(float(ade))
     ades["original"] = found
     return spent
-
-
-def _stages(model: Any, windows: Any) -> dict[str, float]:
-    """Seconds of each stage of the largest test set, one after the other on one thread."""
-    runs = [_one_by_one(model, windows) for _ in range(3)]
-    return {name: sorted(run[name] for run in runs)[1] for name in runs[0]}
-
-
-class _Clock:
-    """Seconds by name, each from the one before."""
-
-    def __init__(self):
-        self.seconds: dict[str, float] = {}
-        self.last = time.perf_counter()
-
-    def done(self, name: str) -> None:
-        now = time.perf_counter()
-        self.seconds[name], self.last = now - self.last, now
-
-
-def _one_by_one(model: Any, windows: Any) -> dict[str, float]:
-    from neurosym_jax.data.batching import make_batches
-    from neurosym_jax.evaluation.metrics import metric_names
-    from neurosym_jax.evaluation.scoring import chosen, score_scenes
-    from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
-
-    forecaster, params = model.forecaster, model.params
-    clock = _Clock()
-    scenes = [batch.scene for batch in make_batches(windows)]
-    clock.done("windows to batches")
-    noises = [batch_noise(forecaster, scene, SAMPLES, 0) for scene in scenes]
-    clock.done("noise")
-    futures = [
-        forecast_batch(forecaster, params, scene, noise)[0] for scene, noise in zip(scenes, noises)
-    ]
-    clock.done("forecasts")
-    metrics = chosen(metric_names(collisions=False))
-    for scene, part in zip(scenes, futures):
-        score_scenes(metrics, unpacked(part, np.asarray(scene.valid)), scene)
-    clock.done("errors")
-    return clock.seconds

@@ -23,7 +23,7 @@ from .forecasting.model_folder import load_model as load_model
 from .forecasting.model_folder import save_model as save_model
 from .models.config import DiscriminatorConfig as DiscriminatorConfig
 from .models.config import GeneratorConfig as GeneratorConfig
-from .models.poolings import register_pooling as register_pooling
+from .models.config import register_pooling as register_pooling
 from .scene import Scene as Scene
 from .scene import make_scene as make_scene
 from .symbolic.weightings import register_weighting as register_weighting

@@ -25,7 +25,7 @@ def commands() -> dict[str, str]:
     """Module of each command, by name in alphabetical order."""
     names = [file.name.removesuffix(".py") for file in files(COMMANDS).iterdir()]
     ours = {name: f"{COMMANDS}.{name}" for name in names if not name.startswith("_")}
-    return dict(sorted({**entry_points("commands"), **ours}.items()))
+    return dict(sorted((entry_points("commands") | ours).items()))
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -46,7 +46,9 @@ def _run(arguments: list[str]) -> None:
     name, *rest = arguments or ["--help"]
     modules = commands()
     if name in ("-h", "--help"):
-        print(_usage(modules))
+        print("usage: neurosym COMMAND [--help]\n       neurosym --version\n")
+        for each, module in modules.items():
+            print(f"  {each:{max(map(len, modules))}}  {_summary(module)}")
     elif name == "--version":
         from importlib.metadata import version
 
@@ -63,12 +65,6 @@ def _run(arguments: list[str]) -> None:
         sys.exit(f"error: there is no command {name!r}: {hint}")
 
 
-def _usage(modules: dict[str, str]) -> str:
-    width = max(map(len, modules))
-    lines = [f"  {name:{width}}  {_summary(module)}" for name, module in modules.items()]
-    return "usage: neurosym COMMAND [--help]\n       neurosym --version\n\n" + "\n".join(lines)
-
-
 def _summary(module: str) -> str:
     """First line of a command's docstring, read without importing the command."""
     try:
@@ -77,8 +73,8 @@ def _summary(module: str) -> str:
         spec = None
     if spec is None or spec.origin is None:
         return f"(not found: {module})"
-    text = Path(spec.origin).read_text(encoding="utf-8")
-    return (ast.get_docstring(ast.parse(text)) or "").split("\n")[0].rstrip(".")
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    return (ast.get_docstring(tree) or "").split("\n")[0].rstrip(".")
 
 
 if __name__ == "__main__":

@@ -50,10 +50,8 @@ class Registry(dict[str, T]):
             raise InputError(f"{name!r} cannot name a {self.kind}: letters, digits, underscores")
         if self.get(name, value) != value:
             if not replace:
-                raise InputError(
-                    f"there is another {self.kind} {name!r} already: choose another name, or say "
-                    "replace=True"
-                )
+                taken = f"there is another {self.kind} {name!r} already"
+                raise InputError(f"{taken}: choose another name, or say replace=True")
             import jax
 
             jax.clear_caches()
@@ -74,10 +72,8 @@ class Registry(dict[str, T]):
     def __missing__(self, name: str) -> T:
         near = difflib.get_close_matches(str(name), self, 1)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        known = ", ".join(self)
-        raise InputError(
-            f"unknown {self.kind} {name!r}: {hint}there are {known} (--plugin FILE adds one)"
-        )
+        known = f"there are {', '.join(self)} (--plugin FILE adds one)"
+        raise InputError(f"unknown {self.kind} {name!r}: {hint}{known}")
 
 
 def entry_points(group: str) -> dict[str, str]:
@@ -110,13 +106,12 @@ def load_plugin(plugin: str) -> None:
     """
     try:
         if plugin.endswith(".py"):
-            _load_file(Path(plugin))
+            _load_file(Path(plugin).resolve())
         else:
             importlib.import_module(plugin)
-    except InputError as error:
-        raise InputError(f"plugin {plugin}: {error}") from None
     except Exception as error:  # A user's own code can fail in any way.
-        raise InputError(f"plugin {plugin}: {type(error).__name__}: {error}") from error
+        kind = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
+        raise InputError(f"plugin {plugin}: {kind}{error}") from error
     _loaded[plugin] = None
 
 
@@ -132,7 +127,6 @@ def names(plugins: Iterable[str]) -> tuple[str, ...]:
 
 
 def _load_file(path: Path) -> None:
-    path = path.resolve()
     # By its whole path, so that two files of one name are two modules.
     name = f"{path.stem}_{hashlib.blake2b(bytes(path), digest_size=4).hexdigest()}"
     if name in sys.modules:

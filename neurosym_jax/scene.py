@@ -164,13 +164,8 @@ def pad_scene(scene: Scene, agents: int) -> Scene:
         array = np.asarray(array)
         return np.pad(array, [(0, extra)] + [(0, 0)] * (array.ndim - 1))
 
-    return scene.replace(
-        observed=pad(scene.observed),
-        displacement=pad(scene.displacement),
-        valid=pad(scene.valid),
-        future=None if scene.future is None else pad(scene.future),
-        extras={name: pad(values) for name, values in scene.extras.items()},
-    )
+    names = ("observed", "displacement", "valid", "future", "extras")
+    return scene.replace(**jax.tree.map(pad, {name: getattr(scene, name) for name in names}))
 
 
 def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:

@@ -39,11 +39,13 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m studies.mutants")
     for option, default in (("seed", 0), ("count", 40), ("out", Path("mutants.jsonl"))):
         parser.add_argument(f"--{option}", type=type(default), default=default)
+    parser.add_argument("--packages", nargs="+", choices=PACKAGES, default=PACKAGES)
     options = parser.parse_args(arguments)
     options.out.touch()
     planted = [json.loads(line) for line in options.out.read_text().splitlines()]
     known = {(each["file"], each["at"], each["after"]) for each in planted}
-    random.Random(options.seed).shuffle(drawn := list(_mistakes()))
+    drawn = [each for each in _mistakes() if each[0] in options.packages]
+    random.Random(options.seed).shuffle(drawn)
     with tempfile.TemporaryDirectory() as folder:
         (place := Path(folder, "copy")).mkdir()
         subprocess.run(f"git archive HEAD | tar x -C {place}", shell=True, cwd=ROOT, check=True)

@@ -2,9 +2,8 @@
 
     python -m studies.reliability
 
-Some minutes. Each small file is read by a process of its own. Every bit of one shipped model's
-`config.json`, bits of its parameters drawn with a seed, and bytes of bags of people are changed,
-one damage at a time. Silent is what reads differently, with neither an error nor a warning.
+It takes minutes. Every bit of a shipped model's `config.json`, bits of its parameters drawn with a
+seed, and bytes of bags are changed. Silent is what reads differently without a warning.
 """
 
 import contextlib

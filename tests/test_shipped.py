@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from neurosym_jax.data.batching import make_batches
-from neurosym_jax.data.published import licences_of
 from neurosym_jax.data.sources import Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
@@ -32,7 +31,6 @@ def test_a_model_names_its_data_and_their_licences(name):
     assert f"| learned from | {said} |" in (place / "README.md").read_text(encoding="utf-8")
     # None forbids a use, so any of them may be a default.
     assert {*model.data.values()} <= {"unstated", "MIT"}
-    assert licences_of(["SDD"]) == {"SDD": "CC BY-NC-SA 3.0, restricted"}
 
 
 def test_the_anchor_table_sees_nobody_and_says_so():

@@ -23,11 +23,12 @@ from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_text
+from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.description import (
-    describe_pairs,
     forecast_rows,
     format_forecast,
     format_pairs,
+    is_constant,
 )
 from neurosym_jax.symbolic.forecast import SymbolSettings
 from neurosym_jax.symbolic.weighting import initial_parameters
@@ -111,15 +112,18 @@ def _show_weights(options: Options, model: Model | None, title: str, shown: Wind
         weighting, parameters = model.config.weighting, model.params.get("weighting", {})
         if weighting is None:
             raise InputError(f"{options.model}: {model.name} weighs no pairs: name a --weighting")
-    pairs = describe_pairs(weighting, parameters, shown.position, shown.agent, shown.period)
-    hint = " is constant here; try --weighting quantised" if pairs.constant else ""
-    print(f"{title}: {len(pairs.people)} people, weighting {weighting.name}{hint}\n")
-    print(format_pairs(pairs))
+    observed = make_scene(shown.position).observed
+    codes, alpha = (
+        np.asarray(of(parameters, observed)) for of in (weighting.codes, weighting.alpha)
+    )
+    hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
+    print(f"{title}: {len(shown.agent)} people, weighting {weighting.name}{hint}\n")
+    print(format_pairs(codes, shown.agent, shown.period))
 
     from neurosym_jax.plotting import plot_pairs, save_figure, use_style
 
     use_style(options.style)
-    figure = plot_pairs(pairs, f"{title}, {weighting.name}{hint}")
+    figure = plot_pairs(shown, codes, alpha, f"{title}, {weighting.name}{hint}")
     print(f"\n{save_figure(figure, options.out / 'pairs.png')}")
 
 

@@ -32,9 +32,19 @@ def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
 
 def pace_of(tracks: Tracks) -> tuple[int, float]:
     """Number of steps, and the speed that one in twenty exceeds; NaN where it says nothing."""
-    here, after = _strides(tracks)
+    step, same = np.diff(tracks.stamp), np.diff(tracks.id) == 0
+    longest = GAP * max(float(np.median(step[same])) if same.any() else 0.0, PERIOD)
+    clock = np.append(0.0, np.cumsum(np.where(same, step, 2 * longest)))
+    # Strides to the same person's row about 0.4 s later, or of short tracks to the next.
+    after = np.searchsorted(clock, clock + PERIOD - 1e-3)
+    here = np.flatnonzero(after < len(clock))
+    here = here[clock[after[here]] - clock[here] <= longest]
+    if len(here) < FEW:
+        here = np.flatnonzero(same)
+        after = np.arange(len(clock)) + 1
     if len(here) < FEW:
         return len(here), np.nan
+    after = after[here]
     time = tracks.stamp[after] - tracks.stamp[here]
     length = np.linalg.norm(tracks.position[after] - tracks.position[here], axis=1)
     pace = float(np.quantile(length / time, 0.95))
@@ -114,17 +124,3 @@ def _held(tracks: Tracks) -> float:
     usual = np.median(length[length > 0]) if np.any(length > 0) else np.inf
     still, leap, after = length[:-2], length[1:-1], length[2:]
     return np.sum((still == 0) & (leap > np.maximum(1.6 * after, 0.5 * usual))) / len(tracks.id)
-
-
-def _strides(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
-    """Rows, and for each the same person's row about 0.4 s later, or of short tracks the next."""
-    step, same = np.diff(tracks.stamp), np.diff(tracks.id) == 0
-    longest = GAP * max(float(np.median(step[same])) if same.any() else 0.0, PERIOD)
-    clock = np.append(0.0, np.cumsum(np.where(same, step, 2 * longest)))
-    after = np.searchsorted(clock, clock + PERIOD - 1e-3)
-    here = np.flatnonzero(after < len(clock))
-    here = here[clock[after[here]] - clock[here] <= longest]
-    if len(here) < FEW:
-        here = np.flatnonzero(same)
-        return here, here + 1
-    return here, after[here]

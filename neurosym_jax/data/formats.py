@@ -89,17 +89,17 @@ def read_any(
     found = []
     for tracks in form.read(data if is_frame(data) else path, options, frame_period):
         how = tracks.reading or Reading(tracks.recording, printable(str(path)), rows=len(tracks.id))
-        lines = [*how.warnings]
+        lines = how.warnings
         for refused, line in judge(tracks, options):
             if refused and not options.yes_really:
                 raise InputError(
                     f"{path}: {line} (where it is true all the same, --yes-really accepts it)"
                 )
-            lines.append(line)
+            lines = (*lines, line)
         for line in lines:
             warnings.warn(f"{path}: {line}", InputWarning, stacklevel=2)
         file, name = None if is_frame(data) else how.file, FORMATS.name_of(form)
-        how = dataclasses.replace(how, file=file, format=name, warnings=tuple(lines))
+        how = dataclasses.replace(how, file=file, format=name, warnings=lines)
         found.append(dataclasses.replace(tracks, reading=how))
     return found
 
@@ -129,8 +129,7 @@ def data_files(folder: Path, options: ReadOptions = AS_IT_SAYS) -> list[Path]:
     tables = [path for path in found if isinstance(format_of(path), columns.Columns)]
     others = [path for path in tables if not columns.names_tracks(read_head(path).names)]
     for path in others:
-        line = f"{path}: left out: it has no columns of tracks"
-        warnings.warn(line, InputWarning, stacklevel=2)
+        warnings.warn(f"{path}: left out: it has no columns of tracks", InputWarning, stacklevel=2)
     if len(found) == len(others):
         raise InputError(f"{folder}: its tables have no columns of tracks; name them, or others")
     return [path for path in found if path not in others]

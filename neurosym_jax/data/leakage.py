@@ -22,8 +22,8 @@ BYTES = 6  # of a hash
 
 def fingerprint(windows: Windows) -> str:
     """The smallest `KEPT` hashes of the shapes in `windows`, in base64; at most 4 kB."""
-    kept = _hashes(windows)[:KEPT].astype(">u8")
-    return base64.b64encode(kept.view(np.uint8).reshape(-1, 8)[:, 8 - BYTES :].tobytes()).decode()
+    data = _hashes(windows)[:KEPT].astype(">u8").view(np.uint8).reshape(-1, 8)
+    return base64.b64encode(data[:, 8 - BYTES :].tobytes()).decode()
 
 
 def seen_before(found: str, windows: Windows) -> tuple[int, int]:
@@ -44,8 +44,8 @@ def shared_shapes(windows: Windows, others: Windows) -> tuple[int, int]:
 
 def is_fingerprint(value: object) -> bool:
     """Whether a value read from a file is what `fingerprint` returns."""
-    words = rf"([A-Za-z0-9+/]{{8}}){{0,{KEPT}}}"
-    return isinstance(value, str) and re.fullmatch(words, value) is not None
+    wanted = rf"([A-Za-z0-9+/]{{8}}){{0,{KEPT}}}"
+    return isinstance(value, str) and re.fullmatch(wanted, value) is not None
 
 
 def _hashes(windows: Windows) -> np.ndarray:

@@ -26,7 +26,8 @@ HOME = (
 COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")  # folders in `data_folder()`
 
 _LICENCES = {
-    "sdd": ("SDD", "CC BY-NC-SA 3.0, restricted"),  # What forbids a use is no default here.
+    # What forbids a use is called restricted, and learned from by no model that ships.
+    **dict.fromkeys(("sdd", "stanford"), ("SDD", "CC BY-NC-SA 3.0, restricted")),
     "simulations": ("simulations", "MIT"),
 }
 
@@ -39,9 +40,8 @@ def licences_of(names: Iterable[str]) -> dict[str, str]:
 def published_files(collection: str) -> dict[str, dict[str, str]]:
     """Address, bytes and SHA-256 of each file of a collection, by path below its folder."""
     content = files("neurosym_jax.data").joinpath("published.tsv").read_bytes()
-    table = pl.read_csv(content, separator="\t", infer_schema=False)
-    rows = table.filter(pl.col("collection") == collection).iter_rows(named=True)
-    return {row["path"]: row for row in rows}
+    rows = pl.read_csv(content, separator="\t", infer_schema=False).iter_rows(named=True)
+    return {row["path"]: row for row in rows if row["collection"] == collection}
 
 
 def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0) -> tuple[int, int]:
@@ -57,8 +57,7 @@ def download(what: str, folder: Path, mirror: str = HOME, timeout: float = 20.0)
     import requests
 
     pooch.get_logger().setLevel("WARNING")
-    base = mirror.rstrip("/") + "/"
-    wanted = published_files(what)
+    base, wanted = mirror.rstrip("/") + "/", published_files(what)
     into = folder if folder.exists() else folder.with_name(f"{folder.name}.part")
     collection = pooch.create(
         into,
@@ -98,7 +97,5 @@ def data_folder() -> Path:
 def find(path: Path) -> Path:
     """`path`, or where it is below the data folder or a collection in it, if it is anywhere."""
     base = data_folder()
-    for candidate in (path, base / path, *(base / name / path for name in COLLECTIONS)):
-        if os.path.exists(candidate):
-            return candidate
-    return path
+    places = (path, base / path, *(base / name / path for name in COLLECTIONS))
+    return next(filter(os.path.exists, places), path)

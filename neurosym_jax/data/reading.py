@@ -1,6 +1,7 @@
 """How files are read: what a user says of them, how they begin, and what a format is."""
 
 import codecs
+import contextlib
 import dataclasses
 import functools
 import itertools
@@ -12,10 +13,10 @@ import numpy as np
 
 from neurosym_jax.configuration import Positive, refuse
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError
 
 __all__ = ["AS_IT_SAYS", "Format", "Head", "ReadOptions", "numbers_in", "read_head"]
-__all__ += ["read_text_file", "recording_name", "separator_of"]
+__all__ += ["read_text_file", "separator_of"]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # in each unit
 
@@ -54,15 +55,13 @@ class ReadOptions:
             InputError: naming the option.
         """
         refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride})
-        try:
-            usable = 1e-6 <= self.metres <= 1e4
-        except ValueError:
-            usable = False
-        if not usable:
-            raise InputError(
-                f"--unit is one of {', '.join(METRES)}, or metres as a number, not {self.unit!r} "
-                "(pixels of 3.2 cm: --unit 0.032)"
-            )
+        with contextlib.suppress(ValueError):
+            if 1e-6 <= self.metres <= 1e4:
+                return
+        raise InputError(
+            f"--unit is one of {', '.join(METRES)}, or metres as a number, not {self.unit!r} "
+            "(pixels of 3.2 cm: --unit 0.032)"
+        )
 
     @property
     def metres(self) -> float:
@@ -116,11 +115,6 @@ class Format:
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file; where frames are numbered, one step is `period` seconds."""
         raise NotImplementedError
-
-
-def recording_name(path: Path) -> str:
-    """Name of the recording in a file: its name without the ending."""
-    return printable(path.stem)
 
 
 def read_text_file(path: Path) -> str:

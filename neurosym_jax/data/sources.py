@@ -14,10 +14,10 @@ import numpy as np
 from neurosym_jax.data import formats
 from neurosym_jax.data.published import COLLECTIONS, data_folder, find
 from neurosym_jax.data.readers import eth_ucy
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions, recording_name
-from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid
+from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid, resample
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 
 __all__ = ["GENERAL", "EthUcy", "Files", "Source", "Synthetic", "open_source", "windows_from"]
 
@@ -56,7 +56,7 @@ class Source:
         Raises:
             InputError: for an unknown name.
         """
-        known = {recording_name(path): path for path in self.paths}
+        known = {printable(path.stem): path for path in self.paths}
         for name in names:
             if name not in known and not os.path.isfile(name):
                 among = ", ".join(sorted(known)) or "nothing"
@@ -82,10 +82,10 @@ class Synthetic(Source):
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         if scene == GENERAL:
             raise InputError(f"{scene} is for models of real people: say of whom with --data")
-        from neurosym_jax.simulation.scenarios import synthetic_tracks
+        from neurosym_jax.simulation.scenarios import simulate
 
         seeds = {"test": range(2), "val": range(100, 102), "train": range(200, 208)}[split]
-        return (synthetic_tracks(cast(Any, scene), seed) for seed in seeds)
+        return (resample(simulate(cast(Any, scene), seed), PERIOD) for seed in seeds)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Files(Source):
 
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
         test = split == "test"
-        paths = [path for path in self.paths if (recording_name(path) == scene) == test]
+        paths = [path for path in self.paths if (printable(path.stem) == scene) == test]
         if not paths:
             raise InputError(f"{scene}: the only recording, so nothing is left to train on")
         for tracks in formats.recordings_in(paths, self.read):
@@ -155,7 +155,7 @@ def open_source(
     if (data / "all").is_dir():
         return EthUcy(folder=data, paths=tuple(sorted(data.glob("*/*.txt"))), **how)
     paths = formats.data_files(data, read) if formats.is_folder(data) else [data]
-    names = [recording_name(path) for path in paths]
+    names = [printable(path.stem) for path in paths]
     if len({*names, GENERAL}) <= len(names):
         raise InputError(f"{data}: two files are called alike, or one {GENERAL}; rename it")
     return Files(tuple(names), paths=tuple(paths), **how)
@@ -177,6 +177,5 @@ def windows_from(
     on any clock (see `make_tracks`), or several of these; `skip` and `min_agents` are those of
     `cut_windows`.
     """
-    recordings = formats.recordings_in(data, read)
-    grid = [on_grid(tracks, period, read.max_gap) for tracks in recordings]
+    grid = [on_grid(each, period, read.max_gap) for each in formats.recordings_in(data, read)]
     return cut_windows(grid, obs_len, pred_len, skip=skip, min_agents=min_agents)

@@ -14,13 +14,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from neurosym_jax.data.reading import (
-    ReadOptions,
-    numbers_in,
-    read_text_file,
-    recording_name,
-    separator_of,
-)
+from neurosym_jax.data.reading import ReadOptions, numbers_in, read_text_file, separator_of
 from neurosym_jax.data.tracks import Reading, Tracks, common, make_tracks
 from neurosym_jax.errors import InputError, printable
 
@@ -95,8 +89,7 @@ class Table:
         Raises:
             InputError: for a frame that is not a whole number, and where that step is unusual.
         """
-        frame = self.whole_numbers(place)
-        stride = options.fps and options.fps * period
+        frame, stride = self.whole_numbers(place), options.fps and options.fps * period
         if options.eth_stride and self.path.stem.startswith("biwi_eth"):
             stride = options.eth_stride
         if stride is None:
@@ -158,19 +151,17 @@ class Table:
         Warnings are those `said`, and one where time runs backward.
         """
         row = self.row if row is None else row
-        names, part = parts or ([recording_name(self.path)], np.zeros(len(row), int))
+        names, part = parts or ([printable(self.path.stem)], np.zeros(len(row), int))
         found = []
         for number, name in enumerate(names):
             at = np.flatnonzero(part == number)
             order = at[np.argsort(id[at], kind="stable")]
             back = order[1:][(np.diff(stamp[order]) < 0) & (np.diff(id[order]) == 0)]
-            backward = [
-                f"row {row[first]}: time runs backward for agent {id[first]} ({len(back)} times in "
-                "all); the rows are sorted"
-                for first in back[:1]
-            ]
-            file, lines = printable(str(self.path)), (*said, *backward)
-            how = Reading(name, file, rows=len(at), warnings=lines)
+            lines = list(said)
+            if len(back):
+                first = f"row {row[back[0]]}: time runs backward for agent {id[back[0]]}"
+                lines.append(f"{first} ({len(back)} times in all); the rows are sorted")
+            how = Reading(name, printable(str(self.path)), rows=len(at), warnings=tuple(lines))
             columns = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
             found.append(make_tracks(name, *columns, reading=how, row=row[at]))
         return found
@@ -189,18 +180,8 @@ def is_frame(data: object) -> bool:
     return hasattr(data, "columns") and (hasattr(data, "itertuples") or hasattr(data, "iter_rows"))
 
 
-def _frame_table(frame: Any) -> Table:
-    """The text of a dataframe, whose rows are counted from 0."""
-    polars = hasattr(frame, "iter_rows")
-    rows = frame.iter_rows() if polars else frame.itertuples(index=False, name=None)
-    fields = pl.Series([list(map(str, row)) for row in rows], dtype=pl.List(pl.String))
-    if not len(fields):
-        raise InputError(f"{FRAME}: has no rows")
-    return Table(FRAME, list(map(str, frame.columns)), fields, np.arange(len(fields)))
-
-
 def read_table(path: Any, names: Sequence[str] | None = None, header: str = "") -> Table:
-    """The table in a dataframe or a file of delimited text, whose lines with # are left out.
+    """The table in a dataframe (rows from 0) or a file of text, whose lines with # are left out.
 
     Columns without `names` have those of the header, else 1, 2, ... The header is the first line
     that begins with the regular expression `header`, among the first 200.
@@ -209,15 +190,19 @@ def read_table(path: Any, names: Sequence[str] | None = None, header: str = "") 
         InputError: naming file, row and reason.
     """
     if is_frame(path):
-        return _frame_table(path)
+        polars = hasattr(path, "iter_rows")
+        rows = path.iter_rows() if polars else path.itertuples(index=False, name=None)
+        fields = pl.Series([list(map(str, row)) for row in rows], dtype=pl.List(pl.String))
+        if not len(fields):
+            raise InputError(f"{FRAME}: has no rows")
+        return Table(FRAME, list(map(str, path.columns)), fields, np.arange(len(fields)))
     lines = pl.Series([read_text_file(path)]).str.split("\n").explode().str.strip_chars(" \r")
     kept = ((lines != "") & ~lines.str.starts_with("#")).to_numpy()
     lines, row = lines.filter(kept), 1 + np.flatnonzero(kept)
     starts = lines[:200].str.contains(f"^{header}").arg_true()
     if not len(starts):
-        raise InputError(
-            f"{path}: the file has no rows" + f", or no header {header!r}" * bool(header)
-        )
+        without = f", or no header {header!r}" * bool(header)
+        raise InputError(f"{path}: the file has no rows{without}")
     lines, row = lines[starts[0] :], row[starts[0] :]
     mark = separator_of(lines[0])
     if lines[0].count(mark) > MOST:

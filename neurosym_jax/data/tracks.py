@@ -106,9 +106,8 @@ def make_tracks(
                 f"{where}: row {at if row is None else row[at]}: {name} {values[at]} is not a "
                 f"usable number{' of seconds (--time-unit?)' * (name == 'time')}"
             )
-    ids = ids.astype(np.int64)
-    tracks = Tracks(recording, times, ids, points, others, reading=reading)
-    return tracks.take(_order(where, times, ids, row))
+    tracks = Tracks(recording, times, ids.astype(np.int64), points, others, reading=reading)
+    return tracks.take(_order(where, times, tracks.id, row))
 
 
 def _order(where: str, stamp: np.ndarray, id: np.ndarray, row: Any = None) -> np.ndarray:

@@ -143,13 +143,12 @@ def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
         late = tracks.known[seen] > tracks.stamp[seen[:, -1:]] + 2 * SNAP
         position[:, :obs_len][late] = tracks.foreseen[seen[late]]
     reading = tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
-    gaps = int(np.sum(np.diff(places) > 1))
     return Windows(
         position=position,
         agent=tracks.id[first],
         bounds=np.append(0, np.cumsum(sizes[enough])),
         identity=scene_identity(tracks.recording, starts[enough]),
         obs_len=obs_len,
-        reading=(dataclasses.replace(reading, gaps=gaps),),
+        reading=(dataclasses.replace(reading, gaps=int(np.sum(np.diff(places) > 1))),),
         extras={name: values[first + obs_len - 1] for name, values in tracks.extras.items()},
     )

@@ -17,24 +17,18 @@ scene. Two things make the difference uncertain:
 
 import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import Scores
 
-__all__ = ["Difference", "ErrorsByScene", "Interval", "holm"]
-__all__ += ["mean_difference", "paired_difference", "student_half"]
+__all__ = ["Difference", "ErrorsByScene", "holm", "mean_difference"]
+__all__ += ["paired_difference", "student_half"]
 
 RESAMPLES = 4000
-
-
-class Interval(NamedTuple):
-    """95 % interval, in the metric's unit."""
-
-    low: float
-    high: float
+Interval = tuple[float, float]
+"""95 % interval, in the metric's unit."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,9 +66,8 @@ class ErrorsByScene:
 
     def intervals(self) -> dict[str, Interval]:
         """95 % interval of each metric's mean over other test scenes."""
-        return {
-            name: _interval(of) for name, of in zip(self.metrics, _resampled(self, _drawn(self)).T)
-        }
+        means = _resampled(self, _drawn(self))
+        return {name: _interval(of) for name, of in zip(self.metrics, means.T)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -115,13 +108,9 @@ def paired_difference(
     seed: int = 0,
     numbers: Sequence[int] | None = None,
 ) -> Difference:
-    """`ours` less `theirs` on one test set.
+    """`ours` less `theirs` on one test set: n runs each, of the training seeds `numbers`.
 
-    Args:
-        ours: n runs, a training seed each.
-        theirs: runs of the same seeds in the same order.
-        seed: of the bootstrap.
-        numbers: the training seeds; default: 0 to n - 1.
+    `seed` is the bootstrap's; the training seeds are 0 to n - 1 by default.
     """
     drawn, pairs = _drawn(ours[0], seed), list(zip(ours, theirs))
     over_scenes = np.mean([_resampled(a, drawn) - _resampled(b, drawn) for a, b in pairs], axis=0)
@@ -185,4 +174,5 @@ def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 def _interval(values: np.ndarray) -> Interval:
-    return Interval(*map(float, np.percentile(values, [2.5, 97.5])))
+    low, high = np.percentile(values, [2.5, 97.5])
+    return float(low), float(high)

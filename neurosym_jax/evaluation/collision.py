@@ -57,11 +57,8 @@ def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
 
 def _meet(low: np.ndarray, high: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """[P, ...] whether boxes from `low [2, A, ...]` to `high` overlap."""
-    x, y = (
-        (low[axis][one] < high[axis][other]) & (low[axis][other] < high[axis][one])
-        for axis in (0, 1)
-    )
-    return x & y
+    meet = (low[:, one] < high[:, other]) & (low[:, other] < high[:, one])
+    return meet[0] & meet[1]
 
 
 def _collide(offset: np.ndarray) -> np.ndarray:

@@ -5,7 +5,6 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import collision, displacement, neighbours, symbol_scores
 from neurosym_jax.plugins import Registry
 
@@ -61,11 +60,6 @@ class Metric:
         return f"{value:.3f}" + (f" {self.unit}" if self.unit not in ("", "m") else "")
 
 
-_further = functools.partial(Metric, by_default=False)
-_on_host = functools.partial(_further, on_host=True)
-_weighted = functools.partial(_further, weighted=True)
-_moves = functools.partial(_further, moves=True)
-
 _JOINT = "joint: the best of k forecasts of the whole scene (SGAN's protocol)"
 _MARGINAL = "marginal: each agent's own best of k (most later papers)"
 _MISS = "missed: even the best of k samples of an agent ends more than 2 m from the truth"
@@ -77,6 +71,12 @@ _NEIGHBOURS = (
     "are removed, of all or of those with somebody within 2 m; mean move at the last step"
 )
 _SYMBOLS = "states, events: log scores of those of ordered pairs within 8 m; less is better"
+
+_further = functools.partial(Metric, by_default=False)
+_on_host = functools.partial(_further, unit="share", on_host=True)
+_weighted = functools.partial(_further, weighted=True)
+_moves = functools.partial(_further, about=_NEIGHBOURS, moves=True)
+_symbols = functools.partial(_further, unit="nats", about=_SYMBOLS)
 
 
 def _covered(level: float) -> Metric:
@@ -93,8 +93,8 @@ METRICS: Registry[Metric] = Registry(
         "marginal_fde": Metric("marginal FDE", displacement.marginal_fde, "m", _MARGINAL),
         "horizon": Metric("mean displacement error", displacement.horizon),
         "collision_rate": Metric("people in collision", collision.rate, "share", on_host=True),
-        "truth_collision_rate": _on_host("truth's collisions", collision.truth_rate, "share"),
-        "excess_collisions": _on_host("collisions beyond truth's", collision.excess, "share"),
+        "truth_collision_rate": _on_host("truth's collisions", collision.truth_rate),
+        "excess_collisions": _on_host("collisions beyond truth's", collision.excess),
         "miss_rate": _further("missed by 2 m", displacement.missed, "share", _MISS),
         "energy_score": _weighted("energy score", displacement.energy_score, "m", _PROPER),
         "crps": _weighted("CRPS", displacement.crps, "m", _PROPER),
@@ -102,13 +102,11 @@ METRICS: Registry[Metric] = Registry(
         "coverage_90": _covered(0.9),
         "central_ade": _weighted("central ADE", displacement.central_ade, "m", _CENTRAL),
         "central_fde": _weighted("central FDE", displacement.central_fde, "m", _CENTRAL),
-        "neighbour_share": _moves("changed by neighbours", neighbours.share, "share", _NEIGHBOURS),
-        "neighbour_near": _moves(
-            "changed by near neighbours", neighbours.near, "share", _NEIGHBOURS
-        ),
-        "neighbour_move": _moves("moved by neighbours", neighbours.move, "m", _NEIGHBOURS),
-        "state_log": _further("states log", symbol_scores.state_log, "nats", _SYMBOLS),
-        "event_log": _further("events log", symbol_scores.event_log, "nats", _SYMBOLS),
+        "neighbour_share": _moves("changed by neighbours", neighbours.share, "share"),
+        "neighbour_near": _moves("changed by near neighbours", neighbours.near, "share"),
+        "neighbour_move": _moves("moved by neighbours", neighbours.move),
+        "state_log": _symbols("states log", symbol_scores.state_log),
+        "event_log": _symbols("events log", symbol_scores.event_log),
     },
 )
 
@@ -151,8 +149,4 @@ def metric_names(further: Sequence[str] = (), *, collisions: bool = True) -> tup
 
 def known_metric(name: str) -> Metric:
     """Return the metric of this name; for one that only a report knows, a title alone."""
-    return METRICS[name] if name in METRICS else Metric(name, _unknown, "")
-
-
-def _unknown(forecast: Any, scene: Any) -> Any:
-    raise InputError("only the metric's name is known here (--plugin adds it)")
+    return METRICS[name] if name in METRICS else Metric(name, METRICS.__getitem__, "")

@@ -16,9 +16,8 @@ from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_name
-from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from neurosym_jax.models.pooling import NO_FORECAST
-from neurosym_jax.models.poolings import POOLINGS
 from neurosym_jax.runtime.environment import cpu_cores
 
 __all__ = ["BASELINES", "TABLE", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
@@ -165,9 +164,8 @@ def baselines_of(
     anchor table that has not learned from `dataset`.
     """
     if names is None:
-        table = find_model(shipped_name(TABLE, dataset, pred_len))
-        fits = table.is_dir() and obs_len == LENGTH and samples <= load_model(table).config.samples
-        names = (*BASELINES, *([TABLE] if fits else []))
+        table = _table(obs_len, pred_len, dataset)
+        names = [*BASELINES, TABLE] if table and samples <= table.config.samples else BASELINES
     return [(None, baseline(name, obs_len, pred_len, dataset)) for name in names]
 
 
@@ -183,10 +181,14 @@ def baseline(name: str, obs_len: int, pred_len: int, dataset: str | None = None)
         return Model(config, {}, kind=name)
     if name != TABLE:
         raise InputError(f"forecaster {name}: cannot be a baseline, it has parameters to learn")
-    place = find_model(shipped_name(TABLE, dataset, pred_len))
-    if obs_len != LENGTH or not place.is_dir():
+    if (table := _table(obs_len, pred_len, dataset)) is None:
         raise InputError(f"forecaster {name}: none of {obs_len} + {pred_len} steps ships")
-    return load_model(place)
+    return table
+
+
+def _table(obs_len: int, pred_len: int, dataset: str | None) -> Model | None:
+    place = find_model(shipped_name(TABLE, dataset, pred_len))
+    return load_model(place) if obs_len == LENGTH and place.is_dir() else None
 
 
 def load_tests(
@@ -217,23 +219,21 @@ def make_test(
     """
     windows = cut_windows(recordings, test_set.obs_len, test_set.pred_len, min_agents=min_agents)
     for path, model in entries:
+        name, period = path or model.name, model.config.period
         found, looked = seen_before(model.seen, windows)
         if found:
             line = (
-                f"{path or model.name}: was trained on these people: {found} of {looked} windows "
-                "that were looked for are among its training windows, so its errors are too small"
+                f"{name}: was trained on these people: {found} of {looked} windows that were "
+                "looked for are among its training windows, so its errors are too small"
             )
             warnings.warn(line, InputWarning, stacklevel=2)
             first = windows.reading[0]
             first = dataclasses.replace(first, warnings=(*first.warnings, line))
             windows = dataclasses.replace(windows, reading=(first, *windows.reading[1:]))
-        trained = model.config.period
-        learned = path is not None or model.params
-        if learned and abs(trained - windows.period) > 0.01 * trained:
-            warnings.warn(
-                f"{path or model.name}: was trained on steps of {trained:g} s and is tested on "
-                f"steps of {windows.period:g} s (--period {trained:g} resamples the recordings)",
-                InputWarning,
-                stacklevel=2,
+        if (path or model.params) and abs(period - windows.period) > 0.01 * period:
+            line = (
+                f"{name}: was trained on steps of {period:g} s and is tested on steps of "
+                f"{windows.period:g} s (--period {period:g} resamples the recordings)"
             )
+            warnings.warn(line, InputWarning, stacklevel=2)
     return Test(test_set, entries, windows)

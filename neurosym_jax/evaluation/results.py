@@ -33,8 +33,7 @@ from neurosym_jax.evaluation.scoring import (
     score_forecaster,
 )
 from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
+from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.runtime.environment import cpu_cores
 from neurosym_jax.runtime.process import progress_of
 from neurosym_jax.scene import Scene, make_scene, pad_scene
@@ -171,8 +170,8 @@ def _results(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:
     for test in tests:
         for _, model in test.entries:
             models[model.forecaster] = model
-            for batch in test.batches:
-                shapes[model.forecaster][batch.scene.observed.shape] = batch.scene
+            scenes = {batch.scene.observed.shape: batch.scene for batch in test.batches}
+            shapes[model.forecaster].update(scenes)
     pool = ThreadPoolExecutor(cpu_cores())
     try:
         programs = {
@@ -292,9 +291,8 @@ def _latency(model: Model, scene: Scene, settings: Settings) -> tuple[float, np.
     forecast = SceneForecaster(
         model.forecaster, model.params, samples=settings.samples, seed=settings.seed
     )
-    futures, seconds = forecast(scene), []
+    futures, moments = forecast(scene), [time.perf_counter()]
     for _ in range(10):
-        start = time.perf_counter()
         forecast(scene)
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds)), futures
+        moments.append(time.perf_counter())
+    return float(np.median(np.diff(moments))), futures

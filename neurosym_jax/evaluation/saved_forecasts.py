@@ -18,7 +18,7 @@ from neurosym_jax.evaluation.plan import Test
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.runtime.environment import cpu_cores, refuse_beyond_memory
-from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
+from neurosym_jax.runtime.files import new_file, refuse_unwritable
 from neurosym_jax.scene import scene_identity
 
 __all__ = ["check_forecasts_file", "forecasts_of", "save_forecasts", "to_xarray"]
@@ -49,16 +49,10 @@ def check_forecasts_file(path: Path) -> None:
 
 
 def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -> list[Path]:
-    """Write a file for each model on each test set: `path`, or several names beside it.
+    """Write `samples` forecasts for each model on each test set: `path`, or names beside it.
 
-    Args:
-        path: its ending, .npz, .nc (see `to_xarray`) or .ndjson (TrajNet++), is the format.
-        tests: test sets and their models.
-        samples: k.
-        seed: random seed of the noise.
-
-    Returns:
-        The files; existing ones of the same name were replaced.
+    The ending of `path`, .npz, .nc (see `to_xarray`) or .ndjson (TrajNet++), is the format; `seed`
+    is the noise's. Returns the files; existing ones of the same name were replaced.
     """
     check_forecasts_file(path)
     entries = [(test, *entry) for test in tests for entry in test.entries]
@@ -73,14 +67,13 @@ def save_forecasts(path: Path, tests: Sequence[Test], samples: int, seed: int) -
         found = forecasts_of(model, test, samples, seed)
         for each in ("forecast", "truth", "observed"):
             found[each] = np.round(found[each], DECIMALS)
-        if path.suffix.lower() == ".ndjson":
-            write_text(target, _trajnet_text(found))
-        else:
-            with new_file(target) as beside:
-                if path.suffix.lower() == ".nc":
-                    to_xarray(**found).to_netcdf(beside, engine="scipy")
-                else:
-                    np.savez_compressed(beside, **found)
+        with new_file(target) as beside:
+            if path.suffix.lower() == ".ndjson":
+                beside.write_text(_trajnet_text(found), encoding="utf-8")
+            elif path.suffix.lower() == ".nc":
+                to_xarray(**found).to_netcdf(beside, engine="scipy")
+            else:
+                np.savez_compressed(beside, **found)
         paths.append(target)
     return paths
 
@@ -143,7 +136,7 @@ def to_xarray(forecast: ArrayLike, *, period: float = 0.4, **arrays: ArrayLike) 
 
 def _xarray() -> Any:
     try:
-        import xarray
+        import xarray  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise InputError(".nc files need xarray: pip install 'neurosym-jax[frames]'") from None
     return xarray
@@ -159,9 +152,9 @@ def _trajnet_text(found: dict[str, Any]) -> str:
         of = found["recording"] == name
         first[of] += begin
         begin = int(first[of].max()) + steps
-    number: dict[tuple[str, int], int] = {}
-    who = zip(found["recording"].tolist(), found["person"].tolist())
-    people = np.array([number.setdefault(each, len(number)) for each in who])
+    who = list(zip(found["recording"].tolist(), found["person"].tolist()))
+    number = {each: n for n, each in enumerate(dict.fromkeys(who))}
+    people = np.array([number[each] for each in who])
     ids, agents = np.unique(scene, return_index=True)
     ends = {"s": first[agents], "e": first[agents] + steps - 1}
     scenes = pl.DataFrame({"id": ids, "p": people[agents], **ends})

@@ -155,23 +155,16 @@ def score_scenes(
     probability: np.ndarray | None = None,
     moves: np.ndarray | None = None,
 ) -> Scores:
-    """Scores of a batch of B padded scenes by forecasts.
+    """Scores of a batch of B padded scenes by `samples [k, B, N, T, 2]`, metres from each's origin.
 
-    Args:
-        metrics: see `chosen`.
-        samples: [k, B, N, T, 2] metres relative to each scene's origin.
-        scenes: with a leading axis of B scenes.
-        probability: [k, B] of the samples; None where all have the same.
-        moves: [k, B, N, T, 2], see `Metric.moves`.
+    `probability [k, B]` is None where all samples have the same; `moves [k, B, N, T, 2]` are those
+    of `Metric.moves`.
 
     Raises:
         InputError: for a metric that fails, gives something else, or lacks `moves`.
     """
     scenes = scenes.replace(origin=None, identity=None)
     given = (samples, moves, scenes, probability)
-    for name, metric in metrics:
-        if metric.moves and moves is None:
-            raise InputError(f"metric {name}: needs forecasts without neighbours, too")
     found = _traced(tuple(each for each in metrics if not each[1].on_host), *given)
     for name, metric in metrics:
         if metric.on_host:
@@ -195,24 +188,24 @@ def _computed(
     name: str, metric: Metric, samples: Any, moves: Any, scene: Scene, probability: Any
 ) -> tuple[Any, Any]:
     """The metric's values and weights; without weights, those of `Metric.compute`."""
+    if metric.moves and moves is None:
+        raise InputError(f"metric {name}: needs forecasts without neighbours, too")
     try:
         more = (probability,) if metric.weighted else ()
         values = metric.compute(moves if metric.moves else samples, scene, *more)
         if isinstance(values, tuple):
             values, weights = values
             return values, weights
-        of_scenes = np.ndim(values) == np.ndim(scene.valid) - 1
         valid: Any = scene.valid
-        return values, valid.sum(axis=-1) if of_scenes else valid
+        return values, valid.sum(axis=-1) if np.ndim(values) < np.ndim(valid) else valid
     except Exception as error:  # A plugin's code can fail in any way.
         raise InputError(f"metric {name}: {type(error).__name__}: {error}") from error
 
 
 def _summed(name: str, values: Any, weights: Any, scenes: Scene, xp: Any) -> tuple[Any, Any]:
     """(total [B] or [B, T], count [B]) of a batch's values and weights."""
-    batch, slots, steps = scenes.known_future.shape[:3]
-    shapes = ((batch,), (batch, slots), (batch, slots, steps))
-    if values.shape not in shapes or weights.shape != values.shape[:2]:
+    _, slots, steps = shape = scenes.known_future.shape[:3]
+    if values.shape not in (shape[:1], shape[:2], shape) or weights.shape != values.shape[:2]:
         raise InputError(
             f"metric {name}: values [], [{slots}] or [{slots}, {steps}] of a scene are wanted and "
             f"weights [] or [{slots}] alike, not {list(values.shape[1:])} and "

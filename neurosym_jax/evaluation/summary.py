@@ -59,12 +59,10 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
 def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
     """Names of models on one test set, given (name, checkpoint); of equal ones, with the last part
     of the checkpoint in which all differ."""
-    parts = {path: PurePath(path).parts for _, path in models if path}
-    short = {path: path for path in parts}
-    for back in range(1, min(map(len, parts.values()), default=0) + 1):
-        if len({part[-back] for part in parts.values()}) == len(parts):
-            short = {path: part[-back] for path, part in parts.items()}
-            break
+    paths = list(dict.fromkeys(path for _, path in models if path))
+    # The parts of all paths, the last ones first.
+    parts = zip(*(reversed(PurePath(path).parts) for path in paths))
+    short = dict(zip(paths, next((of for of in parts if len({*of}) == len(paths)), paths)))
     names = [name for name, _ in models]
     return [
         f"{name} {short[path]}" if path and names.count(name) > 1 else name for name, path in models

@@ -7,6 +7,8 @@ movement below 5 cm a step, 0.125 m/s at steps of 0.4 s, counts as standing.
 `studies.symbolic_forecast` compares with a Markov chain.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -27,40 +29,39 @@ NEAR = 8.0
 def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean log score of the QTC_C1 state at each step, nats, and [] the number of pairs."""
 
-    def states(future: Array) -> Array:
-        return state_steps(SETTINGS, *_ends(scene, future)).astype(jnp.int16)
+    def states(*paths: Array) -> Array:
+        return state_steps(SETTINGS, *paths).astype(jnp.int16)
 
-    true = states(jnp.asarray(scene.known_future))
-    # One sample after the other, for [k, N, N, T, 2] numbers of a crowd are many.
-    hits = jax.lax.map(lambda future: states(future) == true, forecast).sum(axis=0)
-    return _mean_log(hits, len(forecast), len(all_states("c1")), scene)
+    return _log_score(states, len(all_states("c1")), forecast, scene)
 
 
 def event_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean log score of the events, nats, and [] the number of pairs."""
 
-    def happens(future: Array) -> Array:
-        first = event_steps(SETTINGS, tuple(EVENTS), *_ends(scene, future))
-        return jnp.moveaxis(first < future.shape[1], 0, -1)
+    def happens(*paths: Array) -> Array:
+        first = event_steps(SETTINGS, tuple(EVENTS), *paths)
+        return jnp.moveaxis(first < forecast.shape[2], 0, -1)
 
-    true = happens(jnp.asarray(scene.known_future))
-    hits = jax.lax.map(lambda future: happens(future) == true, forecast).sum(axis=0)
-    return _mean_log(hits, len(forecast), 2, scene)
+    return _log_score(happens, 2, forecast, scene)
 
 
-def _mean_log(hits: Array, k: int, classes: int, scene: Scene) -> tuple[Array, Array]:
-    """[] mean score of the scene's pairs, of whom `hits [N, N, ...]` of k samples are right."""
+def _log_score(
+    classes_of: Callable[..., Array], classes: int, forecast: Array, scene: Scene
+) -> tuple[Array, Array]:
+    """The mean score of the scene's pairs, whose paths have the classes `[N, N, ...]`."""
+    last = jnp.asarray(scene.observed)[:, -1]
+
+    def of(future: Array) -> Array:
+        path = jnp.concatenate([last[:, None], future], axis=1)
+        return classes_of(path[:, None], path)
+
+    true = of(jnp.asarray(scene.known_future))
+    # One sample after the other, for [k, N, N, T, 2] numbers of a crowd are many.
+    hits = jax.lax.map(lambda future: of(future) == true, forecast).sum(axis=0)
     smoothing = SETTINGS.smoothing
-    scores = -jnp.log((hits + smoothing / classes) / (k + smoothing))
-    last = scene.observed[:, -1]
+    scores = -jnp.log((hits + smoothing / classes) / (len(forecast) + smoothing))
     near = jnp.square(last[:, None] - last).sum(axis=-1) <= NEAR**2
     pairs = near & other_pairs(scene.valid)
     count = pairs.sum()
     each = jnp.where(pairs, scores.reshape(*pairs.shape, -1).mean(axis=-1), 0)
     return each.sum() / jnp.maximum(count, 1), count
-
-
-def _ends(scene: Scene, future: Array) -> tuple[Array, Array]:
-    """Paths of k and of l of all pairs, which broadcast, from the last observed position on."""
-    path = jnp.concatenate([jnp.asarray(scene.observed)[:, -1:], future], axis=1)
-    return path[:, None], path

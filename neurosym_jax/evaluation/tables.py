@@ -86,15 +86,15 @@ def _columns(members: Sequence[Line]) -> list[list[str]]:
             cells = [cell if cell.endswith("*") else f"{cell} " for cell in cells]
         first, _, rest = metric.title.partition(" ")
         columns.append([first, rest, *cells] if rest else ["", first, *cells])
-    facts = [line.facts for line in members]
-    columns.append(["", "k", *(str(of["samples"]) for of in facts)])
-    rates = (f"{of['forecasts_per_second']:.0f}" for of in facts)
-    columns.append(["forecasts", "a second", *rates])
-    columns.append(["latency", "in ms", *(f"{1000 * of['latency']:.1f}" for of in facts)])
-    models = ["", "model", *(line.label for line in members)]
-    longest = max(map(len, models))
+    heads = (("", "k"), ("forecasts", "a second"), ("latency", "in ms"))
+    facts = [
+        (of["samples"], f"{of['forecasts_per_second']:.0f}", f"{1000 * of['latency']:.1f}")
+        for of in (line.facts for line in members)
+    ]
+    columns += [[*head, *map(str, cells)] for head, cells in zip(heads, zip(*facts))]
     right = [[cell.rjust(max(map(len, column))) for cell in column] for column in columns]
-    return [[cell.ljust(longest) for cell in models], *right]
+    models = ["", "model", *(line.label for line in members)]
+    return [[cell.ljust(max(map(len, models))) for cell in models], *right]
 
 
 def _csv_table(lines: pl.DataFrame) -> str:
@@ -113,35 +113,35 @@ def _csv_table(lines: pl.DataFrame) -> str:
 
 def _markdown_table(lines: pl.DataFrame) -> str:
     """Means with 95 % intervals; the significantly best is bold."""
-    metrics = _metrics(line for members in _by_test_set(lines) for line in members)
+    members = list(itertools.chain.from_iterable(_by_test_set(lines)))
+    metrics = _metrics(members)
     heads = [each.title if each.unit == "share" else each.label for each in metrics.values()]
     body = []
-    for line in itertools.chain.from_iterable(_by_test_set(lines)):
-        cells = [f"{line.facts['dataset']}", line.label, f"{line.facts['samples']}"]
-        for name, metric in metrics.items():
-            text, interval, best = _cell(metric, line.values.get(name))
-            cells.append((f"**{text}**" if best else text) + interval)
-        body.append(cells)
+    for line in members:
+        cells = [_cell(metric, line.values.get(name)) for name, metric in metrics.items()]
+        texts = [(f"**{text}**" if best else text) + interval for text, interval, best in cells]
+        body.append([line.facts["dataset"], line.label, str(line.facts["samples"]), *texts])
     return markdown_table(["", "", "k", *heads], body, right=len(heads) + 1)
 
 
 def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     """A `tabular` of booktabs for one column of a paper: the significantly best mean is bold."""
     tests = list(_by_test_set(lines))
-    metrics = _metrics(line for members in tests for line in members)
+    members = list(itertools.chain.from_iterable(tests))
+    metrics = _metrics(members)
     titles = [metric.title.partition(" ") for metric in metrics.values()]
     above, below = ["", ""], ["", "$k$"]
     for first, parts in itertools.groupby(titles, lambda title: title[0] if title[2] else ""):
         rests = [rest or word for word, _, rest in parts]
         above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{_escaped(first)}}}")
         below += map(_escaped, rests)
-    short = short_names(line.label for members in tests for line in members)
+    short = short_names(line.label for line in members)
     rows = []
-    for members in tests:
-        of = members[0].facts
+    for of_test in tests:
+        of = of_test[0].facts
         title = _escaped(f"{of['dataset']}, {of['obs_len']} + {of['pred_len']} steps")
         rows += [r"\midrule", rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\"]
-        for line in members:
+        for line in of_test:
             cells = [_escaped(short[line.label]), str(line.facts["samples"])]
             for name, metric in metrics.items():
                 text, interval, best = _cell(metric, line.values.get(name))

@@ -13,22 +13,12 @@ from jax import Array
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.parameters import shapes_of
-from neurosym_jax.models.anchors import (
-    AnchorConfig,
-    AnchorNetwork,
-    AnchorTable,
-    AnchorTableConfig,
-)
+from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork, AnchorTable, AnchorTableConfig
 from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 
-__all__ = [
-    "AnchorTableForecaster",
-    "AnchorsForecaster",
-    "apply_anchors",
-    "initial_anchors",
-    "spread_of",
-]
+__all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "initial_anchors"]
+__all__ += ["spread_of"]
 
 CROWD = 128
 """Slots above which the pairs of a scene are too many to compute all of them."""
@@ -39,8 +29,6 @@ PLACES = 32
 @dataclasses.dataclass(frozen=True)
 class AnchorTableForecaster(Forecaster):
     """An `AnchorTable`: its samples are equally probable."""
-
-    config: Any
 
     Config: ClassVar[type] = AnchorTableConfig
 
@@ -167,8 +155,9 @@ def apply_anchors(
 def initial_anchors(config: Any, key: Array) -> Any:
     """New parameters of `config` and of its weighting; consumes `key`."""
     params = _network(config).init(key, jnp.zeros((1, config.obs_len, 2)), jnp.ones(1, bool))
-    weighting = initial_parameters(getattr(config, "weighting", None))
-    return {**params, "weighting": jax.tree.map(jnp.asarray, weighting)} if weighting else params
+    weighting = getattr(config, "weighting", None)
+    start = weighting and initial_parameters(weighting)
+    return {**params, "weighting": jax.tree.map(jnp.asarray, start)} if start else params
 
 
 def _network(config: Any) -> Any:

@@ -2,7 +2,7 @@
 
 If a forecaster's decoding looks at no neighbour, the agents of a batch of padded scenes are decoded
 as one scene without padding, in parts of one size: no work is spent on padding, and one compiled
-program serves scenes of every size. Single scenes are `scene_forecaster`'s.
+program serves scenes of every size. Single scenes are `model`'s.
 """
 
 import functools
@@ -17,23 +17,14 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
+from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, draw_noise
 from neurosym_jax.forecasting.model import Model, refuse_other_length
-from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
-__all__ = [
-    "batch_noise",
-    "forecast_batch",
-    "forecast_windows",
-    "predict_scenes",
-    "unpacked",
-]
+__all__ = ["batch_noise", "forecast_batch", "forecast_windows", "predict_scenes", "unpacked"]
 
 PART = 128
 """Agents decoded in one call: with 20 samples their states stay in the second-level cache."""
-
-Map = Callable[..., Iterable[Any]]
 
 
 def predict_scenes(
@@ -64,11 +55,10 @@ def predict_scenes(
         raise InputError(f"{len(frames)} frames are given for {len(observed)} scenes")
     if not len(observed):
         return []
-    scenes = []
-    for number, scene in enumerate(observed):
-        name = f"observed[{number}]"
-        scenes.append(checked_positions(name, scene))
-        refuse_other_length(model, scenes[-1], name)
+    named = {f"observed[{number}]": scene for number, scene in enumerate(observed)}
+    scenes = [checked_positions(name, scene) for name, scene in named.items()]
+    for name, scene in zip(named, scenes):
+        refuse_other_length(model, scene, name)
     bounds = np.cumsum([0, *map(len, scenes)])
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
@@ -83,7 +73,7 @@ def forecast_windows(
     batches: Sequence[Batch],
     samples: int,
     seed: int,
-    run: Map = map,
+    run: Callable[..., Iterable[Any]] = map,
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Futures of the A agents and probabilities of the S scenes of `windows`.
 
@@ -140,7 +130,9 @@ def _decoded_agents(
     forecaster: TwoStageForecaster, params: Any, scenes: Scene, noise: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """`[k, A, pred_len, 2]` of the agents, packed as one scene and decoded in parts of `PART`."""
-    agents = _encode(forecaster, params, scenes.bare()), scenes.bare().replace(identity=None)
+    encoder, bare = forecaster.encoder, scenes.bare()
+    context = () if encoder is None else _encode(encoder, params, bare)
+    agents = context, bare.replace(identity=None)
     agents = jax.tree.map(lambda leaf: np.asarray(leaf)[valid], agents)
     each = noise[:, valid] if noise.ndim == 4 else np.repeat(noise, valid.sum(axis=1), axis=1)
     packed, parts = (*agents, each.swapaxes(0, 1)), []
@@ -171,8 +163,8 @@ def _forecast(forecaster, params, scenes, noise):
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _encode(forecaster, params, scenes):
-    return jax.vmap(forecaster.encode, in_axes=(None, 0))(params, scenes)
+def _encode(encoder, params, scenes):
+    return jax.vmap(encoder.encode, in_axes=(None, 0))(params, scenes)
 
 
 @functools.partial(jax.jit, static_argnums=0)

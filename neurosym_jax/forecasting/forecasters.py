@@ -12,19 +12,13 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.forecasting.anchors import AnchorsForecaster, AnchorTableForecaster
-from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster
+from neurosym_jax.forecasting.forecaster import Forecaster, NoiseSpec, TwoStageForecaster
 from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.plugins import Registry
 from neurosym_jax.scene import AnyArray, Scene
 
-__all__ = [
-    "FORECASTERS",
-    "HEADING_STD",
-    "ConstantVelocity",
-    "ConstantVelocitySampled",
-    "register_forecaster",
-]
+__all__ = ["FORECASTERS", "HEADING_STD", "ConstantVelocity", "ConstantVelocitySampled"]
+__all__ += ["register_forecaster"]
 
 HEADING_STD = math.radians(25.0)
 """Standard deviation of the sampled heading, radians (Schöller et al.)."""

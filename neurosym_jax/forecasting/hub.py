@@ -17,16 +17,8 @@ __all__ = ["from_pretrained", "push_to_hub"]
 REPOSITORY = re.compile(r"[\w.-]+/[\w.-]+")
 
 
-def from_pretrained(name: Path | str, *, revision: str | None = None) -> Model:
-    """The model of this path or shipped name, as `load_model`, else of the Hub's `owner/name`.
-
-    Args:
-        name: see above; only the three files of a model's folder are fetched.
-        revision: branch, tag or commit of the repository; default: its main branch.
-
-    Raises:
-        InputError: where nothing is found, huggingface_hub is absent, or as `load_model`.
-    """
+def from_pretrained(name: Path | str, revision: str | None) -> Model:
+    """See `Model.from_pretrained`; only the three files of a model's folder are fetched."""
     if find_model(name).exists() or not REPOSITORY.fullmatch(str(name)):
         return load_model(name)
     with _hub(str(name)) as hub:
@@ -34,14 +26,8 @@ def from_pretrained(name: Path | str, *, revision: str | None = None) -> Model:
     return load_model(folder)
 
 
-def push_to_hub(model: Model, name: str, *, private: bool = False, card: str | None = None) -> str:
-    """Upload `model` to the Hub's `owner/name`, which is made if need be.
-
-    `card` is as of `save_model`. Returns the URL of the commit.
-
-    Raises:
-        InputError: where huggingface_hub is absent or the Hub refuses, and as `save_model`.
-    """
+def push_to_hub(model: Model, name: str, private: bool, card: str | None) -> str:
+    """See `Model.push_to_hub`."""
     with tempfile.TemporaryDirectory() as place, _hub(name) as hub:
         save_model(Path(place) / "model", model, card)
         hub.create_repo(name, private=private, exist_ok=True)

@@ -1,6 +1,7 @@
-"""A trained model, and the forecast of one scene with it."""
+"""A trained model, and its forecasts of single scenes, in the world's frame; see `batched`."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,15 +10,17 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.configuration import differences
+from neurosym_jax.configuration import Count, Seed, differences, refuse
+from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster
+from neurosym_jax.forecasting.forecaster import Distribution, Forecaster, scene_noise
 from neurosym_jax.forecasting.forecasters import FORECASTERS
-from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
-from neurosym_jax.scene import AnyArray, make_scene
+from neurosym_jax.runtime.process import COMPILED_QUICKLY
+from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
 
-__all__ = ["Model", "predict", "predict_distribution", "refuse_other_length"]
+__all__ = ["Model", "SceneForecaster", "forecast_scene", "predict", "predict_distribution"]
+__all__ += ["refuse_other_length"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,10 +66,16 @@ class Model:
 
     @staticmethod
     def from_pretrained(name: Path | str, *, revision: str | None = None) -> "Model":
-        """See `forecasting.from_pretrained`: a path, a shipped name, or the Hub's `owner/name`."""
+        """The model of a path or shipped name, as `load_model`, else of the Hub's `owner/name`.
+
+        `revision` is a branch, tag or commit of the Hub's repository; default: its main branch.
+
+        Raises:
+            InputError: where nothing is found, huggingface_hub is absent, or as `load_model`.
+        """
         from neurosym_jax.forecasting.hub import from_pretrained
 
-        return from_pretrained(name, revision=revision)
+        return from_pretrained(name, revision)
 
     def save_pretrained(self, folder: Path | str, card: str | None = None) -> None:
         """See `save_model`."""
@@ -75,22 +84,73 @@ class Model:
         save_model(folder, self, card)
 
     def push_to_hub(self, name: str, *, private: bool = False, card: str | None = None) -> str:
-        """See `forecasting.push_to_hub`: to the Hub's repository `owner/name`."""
+        """Upload to the Hub's `owner/name`, which is made if need be; returns the commit's URL.
+
+        Raises:
+            InputError: where huggingface_hub is absent or the Hub refuses, and as `save_model`.
+        """
         from neurosym_jax.forecasting.hub import push_to_hub
 
-        return push_to_hub(self, name, private=private, card=card)
+        return push_to_hub(self, name, private, card)
 
     def __repr__(self) -> str:
         """Five lines, without the parameters' numbers and the config's defaults."""
         count = sum(np.size(leaf) for leaf in jax.tree.leaves(self.params))
-        lines = [
-            f"Model {self.name}",
-            f"  kind: {self.kind}",
-            f"  to be tested on: {self.dataset or 'not known'}",
-            f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})",
-            f"  params: {count:,} numbers",
-        ]
-        return "\n".join(lines)
+        return (
+            f"Model {self.name}\n"
+            f"  kind: {self.kind}\n"
+            f"  to be tested on: {self.dataset or 'not known'}\n"
+            f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})\n"
+            f"  params: {count:,} numbers"
+        )
+
+
+class SceneForecaster:
+    """k futures of each scene it is called with, by one compiled program a bucket of sizes."""
+
+    def __init__(self, forecaster: Forecaster, params: Any, *, samples: int, seed: int):
+        """Move `params` to the device; nothing is compiled yet."""
+        refuse(Count, {"samples": samples})
+        refuse(Seed, {"seed": seed})
+        self.forecaster = forecaster
+        self.samples = forecaster.count(samples)
+        self._params = jax.device_put(params)
+        self._key = jax.random.key(seed)
+
+    def __call__(self, scene: Scene) -> np.ndarray:
+        """Futures [k, N, pred_len, 2], float64 metres in the world's frame."""
+        return self.finish(self.start(scene), scene)[0]
+
+    def start(self, scene: Scene) -> Distribution:
+        """Begin the forecast of `scene`, of N slots, without waiting for it."""
+        slots = int(bucket_of(len(scene.valid)))
+        padded = self.forecaster.prepared(pad_scene(scene.bare(), slots))
+        spec = self.forecaster.noise
+        noise: Any = np.zeros((self.samples, 0), np.float32)
+        if spec.dim:
+            agents = slots if spec.per_agent else 1
+            noise = _noise(spec, self._key, padded.identity, self.samples, agents)
+        return forecast_scene(self.forecaster, self._params, padded, noise)
+
+    @staticmethod
+    def finish(started: Distribution, scene: Scene) -> tuple[np.ndarray, np.ndarray | None]:
+        """Wait for the forecast that `start(scene)` began.
+
+        Returns [k, N, pred_len, 2], as calling does, and probabilities [k] as `Distribution`.
+        """
+        futures, probability = started
+        world = to_world(np.asarray(futures)[:, : len(scene.valid)], scene)
+        return world, None if probability is None else np.asarray(probability, np.float64)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Distribution:
+    """`forecaster.distribution`, compiled; equal forecasters share the program."""
+    return forecaster.distribution(params, scene, noise)
+
+
+# Apart from the forecast, because threefry is slow to compile and this serves every bucket.
+_noise = jax.jit(scene_noise, static_argnums=(0, 3, 4), compiler_options=COMPILED_QUICKLY)
 
 
 def predict(

@@ -43,7 +43,7 @@ FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
 FIELDS = {"forecaster", "config", "dataset", "plugins"}
 OPTIONAL = {"seen", "neighbours", "data"}
-HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0": "cc-by-nc-sa-3.0"}
+HUB_LICENCES = {"MIT": "mit", "CC BY-NC-SA 3.0, restricted": "cc-by-nc-sa-3.0"}
 """Our names of data's licences, and the Hub's."""
 HEAD = re.compile(rb'\{\n  "sha256": "([0-9a-f]{64})",\n')
 
@@ -67,10 +67,9 @@ def save_model(folder: Path | str, model: Model, card: str | None = None) -> Non
         "config": to_json(model.config),
         "dataset": model.dataset,
         "plugins": list(model.plugins),
-        **({"seen": model.seen} if model.seen else {}),
-        **({} if model.neighbours is None else {"neighbours": model.neighbours}),
-        **({"data": dict(model.data)} if model.data else {}),
     }
+    optional = {"seen": model.seen, "neighbours": model.neighbours, "data": dict(model.data)}
+    fields |= {name: value for name, value in optional.items() if value not in ("", None, {})}
     text = json.dumps(fields, indent=2, allow_nan=False)
     if from_json(type(model.config), json.loads(text)["config"], CONFIG) != model.config:
         raise InputError(f"the configuration of {model.name} does not come back from JSON")
@@ -187,12 +186,12 @@ def _refuse_misfit(model: Model) -> None:
 
 def _card(model: Model) -> str:
     config = model.config
-    tested = "" if model.dataset is None else f", to be tested on {model.dataset}"
+    tested = f", to be tested on {model.dataset}" if model.dataset else ""
     assumed = f"\nAssumed of its torch checkpoint: {'; '.join(model.assumed)}.\n"
     return (
         f"# {model.name}{tested}\n\n"
         f"Forecasts {config.pred_len} steps of {config.period:g} s from {config.obs_len} observed "
-        "ones. `neurosym_jax.load_model` reads this folder.\n" + (assumed if model.assumed else "")
+        f"ones. `neurosym_jax.load_model` reads this folder.\n{assumed if model.assumed else ''}"
     )
 
 

@@ -10,14 +10,8 @@ from neurosym_jax.data.readers.eth_ucy import SCENES
 from neurosym_jax.data.sources import GENERAL
 from neurosym_jax.errors import InputError
 
-__all__ = [
-    "RECOMMENDED",
-    "find_checkpoints",
-    "find_model",
-    "models_at_hand",
-    "shipped_models",
-    "shipped_name",
-]
+__all__ = ["RECOMMENDED", "find_checkpoints", "find_model", "models_at_hand"]
+__all__ += ["shipped_models", "shipped_name"]
 
 RECOMMENDED = "recommended"
 """Name of the model to use: `anchors`, trained without the data set that is asked for."""

@@ -10,22 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.forecasting.forecaster import TwoStageForecaster
-from neurosym_jax.forecasting.noise import NoiseSpec
+from neurosym_jax.forecasting.forecaster import NoiseSpec, TwoStageForecaster
 from neurosym_jax.forecasting.parameters import shapes_of
-from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.layers import LSTM
 from neurosym_jax.models.sgan import Generator, Weigh
 from neurosym_jax.scene import Scene, make_scene
 from neurosym_jax.symbolic.weighting import initial_parameters
 
-__all__ = [
-    "GeneratorForecaster",
-    "decode_scene",
-    "encode_scene",
-    "initial_generator",
-    "interact_scene",
-]
+__all__ = ["GeneratorForecaster", "decode_scene", "encode_scene", "initial_generator"]
+__all__ += ["interact_scene"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,19 +33,17 @@ class GeneratorForecaster(TwoStageForecaster):
     @property
     def title(self) -> str:
         """The pooling's title, the cell unless an LSTM, and the weighting."""
-        config = self.config
-        parts = [config.pooling.title]
-        if not isinstance(config.cell, LSTM):
-            parts.append(config.cell.title)
-        if config.weighting is not None:
-            parts.append(config.weighting.name)
+        cell, weighting = self.config.cell, self.config.weighting
+        parts = [self.config.pooling.title]
+        parts += [] if isinstance(cell, LSTM) else [cell.title]
+        parts += [] if weighting is None else [weighting.name]
         return ", ".join(parts)
 
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """See `Forecaster.shapes`."""
         params: Any = initial_generator.eval_shape(self.config, jax.random.key(0))
-        if parameters := initial_parameters(self.config.weighting):
-            params = {**params, "weighting": parameters}
+        if self.config.weighting is not None:
+            params = {**params, "weighting": initial_parameters(self.config.weighting)}
         return shapes_of(params)
 
     @property
@@ -66,12 +58,19 @@ class GeneratorForecaster(TwoStageForecaster):
         return self.config.pools
 
     @property
+    def encoder(self) -> "GeneratorForecaster | None":
+        """Encoding does not depend on the horizon; without pooling it is part of `decode`."""
+        if not self.config.pools:
+            return None
+        return GeneratorForecaster(dataclasses.replace(self.config, pred_len=1))
+
+    @property
     def decodes_alone(self) -> bool:
         """Unless it pools at every step."""
         return not self.config.pool_every_timestep
 
     def encode(self, params: Any, scene: Scene) -> Any:
-        """Context `[N, C]`, see `encode_scene`; without pooling encoding is part of `decode`."""
+        """Context `[N, C]`, see `encode_scene`."""
         return encode_scene(self.config, params, scene) if self.config.pools else ()
 
     def decode(self, params: Any, context: Any, scene: Scene, noise: Array) -> Array:
@@ -127,9 +126,8 @@ def decode_scene(
     weigh = _weighting(config, params)
 
     def decode(noise: Array) -> Any:
-        return Generator(config).apply(
-            params, context, scene, noise, weigh, method=Generator.decode
-        )
+        given = (context, scene, noise, weigh)
+        return Generator(config).apply(params, *given, method=Generator.decode)
 
     if config.pool_every_timestep:
         # One sample after the other: arrays of all samples' pairs do not stay in the cache.
@@ -141,6 +139,5 @@ def decode_scene(
 
 def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
     """The config's weighting with its trained parameters; None for a model without symbols."""
-    if config.weighting is None:
-        return None
-    return functools.partial(config.weighting.alpha, params.get("weighting", {}))
+    of = config.weighting
+    return None if of is None else functools.partial(of.alpha, params.get("weighting", {}))

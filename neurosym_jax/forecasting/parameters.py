@@ -8,14 +8,8 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 
-__all__ = [
-    "flat_parameters",
-    "listed",
-    "misfits",
-    "nested_parameters",
-    "refuse_not_finite",
-    "shapes_of",
-]
+__all__ = ["flat_parameters", "listed", "misfits", "nested_parameters", "refuse_not_finite"]
+__all__ += ["shapes_of"]
 
 Shapes = Mapping[str, tuple[int, ...]]
 

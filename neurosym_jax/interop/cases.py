@@ -1,6 +1,6 @@
-"""Kinds of parity cases: outputs that torch stored, and ours of the same inputs.
+"""Parity cases: inputs, weights and outputs that torch stored, and our outputs of the same.
 
-A kind is a function of a manifest row and the case's arrays that returns `{output: (ours,
+A kind of case is a function of a manifest row and the case's arrays that returns `{output: (ours,
 theirs)}`; `CASES` has them by name.
 """
 
@@ -10,25 +10,33 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import optax
+from jax import Array
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.interop.case import Arrays, Case, Compared, padded, placed, read_case, state_of
-from neurosym_jax.interop.checkpoint import discriminator
+from neurosym_jax.data.batching import gather_scenes
+from neurosym_jax.data.windows import Windows
+from neurosym_jax.forecasting.batched import unpacked
+from neurosym_jax.interop.checkpoint import discriminator, generator
 from neurosym_jax.interop.names import params_from_torch
-from neurosym_jax.models import Discriminator, NeurosymIjcnn
-from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models import Discriminator, Generator, NeurosymIjcnn
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.cnd import alpha_from_states
 from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
 from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.recipe import RECIPES
 from neurosym_jax.training.step import clipping, new_state, update, update_discriminator
 from neurosym_jax.training.stream import Groups
 
-__all__ = ["CASES", "forecasts"]
+__all__ = ["CASES", "Case", "Compared", "forecasts", "make_case", "read_case"]
+
+Arrays = Mapping[str, np.ndarray]
+Compared = dict[str, tuple[Any, np.ndarray]]
+"""Per output, ours and theirs."""
 
 DECIMALS = 4
 """Of the authors' table as they printed it, and of their coordinates."""
@@ -40,6 +48,84 @@ LOSSES = {
     "g_grad_norm": "g_gradient_norm",
 }
 """Names of the stored scalars, and of our metrics."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Case:
+    """A generator of torch in our terms, and A agents in S scenes."""
+
+    arrays: Arrays
+    config: GeneratorConfig
+    params: dict[str, Any]
+    bounds: np.ndarray
+    """[S + 1]; scene s holds the agents `bounds[s]:bounds[s + 1]`."""
+    scenes: Scene
+    """Padded to one size, [S, N, ...], with the displacements that torch was given."""
+
+    @property
+    def valid(self) -> np.ndarray:
+        """[S, N]; A are true."""
+        return np.asarray(self.scenes.valid)
+
+    @property
+    def noise(self) -> np.ndarray:
+        """The stored noise of each agent, [A, D]."""
+        noise = self.arrays["noise"][:, : self.config.noise_dim]
+        of_scenes = self.config.noise_mix_type == "global"
+        return np.repeat(noise, np.diff(self.bounds), axis=0) if of_scenes else noise
+
+    def stages(self, alpha: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Our forecast [A, pred_len, 2] and the vectors [A, ...] before it, by torch's names."""
+        noise = placed(self.noise, self.valid)
+        found = _stages(self.config, self.params, self.scenes.bare(), noise, alpha)
+        return {name: np.asarray(each)[self.valid] for name, each in found.items()}
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _stages(config: GeneratorConfig, params: Any, *given: Any) -> dict[str, Array]:
+    """[S, N, ...] by torch's names; one scene after another, so memory is that of one."""
+
+    def of_scene(network: Generator, scene: Scene, noise: Array, alpha: Array | None) -> Any:
+        hidden = network.observe(jnp.asarray(scene.displacement))
+        context = network.interact(hidden, scene, alpha)
+        found = {"encoder": hidden, "mlp_decoder_context": context}
+        if config.pools:
+            found["pool_net"] = network.pool(hidden, scene, alpha)
+        return {**found, "pred_rel": network.decode(context, scene, noise)}
+
+    every = functools.partial(Generator(config).apply, {"params": params}, method=of_scene)
+    return jax.lax.map(lambda scene: every(*scene), given)
+
+
+def read_case(row: Mapping[str, Any], arrays: Arrays, weights: str = "g_state/") -> Case:
+    """The case of a manifest's row and of its arrays [...], among them the weights."""
+    return make_case(*generator(row, state_of(arrays, weights)), arrays)
+
+
+def make_case(config: GeneratorConfig, params: dict[str, Any], arrays: Arrays) -> Case:
+    """The case of our network and of torch's arrays [...]."""
+    bounds = np.append(0, arrays["scene_start_end"][:, 1])
+    scenes = padded(arrays["traj"], arrays["traj_rel"], bounds, config.obs_len)
+    return Case(arrays, config, params, bounds, scenes)
+
+
+def state_of(arrays: Arrays, prefix: str) -> dict[str, np.ndarray]:
+    """The state dict that is stored under `prefix`."""
+    return {k.removeprefix(prefix): array for k, array in arrays.items() if k.startswith(prefix)}
+
+
+def placed(values: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """`values [A, ...]` in the A places `there [S, ...]` (bool) of zeros: `[S, ..., ...]`."""
+    return unpacked(values[None], there)[0]
+
+
+def padded(positions: np.ndarray, moves: np.ndarray, bounds: np.ndarray, obs_len: int) -> Scene:
+    """Scenes [S, N, ...] of `positions [A, T, 2]`, centred, and of `moves [A, T, 2]` as given."""
+    agents, identity = np.arange(len(positions)), np.zeros((len(bounds) - 1, 2), np.uint32)
+    windows = Windows(positions.astype(np.float64), agents, bounds, identity, obs_len)
+    scenes = gather_scenes(windows, np.arange(windows.scenes), int(windows.sizes.max()))
+    given = placed(moves[:, :obs_len].astype(scenes.observed.dtype), np.asarray(scenes.valid))
+    return scenes.replace(displacement=given, identity=None)
 
 
 def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -57,8 +143,9 @@ def sgan(row: Mapping[str, Any], arrays: Arrays) -> Compared:
             for seen, forecast in (("traj", "pred_abs"), ("traj_rel", "pred_rel"))
         )
         fakes = padded(positions, moves, case.bounds, positions.shape[1])
-        scores = np.asarray(_scores(config, params, fakes.bare()))[case.valid]
-        compared["d_scores_fake"] = scores, arrays["d_scores_fake"]
+        score = functools.partial(Discriminator(config).apply, {"params": params})
+        scores = jax.lax.map(lambda s: score(s.observed, s.displacement, s.valid), fakes.bare())
+        compared["d_scores_fake"] = np.asarray(scores)[case.valid], arrays["d_scores_fake"]
     return compared
 
 
@@ -69,13 +156,6 @@ def forecasts(case: Case) -> Compared:
     last = np.asarray(scenes.observed)[case.valid][:, -1:]
     ours = {"pred_rel": moves, "pred_abs": last + np.cumsum(moves, axis=1) + origin}
     return {name: (each, case.arrays[name]) for name, each in ours.items()}
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _scores(config: DiscriminatorConfig, params: Any, scenes: Scene) -> Any:
-    """[S, N] scores of whole trajectories, held by `scenes` as what was observed."""
-    score = functools.partial(Discriminator(config).apply, {"params": params})
-    return jax.lax.map(lambda s: score(s.observed, s.displacement, s.valid), scenes)
 
 
 def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -90,23 +170,20 @@ def neurosym(row: Mapping[str, Any], arrays: Arrays) -> Compared:
     alpha, valid = arrays["alpha"], case.valid
     compared: Compared = {}
     if row.get("alpha") != "random":
-        compared["alpha"] = _shipped_alpha(case), alpha
+        # Stored as float32, but the released code observed its symbols in float64.
+        seen = arrays["traj"][:, : case.config.obs_len].astype(np.float64).round(DECIMALS)
+        weigh = jax.jit(make_weighting(RELEASED))
+        with jax.enable_x64(True):
+            scenes = [np.asarray(weigh(part)) for part in np.split(seen, case.bounds[1:-1])]
+        # [sum of N*N, T]: a scene of one agent has one row, of zeros.
+        pairs = [weights.reshape(-1, weights.shape[-1]) for weights in scenes]
+        compared["alpha"] = np.concatenate(pairs), alpha
     pairs = valid[:, :, None] & valid[:, None]
     if isinstance(case.config.pooling, NeurosymIjcnn):
         alpha, pairs = alpha[: case.bounds[-1]], valid
         compared["alpha_rows_used"] = alpha, arrays["alpha_rows_used"]
     moves = case.stages(placed(alpha, pairs))["pred_rel"]
     return compared | {"pred_rel": (moves, arrays["pred_rel"])}
-
-
-def _shipped_alpha(case: Case) -> np.ndarray:
-    """[sum of N*N, T] by the authors' table; a scene of one agent has one row, of zeros."""
-    # Stored as float32, but the released code observed its symbols in float64.
-    seen = case.arrays["traj"][:, : case.config.obs_len].astype(np.float64).round(DECIMALS)
-    weigh = jax.jit(make_weighting(RELEASED))
-    with jax.enable_x64(True):
-        scenes = [np.asarray(weigh(part)) for part in np.split(seen, case.bounds[1:-1])]
-    return np.concatenate([alpha.reshape(-1, alpha.shape[-1]) for alpha in scenes])
 
 
 def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -121,15 +198,12 @@ def qtc(_: Mapping[str, Any], arrays: Arrays) -> Compared:
         compiled = jax.jit(observe, static_argnames="convention")
         released = compiled(k, l, convention="as_published")
         ours = {
+            "alpha_reference": RELEASED.state_weights()[encode_state(released)],
             "qtc_reference": released,
             "qtc_signed": compiled(k, l),
             "qtc_signed_q005": compiled(k, l, quantisation_factor=0.05),
         }
-        weights = np.asarray(alpha_from_states(released, RELEASED.state_weights()))
-    compared: Compared = {"alpha_reference": (weights, arrays["alpha_reference"])}
-    for name, states in ours.items():
-        compared[name] = np.asarray(states), np.where(arrays[name] == 10, 0, arrays[name])
-    return compared
+    return {n: (each, np.where(arrays[n] == 10, 0, arrays[n])) for n, each in ours.items()}
 
 
 def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
@@ -172,31 +246,24 @@ def _two_steps(
     config: GeneratorConfig, recipe: Any, params: Any, critic: Any, groups: Groups, noises: Any
 ):
     """Gradients and parameters after, by the names they are stored under, and metrics."""
-    labels = {"label_real": recipe.label_real[0], "label_fake": recipe.label_fake[0]}
+    real, fake = recipe.label_real[0], recipe.label_fake[0]
     state = new_state(recipe, params)._replace(
         discriminator=critic,
         discriminator_optimizer=optax.adam(recipe.d_learning_rate).init(critic),
     )
     d_gradient, d_metrics = discriminator_gradient(
-        config, recipe, params, critic, groups, noises[0], **labels
+        config, recipe, params, critic, groups, noises[0], label_real=real, label_fake=fake
     )
     state = update_discriminator(recipe, state, d_gradient)
     g_gradient, g_metrics = generator_gradient(
-        config, recipe, params, state.discriminator, groups, noises[1], label=recipe.label_real[0]
+        config, recipe, params, state.discriminator, groups, noises[1], label=real
     )
     state = update(recipe, state, g_gradient)
-    ours = {
-        "d_grad": d_gradient,
-        "d1": state.discriminator,
-        "g_grad_clipped": clipping(recipe).update(g_gradient, optax.EmptyState())[0],
-        "g1": state.params,
-    }
-    return ours, d_metrics | g_metrics
+    clipped, _ = clipping(recipe).update(g_gradient, optax.EmptyState())
+    trees = d_gradient, state.discriminator, clipped, state.params
+    return dict(zip(("d_grad", "d1", "g_grad_clipped", "g1"), trees)), d_metrics | g_metrics
 
 
 CASES: dict[str, Callable[[Mapping[str, Any], Arrays], Compared]] = {
-    "sgan": sgan,
-    "neurosym": neurosym,
-    "qtc": qtc,
-    "train_step": train_step,
+    kind.__name__: kind for kind in (sgan, neurosym, qtc, train_step)
 }

@@ -18,8 +18,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.interop.names import params_from_torch, params_to_torch, without_dropout
 from neurosym_jax.interop.pickles import read_torch_file
-from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.poolings import POOLINGS, Social
+from neurosym_jax.models.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.pooling import Social
 from neurosym_jax.runtime.files import new_file
 from neurosym_jax.symbolic.weighting import initial_parameters
 
@@ -91,10 +91,8 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
     Raises:
         InputError: naming what is missing or wrong.
     """
-    if not isinstance(contents, dict):
-        raise InputError("holds no dictionary: not a checkpoint of SGAN")
     for name in ("g_state", "args"):
-        if not isinstance(contents.get(name), dict):
+        if not isinstance(contents, dict) or not isinstance(contents.get(name), dict):
             raise InputError(f"has no {name}: not a checkpoint of SGAN, or one without weights")
     arguments = {str(name): value for name, value in contents["args"].items()}
     unknown = sorted(set(arguments) - {*SAME, *FIXED, *WIDTHS, *PASSED.split()})
@@ -113,9 +111,13 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
     if config.weighting is not None and "weighting" not in arguments:
         assumed.append(f"pairs weighted by {config.weighting.name}")
     assumed += [f"the unknown argument {name} changes nothing" for name in unknown]
-    scene = arguments.get("dataset_name")
-    dataset = scene if isinstance(scene, str) else None
-    return Model(config, {"params": params}, dataset, assumed=tuple(assumed))
+    dataset = arguments.get("dataset_name")
+    return Model(
+        config,
+        {"params": params},
+        dataset if isinstance(dataset, str) else None,
+        assumed=tuple(assumed),
+    )
 
 
 def export_torch_checkpoint(path: Path | str, model: Model) -> None:
@@ -131,8 +133,8 @@ def export_torch_checkpoint(path: Path | str, model: Model) -> None:
         raise InputError(f"{path}: torch writes it, and is not installed here") from None
     if os.path.exists(path):
         raise InputError(f"{path}: exists already")
-    tensors = ((name, torch.from_numpy(array)) for name, array in contents["g_state"].items())
-    contents["g_state"] = OrderedDict(tensors)
+    state = contents["g_state"].items()
+    contents["g_state"] = OrderedDict((name, torch.from_numpy(array)) for name, array in state)
     with new_file(path) as beside:
         torch.save(contents, beside)
 
@@ -210,8 +212,7 @@ def generator(
         known["weighting"] = arguments.get("weighting", "cnd_shipped")
     kind = kinds.get(theirs := str(known["pooling_type"] or "none").lower())
     if kind is None:
-        choice = ", ".join(map(repr, kinds))
-        raise InputError(f"args: pooling_type is one of {choice}, not {theirs!r}")
+        raise InputError(f"args: pooling_type is one of {str([*kinds])[1:-1]}, not {theirs!r}")
     if kind == "social":
         known |= _required(arguments, ("neighborhood_size", "grid_size"))
     known["pooling"] = {"kind": kind, **_fields_of(POOLINGS[kind], known)}

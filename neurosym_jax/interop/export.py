@@ -35,18 +35,20 @@ def export_model(model: Model, samples: int = 20) -> bytes:
 
     def program(observed: Array, noise: Array | None = None) -> tuple[Array, Array]:
         scene = make_scene(observed)
-        drawn = jnp.zeros((samples, 0)) if noise is None else noise
-        forecasts, probabilities = forecaster.distribution(model.params, scene.bare(), drawn)
+        noise = jnp.zeros((samples, 0)) if noise is None else noise
+        forecasts, probabilities = forecaster.distribution(model.params, scene.bare(), noise)
         if probabilities is None:
             probabilities = jnp.full(samples, 1 / samples)
-        return forecasts + scene.origin, probabilities
+        return forecasts + jnp.asarray(scene.origin), probabilities
 
     sizes = [f"n, {model.config.obs_len}, 2"]
     if spec.dim:
         sizes += [f"{samples}, {'n, ' if spec.per_agent else ''}{spec.dim}"]
     scope = jax.export.SymbolicScope(("n >= 1",))
-    shapes = (jax.export.symbolic_shape(size, scope=scope) for size in sizes)
-    given = (jax.ShapeDtypeStruct(shape, jnp.float32) for shape in shapes)
+    given = (
+        jax.ShapeDtypeStruct(jax.export.symbolic_shape(size, scope=scope), jnp.float32)
+        for size in sizes
+    )
     try:
         with jax.enable_x64(False):
             exported = jax.export.export(jax.jit(program), platforms=("cpu", "cuda"))(*given)

@@ -22,11 +22,11 @@ from neurosym_jax.forecasting.parameters import (
     refuse_not_finite,
     shapes_of,
 )
-from neurosym_jax.models.cell import LSTM
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.layers import LSTM
 from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.pool_net import PoolNet
-from neurosym_jax.models.poolings import NoPooling, Social
+from neurosym_jax.models.pooling import NoPooling, Social
 from neurosym_jax.models.sgan import Discriminator
 
 __all__ = ["params_from_torch", "params_to_torch", "torch_names", "without_dropout"]
@@ -64,15 +64,14 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     """
     words = dict(WORDS)
     if isinstance(config, DiscriminatorConfig):
-        track, valid = np.zeros((1, 2, 2)), np.ones(1, bool)
-        start = Discriminator(config).init
-        shapes = shapes_of(jax.eval_shape(start, jax.random.key(0), track, track, valid))
+        given = jax.random.key(0), np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.ones(1, bool)
+        shapes = shapes_of(jax.eval_shape(Discriminator(config).init, *given))
     else:
         pooling, forecaster = config.pooling, GeneratorForecaster(config)
         shapes = forecaster.shapes()
         # Some networks that the released code lacks have the arrays of another.
-        known = isinstance(config.cell, LSTM) and type(pooling) in RELEASED
-        if not known or (config.pool_every_timestep and config.symbolic):
+        later = config.pool_every_timestep and config.symbolic
+        if later or not isinstance(config.cell, LSTM) or type(pooling) not in RELEASED:
             raise InputError(
                 f"{forecaster.title} has no counterpart in torch: SGAN has an LSTM, and the "
                 "released poolings are none, pool_net, social and, at observed steps only, "
@@ -107,11 +106,11 @@ def params_from_torch(state: Mapping[str, Any], config: Config) -> dict[str, Any
     """
     names = torch_names(config)
     shapes = {name: shape[::-1] for name, (_, shape) in names.items()}
-    used = {name: array for name, array in state.items() if not name.startswith(UNUSED)}
-    arrays = _checked(used, shapes, config)
+    arrays = _checked({n: a for n, a in state.items() if not n.startswith(UNUSED)}, shapes, config)
     # Copies: torch goes on training the arrays that it was asked for.
-    copies = {path: np.array(arrays[name].T, order="C") for name, (path, _) in names.items()}
-    return nested_parameters(copies)
+    return nested_parameters(
+        {path: np.array(arrays[name].T, order="C") for name, (path, _) in names.items()}
+    )
 
 
 def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.ndarray]:
@@ -124,8 +123,7 @@ def params_to_torch(params: Mapping[str, Any], config: Config) -> dict[str, np.n
     arrays = _checked(flat_parameters(params), dict(names.values()), config)
     state = {name: np.ascontiguousarray(arrays[path].T) for name, (path, _) in names.items()}
     if isinstance(config, GeneratorConfig) and isinstance(config.pooling, AsDescribed):
-        options = {name: getattr(config.pooling, name) for name in ("bottleneck_dim", "hidden_dim")}
-        sgan = dataclasses.replace(config, weighting=None, pooling=PoolNet(**options))
+        sgan = dataclasses.replace(config, weighting=None, pooling=PoolNet(**vars(config.pooling)))
         for name, (_, shape) in torch_names(sgan).items():
             if name.startswith("pool_net."):
                 state[name.replace("pool_net.", UNUSED)] = np.zeros(shape[::-1], np.float32)

@@ -5,8 +5,10 @@ torch's weights, inputs and outputs (`docs/parity.md` says which, and how to mak
 """
 
 import dataclasses
+import functools
 import json
 import math
+import re
 import subprocess
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -21,9 +23,11 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model import Model, refuse_other_length
 from neurosym_jax.interop import torch_side
-from neurosym_jax.interop.case import Compared, compared_layers, make_case, read_case
-from neurosym_jax.interop.cases import CASES, forecasts
+from neurosym_jax.interop.cases import CASES, Case, Compared, forecasts, make_case, read_case
 from neurosym_jax.interop.checkpoint import released_config
+from neurosym_jax.interop.names import torch_names
+from neurosym_jax.models import Generator
+from neurosym_jax.models.layers import LSTM, LSTMNetwork
 from neurosym_jax.scene import checked_positions
 
 __all__ = ["TOLERANCE", "Parity", "ParityRow", "compare", "run_parity", "run_torch"]
@@ -67,17 +71,17 @@ class Parity:
 
     def __str__(self) -> str:
         """An aligned table and the verdict."""
-        table, lines = [("case", "output", "shape", "max abs", "max rel", "")], [""]
+        table = [("case", "output", "shape", "max abs", "max rel", "")]
         for row in self.rows:
-            shape = "x".join(map(str, row.shape)) or "scalar"
+            shape, verdict = "x".join(map(str, row.shape)) or "scalar", "ok" if row.ok else "MISS"
             numbers = f"{row.max_abs:.1e}", f"{row.max_rel:.1e}"
-            table.append((row.case, row.output, shape, *numbers, "ok" if row.ok else "MISS"))
-            if row.reason:
-                lines.append(f"first difference of {row.case}: {row.output}: {row.reason}")
+            table.append((row.case, row.output, shape, *numbers, verdict))
+        differ = (row for row in self.rows if row.reason)
+        lines = [f"first difference of {row.case}: {row.output}: {row.reason}" for row in differ]
         if self.assumed:
             lines.append(f"assumed, for the checkpoint does not say: {'; '.join(self.assumed)}")
         within = f"{sum(row.ok for row in self.rows)} of {len(self.rows)} outputs"
-        return "\n".join([aligned_table(table), *lines, f"{within} within {self.tolerance:g}"])
+        return "\n".join([aligned_table(table), "", *lines, f"{within} within {self.tolerance:g}"])
 
 
 def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
@@ -97,7 +101,7 @@ def run_parity(directory: Path, tolerance: float = TOLERANCE) -> Parity:
                 raise InputError(f"{kind!r} is none of the cases {', '.join(CASES)}")
             with np.load(path, allow_pickle=False) as archive:
                 arrays = dict(archive)
-            layers = compared_layers(read_case(row, arrays), classes) if classes else {}
+            layers = _compared_layers(read_case(row, arrays), classes) if classes else {}
             rows += _compare(path.name, tolerance, CASES[kind](row, arrays), layers, classes)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
@@ -120,10 +124,9 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
     # As text: the folder of a file that is run comes first where Python looks for modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
     paths = (path.resolve() for path in (Path(file), checkpoint, out))
+    command = [python, "-c", script, *paths, name, str(seed)]
     try:
-        done = subprocess.run(
-            [python, "-c", script, *paths, name, str(seed)], capture_output=True, text=True
-        )
+        done = subprocess.run(command, capture_output=True, text=True)
     except OSError as error:
         raise InputError(f"--python {python}: {error.strerror}") from None
     if done.returncode:
@@ -156,13 +159,61 @@ def compare(
     config = released_config(model)
     walks = torch_side.random_walks(config.obs_len, seed) if scenes is None else scenes
     walks = [checked_positions(f"scenes[{i}]", walk) for i, walk in enumerate(walks)]
-    for number, walk in enumerate(walks):
-        refuse_other_length(model, walk, f"scenes[{number}]")
-    given = torch_side.inputs(walks, vars(config), seed)
-    arrays, classes = torch_side.forecast(torch, torch_module, given)
+    for i, walk in enumerate(walks):
+        refuse_other_length(model, walk, f"scenes[{i}]")
+    inputs = torch_side.inputs(walks, vars(config), seed)
+    arrays, classes = torch_side.forecast(torch, torch_module, inputs)
     case, name = make_case(config, model.params["params"], arrays), type(torch_module).__name__
-    rows = _compare(name, tolerance, forecasts(case), compared_layers(case, classes), classes)
+    rows = _compare(name, tolerance, forecasts(case), _compared_layers(case, classes), classes)
     return Parity(tuple(rows), tolerance, model.assumed)
+
+
+def _compared_layers(case: Case, names: Mapping[str, str]) -> Compared:
+    """(ours, theirs) by row, for torch's submodules `names` in the order in which they returned.
+
+    A layer `alone` is ours on the input that torch's was given; any other row is our network's own
+    value at that place, from the scenes on. A layer that torch never called is compared with NaN.
+    """
+    arrays, stages, layers = case.arrays, case.stages(), _layers(case)
+    compared: Compared = {}
+    if "in/encoder.spatial_embedding" in arrays:
+        moves = np.swapaxes(arrays["traj_rel"][:, : case.config.obs_len], 0, 1).reshape(-1, 2)
+        compared["obs_traj_rel"] = moves, arrays["in/encoder.spatial_embedding"]
+    for name in names:
+        if name == "decoder.decoder" and f"h0/{name}" in arrays:
+            start = np.concatenate([stages["mlp_decoder_context"], case.noise], axis=-1)
+            compared["decoder, first state"] = start, arrays[f"h0/{name}"][0]
+        theirs = arrays[f"out/{name}"]
+        if name in layers:
+            compared[f"{name} (alone)"] = _alone(arrays, name, layers[name]), theirs
+        if name in stages:
+            compared[name] = stages[name], theirs
+    for name in layers.keys() - names.keys():
+        compared[f"{name} (alone)"] = np.zeros(1), np.full(1, np.nan)
+    return compared
+
+
+def _layers(case: Case) -> dict[str, Any]:
+    """Our layers and perceptrons, by torch's names."""
+    network, found = Generator(case.config).bind({"params": case.params}), {}
+    for name, (path, _) in torch_names(case.config).items():
+        *parts, _ = re.sub(r"/layer_\d", "", path).replace("lstm", "recurrent").split("/")
+        found[re.sub(r"(\.\d)?\.\w+$", "", name)] = functools.reduce(getattr, parts, network)
+    return found
+
+
+def _alone(arrays: Mapping[str, np.ndarray], name: str, layer: Any) -> np.ndarray:
+    """Our layer's output for the inputs that torch's was given."""
+    given = arrays[f"in/{name}"].astype(np.float32)
+    if not isinstance(layer, LSTMNetwork):
+        return np.asarray(layer(given))
+    zeros = np.zeros((1, given.shape[1], layer.features), np.float32)
+    state = tuple(arrays.get(f"{part}/{name}", zeros)[0] for part in ("h0", "c0"))
+    hidden = []
+    for step in given:
+        state = LSTM().update(layer(step) + state[0] @ layer.recurrent_kernel, state)
+        hidden.append(state[0])
+    return np.stack(hidden)
 
 
 def _compare(
@@ -172,9 +223,9 @@ def _compare(
     rows: list[ParityRow] = []
     for output, (ours, theirs) in (layers | compared).items():
         ours, theirs = np.asarray(ours), np.asarray(theirs)
-        same = ours.shape == theirs.shape
-        max_abs = float(np.abs(ours.astype(np.float64) - theirs).max()) if same else math.nan
-        scale = float(np.abs(theirs).max())
+        scale, max_abs = float(np.abs(theirs).max()), math.nan
+        if ours.shape == theirs.shape:
+            max_abs = float(np.abs(ours.astype(np.float64) - theirs).max())
         # Against an output that is all zeros, any difference is infinitely large, and none is none.
         max_rel = max_abs / scale if scale else (math.inf if max_abs else 0.0)
         # A layer's numbers may be of any size, and so is their rounding.

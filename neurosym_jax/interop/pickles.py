@@ -134,11 +134,12 @@ def read_torch_file(path: str | os.PathLike) -> Any:
             head = file.read(64)
             legacy = LEGACY_MAGIC.to_bytes(10, "little") in head
             if not legacy and not head.startswith(b"PK\x03\x04"):
-                what = "not a file of torch.save" if head else "an empty file"
-                raise InputError(f"{what}; a .pt checkpoint was expected")
+                raise InputError(
+                    f"{'not a file of torch.save' if head else 'an empty file'}; "
+                    "a .pt checkpoint was expected"
+                )
             refuse_beyond_memory("reading it", 4.0 * os.fstat(file.fileno()).st_size, "free some")
-            stream = io.BytesIO(head + file.read())
-        return (_read_legacy if legacy else _read_zip)(stream)
+            return (_read_legacy if legacy else _read_zip)(io.BytesIO(head + file.read()), {})
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except InputError as error:
@@ -149,8 +150,7 @@ def read_torch_file(path: str | os.PathLike) -> Any:
         raise InputError(f"{path}: damaged or cut short ({reason})") from None
 
 
-def _read_legacy(stream: io.BytesIO) -> Any:
-    storages: dict[str, Tensor] = {}
+def _read_legacy(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     magic, protocol, system = (_load(stream, storages) for _ in range(3))
     if (magic, protocol, system["little_endian"]) != (LEGACY_MAGIC, LEGACY_PROTOCOL, True):
         raise InputError(f"of another format ({protocol!r:.20}), or of a big-endian machine")
@@ -165,8 +165,7 @@ def _read_legacy(stream: io.BytesIO) -> Any:
     return contents
 
 
-def _read_zip(stream: io.BytesIO) -> Any:
-    storages: dict[str, Tensor] = {}
+def _read_zip(stream: io.BytesIO, storages: dict[str, Tensor]) -> Any:
     with zipfile.ZipFile(stream) as archive:
         names = [name for name in archive.namelist() if name.endswith("/data.pkl")]
         if len(names) != 1:

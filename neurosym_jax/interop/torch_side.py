@@ -32,17 +32,16 @@ def main(path, checkpoint, out, name, seed):
     network_class = getattr(importlib.import_module(file), name)
     contents = torch.load(checkpoint, map_location="cpu")
     arguments = contents["args"]
-    parameters = inspect.signature(network_class).parameters
-    named = [(name, key) for name in parameters for key in (name, name + "_g")]
-    row = {name: arguments[key] for name, key in named if key in arguments}
+    names = inspect.signature(network_class).parameters
+    row = {n: arguments[k] for n in names for k in (n, n + "_g") if k in arguments}
     network = network_class(**row)
     network.load_state_dict(contents["g_state"])
     walks = random_walks(arguments["obs_len"] + arguments["pred_len"], int(seed))
     arrays, layers = forecast(torch, network, inputs(walks, arguments, int(seed)))
-    row.update(file=os.path.splitext(os.path.basename(checkpoint))[0] + ".npz")
+    row.update(model="sgan", file=os.path.splitext(os.path.basename(checkpoint))[0] + ".npz")
     np.savez_compressed(os.path.join(out, row["file"]), **arrays)
     with open(os.path.join(out, "manifest.json"), "w") as manifest:
-        json.dump([dict(row, model="sgan", layers=layers)], manifest, indent=1)
+        json.dump([dict(row, layers=layers)], manifest, indent=1)
 
 
 def random_walks(steps, seed):
@@ -75,18 +74,16 @@ def forecast(torch, network, scenes):
     `scenes` are arrays as `inputs` makes them. A copy of the network runs, after `eval()`.
     """
     network = copy.deepcopy(network).cpu().eval()
-    arrays, classes = dict(scenes), {}
-    dtype = next(network.parameters()).dtype
-    for name, value in network.state_dict().items():
-        arrays["g_state/" + name] = value.numpy()
+    arrays = {"g_state/" + name: value.numpy() for name, value in network.state_dict().items()}
+    arrays.update(scenes)
+    classes, dtype = {}, next(network.parameters()).dtype
 
     def keep(name, module, given, result):
         if not name or name in classes:
             return
         classes[name] = type(module).__name__
         recurrent = isinstance(module, torch.nn.LSTM)
-        parts = {"out": result[0] if isinstance(result, tuple) else result}
-        parts.update(zip(["in"], given))
+        parts = dict(zip(["in"], given), out=result[0] if isinstance(result, tuple) else result)
         if recurrent and len(given) > 1:
             parts["h0"], parts["c0"] = given[1]
         for part, array in parts.items():
@@ -102,8 +99,7 @@ def forecast(torch, network, scenes):
     )
     bounds, noise = torch.tensor(scenes["scene_start_end"]), torch.tensor(scenes["noise"])
     # The released code moves its states to a CUDA device.
-    here = mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self)
-    with torch.no_grad(), here:
+    with torch.no_grad(), mock.patch.object(torch.Tensor, "cuda", lambda self, *_, **__: self):
         moved = network(positions, moves, bounds, user_noise=noise.to(dtype))
     arrays["pred_rel"] = moved.transpose(0, 1).numpy()
     arrays["pred_abs"] = (positions[-1] + moved.cumsum(dim=0)).transpose(0, 1).numpy()

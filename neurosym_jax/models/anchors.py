@@ -20,16 +20,14 @@ from jax import Array
 
 from neurosym_jax.configuration import Checked, Count, Positive, Rule
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.anchor_pairs import SLOW, attend, pair_features
-from neurosym_jax.models.frames import heading_of, length, turned
+from neurosym_jax.models.frames import SLOW, attend, heading_of, length, pair_features, turned
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 __all__ = ["AnchorConfig", "AnchorNetwork", "AnchorTable", "AnchorTableConfig"]
 
-HEADS = 4
-PAIR_DIM, MESSAGE_DIM = 32, 16
-"""Sizes of the attention's hidden layer and of what a person learns from all neighbours."""
+HEADS, PAIR_DIM, MESSAGE_DIM = 4, 32, 16
+"""The attention's heads, its hidden layer, and what a person learns from all neighbours."""
 BASIS = 5
 """Polynomials of time that a residual is composed of."""
 BENDS = np.where(np.arange(BASIS) == 0, 1, 0.1)[:, None]
@@ -74,8 +72,8 @@ class AnchorTable(nn.Module):
         scale = (length(mean) * config.pred_len)[:, None, None]
         heading = heading_of(mean, SLOW * config.period)[:, None]
         residual = turned(moving * scale + still, heading, 1)
-        forecast = _straight_on(observed, velocity, config.pred_len) + residual
-        return forecast, jnp.full(config.samples, -np.log(config.samples), observed.dtype)
+        likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
+        return _straight_on(observed, velocity, config.pred_len) + residual, likely
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +94,6 @@ class AnchorConfig(AnchorTableConfig):
     """Weights of pairs, alpha, by which the attention is multiplied; None for 1."""
 
     def __post_init__(self):
-        """Refuse a weighting of nobody."""
         super().__post_init__()
         if self.weighting is not None and not self.interacts:
             raise InputError("weighting: without geometry and symbols there are no pairs to weight")
@@ -123,9 +120,8 @@ class AnchorNetwork(nn.Module):
     ) -> tuple[Array, Array]:
         """Forecast positions `[k, N, pred_len, 2]` and log-probabilities `[k]`.
 
-        `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None for 1;
-        `company` is the number of further people who are counted but not seen, in training; `near`
-        is that of a scene.
+        `observed` is [N, obs_len, 2] metres, `alpha [N, N]` the weight of j for i, None for 1, and
+        `near` a scene's; `company` is the number of further people in training, counted and unseen.
         """
         config = self.config
         hertz, steps = 1 / config.period, jnp.diff(observed, axis=1)
@@ -184,9 +180,8 @@ def _polynomials(steps: int, count: int) -> np.ndarray:
     """`[steps, count]` orthogonal polynomials of time, 0 at time 0; the first is a line up to 1."""
     time = np.arange(1, steps + 1) / steps
     basis, upper = np.linalg.qr(time[:, None] ** np.arange(1, count + 1), mode="reduced")
-    found = np.zeros((steps, count))
-    found[:, : basis.shape[1]] = basis * np.sign(np.diag(upper)) * np.sqrt((time**2).sum())
-    return found
+    basis = basis * np.sign(np.diag(upper)) * np.sqrt((time**2).sum())
+    return np.pad(basis, [(0, 0), (0, count - basis.shape[1])])
 
 
 def _straight_on(observed: Array, velocity: Array, steps: int) -> Array:

@@ -1,7 +1,6 @@
-"""The configurations of the networks: where their hyper-parameters have their defaults.
+"""Configurations of SGAN's networks, and the table of poolings.
 
-The defaults are those of the published SGAN checkpoints, which are not those of SGAN's own command
-line.
+Defaults are those of the published SGAN checkpoints, which SGAN's own command line does not have.
 """
 
 import dataclasses
@@ -9,14 +8,46 @@ from typing import Annotated, Literal
 
 from neurosym_jax.configuration import Checked, Count, Positive, Whole
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.cell import CELLS, LSTM, Cell
+from neurosym_jax.models.encounter import Encounter
+from neurosym_jax.models.layers import CELLS, LSTM, Cell
+from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
 from neurosym_jax.models.pool_net import PoolNet
-from neurosym_jax.models.pooling import Pooling
-from neurosym_jax.models.poolings import POOLINGS, NoPooling
+from neurosym_jax.models.pooling import NoPooling, Pooling, Social
+from neurosym_jax.plugins import Registry
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, Cnd
 
-__all__ = ["DiscriminatorConfig", "GeneratorConfig"]
+__all__ = [
+    "POOLINGS",
+    "DiscriminatorConfig",
+    "GeneratorConfig",
+    "pooling_names",
+    "register_pooling",
+]
+
+POOLINGS: Registry[type[Pooling]] = Registry(
+    "pooling",
+    {
+        "none": NoPooling,
+        "pool_net": PoolNet,
+        "social": Social,
+        "as_described": AsDescribed,
+        "neurosym_ros": NeurosymRos,
+        "encounter": Encounter,
+        "neurosym_ijcnn": NeurosymIjcnn,
+    },
+)
+
+register_pooling = POOLINGS.register
+
+
+def pooling_names(*, symbolic: bool) -> tuple[str, ...]:
+    """Names of the poolings that can be trained: NeuroSyM's, which take alpha, or the others."""
+    return tuple(
+        name
+        for name, pooling in POOLINGS.items()
+        if ("alpha" in pooling.inputs) == symbolic and "alpha_rows" not in pooling.inputs
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +66,7 @@ class GeneratorConfig(Checked):
     decoder_h_dim: Count = 32
     mlp_dim: Count = 64
     pooling: Annotated[Pooling, POOLINGS] = PoolNet()  # noqa: RUF009 (frozen)
-    """How neighbours are pooled: a component with its own options, see `models.poolings`."""
+    """How neighbours are pooled: a component with its own options, see `POOLINGS`."""
     pool_every_timestep: bool = False
     """Pool at predicted steps too. The symbols of NeuroSyM are then those of the last `obs_len`
     positions of each sample, observed or predicted."""
@@ -49,7 +80,6 @@ class GeneratorConfig(Checked):
     """Weights of pairs, for a pooling that takes alpha; its default is then the papers' `cnd`."""
 
     def __post_init__(self):
-        """Refuse values from which no network can be built."""
         super().__post_init__()
         if self.noise_dim >= self.decoder_h_dim:
             raise InputError(

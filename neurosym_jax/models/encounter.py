@@ -19,7 +19,6 @@ from neurosym_jax.models.pooling import Pooling
 
 __all__ = ["Encounter"]
 
-FEATURES = 9
 HEADS = 4
 STEPS = 4.0
 """Time steps in a unit of time: velocities are metres in so many steps."""
@@ -58,8 +57,7 @@ class _EncounterNetwork(nn.Module):
     bottleneck_dim: int
 
     def setup(self):
-        """Declare the layer of a pair, and the layers of its message and scores."""
-        self.pair = Affine(FEATURES, self.hidden_dim)
+        self.pair = Affine(9, self.hidden_dim)
         self.message = Affine(self.hidden_dim, self.bottleneck_dim)
         self.score = Affine(self.hidden_dim, HEADS)
 
@@ -74,7 +72,11 @@ class _EncounterNetwork(nn.Module):
         motion = turned(velocity - velocity[:, None], heading[:, None], -1)
         distance = length(there, SMOOTH)
         speed = jnp.broadcast_to(speed[:, None], distance.shape)
-        said = nn.relu(self.pair(_features(there, motion, distance, speed)))
+        soon, miss = closest_approach(there, motion, 0.04, LONGEST, SMOOTH)
+        bearing = there / jnp.maximum(distance, 1)[..., None]
+        numbers = [jnp.exp(-distance), soon, jnp.exp(-2 * miss - soon), speed, 1 / (distance + 0.3)]
+        pairs = jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)
+        said = nn.relu(self.pair(pairs))
 
         others = valid & ~jnp.eye(valid.shape[0], dtype=bool)
         weight = jnp.where(others, jnp.maximum(alpha[..., -1], 0), 0)[..., None]
@@ -91,15 +93,3 @@ class _EncounterNetwork(nn.Module):
         pushes, numbers = jnp.split(pooled, 2, axis=-1)
         pushes = turned(pushes.reshape(len(valid), -1, 2), heading[:, None], 1)
         return jnp.concatenate([pushes.reshape(numbers.shape), numbers], axis=-1)
-
-
-def _features(there: Array, motion: Array, distance: Array, speed: Array) -> Array:
-    """[N, N, 9] of pairs as i sees them, all within a few units.
-
-    Where j is and how it moves `[N, N, 2]`, the `distance [N, N]`, i's own `speed [N, 1]`; and when
-    the two would be nearest if both went on, and how near.
-    """
-    soon, miss = closest_approach(there, motion, 0.04, LONGEST, SMOOTH)
-    bearing = there / jnp.maximum(distance, 1)[..., None]
-    numbers = [jnp.exp(-distance), soon, jnp.exp(-2 * miss - soon), speed, 1 / (distance + 0.3)]
-    return jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)

@@ -1,9 +1,21 @@
-"""Headings, vectors turned into the frame of a heading and back, and closest approaches."""
+"""What people see of their neighbours: vectors in the frame of a heading, features, attention."""
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 from jax import Array
 
-__all__ = ["closest_approach", "heading_of", "length", "turned"]
+from neurosym_jax.symbolic.qtc import observe
+
+__all__ = ["SLOW", "attend", "closest_approach", "heading_of", "length", "pair_features", "turned"]
+
+SLOW = 0.125
+"""Speed at which a heading has faded to 0.7, m/s; symbols take slower movement for none."""
+WIDE = 20.0
+"""Radius in which people are counted, metres."""
+LONGEST = 5.0
+"""Time within which the closest approach is searched, s."""
 
 
 def heading_of(velocity: Array, slow: float) -> Array:
@@ -37,3 +49,80 @@ def closest_approach(
     soon = -(there * motion).sum(axis=-1) / (jnp.square(motion).sum(axis=-1) + slack)
     soon = jnp.clip(soon, 0, longest)
     return soon, length(there + motion * soon[..., None], smooth)
+
+
+def pair_features(
+    config: Any, observed: Array, velocity: Array, heading: Array, valid: Array, near: Array | None
+) -> tuple[Array, Array, Array]:
+    """Features of j seen by i `[N, N, F]`, nearness `[N, N]` and number around `[N]`.
+
+    With `near [N, C]`, j are these and the first two are `[N, C, ...]`. Features are the pair's
+    bearing, motion, closest approach and speeds, its QTC_C1 symbols at two steps, or all of these.
+    """
+    position, number = observed[:, -1], jnp.arange(len(valid))
+
+    def seen(values: Array) -> Array:
+        return values if near is None else values[near]
+
+    offset = seen(position) - position[:, None]
+    distance, features = length(offset), []
+    if config.geometry:
+        pace = velocity / config.period
+        there = turned(offset, heading[:, None], -1)
+        relative = seen(pace) - pace[:, None]
+        motion = turned(relative, heading[:, None], -1)
+        soon, miss = closest_approach(there, motion, 0.05, LONGEST)
+        close, speed = 1 / jnp.maximum(distance, 1), length(pace)
+        theirs = jnp.broadcast_to(seen(speed), distance.shape)
+        # Equal without `near`, but a copy of the rows would change the last bits of a training.
+        own = theirs.T if near is None else jnp.broadcast_to(speed[:, None], distance.shape)
+        features += [
+            *(there[..., 0] * close, there[..., 1] * close, motion[..., 0], motion[..., 1]),
+            *(length(relative), jnp.exp(-distance), distance / config.radius, 1 / (distance + 0.3)),
+            *(soon, jnp.exp(-2 * miss - soon), own, theirs),
+        ]
+    if config.symbols:
+        factor = SLOW * config.period
+        how = {"quantisation_factor": factor, "side_quantisation_factor": factor}
+        for end in (observed.shape[1], max(observed.shape[1] - 3, 2)):
+            own, theirs = (
+                each[..., end - 2 : end, :] for each in (observed[:, None], seen(observed))
+            )
+            state = observe(own, theirs, **how)[..., 0, :].astype(observed.dtype)
+            features += [*jnp.moveaxis(state, -1, 0), *jnp.moveaxis(jnp.abs(state), -1, 0)]
+    others = seen(valid) & valid[:, None] & (seen(number) != number[:, None])
+    stacked = jnp.where(others[..., None], jnp.stack(features, -1), 0)
+    gate = jnp.where(others, _within(distance, config.radius), 0)
+    if near is None:
+        return stacked, gate, jnp.where(others, _within(distance, WIDE), 0).sum(1)
+    return stacked, gate, _around(position, valid)
+
+
+def attend(score: Array, value: Array, gate: Array) -> Array:
+    """Attention with an empty slot, `sum_j g_ij exp(s_ij) v_ij / (1 + sum_j g_ij exp(s_ij))`.
+
+    A softmax over neighbours alone would give a single neighbour the full weight at any distance.
+    `score [N, N, HEADS]` and `value [N, N, M]`, an equal part for each head, give [N, M];
+    `gate [N, N]` is 0 for a neighbour that is not attended to.
+    """
+    weight = gate[..., None] * jnp.exp(jnp.clip(score, -8, 8))
+    share = weight / (1 + weight.sum(1, keepdims=True))
+    value = value.reshape(*share.shape, -1)
+    return (share[..., None] * value).sum(1).reshape(gate.shape[0], -1)
+
+
+def _around(position: Array, valid: Array) -> Array:
+    """[N] the number of people around each; each is added for all others at once, in 4 N bytes."""
+    x, y = position.T  # Apart, the loop runs in wide instructions: 25 times faster.
+
+    def count(total: Array, other: Array) -> tuple[Array, None]:
+        apart = jnp.hypot(x - x[other], y - y[other])
+        return total + valid[other] * _within(apart, WIDE), None
+
+    start = jnp.full(len(valid), -1, position.dtype)  # Nobody is around themselves.
+    return jnp.maximum(jax.lax.scan(count, start, jnp.arange(len(valid)), unroll=8)[0], 0)
+
+
+def _within(distance: Array, radius: float) -> Array:
+    """1 at distance 0, falling smoothly to 0 at `radius`."""
+    return jnp.square(jnp.maximum(1 - jnp.square(distance / radius), 0))

@@ -1,18 +1,23 @@
-"""Affine layers and the ReLU perceptron, initialised as SGAN initialises them.
+"""Affine layers, perceptrons and recurrent cells, initialised as SGAN initialises them.
 
-Kernels are [in, out]. The layers expose `kernel` and `bias`, because chains of affine layers are
-folded into one matrix where that saves work (see `cell`, `decoder` and the poolings). An optimiser
-still sees the parameters of the unfolded layers.
+Kernels are [in, out]. Chains of affine layers are folded into one matrix where that saves work (see
+`embed`, `Decoder` and the poolings); an optimiser still sees the parameters of the unfolded layers.
 """
 
+import abc
+import dataclasses
 from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
-__all__ = ["Affine", "Perceptron", "uniform_within"]
+from neurosym_jax.configuration import Checked
+from neurosym_jax.plugins import Registry
+
+__all__ = ["CELLS", "LSTM", "Affine", "Cell", "Encoder", "Perceptron", "embed", "register_cell"]
 
 
 def kaiming_normal(key, shape, dtype=jnp.float32):
@@ -27,8 +32,7 @@ def uniform_within(bound: float) -> nn.initializers.Initializer:
     """Initialiser drawing from U(-bound, bound), torch's default for LSTMs and biases."""
 
     def initialise(key, shape, dtype=jnp.float32):
-        drawn = jax.random.uniform(key, shape, dtype, -bound, bound)
-        return jax.lax.optimization_barrier(drawn)
+        return jax.lax.optimization_barrier(jax.random.uniform(key, shape, dtype, -bound, bound))
 
     return initialise
 
@@ -67,3 +71,117 @@ class Perceptron(nn.Module):
         for layer in self.layers:
             x = nn.relu(layer(x))
         return x
+
+
+@dataclasses.dataclass(frozen=True)
+class Cell(Checked, abc.ABC):
+    """A recurrent cell of encoder and decoder; the fields of a subclass are its options.
+
+    A step is `update(x @ input_kernel + biases + h @ recurrent_kernel, state)`, for an input x and
+    a state whose first array is h. This form lets the affine layers around the cell fold into it.
+    """
+
+    title: ClassVar[str]
+    """What tables call it, except an LSTM; in lower case, the scope of its parameters."""
+
+    @abc.abstractmethod
+    def network(self, inputs: int, features: int, name: str) -> Any:
+        """The Flax module with the cell's parameters, called `name`.
+
+        It has `input_kernel` [inputs, G], `recurrent_kernel` [features, G] and maps x [..., inputs]
+        to `x @ input_kernel` + biases [..., G]. G is the number of pre-activations, the gates.
+        """
+
+    def scoped(self, inputs: int, features: int) -> Any:
+        """The network in the scope of its parameters."""
+        return self.network(inputs, features, self.title.lower())
+
+    @abc.abstractmethod
+    def start(self, hidden: Array) -> tuple[Array, ...]:
+        """The state with this hidden state [..., H], before the first step."""
+
+    @abc.abstractmethod
+    def update(self, gates: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:
+        """The next state, from `gates` [..., G]."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LSTM(Cell):
+    """SGAN's cell, the LSTM of torch; its state is (hidden, cell), [..., H] each."""
+
+    title: ClassVar[str] = "LSTM"
+
+    def network(self, inputs: int, features: int, name: str) -> nn.Module:
+        """See `LSTMNetwork`."""
+        return LSTMNetwork(inputs, features, name=name)
+
+    def start(self, hidden: Array) -> tuple[Array, ...]:
+        """`hidden [..., H]`, and a cell state of zeros."""
+        return hidden, jnp.zeros_like(hidden)
+
+    def update(self, gates: Array, state: tuple[Array, ...]) -> tuple[Array, ...]:
+        """`gates [..., 4 H]` are in the order input, forget, cell, output."""
+        i, f, g, o = jnp.split(gates, 4, axis=-1)
+        cell = jax.nn.sigmoid(f) * state[1] + jax.nn.sigmoid(i) * jnp.tanh(g)
+        return jax.nn.sigmoid(o) * jnp.tanh(cell), cell
+
+
+class LSTMNetwork(nn.Module):
+    """The parameters of one LSTM layer, uniform within 1/sqrt(features) as torch draws them.
+
+    Torch's two biases add up to one in the forward pass, but not under Adam or norm clipping, where
+    each gets its own update; Flax's cells have one bias, so training them is not training torch's.
+    """
+
+    inputs: int
+    features: int
+
+    def setup(self):
+        """Declare two kernels `[in, 4 H]` and two biases `[4 H]`."""
+        draw = uniform_within(self.features**-0.5)
+        gates = 4 * self.features
+        self.input_kernel = self.param("input_kernel", draw, (self.inputs, gates))
+        self.recurrent_kernel = self.param("recurrent_kernel", draw, (self.features, gates))
+        self.input_bias = self.param("input_bias", draw, (gates,))
+        self.recurrent_bias = self.param("recurrent_bias", draw, (gates,))
+
+    def __call__(self, x: Array) -> Array:
+        """`x [..., inputs]` to its part of the gates, [..., 4 H]."""
+        return x @ self.input_kernel + self.input_bias + self.recurrent_bias
+
+
+CELLS: Registry[type[Cell]] = Registry("cell", {"lstm": LSTM})
+
+register_cell = CELLS.register
+
+
+def embed(embedding: Affine, network: Any) -> tuple[Array, Array]:
+    """Kernel and bias of a cell's gates as an affine map of what `embedding` embeds.
+
+    The embedding has no nonlinearity, so `(x S + s) W + b = x (S W) + (s W + b)`.
+    """
+    return embedding.kernel @ network.input_kernel, network(embedding.bias)
+
+
+class Encoder(nn.Module):
+    """Displacements to the last hidden state of a cell that starts from zeros."""
+
+    cell: Cell
+    embedding_dim: int
+    h_dim: int
+
+    def setup(self):
+        """Declare the embedding and the cell."""
+        self.spatial_embedding = Affine(2, self.embedding_dim)
+        self.recurrent = self.cell.scoped(self.embedding_dim, self.h_dim)
+
+    def __call__(self, displacement: Array) -> Array:
+        """`displacement [N, T, 2]` metres to the hidden state `[N, h_dim]` after the last step."""
+        kernel, bias = embed(self.spatial_embedding, self.recurrent)
+        driven = jnp.moveaxis(displacement, 1, 0) @ kernel + bias
+
+        def step(state, gates):
+            return self.cell.update(gates + state[0] @ self.recurrent.recurrent_kernel, state), None
+
+        zeros = jnp.zeros((displacement.shape[0], self.h_dim), displacement.dtype)
+        return jax.lax.scan(step, self.cell.start(zeros), driven)[0][0]

@@ -5,7 +5,6 @@
 """
 
 import dataclasses
-from collections.abc import Callable
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -19,18 +18,6 @@ from neurosym_jax.models.pool_net import PoolNet, bottleneck_relu, max_over_neig
 from neurosym_jax.models.pooling import NO_FORECAST
 
 __all__ = ["AsDescribed", "NeurosymIjcnn", "NeurosymRos"]
-
-
-def _described_pair(folded: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
-    track, of_neighbour = theirs
-    x, y = (track - own).T
-    return jnp.concatenate([alpha * x, alpha * y, alpha]) @ folded + of_neighbour
-
-
-def _ros_pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
-    shifted, of_neighbour = theirs
-    weighted = (shifted - own) * alpha[:, None]
-    return weighted.ravel() @ of_steps + of_neighbour
 
 
 class _DescribedNetwork(nn.Module):
@@ -47,14 +34,11 @@ class _DescribedNetwork(nn.Module):
     bottleneck_dim: int
     whole_history: ClassVar[bool] = False
     """Whether the embedding takes all steps at once."""
-    pair: ClassVar[Callable[..., Array]] = staticmethod(_described_pair)
-    """The first layer of a pair, see `max_over_neighbours`."""
 
     def setup(self):
-        """Declare the embedding and the perceptron of a pair's history and h_j."""
-        steps, width = self.obs_len, self.obs_len * self.embedding_dim
-        embedding = (2 * steps, width) if self.whole_history else (2, self.embedding_dim)
-        self.spatial_embedding = Affine(*embedding)
+        steps = self.obs_len if self.whole_history else 1
+        width = self.obs_len * self.embedding_dim
+        self.spatial_embedding = Affine(2 * steps, self.embedding_dim * steps)
         self.mlp = Perceptron((width + self.h_dim, self.hidden_dim, self.bottleneck_dim))
 
     def __call__(self, hidden: Array, track: Array, valid: Array, alpha: Array) -> Array:
@@ -75,6 +59,13 @@ class _DescribedNetwork(nn.Module):
         folded = jnp.einsum("ce,teh->cth", embedding, of_steps)
         return folded.reshape(3 * self.obs_len, self.hidden_dim), track, track
 
+    @staticmethod
+    def pair(folded: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
+        """The first layer of a pair, see `max_over_neighbours`."""
+        track, of_neighbour = theirs
+        x, y = (track - own).T
+        return jnp.concatenate([alpha * x, alpha * y, alpha]) @ folded + of_neighbour
+
 
 class _RosNetwork(_DescribedNetwork):
     """The robot package: one Linear over the whole flattened history, then alpha by step.
@@ -84,14 +75,18 @@ class _RosNetwork(_DescribedNetwork):
     """
 
     whole_history: ClassVar[bool] = True
-    pair: ClassVar[Callable[..., Array]] = staticmethod(_ros_pair)
 
     def histories(self, track: Array, of_steps: Array) -> tuple[Array, Array, Array]:
         """See `_DescribedNetwork.histories`."""
         own = track.reshape(len(track), -1) @ self.spatial_embedding.kernel
-        shifted = own + self.spatial_embedding.bias
         shape = len(track), self.obs_len, -1
-        return of_steps, own.reshape(shape), shifted.reshape(shape)
+        return of_steps, own.reshape(shape), (own + self.spatial_embedding.bias).reshape(shape)
+
+    @staticmethod
+    def pair(of_steps: Array, own: Array, theirs: tuple[Array, Array], alpha: Array) -> Array:
+        """See `_DescribedNetwork.pair`."""
+        shifted, of_neighbour = theirs
+        return ((shifted - own) * alpha[:, None]).ravel() @ of_steps + of_neighbour
 
 
 class _IjcnnNetwork(_DescribedNetwork):

@@ -164,7 +164,6 @@ def bottleneck_relu(module: nn.Module, x: Array) -> Array:
 @jax.custom_gradient
 def _leaking_relu(x: Array, leak: Array) -> Any:
     def pull(cotangent: Array) -> tuple[Array, Array]:
-        raising = leak * jnp.minimum(cotangent, 0)
-        return jnp.where(x > 0, cotangent, raising), jnp.zeros_like(leak)
+        return jnp.where(x > 0, cotangent, leak * jnp.minimum(cotangent, 0)), jnp.zeros_like(leak)
 
     return nn.relu(x), pull

@@ -13,9 +13,8 @@ from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.cell import LSTM, Encoder, embed
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.layers import LSTM, Affine, Encoder, Perceptron, embed
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.models.pooling import Pooling
 from neurosym_jax.scene import Scene
@@ -169,8 +168,8 @@ def pool(
             f"{pooling.title} needs alpha [N, N, obs_len]: config.weighting.alpha({{}}, observed), "
             "or call nj.forecast, which computes it"
         )
-    of_pairs = {"alpha": alpha, "alpha_rows": alpha}
-    given = {"hidden": hidden, "position": track[:, -1], "track": track, **of_pairs}
+    given = {"hidden": hidden, "position": track[:, -1], "track": track}
+    given |= {"alpha": alpha, "alpha_rows": alpha}
     return network(valid=valid, **{name: given[name] for name in sorted(pooling.inputs)})
 
 

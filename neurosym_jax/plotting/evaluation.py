@@ -10,8 +10,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.results import Result
 from neurosym_jax.evaluation.summary import labels
+from neurosym_jax.plotting import style
 from neurosym_jax.plotting.forecasts import draw_horizon, draw_scene
-from neurosym_jax.plotting.style import ENDINGS, WIDTH, add_legend, dress, new_figure, save_figure
 from neurosym_jax.scene import to_world
 
 __all__ = ["check_figures", "draw_figures"]
@@ -36,16 +36,15 @@ def draw_figures(where: Path, results: Sequence[Result], *, together: bool = Fal
     """
     sets = list(dict.fromkeys(result.test_set for result in results))
     drawn = [_drawn([result for result in results if result.test_set == each]) for each in sets]
+    named = where.suffix in style.ENDINGS
     if together and len(sets) <= TOGETHER:
-        path = where if where.suffix in ENDINGS else where / "overview.png"
-        return [save_figure(_figure(drawn), path)]
+        return [style.save_figure(_figure(drawn), where if named else where / "overview.png")]
     paths = []
     for each, models in zip(sets, drawn):
         name = f"{each.dataset}_{each.obs_len}_{each.pred_len}"
-        path = where / f"{name}.png"
-        if where.suffix in ENDINGS:
-            path = where.with_name(f"{where.stem}_{name}{where.suffix}")
-        paths.append(save_figure(_figure([models]), path))
+        prefixed = where.with_name(f"{where.stem}_{name}{where.suffix}")
+        path = prefixed if named else where / f"{name}.png"
+        paths.append(style.save_figure(_figure([models]), path))
     return paths
 
 
@@ -55,9 +54,9 @@ def check_figures(where: Path) -> None:
     Raises:
         InputError: for a file that is no folder, or a name with another ending than a figure's.
     """
-    if where.suffix not in ENDINGS and not where.is_dir():
+    if where.suffix not in style.ENDINGS and not where.is_dir():
         if where.suffix:
-            raise InputError(f"{where}: a figure's name must end in {', '.join(ENDINGS)}")
+            raise InputError(f"{where}: a figure's name must end in {', '.join(style.ENDINGS)}")
         if where.exists():
             raise InputError(f"{where}: is not a folder, so no figures can be written into it")
 
@@ -72,11 +71,10 @@ def _drawn(members: Sequence[Result]) -> dict[str, Result]:
 
 def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
     """A column for each test set: the scene above, each error against the horizon below."""
-    any_result = next(iter(columns[0].values()))
-    metrics = list(any_result.horizons)
+    metrics = list(next(iter(columns[0].values())).horizons)
     heights = (1.6, *[1.0] * len(metrics))
     shape = (len(heights), len(columns))
-    figure, axes = new_figure(WIDTH, 2.1 * sum(heights), *shape, height_ratios=heights)
+    figure, axes = style.new_figure(style.WIDTH, 2.1 * sum(heights), *shape, height_ratios=heights)
     for place, models in enumerate(columns):
         first = next(iter(models.values()))
         scene, test, first_column = first.example, first.test_set, place == 0
@@ -84,18 +82,17 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
         past, future = (
             to_world(array, scene)[valid] for array in (scene.observed, scene.known_future)
         )
-        samples = {name: item.forecast[:, valid] for name, item in models.items()}
         above, *below = axes[:, place]
-        draw_scene(above, past, future, samples)
-        above.set_aspect("equal", adjustable="datalim")
-        above.ticklabel_format(useOffset=False, style="plain")
+        draw_scene(
+            above, past, future, {name: of.forecast[:, valid] for name, of in models.items()}
+        )
         title = f"{test.dataset}, {test.obs_len} + {test.pred_len} steps"
-        dress(above, "x [m]", "y [m]" if first_column else "", title)
-        for panel, metric in zip(below, metrics):
+        style.dress_floor(above, title, "y [m]" if first_column else "")
+        for panel, shared, metric in zip(below, axes[1:, 0], metrics):
             curves = {name: item.horizons[metric] for name, item in models.items()}
             draw_horizon(panel, curves, first.period)
-            dress(panel, "horizon [s]", METRICS[metric].label if first_column else "")
+            style.dress(panel, "horizon [s]", METRICS[metric].label if first_column else "")
             if not first_column:
-                panel.sharey(axes[metrics.index(metric) + 1, 0])
-    add_legend(figure, *axes[0])
+                panel.sharey(shared)
+    style.add_legend(figure, *axes[0])
     return figure

@@ -10,16 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from neurosym_jax.plotting.style import (
-    COLUMN,
-    INK,
-    TRUTH,
-    WIDTH,
-    add_legend,
-    dress,
-    model_looks,
-    new_figure,
-)
+from neurosym_jax.plotting import style
 
 __all__ = ["draw_horizon", "draw_paths", "draw_scene"]
 __all__ += ["plot_event_errors", "plot_forecasts", "plot_horizon_errors"]
@@ -51,15 +42,15 @@ def plot_forecasts(
     extent = np.maximum(1.06 * (high - low) + 0.3, 3.0)
     extent = np.maximum(extent, [0.75 * extent[1], 0.36 * extent[0]])
     # High figures go into one column.
-    width = WIDTH if extent[1] < 0.7 * extent[0] else COLUMN
+    width = style.WIDTH if extent[1] < 0.7 * extent[0] else style.COLUMN
     height = (width - 0.5) * extent[1] / extent[0] + (0.85 if title else 0.55)
-    figure, ((axes,),) = new_figure(width, height)
+    figure, ((axes,),) = style.new_figure(width, height)
     (left, bottom), (right, top) = (low + high - extent) / 2, (low + high + extent) / 2
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.ticklabel_format(useOffset=False, style="plain")
-    dress(axes, "x [m]", "y [m]", title)
+    style.dress(axes, "x [m]", "y [m]", title)
     draw_scene(axes, past, future, samples)
-    add_legend(figure, axes)
+    style.add_legend(figure, axes)
     return figure
 
 
@@ -71,29 +62,27 @@ def draw_scene(
     weight = float(np.clip((10 / len(past)) ** 0.5, 0.65, 1.0))
     circle = {"marker": "o", "markersize": 4 * weight, "markerfacecolor": "white"}
     circle |= {"markeredgewidth": 0.9 * weight, "linestyle": "none", "zorder": 5}
-    draw_paths(axes, past[:, :1], **circle, color=INK, label="start")
-    draw_paths(axes, past, color=INK, linewidth=1.0 * weight, zorder=3, label="observed")
+    draw_paths(axes, past[:, :1], **circle, color=style.INK, label="start")
+    draw_paths(axes, past, color=style.INK, linewidth=1.0 * weight, zorder=3, label="observed")
     if future is not None:
         # Pale and broad, so that a forecast on it can be seen.
         band = {"linewidth": 4.5 * weight, "alpha": 0.35, "solid_capstyle": "round", "zorder": 2}
-        draw_paths(axes, future, past, **band, color=TRUTH, label="ground truth")
-    for name, look in model_looks(samples).items():
+        draw_paths(axes, future, past, **band, color=style.TRUTH, label="ground truth")
+    for name, look in style.model_looks(samples).items():
         path, label = samples[name], name
         if path.ndim == 4:
             if name == list(samples)[-1]:
                 faint = {"linewidth": 0.5, "alpha": 0.35, "zorder": 2.5, "color": look["color"]}
                 for sample in path:
                     draw_paths(axes, sample, past, **faint)
-            path = path.mean(axis=0) if future is None else best_sample(path, future)
-            of = "mean" if future is None else "best"
-            label = f"{name}, {of} of {len(samples[name])}"
-            label = label if len(samples[name]) > 1 else f"{name}, one guess"
+            kind = "mean" if future is None else "best"
+            label = f"{name}, {kind} of {len(path)}" if len(path) > 1 else f"{name}, one guess"
+            if future is None:
+                path = path.mean(axis=0)
+            else:  # The sample of least joint ADE.
+                error = np.linalg.norm(path - future, axis=-1)
+                path = path[error.mean(axis=(1, 2)).argmin()]
         draw_paths(axes, path, past, **look, linewidth=1.5 * weight, zorder=4, label=label)
-
-
-def best_sample(samples: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """[N, pred_len, 2] the one of `samples [k, N, pred_len, 2]` with least joint ADE."""
-    return samples[np.linalg.norm(samples - truth, axis=-1).mean(axis=(1, 2)).argmin()]
 
 
 def draw_paths(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **look) -> None:
@@ -119,16 +108,16 @@ def plot_horizon_errors(
         title: of the figure.
         label: name of the error, with its unit.
     """
-    figure, ((axes,),) = new_figure(COLUMN, 2.2)
+    figure, ((axes,),) = style.new_figure(style.COLUMN, 2.2)
     draw_horizon(axes, errors, period)
-    dress(axes, "horizon [s]", label, title)
-    add_legend(figure, axes)
+    style.dress(axes, "horizon [s]", label, title)
+    style.add_legend(figure, axes)
     return figure
 
 
 def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> None:
     """Draw a line [pred_len] and a band for each model against seconds."""
-    looks = model_looks(errors)
+    looks = style.model_looks(errors)
     curves = {name: np.atleast_2d(np.asarray(curve, float)) for name, curve in errors.items()}
     # Sorted, so that the legend has the order of the lines' ends.
     for name, (curve, *bounds) in sorted(curves.items(), key=lambda item: -item[1][0, -1]):
@@ -150,9 +139,9 @@ def plot_event_errors(
         errors: [E], or [3, E] with the bounds of an interval, by the model's name.
         label: name of the error, with its unit.
     """
-    figure, ((axes,),) = new_figure(COLUMN, 0.7 + 0.3 * len(events))
+    figure, ((axes,),) = style.new_figure(style.COLUMN, 0.7 + 0.3 * len(events))
     rows = np.arange(len(events))
-    for number, (name, look) in enumerate(model_looks(errors).items()):
+    for number, (name, look) in enumerate(style.model_looks(errors).items()):
         mean, *bounds = np.atleast_2d(np.asarray(errors[name], float))
         place = rows + 0.16 * (number - (len(errors) - 1) / 2)
         if bounds:
@@ -160,6 +149,6 @@ def plot_event_errors(
         axes.plot(mean, place, "o", color=look["color"], markersize=3.5, label=name)
     axes.set_yticks(rows, events)
     axes.set(xlim=(0, None), ylim=(len(rows) - 0.5, -0.5))
-    dress(axes, label)
-    add_legend(figure, axes)
+    style.dress(axes, label)
+    style.add_legend(figure, axes)
     return figure

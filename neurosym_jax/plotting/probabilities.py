@@ -6,18 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
+from neurosym_jax.plotting import style
 from neurosym_jax.plotting.forecasts import draw_paths
-from neurosym_jax.plotting.style import (
-    COLUMN,
-    INK,
-    SEQUENTIAL,
-    WIDTH,
-    add_legend,
-    colour_bar,
-    dress,
-    model_looks,
-    new_figure,
-)
 
 __all__ = ["plot_anchors", "plot_calibration", "plot_occupancy"]
 
@@ -34,13 +24,13 @@ def plot_calibration(nominal: ArrayLike, observed: Mapping[str, ArrayLike]) -> F
         nominal: [L] shares of the truth that the regions should hold.
         observed: [L] shares that they hold, by the model's name.
     """
-    figure, ((axes,),) = new_figure(COLUMN, COLUMN)
-    axes.plot([0, 1], [0, 1], color=INK, linewidth=0.8, label="calibrated")
-    for name, look in model_looks(observed).items():
+    figure, ((axes,),) = style.new_figure(style.COLUMN, style.COLUMN)
+    axes.plot([0, 1], [0, 1], color=style.INK, linewidth=0.8, label="calibrated")
+    for name, look in style.model_looks(observed).items():
         axes.plot(nominal, observed[name], label=name, linewidth=1.6, marker="o", ms=2.5, **look)
     axes.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
-    dress(axes, "nominal coverage", "observed coverage")
-    add_legend(figure, axes)
+    style.dress(axes, "nominal coverage", "observed coverage")
+    style.add_legend(figure, axes)
     return figure
 
 
@@ -62,14 +52,13 @@ def plot_occupancy(
     for sample, likely in zip(paths.reshape(len(paths), -1, 2), weight):
         square = (x - sample[:, :1])[:, None] ** 2 + ((y - sample[:, 1:]) ** 2)[..., None]
         share += likely * (square <= REACH**2).any(axis=0)
-    figure, ((axes,),) = new_figure(COLUMN, 2.8)
-    look = {"cmap": SEQUENTIAL, "vmin": 0, "vmax": 1, "rasterized": True, "zorder": 2}
+    figure, ((axes,),) = style.new_figure(style.COLUMN, 2.8)
+    look = {"cmap": style.SEQUENTIAL, "vmin": 0, "vmax": 1, "rasterized": True, "zorder": 2}
     floor = axes.pcolormesh(x, y, np.ma.masked_less(share, 0.005), **look)
-    draw_paths(axes, past, color=INK, linewidth=1.0, zorder=3)
-    axes.plot(*past[:, -1].T, "o", color=INK, markersize=3, zorder=3)
-    axes.set_aspect("equal", adjustable="datalim")
-    dress(axes, "x [m]", "y [m]")
-    colour_bar(figure, floor, axes, "probability that somebody comes by")
+    draw_paths(axes, past, color=style.INK, linewidth=1.0, zorder=3)
+    axes.plot(*past[:, -1].T, "o", color=style.INK, markersize=3, zorder=3)
+    style.dress_floor(axes)
+    style.colour_bar(figure, floor, axes, "probability that somebody comes by")
     return figure
 
 
@@ -83,15 +72,15 @@ def plot_anchors(observed: ArrayLike, samples: ArrayLike, probability: ArrayLike
     """
     past, share = np.asarray(observed, float), np.asarray(probability, float)
     order = share.argsort(kind="stable")
-    colours = SEQUENTIAL(share[order] / share.max())
-    figure, ((where, bars),) = new_figure(WIDTH, 2.9, 1, 2, width_ratios=(1.7, 1))
-    draw_paths(where, past, color=INK, linewidth=1.0)
+    colours = style.SEQUENTIAL(share[order] / share.max())
+    figure, ((where, bars),) = style.new_figure(style.WIDTH, 2.9, 1, 2, width_ratios=(1.7, 1))
+    draw_paths(where, past, color=style.INK, linewidth=1.0)
     for sample, colour in zip(np.asarray(samples, float)[order], colours):
         draw_paths(where, sample, past, color=colour, linewidth=1.2)
-    where.set_aspect("equal", adjustable="datalim")
-    dress(where, "x [m]", "y [m]")
+    style.dress_floor(where)
     bars.bar(range(len(share), 0, -1), share[order], color=colours)
-    bars.axhline(1 / len(share), color=INK, linewidth=0.8, linestyle="--", label="all the same")
-    dress(bars, "sample, by rank", "probability")
-    add_legend(figure, bars)
+    even = {"linewidth": 0.8, "linestyle": "--", "label": "all the same"}
+    bars.axhline(1 / len(share), color=style.INK, **even)
+    style.dress(bars, "sample, by rank", "probability")
+    style.add_legend(figure, bars)
     return figure

@@ -23,8 +23,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 
 __all__ = ["COLUMN", "ENDINGS", "INK", "LABEL", "PALETTE", "SEQUENTIAL", "SMALL", "TRUTH", "WIDTH"]
-__all__ += ["Style", "add_legend", "colour_bar", "dress", "model_looks", "new_figure"]
-__all__ += ["save_figure", "use_style"]
+__all__ += ["Style", "add_legend", "colour_bar", "dress", "dress_floor", "model_looks"]
+__all__ += ["new_figure", "save_figure", "use_style"]
 
 WIDTH, COLUMN = 7.0, 3.4
 """Width of a figure over both columns of a paper, and over one, inches."""
@@ -54,6 +54,8 @@ _LOOKS = {
     "sampled": ("#999999", (0, (6, 1, 1, 1, 1, 1))),
     "constant": (GREY, DASHED),
     "linear": (GREY, DASHED),
+    "anchor table": ("#44AA99", (0, (6, 1, 2, 1))),
+    "anchors": (PURPLE, (0, (8, 3))),
     "cnd": (BLUE, DOTTED),
     "ones": (AMBER, DOTTED),
     "learned": (PURPLE, DOTTED),
@@ -63,12 +65,12 @@ _LOOKS = {
     "sgan": (RED, DASH_DOT),
 }
 _OTHERS = (
-    (PURPLE, (0, (8, 3))),
     (AMBER, (0, (1, 3))),
     (SKY, (0, (2, 1))),
-    ("#44AA99", (0, (6, 1, 2, 1))),
     ("#332288", (0, (4, 1, 1, 1, 1, 1))),
     ("#882255", (0, (3, 3))),
+    (PURPLE, (0, (8, 3))),
+    ("#44AA99", (0, (6, 1, 2, 1))),
 )
 _UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
@@ -87,8 +89,8 @@ def model_looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     looks: dict[str, Any] = {}
     for name in dict.fromkeys(names):
         own = [look for kind, look in _LOOKS.items() if kind in name.lower()][:1]
-        free = [look for look in (*own, *_OTHERS) if look not in looks.values()]
-        looks[name] = [*free, _OTHERS[len(looks) % len(_OTHERS)]][0]
+        free = (look for look in (*own, *_OTHERS) if look not in looks.values())
+        looks[name] = next(free, _OTHERS[len(looks) % len(_OTHERS)])
     return {name: {"color": colour, "linestyle": line} for name, (colour, line) in looks.items()}
 
 
@@ -107,13 +109,19 @@ def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str | None = 
     """Set labels and a title, wrapped to the width of the axes."""
     axes.set(xlabel=x_label, ylabel=_wrapped(y_label, 24))
     if title:
-        figure, grid = axes.get_figure(), axes.get_gridspec()
-        assert isinstance(figure, Figure)
-        assert grid is not None
+        figure: Any = axes.get_figure()
+        grid: Any = axes.get_gridspec()
         inches = figure.get_figwidth() / grid.ncols - 0.5
         # A letter is about half as wide as high.
         text = _wrapped(title, int(inches * 72 / (0.52 * TITLE)))
         axes.set_title(text, fontsize=TITLE, color=INK, loc="left", pad=6)
+
+
+def dress_floor(axes: Axes, title: str | None = None, y_label: str = "y [m]") -> None:
+    """`dress` axes that show the floor: metres are as long along both, and plain numbers."""
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.ticklabel_format(useOffset=False, style="plain")
+    dress(axes, "x [m]", y_label, title)
 
 
 def add_legend(figure: Figure, *panels: Axes) -> None:
@@ -135,10 +143,9 @@ def add_legend(figure: Figure, *panels: Axes) -> None:
 
 def colour_bar(figure: Figure, image: Any, axes: Axes, label: str) -> None:
     """Add the scale of an image's or a collection's colours beside `axes`."""
-    bar = figure.colorbar(image, ax=axes, pad=0.01)
+    with _styled():
+        bar = figure.colorbar(image, ax=axes, pad=0.01, label=label)
     bar.outline.set_visible(False)
-    bar.set_label(label, fontsize=LABEL)
-    bar.ax.tick_params(labelsize=SMALL)
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.plotting.style import COLUMN, PALETTE, WIDTH, dress, new_figure
+from neurosym_jax.plotting.style import COLUMN, PALETTE, WIDTH, dress_floor, new_figure
 
 __all__ = ["plot_tracks", "read_underlay"]
 
@@ -43,9 +43,7 @@ def plot_tracks(
         axes.add_collection(LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7))
         axes.scatter(*np.array([path[0] for path in paths]).T, s=3, c=colours, zorder=3)
         axes.autoscale()
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.ticklabel_format(useOffset=False, style="plain")
-        dress(axes, "x [m]", "y [m]", tracks.recording[:60])
+        dress_floor(axes, tracks.recording[:60])
         if underlay is not None:
             _draw_underlay(axes, *map(np.asarray, underlay))
     for axes in grid.ravel()[len(shown) :]:

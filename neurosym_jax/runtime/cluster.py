@@ -12,8 +12,6 @@ from neurosym_jax.plugins import load_entry_points, load_plugin, loaded
 
 __all__ = ["cluster_map"]
 
-SECONDS_TO_ANSWER = 10
-
 
 @contextlib.contextmanager
 def cluster_map(address: str) -> Iterator[Callable[..., Iterable[Any]]]:
@@ -33,7 +31,7 @@ def cluster_map(address: str) -> Iterator[Callable[..., Iterable[Any]]]:
     except ImportError:
         raise InputError("--cluster needs Dask: pip install 'neurosym-jax[cluster]'") from None
     try:
-        client = Client(address, timeout=SECONDS_TO_ANSWER, set_as_default=False)
+        client = Client(address, timeout=10, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(f"--cluster {address}: no Dask scheduler answers ({error})") from None
     with client:

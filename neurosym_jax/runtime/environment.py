@@ -19,17 +19,20 @@ __all__ = ["available_memory", "code_version", "cpu_cores", "provenance", "refus
 __all__ += ["run_environment"]
 
 _PACKAGES = ("jax", "jaxlib", "flax", "optax", "numpy", "orbax-checkpoint")
+_VECTORS = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
 
 
 def run_environment() -> dict[str, Any]:
     """Versions, threads, instruction set, device and precision; JSON-able. Starts JAX's backend."""
-    device = jax.devices()[0]
+    device, info = jax.devices()[0], Path("/proc/cpuinfo")
+    known = info.read_text().split() if info.exists() else []
+    vectors = [name for name in _VECTORS if name in known][:1]  # the widest
     return {
         "python": platform.python_version(),
         **{name: importlib.metadata.version(name) for name in _PACKAGES},
         # By XLA's own rule.
         "threads": int(os.environ.get("PJRT_NPROC") or os.environ.get("NPROC") or cpu_cores()),
-        "cpu": _instruction_set(),
+        "cpu": " ".join([platform.machine(), *vectors]),
         "platform": device.platform,
         "device": device.device_kind,
         "x64": bool(jax.config.read("jax_enable_x64")),
@@ -70,17 +73,7 @@ def code_version() -> str | None:
 
 def cpu_cores() -> int:
     """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _instruction_set() -> str:
-    """The architecture and, on Linux, its widest vector extension."""
-    info = Path("/proc/cpuinfo")
-    known = set(info.read_text().split()) if info.exists() else set()
-    widest = ("avx512f", "avx2", "avx", "sse4_2", "sve2", "sve", "asimd")
-    return " ".join([platform.machine(), *[name for name in widest if name in known][:1]])
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def _digests(paths: Iterable[Path | str]) -> dict[str, str]:

@@ -18,30 +18,26 @@ from typing import Any
 from neurosym_jax.errors import InputError
 
 __all__ = ["append_text", "folder_digest", "new_file", "new_folder", "refuse_unwritable"]
-__all__ += ["sync", "write_json", "write_text"]
+__all__ += ["write_json", "write_text"]
 
 
-@contextlib.contextmanager
-def new_file(path: Path | str) -> Iterator[Path]:
-    """Path of a temporary file that replaces `path` on exit; an error removes it.
+def new_file(path: Path | str) -> contextlib.AbstractContextManager[Path]:
+    """A context with the path of a temporary file, which replaces `path` unless there is an error.
 
     A missing folder is made. Where `path` cannot be written, an `InputError` says why.
     """
-    with _beside(Path(path), Path.touch) as beside:
-        yield beside
+    return _beside(Path(path), Path.touch)
 
 
-@contextlib.contextmanager
-def new_folder(path: Path | str) -> Iterator[Path]:
-    """Path of a temporary folder that becomes `path` on exit; an error removes it.
+def new_folder(path: Path | str) -> contextlib.AbstractContextManager[Path]:
+    """A context with the path of a temporary folder, which becomes `path` unless there is an error.
 
     Raises:
         InputError: if `path` exists or cannot be written.
     """
     if os.path.exists(path):  # os's also for a name that is too long.
         raise InputError(f"{path}: already there, and nothing is overwritten")
-    with _beside(Path(path), Path.mkdir) as beside:
-        yield beside
+    return _beside(Path(path), Path.mkdir)
 
 
 @contextlib.contextmanager
@@ -54,9 +50,9 @@ def _beside(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
         try:
             yield beside
             for each in (*beside.rglob("*"), beside):
-                sync(each)
+                _sync(each)
             beside.replace(path)
-            sync(path.parent)
+            _sync(path.parent)
         finally:
             shutil.rmtree(beside, ignore_errors=True)
             with contextlib.suppress(OSError):  # It is a folder, or in its place.
@@ -107,7 +103,7 @@ def refuse_unwritable(path: Path | str) -> None:
             pass
 
 
-def sync(path: Path) -> None:
+def _sync(path: Path) -> None:
     """Wait until a file, or the entries of a folder, are on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:

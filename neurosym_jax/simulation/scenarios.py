@@ -2,9 +2,11 @@
 
 The scenarios are those of the NeuroSyM robot experiment: in `all-forward` people walk side by side
 to the room's end and back, in `cross-path` they cross each other's way. A 10 Hz tracker sees them.
-Results on them do not rank methods for real people.
+Results on them do not rank methods for real people. The tracker's faults are options: noise,
+drop-outs, and ids that change.
 """
 
+import dataclasses
 import functools
 from typing import Any, Literal
 
@@ -12,22 +14,28 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.configuration import Count, Positive, Seed, refuse
-from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, resample
+from neurosym_jax.configuration import Checked, Count, NotNegative, Positive, Seed, Share, refuse
+from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.simulation.social_force import ABREAST, Plan, walk
-from neurosym_jax.simulation.tracker import TrackerFaults, track
 
-__all__ = ["ROOM", "Scenario", "simulate", "simulate_labelled", "synthetic_tracks"]
+__all__ = ["ROOM", "Scenario", "TrackerFaults", "simulate", "simulate_labelled"]
 
 Scenario = Literal["all-forward", "cross-path"]
 
 ROOM = (5.0, 8.2)  # metres along x and y; one corner is the origin
+SWAP_DISTANCE = 0.8  # m within which a tracker can confuse two people
 
 
-def synthetic_tracks(scenario: Scenario, seed: int = 0) -> Tracks:
-    """Two minutes of two people, tracked without faults, resampled to 0.4 s: 301 points each."""
-    return resample(simulate(scenario, seed), PERIOD)
+@dataclasses.dataclass(frozen=True)
+class TrackerFaults(Checked):
+    """Faults of a tracker; the default is a good tracker with a little noise."""
+
+    noise: NotNegative = 0.02  # standard deviation in metres of each coordinate
+    dropout: Share = 0.0  # probability per frame that the tracker loses a person
+    dropout_seconds: NotNegative = 1.0  # mean length of a loss, geometrically distributed
+    id_switch: Share = 0.0  # probability that a lost person comes back under a new id
+    id_swap: Share = 0.0  # probability per frame that two people within 0.8 m exchange their ids
 
 
 def simulate(scenario: Scenario, seed: int = 0, duration: float = 120.0, **options: Any) -> Tracks:
@@ -57,8 +65,7 @@ def simulate_labelled(
     frames = int(duration * rate + 1e-6) + 1
     walked = _walk_frames(_key(seed, 0), scenario, people, frames, float(rate))
     path, stamp = np.asarray(walked, np.float64), np.arange(frames) / rate
-    keys = _key(seed, 1), _key(seed, 2)
-    frame, person, ids, position = track(path, faults or TrackerFaults(), rate, *keys)
+    frame, person, ids, position = _tracked(path, faults or TrackerFaults(), rate, seed)
     tracks = make_tracks(f"synthetic/{scenario}/{seed}", stamp[frame], ids, position)
     return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
 
@@ -128,5 +135,48 @@ def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: 
     chance = jax.random.uniform(key, (plans + steps * 2 * people,), jnp.float32)
     kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
     plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
-    plan = jax.tree.map(lambda array: array.astype(jnp.float32), plan)
+    plan = Plan(*(each.astype(jnp.float32) for each in plan))
     return walk(plan, kicks, 1 / (rate * substeps), ROOM, scenario == "all-forward")[::substeps]
+
+
+def _tracked(
+    path: np.ndarray, faults: TrackerFaults, rate: float, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The R rows of a tracker with `rate` frames a second: [R] frame and [R] person, which index
+    `path` [F, P, 2] (metres), [R] the tracker's id, and [R, 2] the position."""
+    lost, label = _identities(path, faults, rate, seed)
+    frame, person = np.nonzero(~lost)
+    noise = np.asarray(jax.random.normal(_key(seed, 2), path.shape, jnp.float32), np.float64)
+    position = path[frame, person] + faults.noise * noise[frame, person]
+    return frame, person, label[frame, person], position
+
+
+def _identities(
+    path: np.ndarray, faults: TrackerFaults, rate: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """[F, P] bool: who is lost; and [F, P] int64: the tracker's ids."""
+    frames, people, _ = path.shape
+    if faults.dropout == faults.id_swap == 0:
+        return np.zeros((frames, people), bool), np.tile(np.arange(people), (frames, 1))
+    drawn = jax.random.uniform(_key(seed, 1), (frames, people, 3 + people), jnp.float32)
+    chance = np.asarray(drawn, np.float64)
+    frame = np.arange(frames)[:, None]
+    # Geometric length by inversion: P(more than n frames) = (1 - 1 / mean) ** n.
+    mean = max(faults.dropout_seconds * rate, 1.0)
+    tail = np.log1p(-1 / mean) if mean > 1 else -np.inf
+    length = 1 + np.floor(np.log1p(-chance[..., 1]) / tail)
+    begins = chance[..., 0] < faults.dropout
+    lost = np.maximum.accumulate(np.where(begins, frame + length, 0.0), axis=0) > frame
+
+    back = np.zeros((frames, people), bool)
+    back[1:] = lost[:-1] & ~lost[1:] & np.logical_or.accumulate(~lost, axis=0)[:-1]
+    renamed = back & (chance[..., 2] < faults.id_switch)
+    fresh = people - 1 + np.cumsum(renamed).reshape(renamed.shape)
+    label = np.maximum.accumulate(np.where(renamed, fresh, np.arange(people)), axis=0)
+
+    between = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1)
+    close = (between < SWAP_DISTANCE) & ~lost[:, :, None] & ~lost[:, None]
+    swaps = np.triu(close & (chance[..., 3:] < faults.id_swap), 1)
+    for at, one, two in np.argwhere(swaps):
+        label[at:, [one, two]] = label[at:, [two, one]]
+    return lost, label

@@ -65,8 +65,7 @@ def walk(
     `kicks` [F + 1, 2, P] of unit variance change pace and heading at random. With `abreast`, people
     0 and 1, 2 and 3, ... are pairs that stay side by side across x.
     """
-    people = plan.goal.shape[1]
-    ahead = plan.goal[1] - plan.goal[0]
+    people, ahead = plan.goal.shape[1], plan.goal[1] - plan.goal[0]
     start = _State(
         position=plan.goal[0],
         velocity=jnp.zeros((people, 2), jnp.float32),
@@ -129,10 +128,8 @@ def _step(
         rank = ABREAST * np.stack([everyone - partner, 0 * everyone], -1).astype(np.float32)
         gap, drift = (each - each[partner] for each in (state.position, state.velocity))
         force = force + SPRING / 2 * (rank - gap) - DAMPING / 2 * drift
-    from_all = jax.vmap(_repulsion, (None, 0, None, None, 0))
-    push = jax.vmap(from_all, (0, None, 0, 0, None))(
-        state.position, state.position, heading, state.velocity, state.velocity
-    )
+    of_all = jax.vmap(jax.vmap(_repulsion, (None, 0, None, None, 0)), (0, None, 0, 0, None))
+    push = of_all(state.position, state.position, heading, state.velocity, state.velocity)
     force = force + jnp.sum(jnp.where(others[..., None], push, 0.0), axis=1)
 
     velocity = state.velocity + dt * force
@@ -141,8 +138,7 @@ def _step(
     position = state.position + dt * velocity
     inside = jnp.clip(position, MARGIN, np.array([room], np.float32) - MARGIN)
     velocity = jnp.where(position == inside, velocity, 0.0)
-    after = _State(inside, velocity, heading, wobble, leg, since, pause, arrived)
-    return after, state.position
+    return _State(inside, velocity, heading, wobble, leg, since, pause, arrived), state.position
 
 
 def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
@@ -164,10 +160,9 @@ def _repulsion(own, other, heading, own_velocity, velocity) -> jax.Array:
 def _walls(position: jax.Array, room: tuple[float, float]) -> jax.Array:
     """Acceleration [P, 2] away from the four walls."""
 
-    def push(distance):
-        return WALL / WALL_RANGE * jnp.exp(-distance / WALL_RANGE)
-
-    return push(position) - push(np.array([room], np.float32) - position)
+    distances = position, np.array([room], np.float32) - position
+    near, far = (WALL / WALL_RANGE * jnp.exp(-distance / WALL_RANGE) for distance in distances)
+    return near - far
 
 
 def _length(vector: jax.Array) -> jax.Array:

@@ -14,15 +14,12 @@ Tables are read-only; their rows are those of `states.all_states`.
 import functools
 from typing import Literal
 
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
-from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import refuse
-from neurosym_jax.symbolic.states import ABSENT, Calculus, all_states, encode_state
+from neurosym_jax.symbolic.states import ABSENT, Calculus, all_states
 
-__all__ = ["Rule", "adjacency", "alpha_from_states", "alpha_table"]
+__all__ = ["Rule", "adjacency", "alpha_table"]
 
 Rule = Literal["dominance", "continuity"]
 
@@ -60,8 +57,3 @@ def alpha_table(
     table = 1 / (adjacency(calculus, rule).sum(axis=1) + include_self)
     table.flags.writeable = False
     return table
-
-
-def alpha_from_states(states: ArrayLike, table: ArrayLike) -> Array:
-    """[...] weights of QTC_C1 states [..., 4] in {-1, 0, 1}, from a table [81] by state code."""
-    return jnp.asarray(table).at[encode_state(states)].get(mode="clip")

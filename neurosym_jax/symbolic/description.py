@@ -1,4 +1,4 @@
-"""States and weights of a scene's pairs, observed and forecast, as arrays, text and rows."""
+"""States and events of a scene's pairs, observed and forecast, as text and rows."""
 
 import dataclasses
 import itertools
@@ -8,55 +8,11 @@ import jax
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.forecast import SymbolSettings, symbolic_events, symbolic_forecast
 from neurosym_jax.symbolic.states import Calculus, all_states, format_state
-from neurosym_jax.symbolic.weighting import Weighting
 
-__all__ = [
-    "ScenePairs",
-    "describe_pairs",
-    "forecast_rows",
-    "format_forecast",
-    "format_pairs",
-    "state_texts",
-]
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class ScenePairs:
-    """States and weights of the pairs of a scene."""
-
-    position: np.ndarray
-    """[N, T, 2] metres."""
-    people: np.ndarray
-    """[N] ids."""
-    codes: np.ndarray
-    """[N, N, T - 1] codes of the QTC_C1 states, as the weighting observes them."""
-    alpha: np.ndarray
-    """[N, N, T] weights."""
-    period: float
-    """Seconds between steps."""
-
-    @property
-    def constant(self) -> bool:
-        """Whether alpha is the same for all pairs at all steps but the first."""
-        others = self.alpha[~np.eye(len(self.alpha), dtype=bool)][:, 1:]
-        return others.size > 0 and np.ptp(others) == 0
-
-
-def describe_pairs(
-    weighting: Weighting,
-    parameters: dict[str, Any],
-    position: np.ndarray,
-    people: np.ndarray,
-    period: float,
-) -> ScenePairs:
-    """The pairs of the scene `position [N, T, 2]`; `parameters` are the weighting's."""
-    given = parameters, make_scene(position).observed
-    codes, alpha = (np.asarray(of(*given)) for of in (weighting.codes, weighting.alpha))
-    return ScenePairs(position, people, codes, alpha, period)
+__all__ = ["forecast_rows", "format_forecast", "format_pairs", "is_constant", "state_texts"]
 
 
 def state_texts(calculus: Calculus = "c1") -> list[str]:
@@ -64,15 +20,24 @@ def state_texts(calculus: Calculus = "c1") -> list[str]:
     return [format_state(state, "") for state in all_states(calculus)]
 
 
-def format_pairs(pairs: ScenePairs) -> str:
-    """A line for every unordered pair: its state at each step, `.` where it does not change."""
+def is_constant(alpha: np.ndarray) -> bool:
+    """Whether `alpha [N, N, T]` is the same for all pairs at all steps but the first."""
+    others = alpha[~np.eye(len(alpha), dtype=bool)][:, 1:]
+    return others.size > 0 and np.ptp(others) == 0
+
+
+def format_pairs(codes: np.ndarray, people: np.ndarray, period: float) -> str:
+    """A line for every unordered pair of `people [N]`: its state at each step, `.` if unchanged.
+
+    `codes [N, N, T - 1]` are those of QTC_C1, a step every `period` seconds.
+    """
     texts = state_texts()
-    head = [f"{pairs.period * (step + 1):>5.1f}" for step in range(pairs.codes.shape[-1])]
+    head = [f"{period * (step + 1):>5.1f}" for step in range(codes.shape[-1])]
     lines = ["pair (k, l)     s " + " ".join(head)]
-    for i, j in zip(*np.triu_indices(len(pairs.people), 1)):
-        codes = [-1, *pairs.codes[i, j]]
-        cells = ("." if now == last else texts[now] for last, now in itertools.pairwise(codes))
-        pair = f"({pairs.people[i]}, {pairs.people[j]})"
+    for i, j in zip(*np.triu_indices(len(people), 1)):
+        steps = itertools.pairwise([-1, *codes[i, j]])
+        cells = ("." if now == last else texts[now] for last, now in steps)
+        pair = f"({people[i]}, {people[j]})"
         lines.append(f"{pair:18}" + " ".join(f"{cell:>5}" for cell in cells))
     return "\n".join(lines)
 
@@ -100,7 +65,7 @@ def forecast_rows(
             for share in states[k, l]
         ]
         pair = {"k": people[k].item(), "l": people[l].item(), "period": settings.period}
-        rows.append({**pair, "events": happens, "states": likely})
+        rows.append(pair | {"events": happens, "states": likely})
     return rows
 
 

@@ -9,7 +9,6 @@ of k samples is not impossible: of C classes the one counted n times gets
 the mean of a Dirichlet distribution with a uniform prior of weight w: as if w more samples had been
 seen. The default w = 1 is Perks' prior (1947, "Some observations on inverse probability including a
 new indifference rule"), and for an event, which has two classes, Jeffreys'.
-`evaluation.symbol_scores` scores the probabilities.
 """
 
 import dataclasses

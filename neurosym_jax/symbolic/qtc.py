@@ -58,8 +58,7 @@ def observe(
     and may be traced.
 
     Args:
-        k: [..., T, 2] positions in metres.
-        l: [..., T, 2] positions in metres; leading axes broadcast against those of `k`.
+        k, l: [..., T, 2] positions in metres; leading axes broadcast.
         calculus: `b1`, `c1` or `bc1`.
         convention: see the module.
         quantisation_factor: metres per step up to which q1 and q2 are 0.

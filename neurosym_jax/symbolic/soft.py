@@ -57,13 +57,8 @@ def soft_symbols(
     soft = jnp.stack(approaches + sides, axis=-2)
     if not straight_through:
         return soft
-    hard = observe(
-        k,
-        l,
-        convention=convention,
-        quantisation_factor=quantisation_factor,
-        side_quantisation_factor=of_sides,
-    )
+    factors = {"quantisation_factor": quantisation_factor, "side_quantisation_factor": of_sides}
+    hard = observe(k, l, "c1", convention=convention, **factors)
     return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
 
 

@@ -5,7 +5,7 @@ A state is a vector of m symbols in {-1, 0, 1} (int8), or `ABSENT` where QTC_BC 
 """
 
 import functools
-from typing import Literal, get_args
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +16,6 @@ from neurosym_jax.configuration import refuse
 
 __all__ = [
     "ABSENT",
-    "CALCULI",
     "Calculus",
     "all_states",
     "collapse",
@@ -30,7 +29,6 @@ ABSENT = np.int8(2)
 """A symbol that the state does not have: q3 and q4 of a QTC_BC state of a pair far apart."""
 
 Calculus = Literal["b1", "c1", "bc1"]
-CALCULI: tuple[Calculus, ...] = get_args(Calculus)
 
 
 @functools.cache

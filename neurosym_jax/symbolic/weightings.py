@@ -41,10 +41,7 @@ __all__ = [
 
 @dataclasses.dataclass(frozen=True)
 class Cnd(Weighting):
-    """1 / N_Tr, N_Tr the number of neighbours of the state in the diagram of the theory.
-
-    What the papers describe.
-    """
+    """The papers' 1 / N_Tr, N_Tr the number of neighbours of the state in the theory's diagram."""
 
     title = "cnd"
     quantisation_factor: NotNegative = 0.0
@@ -56,11 +53,8 @@ class Cnd(Weighting):
 
     def thresholds(self, parameters: Parameters) -> dict[str, Any]:
         """See `Weighting.thresholds`; a learned quantisation factor replaces the option."""
-        factor = self.quantisation_factor
-        if "log_quantisation_factor" in parameters:
-            factor = jnp.exp(parameters["log_quantisation_factor"])
         return {
-            "quantisation_factor": factor,
+            "quantisation_factor": value_of(parameters, self, "quantisation_factor"),
             "side_quantisation_factor": self.side_quantisation_factor,
             "convention": self.convention,
         }
@@ -80,6 +74,12 @@ class Cnd(Weighting):
         """[N, N, T-1] weights of the states observed in positions [N, T, 2] of `valid [N]`."""
         table = jnp.asarray(parameters.get("table", self.state_weights()), positions.dtype)
         return table.at[self.codes(parameters, positions)].get(mode="clip")
+
+
+def value_of(parameters: Parameters, weighting: Weighting, option: str) -> Any:
+    """An option of `weighting`, or its learned value, of which the logarithm is a parameter."""
+    name = f"log_{option}"
+    return jnp.exp(parameters[name]) if name in parameters else getattr(weighting, option)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,13 +141,10 @@ class Quantised(Cnd):
         """See `Cnd.observed`."""
         if not (self.learned or self.fades):
             return super().observed(parameters, positions, valid)
-        temperature = self.temperature
-        if "log_temperature" in parameters:
-            temperature = jnp.exp(parameters["log_temperature"])
         probabilities = soft_symbols(
             positions[:, None],
             positions,
-            temperature=temperature,
+            temperature=value_of(parameters, self, "temperature"),
             straight_through=not self.fades,
             **self.thresholds(parameters),
         )

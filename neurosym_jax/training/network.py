@@ -6,8 +6,7 @@ from typing import Any
 from neurosym_jax.configuration import changed, differences
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.poolings import POOLINGS, pooling_names
+from neurosym_jax.models.config import POOLINGS, GeneratorConfig, pooling_names
 
 __all__ = ["ANCHORS", "POOLING_OF", "model_name", "named_network"]
 

@@ -18,9 +18,8 @@ from numpy.typing import ArrayLike
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_robot.online.window import Window, nearest_first
 

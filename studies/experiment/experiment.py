@@ -14,8 +14,7 @@ import numpy as np
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import shipped_models
-from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
-from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults, simulate_labelled
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import STRAIGHT, Analytics, replay
 from neurosym_robot.ros.bags import BagWriter, read_people

@@ -9,8 +9,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score as score_scene
-from neurosym_jax.simulation.scenarios import Scenario
-from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import straight
 from neurosym_robot.tracking.following import Frame

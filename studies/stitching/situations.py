@@ -6,8 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks, make_tracks
-from neurosym_jax.simulation.scenarios import simulate_labelled
-from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.simulation.scenarios import TrackerFaults, simulate_labelled
 
 __all__ = ["SITUATIONS"]
 

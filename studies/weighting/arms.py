@@ -7,10 +7,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.models.anchors import AnchorConfig
-from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.poolings import POOLINGS
-from neurosym_jax.symbolic.cnd import alpha_from_states
+from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
+from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting, to_wrong_pairs
 from neurosym_jax.training.recipe import RECIPES, AnchorRecipe, Recipe, TrainConfig
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
@@ -39,13 +38,16 @@ class Arm:
 
 def _right(positions: Array, valid: Array) -> Array:
     """[N, N, T] 1 for who was last seen on one's path (see `control`), else 0."""
-    return _from_first(alpha_from_states(observe(positions[:, None], positions), ON_ONES_PATH))
+    return _from_first(_observed(positions))
 
 
 def _wrong(positions: Array, valid: Array) -> Array:
     """[N, N, T] the weights of `_right` with the wrong pairs, as `shuffled` has those of `cnd`."""
-    right = alpha_from_states(observe(positions[:, None], positions), ON_ONES_PATH)
-    return _from_first(to_wrong_pairs(right, positions[:, -1], valid))
+    return _from_first(to_wrong_pairs(_observed(positions), positions[:, -1], valid))
+
+
+def _observed(positions: Array) -> Array:
+    return jnp.asarray(ON_ONES_PATH)[encode_state(observe(positions[:, None], positions))]
 
 
 def _from_first(observed: Array) -> Array:

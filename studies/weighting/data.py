@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.readers.eth_ucy import read_split
+from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.tracks import PERIOD, Tracks, make_tracks, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
@@ -60,7 +60,8 @@ def load(name: str, data: Path) -> tuple[Windows, Windows]:
             for runs in (LEARNED, TESTED)
         )
     else:
-        learned, tested = (read_split(data / "eth_ucy", name, split) for split in ("train", "test"))
+        source = open_source(data / "eth_ucy")
+        learned, tested = source.recordings(name, "train"), source.recordings(name)
     return cut_windows(learned, *LENGTHS), cut_windows(tested, *LENGTHS, skip=SKIP)
 
 

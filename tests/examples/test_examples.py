@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import re
 import runpy
 from pathlib import Path
 from unittest import mock
@@ -57,22 +58,6 @@ def test_a_weighting_of_ones_own_is_trained(monkeypatch):
     assert example("own_weighting").main(steps=5, weightings=("nearness",)) != 1.0
 
 
-@pytest.fixture
-def script(capsys, monkeypatch):
-    """Runs a script of at most ten lines; gives what it prints."""
-
-    def run(name, *arguments):
-        path = FOLDER / f"{name}.py"
-        body = ast.parse(path.read_text()).body[1:]
-        lines = {node.lineno for part in body for node in ast.walk(part) if hasattr(node, "lineno")}
-        assert len(lines) <= 14, "imports and ten lines"
-        monkeypatch.setattr("sys.argv", [str(path), *map(str, arguments)])
-        runpy.run_path(str(path), run_name="__main__")
-        return capsys.readouterr().out
-
-    return run
-
-
 @pytest.fixture(scope="module")
 def tracks(tmp_path_factory):
     """Four people who cross each other's way for 16 s."""
@@ -87,34 +72,32 @@ def tracks(tmp_path_factory):
 
 
 MODEL = FOLDER.parent / "checkpoints" / "sgan_simulations_8"
+NUMBER, POSITIVE = r"([0-9.]+) *(?:± [0-9.]+)? *", r"[0-9.]*[1-9][0-9.e-]*"
 
 
 @pytest.mark.slow
-def test_tracks_to_errors(script, tracks):
-    lines = script("evaluate_tracks", tracks, MODEL).splitlines()
-    row, *_ = (line for line in lines if line.startswith("SGAN "))
-    ade, fde, *_ = (float(word) for word in row.split()[1:] if not word.startswith("±"))
-    assert 0 < ade < fde < 3
-
-
-@pytest.mark.slow
-def test_frame_by_frame(script, tracks):
-    lines = script("forecast_frames", tracks, MODEL).splitlines()
-    assert len(lines) == 40 - 7
-    assert lines[0] == "2.8 s: 4 people, samples (20, 4, 8, 2)"
-
-
-@pytest.mark.slow
-def test_gradients_of_a_weight(script):
-    lines = script("weighting_gradient").splitlines()
-    gradients = {line.split()[3][:-1]: float(line.split()[-1]) for line in lines[1:]}
-    assert gradients["log_temperature"] > 0
-    assert gradients["log_quantisation_factor"] > 0
-
-
-@pytest.mark.slow
-def test_a_model_is_trained(script, tmp_path):
-    assert "ADE" in script("train_model", tmp_path / "run", 2)
+@pytest.mark.parametrize(
+    ("name", "arguments", "prints"),
+    [
+        ("evaluate_tracks", ["TRACKS", MODEL], rf"\nSGAN +{NUMBER}{NUMBER}"),
+        ("forecast_frames", ["TRACKS", MODEL], r"^2\.8 s: 4 people, samples \(20, 4, 8, 2\)\n"),
+        ("weighting_gradient", [], rf"_factor: {POSITIVE}\n.* by log_temperature: {POSITIVE}\n"),
+        ("train_model", ["OUT", 2], "ADE"),
+    ],
+)
+def test_a_script_of_ten_lines(name, arguments, prints, tracks, tmp_path, capsys, monkeypatch):
+    path, places = FOLDER / f"{name}.py", {"TRACKS": tracks, "OUT": tmp_path / "run"}
+    body = ast.parse(path.read_text()).body[1:]
+    lines = {node.lineno for part in body for node in ast.walk(part) if hasattr(node, "lineno")}
+    assert len(lines) <= 14, "imports and ten lines"
+    given = [str(places.get(each, each)) for each in arguments]
+    monkeypatch.setattr("sys.argv", [str(path), *given])
+    runpy.run_path(str(path), run_name="__main__")
+    found = re.search(prints, text := capsys.readouterr().out)
+    assert found, text
+    if name == "evaluate_tracks":
+        assert 0 < float(found[1]) < float(found[2]) < 3
+    assert name != "forecast_frames" or text.count("\n") == 40 - 7
 
 
 def test_a_metric_of_ones_own():

@@ -13,9 +13,8 @@ from neurosym_jax.forecasting import anchors
 from neurosym_jax.forecasting.anchors import initial_anchors, spread_of
 from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
 from neurosym_jax.forecasting.differentiable import forecast
-from neurosym_jax.forecasting.model import Model, predict, predict_distribution
+from neurosym_jax.forecasting.model import Model, SceneForecaster, predict, predict_distribution
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.scene_forecaster import SceneForecaster
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.scene import make_scene
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.forecasting.differentiable import forecast
+from neurosym_jax.forecasting.forecaster import NoiseSpec, draw_noise
 from neurosym_jax.forecasting.model import Model, predict
-from neurosym_jax.forecasting.noise import NoiseSpec, draw_noise
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, scene_identity

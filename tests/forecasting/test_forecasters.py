@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.forecasting.forecaster import Forecaster, Lengths
+from neurosym_jax.forecasting.forecaster import Forecaster, Lengths, NoiseSpec
 from neurosym_jax.forecasting.forecasters import (
     FORECASTERS,
     HEADING_STD,
@@ -19,7 +19,6 @@ from neurosym_jax.forecasting.forecasters import (
 )
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.noise import NoiseSpec
 from neurosym_jax.scene import make_scene
 
 OBSERVED = np.random.default_rng(0).normal(size=(3, 8, 2)).cumsum(axis=1)

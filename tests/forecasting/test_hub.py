@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from neurosym_jax import InputError, Model, load_model, predict
+from neurosym_jax.data.published import licences_of
 
 COMMIT = "c" * 40
 
@@ -107,7 +108,8 @@ def test_folders_have_the_header_of_the_hub(tmp_path, name, licence, datasets):
 def test_a_licence_that_forbids_commerce_is_the_models(model, tmp_path):
     import dataclasses
 
-    data = {"SDD": "CC BY-NC-SA 3.0"}
+    data = licences_of(["Stanford"])  # As training names a folder of it.
+    assert data == {"SDD": "CC BY-NC-SA 3.0, restricted"}
     made = dataclasses.replace(model("none"), data=data)
     made.save_pretrained(tmp_path / "sdd")
     assert header_of(tmp_path / "sdd")["license"] == "cc-by-nc-sa-3.0"

@@ -13,9 +13,9 @@ from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, predict_scenes, unpacked
+from neurosym_jax.forecasting.forecaster import draw_noise
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.noise import draw_noise
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic import Quantised

@@ -203,7 +203,7 @@ def test_what_is_assumed_is_said(tmp_path, torch):
     [
         ({"g_state": {}}, "has no args"),
         ({"args": {}, "g_state": None}, "has no g_state"),
-        ([], "holds no dictionary"),
+        ([], "has no g_state"),
     ],
 )
 def test_what_is_no_checkpoint(contents, message):

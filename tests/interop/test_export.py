@@ -11,9 +11,9 @@ import pytest
 from neurosym_jax import GeneratorConfig, load_model, predict_distribution
 from neurosym_jax.commands.export import Options, run
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.forecaster import scene_noise
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.networks import initial_generator
-from neurosym_jax.forecasting.noise import scene_noise
 from neurosym_jax.interop.export import export_model
 from neurosym_jax.scene import make_scene
 

@@ -1,3 +1,7 @@
+"""Networks against the same networks step by step, with nothing folded and nothing shared."""
+
+from unittest import mock
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -5,14 +9,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
-from neurosym_jax.models.cell import LSTM, Encoder, LSTMNetwork
-from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.models.layers import Affine, Perceptron
+from neurosym_jax.models.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.models.layers import CELLS, LSTM, Affine, Encoder, LSTMNetwork, Perceptron
 from neurosym_jax.models.pool_net import PoolNetwork
 from neurosym_jax.models.sgan import pooling_network
 from neurosym_jax.scene import make_scene
 from neurosym_jax.symbolic import make_weighting
 from tests.networks import random_params
+
+with mock.patch.dict(POOLINGS), mock.patch.dict(CELLS):
+    from tests.models.network_plugin import GRU  # Registered for other tests by nobody.
 
 CONFIGS = {
     "pool_net": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=4),
@@ -29,6 +35,7 @@ CONFIGS = {
         pred_len=7,
         weighting="quantised",
     ),
+    "gru": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, cell=GRU()),
     "one step": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=1, obs_len=1),
 }
 EACH = pytest.mark.parametrize("config", CONFIGS.values(), ids=list(CONFIGS))
@@ -55,7 +62,8 @@ def dense(x, layer):
     return x @ layer["kernel"] + layer["bias"]
 
 
-def lstm_step(lstm, hidden, cell, x):
+def lstm_step(lstm, state, x):
+    hidden, cell = state
     gates = x @ lstm["input_kernel"] + lstm["input_bias"]
     gates = gates + hidden @ lstm["recurrent_kernel"] + lstm["recurrent_bias"]
     i, f, g, o = np.split(gates, 4, axis=1)
@@ -63,13 +71,31 @@ def lstm_step(lstm, hidden, cell, x):
     return sigmoid(o) * np.tanh(cell), cell
 
 
+def gru_step(gru, state, x):
+    """As its authors write it (Cho et al., 2014; biases as in torch)."""
+    of_input, of_hidden = x @ gru["input_kernel"], state[0] @ gru["recurrent_kernel"]
+    (r, z, n), (hr, hz, hn) = (np.split(each, 3, axis=-1) for each in (of_input, of_hidden))
+    br, bz, bn, bh = np.split(gru["bias"], 4)
+    r, z = sigmoid(r + hr + br), sigmoid(z + hz + bz)
+    return z * state[0] + (1 - z) * np.tanh(n + bn + r * (hn + bh)), state[1]
+
+
+def stepped(part, state, x):
+    """The state (hidden, cell) after a displacement x, in the encoder or decoder `part`."""
+    embedded = dense(x, part["spatial_embedding"])
+    if "gru" in part:
+        return gru_step(part["gru"], state, embedded)
+    return lstm_step(part["lstm"], state, embedded)
+
+
 def unfolded(config, params, scene, noise):
-    """The generator step by step as SGAN's code has it: nothing folded, nothing shared."""
+    """The generator step by step as SGAN's code has it."""
     params = params["params"]
     observed = np.asarray(scene.observed)
-    context = Encoder(LSTM(), config.embedding_dim, config.encoder_h_dim).apply(
-        {"params": params["encoder"]}, scene.displacement
-    )
+    state = (np.zeros((len(observed), config.encoder_h_dim)),) * 2
+    for step in np.moveaxis(np.asarray(scene.displacement), 1, 0):
+        state = stepped(params["encoder"], state, step)
+    context = state[0]
 
     def pool(params, hidden, track):
         """Of the positions so far: NeuroSyM sees as many of them as it observes."""
@@ -96,8 +122,7 @@ def unfolded(config, params, scene, noise):
     track, step = observed, np.asarray(scene.displacement)[:, -1]
     steps = []
     for _ in range(config.pred_len):
-        embedded = dense(step, decoder["spatial_embedding"])
-        hidden, cell = lstm_step(decoder["lstm"], hidden, cell, embedded)
+        hidden, cell = stepped(decoder, (hidden, cell), step)
         step = dense(hidden, decoder["hidden2pos"])
         track = np.concatenate([track, track[:, -1:] + step[:, None]], axis=1)
         steps.append(step)

@@ -4,13 +4,13 @@ import jax
 import pytest
 
 from neurosym_jax.data.batching import make_batches
+from neurosym_jax.data.sources import Synthetic
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
 from neurosym_jax.runtime.environment import available_memory, code_version, run_environment
-from neurosym_jax.simulation.scenarios import synthetic_tracks
 
 
 def test_the_environment_is_json_and_knows_the_threads(monkeypatch):
@@ -25,6 +25,6 @@ def test_the_environment_is_json_and_knows_the_threads(monkeypatch):
 
 def test_an_evaluation_of_too_many_samples_names_what_to_lower():
     assert 1e8 < available_memory() < 1e14
-    batches = make_batches(cut_windows([synthetic_tracks("cross-path", 0)], 8, 8))
+    batches = make_batches(cut_windows(Synthetic().recordings("cross-path"), 8, 8))
     with pytest.raises(InputError, match="ask for fewer samples"):
         score_forecaster(ConstantVelocitySampled(Lengths()), (), batches, samples=10**9, seed=0)

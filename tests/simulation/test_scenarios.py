@@ -6,8 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import ROOM, simulate, simulate_labelled
-from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.simulation.scenarios import ROOM, TrackerFaults, simulate, simulate_labelled
 
 SCENARIOS = ["all-forward", "cross-path"]
 SEEDS = range(4)

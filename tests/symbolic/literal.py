@@ -11,6 +11,7 @@ import random
 
 import numpy as np
 
+CALCULI = ("b1", "c1", "bc1")
 CONVENTIONS = ("distance", "line", "as_published")
 
 

@@ -19,7 +19,6 @@ from neurosym_jax.symbolic.cnd import adjacency, alpha_table
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import (
     ABSENT,
-    CALCULI,
     all_states,
     collapse,
     encode_state,
@@ -132,7 +131,7 @@ def test_qsrlibs_own_cases(qsrlib, calculus):
 )
 def test_symmetries(convention, pair, turns, shift, angle):
     states = np.asarray(c1(*pair, convention))
-    for calculus in CALCULI:
+    for calculus in literal.CALCULI:
         one, other = (c1(*way, convention, calculus, near=9.0) for way in (pair, pair[::-1]))
         np.testing.assert_array_equal(other, literal.converse(one))
     if convention != "as_published":  # Its sides have no sign.
@@ -170,7 +169,7 @@ def test_refusals(call, message):
 
 def test_states_have_codes_rows_and_texts():
     assert int(encode_state(np.array([1, -1, -1, -1]))) == 54
-    for calculus in CALCULI:
+    for calculus in literal.CALCULI:
         rows = all_states(calculus)
         np.testing.assert_array_equal(state_index(calculus, jnp.asarray(rows)), range(len(rows)))
     assert format_state(np.array([-1, 0, 1, -1])) == "- 0 + -"

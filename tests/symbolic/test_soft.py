@@ -4,9 +4,10 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.symbolic.cnd import alpha_from_states, alpha_table
+from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
+from neurosym_jax.symbolic.states import encode_state
 from tests.symbolic import literal
 
 pytestmark = pytest.mark.usefixtures("double")
@@ -117,7 +118,7 @@ def test_expected_weights_are_sums_over_all_states():
     # Of certain symbols what the table says, exactly.
     states = np.random.default_rng(0).integers(-1, 2, (40, 4))
     certain = soft_alpha(np.eye(3)[states + 1], table)
-    np.testing.assert_array_equal(certain, alpha_from_states(states, table))
+    np.testing.assert_array_equal(certain, table[encode_state(states)])
 
 
 def random_pairs(count, seed=0):

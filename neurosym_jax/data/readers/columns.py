@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from neurosym_jax.data.reading import Format, Head, ReadOptions, recording_name
+from neurosym_jax.data.reading import Format, Head, ReadOptions
 from neurosym_jax.data.table import Table, read_table
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError, printable
@@ -26,8 +26,9 @@ _USUAL = {
     "x": {"x", "px", "pos_x", "position_x", "x_est"},
     "y": {"y", "py", "pos_y", "position_y", "y_est"},
 }
-_RECORDINGS = {"scene", "run", "camera", "recording", "video", "sequence", "session"}
-_RECORDINGS |= {f"{name}_id" for name in _RECORDINGS}
+_RECORDINGS = re.compile(
+    r"(scene|run|camera|recording|video|sequence|session)(_id)?", re.IGNORECASE
+)
 _KINDS = re.compile(
     r"((agent|actor|obj|object|track)[ _-]?)?(class|label|type|kind|category)([ _-]?(name|id))?",
     re.IGNORECASE,
@@ -59,17 +60,24 @@ class Columns(Format):
         Raises:
             InputError: naming file, row and reason.
         """
-        columns = _parse_columns(options.columns)
+        columns: dict[str, str] = {}
+        for pair in options.columns:
+            key, _, name = pair.partition("=")
+            if not key.isidentifier() or not name or key in columns:
+                known = "=.. ".join(_USUAL)
+                raise InputError(
+                    f"{pair}: columns are given as {known}=.. (or EXTRA=..), each once"
+                )
+            columns[key] = name
         table = read_table(path)
         timed = "frame" not in columns and _places(table.names, "time")
         clock = "time" if timed or "time" in columns else "frame"
-        place = {
-            key: _find(table, key, columns.get(key, ""))
-            for key in (clock, "id", "x", "y", *(columns.keys() - _USUAL))
-        }
-        if len({place[key] for key in (clock, "id", "x", "y")}) < 4:
+        keys = (clock, "id", "x", "y", *(columns.keys() - _USUAL))
+        place = {key: _find(table, key, columns.get(key, "")) for key in keys}
+        points = {place[key] for key in keys[:4]}
+        if len(points) < 4:
             raise InputError(f"{table.path}: {clock}, id, x and y are four columns")
-        table, said = _people(table, options.keep, {place[key] for key in (clock, "id", "x", "y")})
+        table, said = _people(table, options.keep, points)
         parts = _recordings_of(table, set(place.values()))
         if clock == "time":
             stamp = _seconds(table, place[clock], options)
@@ -82,18 +90,6 @@ class Columns(Format):
         position = table.numbers(place["x"], place["y"]) * options.metres
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
         return table.tracks(stamp, table.ids(place["id"]), position, extras, parts=parts, said=said)
-
-
-def _parse_columns(pairs: Sequence[str]) -> dict[str, str]:
-    """Name or number (from 1) of the column of time (or frame), id, x, y and extras."""
-    columns: dict[str, str] = {}
-    for pair in pairs:
-        key, _, name = pair.partition("=")
-        if not key.isidentifier() or not name or key in columns:
-            known = "=.. ".join(_USUAL)
-            raise InputError(f"{pair}: columns are given as {known}=.. (or EXTRA=..), each once")
-        columns[key] = name
-    return columns
 
 
 def names_tracks(names: Sequence[str]) -> bool:
@@ -111,7 +107,7 @@ def _find(table: Table, key: str, given: str) -> int:
     names = table.names
     named = [at for at, name in enumerate(names) if name == given]
     places = named if given else _places(names, key)
-    if given and not places and given.isdecimal() and 1 <= int(given[:9]) <= len(names):
+    if not places and given.isdecimal() and 1 <= int(given[:9]) <= len(names):
         return int(given) - 1
     if len(places) != 1:
         what = "time or frame" if key == "frame" else key
@@ -131,9 +127,8 @@ def _seconds(table: Table, place: int, options: ReadOptions) -> np.ndarray:
     texts = table.column(place)
     if re.match(r"\d{4}-\d\d-", texts[0]) and not unit:
         moments = texts.str.to_datetime(time_unit="us", time_zone="UTC", strict=False)
-        table.refuse(
-            moments.is_null().to_numpy(), lambda at: f"{texts[at][:40]!r} is not a date and time"
-        )
+        wrong = moments.is_null().to_numpy()
+        table.refuse(wrong, lambda at: f"{texts[at][:40]!r} is not a date and time")
         return moments.dt.timestamp("us").to_numpy() / 1e6
     stamp = table.numbers(place)[:, 0] * _SECONDS[unit or "s"]
     counts = np.unique(stamp)
@@ -145,16 +140,12 @@ def _seconds(table: Table, place: int, options: ReadOptions) -> np.ndarray:
     return stamp
 
 
-def _refuse_other_frames(
-    table: Table, clock: int, stamp: np.ndarray, recording: np.ndarray
-) -> None:
-    """Refuse a column of frames that counts anything but the times [R] of a recording."""
+def _refuse_other_frames(table: Table, clock: int, stamp: np.ndarray, part: np.ndarray) -> None:
+    """Refuse a column of frames that counts anything but the times [R] of each recording [R]."""
     places = _places(table.names, "frame")
-    if len(places) != 1:
-        return
-    frame = table.numbers(places[0], missing=True)[:, 0]
-    for number in np.unique(recording):
-        at = (recording == number) & np.isfinite(frame)
+    frame = table.numbers(*places, missing=True).ravel() if len(places) == 1 else np.zeros(0)
+    for number in np.unique(part[: len(frame)]):
+        at = (part == number) & np.isfinite(frame)
         first, index = np.unique(frame[at], return_index=True)
         if len(first) < 3:
             continue
@@ -190,8 +181,8 @@ def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, l
                 f"{table.path}: column {name!r} has {shown}: say with --keep which are people"
             )
         if not mask.all():
-            count = np.sum(~mask)
-            said.append(f"{count} rows with {name} {shown} are left out (--keep says who is kept)")
+            left = f"{np.sum(~mask)} rows with {name} {shown} are left out"
+            said.append(f"{left} (--keep says who is kept)")
             table = table.take(mask)
     return table, said
 
@@ -205,9 +196,9 @@ def _recordings_of(table: Table, used: set[int]) -> tuple[list[str], np.ndarray]
     columns = [
         table.column(at)
         for at, name in enumerate(table.names)
-        if name.lower() in _RECORDINGS and at not in used
+        if _RECORDINGS.fullmatch(name) and at not in used
     ]
     keys = ["_".join(row) for row in zip(*columns)] or [""] * len(table.row)
     kinds, index = np.unique(keys, return_inverse=True)
-    name = recording_name(table.path)
+    name = printable(table.path.stem)
     return [name] if len(kinds) == 1 else [printable(f"{name}_{k}"[:200]) for k in kinds], index

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.reading import AS_IT_SAYS, Format, Head, ReadOptions
+from neurosym_jax.data.reading import Format, Head, ReadOptions
 from neurosym_jax.data.table import read_table
-from neurosym_jax.data.tracks import PERIOD, Tracks
+from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
-__all__ = ["SCENES", "Obsmat", "Text", "read_split", "split_files"]
+__all__ = ["SCENES", "Obsmat", "Text", "split_files"]
 
 SCENES = {
     "eth": ("biwi_eth",),
@@ -41,8 +41,7 @@ class Text(Format):
         values = table.numbers(*range(len(self.names)))
         metres = values[:, [self.names.index("x"), self.names.index("y")]] * options.metres
         table.whole_numbers(1)
-        stamp = table.times(0, options, period)
-        return table.tracks(stamp, table.ids(1), np.round(metres, 4))
+        return table.tracks(table.times(0, options, period), table.ids(1), np.round(metres, 4))
 
 
 class Obsmat(Text):
@@ -67,9 +66,8 @@ def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
     if scene is not None and scene not in SCENES:
         raise InputError(f"unknown scene {scene!r}: ETH/UCY has {', '.join(SCENES)}")
     own = SCENES[scene] if scene else ()
-    if split == "test":
-        paths = [folder / "all" / f"{name}.txt" for name in own]
-    else:
+    paths = [folder / "all" / f"{name}.txt" for name in own]
+    if split != "test":
         held_out = {f"{name}_{split}" for name in own}
         found = sorted((folder / split).glob("*.txt"))
         paths = [path for path in found if path.stem not in held_out]
@@ -77,9 +75,3 @@ def split_files(folder: Path, scene: str | None, split: str) -> list[Path]:
     if missing:
         raise InputError(f"{missing[0]}: missing, and scene {scene} needs it")
     return paths
-
-
-def read_split(folder: Path, scene: str, split: str) -> list[Tracks]:
-    """Recordings of one split, see `split_files`, as SGAN reads them: eth with a wrong clock."""
-    paths = split_files(folder, scene, split)
-    return [tracks for path in paths for tracks in Text().read(path, AS_IT_SAYS, PERIOD)]

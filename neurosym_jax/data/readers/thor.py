@@ -10,15 +10,14 @@ People wear helmets, whose numbers are their ids. Sources: A. Rudenko et al., "T
 
 import itertools
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.reading import Format, Head, ReadOptions, recording_name
+from neurosym_jax.data.reading import Format, Head, ReadOptions
 from neurosym_jax.data.table import read_table
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
 
 __all__ = ["Cliff", "Qtm", "Tracklets"]
 
@@ -33,9 +32,9 @@ class Cliff(Format):
 
     def knows(self, head: Head) -> bool:
         """Six numbers a row: times that are no frame numbers, and the last speed and heading."""
-        if head.rows.shape[1] != 6 or not np.any(head.rows[:, 0] % 1):
-            return False
-        return head.rows[:, 4].min() >= 0 and np.abs(head.rows[:, 5]).max() <= np.pi + 1e-3
+        columns = head.rows.T if head.rows.shape[1] == 6 else np.zeros((6, 1))
+        headings = np.abs(columns[5]).max() <= np.pi + 1e-3
+        return bool(np.any(columns[0] % 1) and columns[4].min() >= 0 and headings)
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The tracks, on their own clocks."""
@@ -74,7 +73,7 @@ class Tracklets(Format):
                 run, latest = run + 1, {}
             latest[ids[begin]] = time[end - 1]
             runs[begin:end] = run
-        names = [f"{recording_name(path)}_{number + 1}" for number in range(run + 1)]
+        names = [f"{printable(path.stem)}_{number + 1}" for number in range(run + 1)]
         return table.tracks(time, ids, values[order, 1:3], row=row, parts=(names, runs))
 
 
@@ -85,8 +84,7 @@ class Qtm(Format):
 
     def knows(self, head: Head) -> bool:
         """A header that begins with `Frame` and names a helmet."""
-        starts = ("Frame\t", "Frame,")
-        return any(line.startswith(starts) and "Helmet" in line for line in head.lines)
+        return any(re.match("Frame[\t,]", line) and "Helmet" in line for line in head.lines)
 
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The people with helmets, where their coordinates are not all zero, and none is empty.
@@ -95,29 +93,23 @@ class Qtm(Format):
             InputError: naming file, row and reason.
         """
         table = read_table(path, header=r"Frame[\t,]")
-        places = _helmets(path, table.names)
+        # Of each helmet, or of its centroid where there are markers too, X; Y and Z follow.
+        places: dict[int, int] = {}
+        for column, name in enumerate(table.names):
+            if match := _HELMET.fullmatch(name):
+                if int(match[1]) in places:
+                    raise InputError(f"{path}: the header names {name} twice")
+                places[int(match[1])] = column
+                # In 6D exports only X carries the helmet's name.
+                if [other[-1:] for other in table.names[column : column + 3]] != ["X", "Y", "Z"]:
+                    raise InputError(f"{path}: Y and Z do not follow {name}")
+        if not places or "Time" not in table.names:
+            raise InputError(f"{path}: the header names no Time, or no `Helmet_1 X` (or centroids)")
         stamp = table.numbers(table.names.index("Time"))[:, 0]
         columns = [at + axis for at in places.values() for axis in range(3)]
         points = table.numbers(*columns, missing=True).reshape(len(stamp), -1, 3) / 1000
-        seen = ~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1)
-        frame, body = np.nonzero(seen)
+        frame, body = np.nonzero(~np.isnan(points).any(axis=-1) & (points != 0).any(axis=-1))
         if not len(frame):
             raise InputError(f"{path}: none of its {len(places)} helmets is ever visible")
         ids = np.array(list(places))[body]
         return table.tracks(stamp[frame], ids, points[frame, body, :2], row=table.row[frame])
-
-
-def _helmets(path: Path, names: Sequence[str]) -> dict[int, int]:
-    """Column of X of each helmet, or of its centroid where there are markers too; Y, Z follow."""
-    found: dict[int, int] = {}
-    for column, name in enumerate(names):
-        if match := _HELMET.fullmatch(name):
-            if int(match[1]) in found:
-                raise InputError(f"{path}: the header names {name} twice")
-            found[int(match[1])] = column
-            # In 6D exports only X carries the helmet's name.
-            if [other[-1:] for other in names[column : column + 3]] != ["X", "Y", "Z"]:
-                raise InputError(f"{path}: Y and Z do not follow {name}")
-    if not found or "Time" not in names:
-        raise InputError(f"{path}: the header names no Time, or no `Helmet_1 X` (6D or centroids)")
-    return found

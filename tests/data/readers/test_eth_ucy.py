@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.data import read_any
-from neurosym_jax.data.readers.eth_ucy import SCENES, read_split, split_files
+from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
 from neurosym_jax.errors import InputError
 
 # (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
@@ -45,23 +45,23 @@ def test_coordinates_are_rounded_as_sgan_does_and_frames_begin_anywhere(tmp_path
 
 
 def test_splits_leave_one_out(tmp_path):
-    """In the folder's layout, every recording the same few rows."""
     names = [name for scene in SCENES.values() for name in scene]
     for part, ending in {"all": "", "train": "_train", "val": "_val"}.items():
         (tmp_path / part).mkdir()
         for name in [*names, *(["crowds_zara03", "uni_examples"] if ending else [])]:
-            written(tmp_path / part / f"{name}{ending}.txt")
+            (tmp_path / part / f"{name}{ending}.txt").touch()
     for scene, own in SCENES.items():
-        tests = [tracks.recording for tracks in read_split(tmp_path, scene, "test")]
-        assert tests == list(own)
+        assert [path.stem for path in split_files(tmp_path, scene, "test")] == list(own)
         for split in ("train", "val"):
-            names = {tracks.recording for tracks in read_split(tmp_path, scene, split)}
+            names = {path.stem for path in split_files(tmp_path, scene, split)}
             assert len(names) == 8 - len(own)
             assert not names & {f"{name}_{split}" for name in own}
-    with pytest.raises(InputError, match="unknown scene 'zara9'"):
-        read_split(tmp_path, "zara9", "test")
+        assert len(split_files(tmp_path, None, "train")) == 8
     (tmp_path / "all/biwi_eth.txt").unlink()
-    with pytest.raises(InputError, match=r"biwi_eth\.txt: missing, and scene eth needs it"):
-        read_split(tmp_path, "eth", "test")
-    with pytest.raises(InputError, match=r"absent/val/\*\.txt: missing"):
-        split_files(tmp_path / "absent", None, "val")
+    for folder, scene, split, message in (
+        (tmp_path, "zara9", "test", "unknown scene 'zara9'"),
+        (tmp_path, "eth", "test", r"biwi_eth\.txt: missing, and scene eth needs it"),
+        (tmp_path / "absent", None, "val", r"absent/val/\*\.txt: missing"),
+    ):
+        with pytest.raises(InputError, match=message):
+            split_files(folder, scene, split)

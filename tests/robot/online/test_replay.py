@@ -15,8 +15,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import simulate
-from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.simulation.scenarios import TrackerFaults, simulate
 from neurosym_robot.commands import replay as command
 from neurosym_robot.online.replay import replay
 from neurosym_robot.ros import messages

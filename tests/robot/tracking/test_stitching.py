@@ -8,8 +8,7 @@ from neurosym_jax.commands._running import run_command
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
-from neurosym_jax.simulation.scenarios import simulate_labelled
-from neurosym_jax.simulation.tracker import TrackerFaults
+from neurosym_jax.simulation.scenarios import TrackerFaults, simulate_labelled
 from neurosym_robot.commands import stitch as command
 from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds, frames_of_tracks
 from neurosym_robot.tracking.stitching import (

@@ -1,0 +1,122 @@
+"""Studies that are short: their pages are what they print, and their mistakes are noticed."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neurosym_jax.data.formats import read_any
+from neurosym_robot.tracking.stitching import LinkOptions, idf1
+from studies.mistakes.__main__ import tell
+from studies.mistakes.corpus import MISTAKES
+from studies.more_data import HERMES, KEPT_BACK, STANFORD, STANFORD_TESTED, write
+from studies.mutants import _replaced, mutations
+from studies.notebooks import FOLDER, execute
+from studies.stitching.__main__ import offline, online
+from studies.stitching.peers import greedy
+from studies.stitching.situations import SITUATIONS
+from studies.weighting.data import LEARNED, TESTED
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOWNLOADED = {"an_overtaking_ahead_of_time": "eth-ucy"}
+"""Notebooks of real recordings, and the collection that they are of."""
+
+
+def printed(*words):
+    command = [sys.executable, "-m", *map(str, words)]
+    run = {"cwd": DOCS.parent, "capture_output": True, "text": True, "check": True}
+    return subprocess.run(command, **run).stdout
+
+
+def test_the_results_are_what_their_study_writes(tmp_path):
+    printed("studies.results", DOCS / "results.json", DOCS / "results_joint_metrics.json", tmp_path)
+    for name in ("results.md", "results.csv"):
+        assert (tmp_path / name).read_text(encoding="utf-8") == (DOCS / name).read_text("utf-8")
+
+
+def test_other_domains_are_what_their_study_prints():
+    page = (DOCS / "cross_domain.md").read_text(encoding="utf-8")
+    assert printed("studies.cross_domain", *sorted(DOCS.glob("cross_domain/*.json"))) == page
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
+def test_mistakes(mistake, tmp_path):
+    found, said = tell(mistake, tmp_path)
+    assert (found, bool(re.search(mistake.says, said))) == (mistake.wanted, True), said
+
+
+@pytest.mark.parametrize("name", SITUATIONS)
+def test_stitching_is_not_behind(name):
+    tracks, person = SITUATIONS[name](1)
+    raw, peer = (idf1(person, ids) for ids in (tracks.id, greedy(tracks, LinkOptions())))
+    for ids_of in (offline, online):
+        assert idf1(person, ids_of(tracks)) > max(raw, peer - 0.05)
+    assert (person == -1).any() == (name == "ghosts")
+    assert len(np.unique(tracks.id)) > len(np.unique(person)) or name == "swaps"
+
+
+def test_what_is_kept_back_is_not_read_and_tests_are_not_trained_on(tmp_path):
+    opentraj, out = tmp_path / "opentraj", tmp_path / "out"
+    for folder in (STANFORD, HERMES):
+        (opentraj / folder).mkdir(parents=True)
+    for name in (*KEPT_BACK, *STANFORD_TESTED, "gates_0"):
+        (opentraj / STANFORD / f"{name}.txt").write_text("0 1 0 0\n12 1 0.5 0\n")
+    walk = [(1, frame, 100 + 10 * frame, 50, 0) for frame in range(64)]
+    for name in (*LEARNED, *TESTED, "boa-300-050-070"):
+        np.savetxt(opentraj / HERMES / f"{name}.txt", walk)
+    write(opentraj, out)
+    found = {folder.name: {path.stem for path in folder.iterdir()} for folder in out.iterdir()}
+    tests = {*TESTED, *STANFORD_TESTED}
+    assert found == {"stanford": {"gates_0"}, "hermes": set(LEARNED), "tests": tests}
+    # 16 frames of 10 cm a second are 0.64 m in 0.4 s.
+    walked = read_any(out / "hermes" / f"{LEARNED[0]}.txt")[0].position
+    np.testing.assert_allclose(np.diff(walked[:, 0]), 0.64, atol=1e-4)
+
+
+TEXT = """
+def f(a: int = 1, b=-2.5, *, c=True) -> int:
+    if not a or b <= 3:
+        raise ValueError(f"{a + 1}")
+    return g(a, b) - é(c)
+"""
+
+
+def test_every_kind_of_mistake_is_planted_in_its_place():
+    """Each is another program, none is in messages or annotations."""
+    found = {(ast.unparse(node), ast.unparse(other)) for node, other in mutations(ast.parse(TEXT))}
+    assert found == {
+        *(("1", "2"), ("2.5", "5.1"), ("-2.5", "2.5"), ("True", "False"), ("3", "4")),
+        *(("not a", "a"), ("b <= 3", "b < 3"), ("not a or b <= 3", "not a and b <= 3")),
+        *(("g(a, b)", "g(b, a)"), ("g(a, b) - é(c)", "g(a, b) + é(c)")),
+    }
+    for node, other in mutations(ast.parse(TEXT)):
+        text = _replaced(TEXT, node, f"({ast.unparse(other)})")
+        assert ast.dump(ast.parse(text)) != ast.dump(ast.parse(TEXT))
+        assert "é(c)" in text
+
+
+def kinds(notebook):
+    """Of the outputs, cell by cell: pictures and text."""
+    return [
+        ["image" if "image/png" in one.get("data", {}) else "text" for one in cell.outputs]
+        for cell in notebook.cells
+        if cell.cell_type == "code"
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.ipynb")))
+def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, monkeypatch):
+    nbformat = pytest.importorskip("nbformat", reason="notebooks need the extra test")
+    pytest.importorskip("ipykernel", reason="notebooks need the extra test")
+    if collection := DOWNLOADED.get(name):
+        data = request.getfixturevalue("shared") / "data" / collection.replace("-", "_")
+        (tmp_path / collection).symlink_to(data)
+        monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path))
+    kept = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
+    assert ["image"] in kinds(kept)
+    assert kinds(execute(FOLDER / f"{name}.ipynb")) == kinds(kept)
