@@ -26,6 +26,10 @@ DEAD = 0.1
 """An arm with a larger share of runs below `ALIVE` answers nothing."""
 
 
+DIVERGED = 2
+"""A run that pools at every step and has an error so many times its arm's median has diverged."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Comparison:
     """An arm minus a reference, by one metric on one data set; below 0 the arm is better."""
@@ -60,6 +64,11 @@ class Runs:
         """Rows of set, arm, value (runs that are left out) and runs."""
         silent = self.dead.filter(pl.col("value") > DEAD * pl.col("runs"))
         rows = rows.join(near.filter(dead), on=of_run, how="anti")
+        errors = rows.filter(pl.col("arm").str.contains("every step"), metric=INTERACTING)
+        median = pl.col("value").median().over("set", "arm")
+        self.diverged = errors.filter(pl.col("value") > DIVERGED * median)
+        """Rows of runs that are left out."""
+        rows = rows.join(self.diverged, on=of_run, how="anti")
         self.rows = rows.join(silent, on=["set", "arm"], how="anti")
 
     def values(self, dataset: str, arm: str, metric: str) -> dict[int, float]:

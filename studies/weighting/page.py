@@ -69,6 +69,11 @@ def write(table: Path) -> None:
             for name, arm, dead, count in runs.dead.iter_rows()
         )
         or "none",
+        diverged="; ".join(
+            f"`{run['arm']}` on {run['set']}, seed {run['seed']} ({run['value']:.2f} m)"
+            for run in runs.diverged.iter_rows(named=True)
+        )
+        or "none",
     )
     write_text(table.with_suffix(".md"), text)
 
