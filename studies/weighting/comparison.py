@@ -57,7 +57,9 @@ class Runs:
     def __init__(self, table: Path):
         """Read `table`, see `__main__`."""
         rows = pl.read_csv(table)
-        of_run, near = ["set", "arm", "seed"], rows.filter(metric="neighbour_near")
+        of_run = ["set", "arm", "seed"]
+        # `right` weights almost all pairs 0, so most neighbours must change nobody.
+        near = rows.filter(pl.col("arm") != "encounter, right", metric="neighbour_near")
         dead = pl.col("value") < ALIVE
         arms = near.group_by("set", "arm", maintain_order=True).agg(dead.sum(), runs=dead.len())
         self.dead = arms.filter(pl.col("value") > 0)
