@@ -7,7 +7,6 @@ import dataclasses
 import functools
 import itertools
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -165,18 +164,16 @@ def _task(settings: Settings, test: Test) -> list[Result]:
 
 def _results(settings: Settings, tests: Sequence[Test]) -> Iterator[Result]:
     """Compile in threads what the tests need, and evaluate them in order meanwhile."""
-    models: dict[Forecaster, Model] = {}
-    shapes: dict[Forecaster, dict[Any, Scene]] = defaultdict(dict)
+    needed: dict[Forecaster, tuple[Model, dict[Any, Scene]]] = {}
     for test in tests:
+        scenes = {batch.scene.observed.shape: batch.scene for batch in test.batches}
         for _, model in test.entries:
-            models[model.forecaster] = model
-            scenes = {batch.scene.observed.shape: batch.scene for batch in test.batches}
-            shapes[model.forecaster].update(scenes)
+            needed.setdefault(model.forecaster, (model, {}))[1].update(scenes)
     pool = ThreadPoolExecutor(cpu_cores())
     try:
         programs = {
-            forecaster: pool.submit(_compile, model, shapes[forecaster].values(), settings)
-            for forecaster, model in models.items()
+            forecaster: pool.submit(_compile, model, scenes.values(), settings)
+            for forecaster, (model, scenes) in needed.items()
         }
         for test in tests:
             yield from _evaluate_test(programs, test, settings)

@@ -54,7 +54,7 @@ _LOOKS = {
     "sampled": ("#999999", (0, (6, 1, 1, 1, 1, 1))),
     "constant": (GREY, DASHED),
     "linear": (GREY, DASHED),
-    "anchor table": ("#44AA99", (0, (6, 1, 2, 1))),
+    "anchor table": (SKY, (0, (2, 1))),
     "anchors": (PURPLE, (0, (8, 3))),
     "cnd": (BLUE, DOTTED),
     "ones": (AMBER, DOTTED),
@@ -66,11 +66,11 @@ _LOOKS = {
 }
 _OTHERS = (
     (AMBER, (0, (1, 3))),
-    (SKY, (0, (2, 1))),
     ("#332288", (0, (4, 1, 1, 1, 1, 1))),
     ("#882255", (0, (3, 3))),
-    (PURPLE, (0, (8, 3))),
     ("#44AA99", (0, (6, 1, 2, 1))),
+    (SKY, (0, (2, 1))),
+    (PURPLE, (0, (8, 3))),
 )
 _UNDATED = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
