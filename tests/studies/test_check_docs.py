@@ -10,7 +10,6 @@ import tyro
 
 from neurosym_jax.__main__ import commands
 from studies.check_docs import commands as named_commands
-from studies.check_docs import lacking, plain
 
 NAMED = sorted(set(named_commands()))
 
@@ -36,13 +35,3 @@ def test_what_is_named_is_there():
         used = {word.rstrip(",.;:").replace("_", "-") for word in used}
         wrong += [(str(page), command)] if name not in known or used - known[name] else []
     assert wrong == []
-
-
-def test_commands_are_told_apart_from_their_surroundings():
-    assert (
-        plain("python -m neurosym_jax parity DIR [--json FILE]")
-        == "neurosym parity DIR --json FILE"
-    )
-    assert plain("python train.py   # the simulations") == "neurosym train"
-    assert lacking("neurosym parity DIR") == "DIR"
-    assert lacking("neurosym inspect my_tracks.csv") == ""

@@ -45,16 +45,6 @@ def test_in_the_control_people_give_way_to_those_who_are_weighed_and_to_nobody_e
     assert near / 10 < weakly < near / 2
 
 
-def test_wrong_weights_are_the_right_ones_of_other_pairs():
-    scene = control(1, 3).position[:, : LENGTHS[0]]
-    right, wrong = (
-        np.asarray(make_weighting(name)(scene))[..., 1:]
-        for name in ("on_ones_path", "on_ones_path_wrong_pairs")
-    )
-    assert np.array_equal(right.sum(axis=(1, 2)), wrong.sum(axis=(1, 2)))
-    assert not np.array_equal(right, wrong)
-
-
 def test_who_interacts_has_somebody_near_who_comes_nearer():
     #          0 and 1 near each other, 2 goes away from 1, 3 is far, 4 is padding
     before = np.array([[0, 0], [1.5, 0], [2.5, 0], [9, 9], [0.5, 0]])

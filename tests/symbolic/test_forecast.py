@@ -133,18 +133,3 @@ def test_a_registered_event_is_forecast_like_the_others():
     register_event("wrong", Event("gives no steps", lambda e: e.distance < 1))
     with pytest.raises(InputError, match=r"event wrong: bool \[..., 8\] is wanted"):
         symbolic_events(*still)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"calculus": "z9"}, "calculus must be one of b1, c1, bc1"),
-        ({"speed": -1.0}, "speed must"),
-        ({"sped": 1.0}, "unknown field 'sped'"),
-        ({"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),
-        ({"observed": np.zeros((2, 3, 2))}, r"not \[6, 4, 5, 2\] and \[2, 3, 2\]"),
-    ],
-)
-def test_what_cannot_be_is_refused(crowd, change, message):
-    with pytest.raises(InputError, match=message):
-        symbolic_forecast(**{**dict(zip(("samples", "observed"), crowd)), **change})

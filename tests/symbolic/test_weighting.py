@@ -155,24 +155,6 @@ def test_learned_parameters_have_gradients(text):
         np.testing.assert_array_equal(make_weighting(weighting)(positions), hard)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("cdn", r"unknown weighting 'cdn': did you mean 'cnd'\? .*shuffled"),
-        ("ones,learned=true", "unknown field 'learned' for Ones"),
-        ("soft,temprature=0.05", "weighting: unknown field 'temprature'"),
-        ("cnd,quantisation_factor=-0.1", "quantisation_factor must be at least 0"),
-        ("cnd,side_quantisation_factor=NaN", "side_quantisation_factor must be a finite"),
-        ("soft,temperature=0", "temperature must be positive"),
-        ("cnd,convention=lines", "convention must be one of distance, line, as"),
-        ("quantised,quantisation_factor=0,learned=true", "cannot be learned"),
-    ],
-)
-def test_refusals(text, message):
-    with pytest.raises(InputError, match=message):
-        make_weighting(text)
-
-
 @mock.patch.dict(WEIGHTINGS)
 def test_a_function_as_a_weighting():
     @register_weighting("nearness", reach=2.0)
