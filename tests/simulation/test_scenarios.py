@@ -93,6 +93,14 @@ def test_a_seed_is_the_same_walk_under_x64():
     np.testing.assert_allclose(double.position[early], single.position[early], atol=1e-3)
 
 
+def test_a_seed_is_the_walk_the_noise_and_the_losses_that_it_was():
+    faults = TrackerFaults(dropout=0.02, id_switch=0.5)
+    tracks = simulate("all-forward", 0, 20.0, faults=faults)
+    assert (len(tracks.id), len(set(tracks.id))) == (290, 7)
+    stood = [[2.56176, 1.45595], [3.37739, 1.4845]]
+    np.testing.assert_allclose(tracks.position[tracks.stamp == 0], stood, atol=1e-4)
+
+
 def test_dropouts_have_their_rate_and_length():
     faults = TrackerFaults(dropout=0.02, dropout_seconds=1.0)
     tracks, person = simulate_labelled("all-forward", 2, people=8, faults=faults)
