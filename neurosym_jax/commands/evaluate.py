@@ -49,6 +49,15 @@ PROTOCOLS = {
 "Joint Metrics Matter", ICCV 2023."""
 
 
+AFTER_THE_FIRST_RUN = """
+ADE is the mean error of the positions in metres, FDE the error at the last
+step. Constant velocity makes one guess, the networks make {}, and the best one
+counts. These people are simulated, and so are those the networks learned from:
+the numbers say nothing about real people. Next:
+
+    neurosym evaluate --data my_tracks.csv --checkpoint recommended"""
+
+
 def _named(metavar: str) -> Any:  # Its help says what the default does.
     return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
 
@@ -169,6 +178,8 @@ def run(options: Options) -> list[Row]:
     else:
         print(format_table(rows_frame(rows), options.table, intervals=options.intervals))
     said += [*_write_files(options, tests, results, together=not chosen), f"rows: {options.json}"]
+    if text and isinstance(source, Synthetic) and not chosen:
+        said += [AFTER_THE_FIRST_RUN.format(options.samples)]
     print("\n".join(said), file=sys.stdout if text else sys.stderr)
     return rows
 

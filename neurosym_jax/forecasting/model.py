@@ -176,7 +176,8 @@ def predict(
         [k, N, pred_len, 2] float64 metres.
 
     Raises:
-        InputError: for a wrong shape, an unusable coordinate, or a number out of range.
+        InputError: for a wrong shape, an unusable coordinate, a number out of range, or a trace of
+            jax's (`jit`, `vmap`, `grad`).
     """
     return predict_distribution(
         model, observed, samples=samples, seed=seed, recording=recording, frame=frame
@@ -200,6 +201,8 @@ def predict_distribution(
 
     Arguments are those of `predict`: `observed` is [N, obs_len, 2] metres.
     """
+    if isinstance(observed, jax.core.Tracer):
+        raise InputError("predict runs on the host; under jit, vmap and grad call nj.forecast")
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
     forecaster = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)

@@ -51,6 +51,8 @@ def test_the_first_minute(tmp_path, capsys):
     lines = [line.rstrip() for line in out.splitlines() if str(tmp_path) not in line]
     assert max(map(len, lines)) <= 80
     assert sum(line.startswith(tuple(f"{model}  " for model in models)) for line in lines) == 6
+    assert "the networks make 3," in out
+    assert lines[-1] == "    neurosym evaluate --data my_tracks.csv --checkpoint recommended"
     assert err.splitlines()[-1].startswith("[6/6] NeuroSyM, cnd on cross-path (")
     report = json.loads((tmp_path / "rows.json").read_text())
     found = report["provenance"]
@@ -95,6 +97,7 @@ def test_default_run(options, tmp_path, capsys):
     assert "cross-path: 8 + 8 steps, 572 scenes, 1144 people" in out
     assert "these are the baselines" in out
     assert "cross-path_8_8.png" in out
+    assert "Next:" not in out
     assert "evaluating" not in err  # No progress bar where no terminal is.
 
 

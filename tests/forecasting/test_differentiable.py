@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.differentiable import forecast
 from neurosym_jax.forecasting.forecaster import NoiseSpec, draw_noise
 from neurosym_jax.forecasting.model import Model, predict
@@ -57,6 +58,11 @@ def test_padding_and_a_batch_change_nothing(soft):
         np.stack([OBSERVED, OBSERVED + 2.0])
     )
     assert_allclose(batch, np.stack([found, found + 2.0]), atol=1e-5)
+
+
+def test_predict_in_a_trace_names_the_function_for_it(soft):
+    with pytest.raises(InputError, match="under jit, vmap and grad call nj"):
+        jax.jit(lambda observed: predict(soft, observed))(OBSERVED)
 
 
 @pytest.mark.parametrize("given", [False, True], ids=["own", "given"])
