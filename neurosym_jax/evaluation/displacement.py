@@ -11,6 +11,9 @@ single forecast is its error. The price is that scores of different k are not co
 that have probabilities [k] are weighted by them in place of 1 / k.
 """
 
+import functools
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -26,8 +29,13 @@ MISSED = 2.0
 @jax.jit  # So that several metrics trace it once.
 def _distances(forecast: Array, scene: Scene) -> Array:
     """[k, N, T] metres from the forecast to the truth, zero for agents that are not valid."""
-    offset = jnp.square(forecast - scene.known_future)
-    return jnp.where(scene.valid[:, None], jnp.sqrt(offset[..., 0] + offset[..., 1]), 0)
+    return jnp.where(scene.valid[:, None], _length(forecast - scene.known_future), 0)
+
+
+def _length(offset: Array) -> Array:
+    """[...] metres of `offset [..., 2]`."""
+    square = jnp.square(offset)
+    return jnp.sqrt(square[..., 0] + square[..., 1])
 
 
 def joint_ade(forecast: Array, scene: Scene) -> Array:
@@ -86,12 +94,7 @@ def energy_score(forecast: Array, scene: Scene, probability: Array | None) -> Ar
 def crps(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     """[N] CRPS of each coordinate by itself, mean over steps and both. The same, section 4.2."""
     weight = _numbers(forecast, probability) / len(forecast)
-
-    def add(total: Array, one: tuple[Array, Array]) -> tuple[Array, None]:
-        sample, share = one
-        return total + share * jnp.tensordot(weight, jnp.abs(forecast - sample), 1), None
-
-    spread = jax.lax.scan(add, jnp.zeros_like(forecast[0]), (forecast, weight))[0]
+    spread = jnp.tensordot(weight, _apart(forecast, weight, jnp.abs), 1)
     error = jnp.tensordot(weight, jnp.abs(forecast - scene.known_future), 1)
     return (error - spread / 2).mean(axis=(1, 2))
 
@@ -113,8 +116,7 @@ def coverage(
         nothing = jnp.zeros(forecast.shape[1])
         return nothing, nothing
     number = _numbers(forecast, probability)
-    offset = jnp.square(forecast - scene.known_future)
-    to_truth = jnp.sqrt(offset[..., 0] + offset[..., 1])
+    to_truth = _length(forecast - scene.known_future)
     samples, truth = _apart(forecast, number) + to_truth, jnp.tensordot(number, to_truth, 1)
     nearer = jnp.tensordot(number, (samples < truth).astype(number.dtype), 1)
     equal = 1 + jnp.tensordot(number, (samples == truth).astype(number.dtype), 1)
@@ -142,17 +144,18 @@ def _central(forecast: Array, scene: Scene, probability: Array | None) -> Array:
     return _distances(forecast, scene)[spread.argmin()]
 
 
-@jax.jit  # So that several metrics trace it once.
-def _apart(forecast: Array, number: Array) -> Array:
-    """[k, N, T] metres: for each sample the sum of distances to the others; one counts `number`."""
+@functools.partial(jax.jit, static_argnums=2)  # So that several metrics trace it once.
+def _apart(forecast: Array, number: Array, length: Callable[[Array], Array] = _length) -> Array:
+    """For each sample the sum of its distances to all others; one counts `number [k]` times.
+
+    [k, N, T] metres or, where `length` has one for each coordinate, [k, N, T, 2].
+    """
 
     def add(total: Array, one: tuple[Array, Array]) -> tuple[Array, None]:
         sample, times = one
-        offset = jnp.square(forecast - sample)
-        return total + times * jnp.sqrt(offset[..., 0] + offset[..., 1]), None
+        return total + times * length(forecast - sample), None
 
-    start = jnp.zeros(forecast.shape[:-1], forecast.dtype)
-    return jax.lax.scan(add, start, (forecast, number))[0]
+    return jax.lax.scan(add, jnp.zeros_like(length(forecast)), (forecast, number))[0]
 
 
 def _numbers(forecast: Array, probability: Array | None) -> Array:

@@ -262,6 +262,13 @@ def test_an_underlay_lies_where_its_homography_says(tmp_path):
     heights = np.linspace(bottom, top, 700)
     assert not alpha[heights < -0.1].any()
     assert (alpha[(heights > 0.1) & (heights < 3)] == 0.6).any()
+    # Rows from 50 on are above the horizon: sky is not drawn on the floor behind the camera.
+    matrix[2, 1] = -0.02
+    far = make_tracks("far", [0, 1], [1, 1], [[0, -40], [6, 4]])
+    (drawn,) = plotting.plot_tracks([far], (image, matrix)).axes[0].images
+    heights = np.linspace(*drawn.get_extent()[2:], 700)
+    assert drawn.get_alpha()[heights > 0.1].any()
+    assert not drawn.get_alpha()[heights < -0.1].any()
 
 
 @pytest.mark.parametrize(
