@@ -51,7 +51,7 @@ def observe(
     side_quantisation_factor: ArrayLike | None = None,
     near: ArrayLike = 1.22,
 ) -> Array:
-    """States [..., T-1, m] of the pair (k, l) at every step: int8 in {-1, 0, 1}, or `ABSENT`.
+    """States [..., T-1, m] int8 of the pair (k, l) at every step, in {-1, 0, 1} or `ABSENT`.
 
     All ordered pairs of a scene of positions [N, T, 2] are `observe(positions[:, None], positions)`
     [N, N, T-1, m], with agent i as k and agent j as l in entry (i, j). Thresholds are inclusive,
