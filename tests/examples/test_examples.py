@@ -74,7 +74,7 @@ def tracks(tmp_path_factory):
 
 
 MODEL = FOLDER.parent / "checkpoints" / "sgan_simulations_8"
-NUMBER, POSITIVE = r"([0-9.]+) *(?:± [0-9.]+)? *", r"[0-9.]*[1-9][0-9.e-]*"
+NUMBER, POSITIVE = r"([0-9.]+) *(?:± *[0-9.]+)? *", r"[0-9.]*[1-9][0-9.e-]*"
 
 
 @pytest.mark.slow
