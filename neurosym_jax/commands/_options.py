@@ -10,29 +10,22 @@ import difflib
 import importlib.metadata
 import inspect
 import itertools
+import json
 import re
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import yaml
 
-from neurosym_jax.data.sources import Source, Synthetic
+from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 
-__all__ = [
-    "as_arguments",
-    "every_option",
-    "given",
-    "options_text",
-    "refuse_unread",
-    "refuse_unused",
-    "short_help",
-    "with_file",
-]
+__all__ = ["every_option", "given", "open_data", "options_text", "refuse_unused", "short_help"]
+__all__ += ["with_file"]
 
 PLUGIN = "--plugin FILE.py|MODULE"
 
@@ -88,7 +81,7 @@ def _value(kind: Any) -> str:
     inner = [each for each in get_args(kind) if each not in (type(None), Ellipsis)]
     if inner:
         return _value(inner[0]) + (" ..." if get_origin(kind) is tuple else "")
-    names = {bool: "", int: "N", float: "NUMBER", str: "VALUE"}
+    names = {bool: "", int: "N", float: "NUMBER", str: "NAME"}
     return names.get(kind, getattr(kind, "__name__", "").upper())
 
 
@@ -104,16 +97,14 @@ def _documented(options: type) -> Iterator[tuple[str, str]]:
 
 
 def given(options: Any) -> dict[str, Any]:
-    """The options that differ from their defaults, by name, and the plugins; for YAML."""
+    """The options that differ from their defaults, by name, as plain values for YAML."""
     found: dict[str, Any] = {}
     for field in dataclasses.fields(options):
         value = getattr(options, field.name)
         if dataclasses.is_dataclass(value):
             found |= given(value)
         elif value != field.default:
-            plain = value if isinstance(value, bool | int | float) else None
-            several = [str(each) for each in value] if isinstance(value, tuple) else str(value)
-            found[field.name] = several if plain is None else plain
+            found[field.name] = json.loads(json.dumps(value, default=str))
     return found
 
 
@@ -122,6 +113,53 @@ def options_text(options: Any) -> str:
     values = given(options) | ({"plugin": loaded()} if loaded() else {})
     version = importlib.metadata.version("neurosym-jax")  # Others have other defaults.
     return f"# neurosym-jax {version}\n{yaml.safe_dump(values, sort_keys=False)}"
+
+
+def with_file(options: type, arguments: Sequence[str]) -> list[str]:
+    """`arguments`, of which the first may name a file of options; those after it override it.
+
+    Raises:
+        InputError: for a file that cannot be read, an unknown option, or one that stands twice.
+    """
+    if not arguments or not arguments[0].endswith((".yaml", ".yml")):
+        return list(arguments)
+    path, *others = arguments
+    try:
+        values = yaml.load(Path(path).read_text(encoding="utf-8"), _Texts)
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: must have a line `option: value` for each option")
+    flags = [flag.split() for _, flag, _ in every_option(options) if flag.startswith("--")]
+    known = {flag: kind for flag, *kind in [*flags, PLUGIN.split()]}
+    read: list[str] = []
+    for name, value in values.items():
+        flag = f"--{name.replace('_', '-')}"
+        if flag not in known:
+            near = difflib.get_close_matches(flag, known, 1) or [", ".join(known)]
+            raise InputError(f"{path}: unknown option {name!r}: did you mean {near[0]}?")
+        if isinstance(value, dict):
+            value = [f"{key}={each}" for key, each in value.items()]
+        texts = [value] if isinstance(value, str) else value
+        if not known[flag] and value not in ("true", "false"):
+            raise InputError(f"{path}: {name}: must be true or false, not {value}")
+        if not known[flag]:
+            read.append(flag if value == "true" else f"--no-{flag[2:]}")
+        elif flag == "--plugin":
+            read += [part for text in texts for part in (flag, text)]
+        else:
+            read += [flag, *texts]
+    return [*read, *others]
+
+
+class _Texts(yaml.BaseLoader):
+    """Values as they stand in the file, such as 1e-3 and 2020-01-01, in lists and dictionaries."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        names = [key.value for key, _ in node.value]
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise ValueError(f"the option {twice[0]!r} stands twice")
+        return super().construct_mapping(node, deep)
 
 
 def refuse_unused(options: Any, names: Iterable[str], where: str) -> None:
@@ -134,68 +172,14 @@ def refuse_unused(options: Any, names: Iterable[str], where: str) -> None:
         raise InputError(f"--{unused[0].replace('_', '-')}: has no effect {where}")
 
 
-def refuse_unread(options: Any, source: Source, *files: object) -> None:
-    """Refuse options of reading where neither `source` nor any of `files` is read.
+def open_data(options: Any, dataset: str | None, *files: object, **how: Any) -> Source:
+    """Open the source that `options` name, see `open_source`.
 
     Raises:
-        InputError: naming the first.
+        InputError: for options of reading where neither the source nor any of `files` is read.
     """
+    source = open_source(options.data, dataset, read=options.read, **how)
     if isinstance(source, Synthetic) and not any(files):
         names = [field.name for field in dataclasses.fields(options.read)]
         refuse_unused(options, names, "on simulations (--data names recordings)")
-
-
-def as_arguments(options: type, values: Mapping[str, Any], source: str) -> list[str]:
-    """The command line of options by name, whose values are texts, lists or tables.
-
-    Raises:
-        InputError: naming `source`, for an unknown option.
-    """
-    flags = [flag.split() for _, flag, _ in every_option(options) if flag.startswith("--")]
-    known = {flag: kind for flag, *kind in [*flags, PLUGIN.split()]}
-    arguments: list[str] = []
-    for name, value in values.items():
-        flag = f"--{name.replace('_', '-')}"
-        if flag not in known:
-            near = difflib.get_close_matches(flag, known, 1) or [", ".join(known)]
-            raise InputError(f"{source}: unknown option {name!r}: did you mean {near[0]}?")
-        texts: Any = [value] if isinstance(value, str | bool | int | float) else value
-        if isinstance(texts, Mapping):
-            texts = [f"{key}={each}" for key, each in texts.items()]
-        if not known[flag]:
-            arguments.append(flag if str(value).lower() == "true" else f"--no-{flag[2:]}")
-        elif flag == "--plugin":
-            arguments += [part for text in texts for part in (flag, str(text))]
-        else:
-            arguments += [flag, *map(str, texts)]
-    return arguments
-
-
-def with_file(options: type, arguments: Sequence[str]) -> list[str]:
-    """`arguments`, of which the first may name a file of options; those after it override it.
-
-    Raises:
-        InputError: for a file that cannot be read, or an unknown option in it.
-    """
-    if not arguments or not arguments[0].endswith((".yaml", ".yml")):
-        return list(arguments)
-    path, *others = arguments
-    try:
-        values = _plain(yaml.compose(Path(path).read_text(encoding="utf-8"), yaml.SafeLoader))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
-    if not isinstance(values, dict):
-        raise InputError(f"{path}: must have a line `option: value` for each option")
-    return [*as_arguments(options, values, path), *others]
-
-
-def _plain(node: Any) -> Any:
-    """Texts as they stand in the file, such as 1e-3 and 2020-01-01, in lists and dictionaries."""
-    if isinstance(node, yaml.SequenceNode):
-        return [_plain(each) for each in node.value]
-    if not isinstance(node, yaml.MappingNode):
-        return node and node.value
-    keys = [_plain(key) for key, _ in node.value]
-    if twice := {key for key in keys if keys.count(key) > 1}:
-        raise ValueError(f"the option {min(twice)!r} stands twice")
-    return {key: _plain(value) for key, (_, value) in zip(keys, node.value)}
+    return source

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import tyro
 
-from neurosym_jax.commands._options import short_help
+from neurosym_jax.commands._options import short_help, with_file
 from neurosym_jax.errors import InputError, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
@@ -35,7 +35,7 @@ def run_command(
     prog: str | None = None,
     prepare: Callable[[Sequence[str]], Sequence[str]] = list,
 ) -> None:
-    """Parse `options` from the command line, call `action`, exit.
+    """Parse `options` from the command line or a file in YAML, call `action`, exit.
 
     `prepare` removes arguments that other programs add. The exit status is the integer that
     `action` returns, else 0; 2 for bad input or a full or read-only disk, 130 after Ctrl-C.
@@ -45,7 +45,8 @@ def run_command(
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show
-            arguments = load_plugins(prepare(sys.argv[1:] if arguments is None else arguments))
+            own = prepare(sys.argv[1:] if arguments is None else arguments)
+            arguments = load_plugins(with_file(options, own))
             if {"-h", "--help"} & set(arguments):
                 print(short_help(options, prog or "neurosym"))
                 sys.exit(0)

@@ -20,7 +20,7 @@ class Options:
     """A .pt file of SGAN or NeuroSyM; or a model's folder or name."""
     to: Annotated[Path, tyro.conf.Positional]
     """The new folder; or a new .pt file, which torch writes."""
-    ignore_arg: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
+    ignore_arg: tuple[str, ...] = ()
     """Unknown arguments of the checkpoint that do not change its network."""
 
 

@@ -2,26 +2,21 @@
 
 import contextlib
 import dataclasses
-import itertools
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import tyro
 
-from neurosym_jax.commands._options import refuse_unread, refuse_unused
+from neurosym_jax.commands._options import open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import Source, Synthetic, open_source
+from neurosym_jax.data.sources import Source, Synthetic
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.metrics import SYMBOLS, metric_names
-from neurosym_jax.evaluation.plan import BASELINES, TABLE, Test, load_models, load_tests, make_plan
-from neurosym_jax.evaluation.report import check_report, logged, write_report
+from neurosym_jax.evaluation import metrics, plan, report, saved_forecasts, tables
 from neurosym_jax.evaluation.results import Result, Row, Settings, evaluate_tests
-from neurosym_jax.evaluation.saved_forecasts import check_forecasts_file, save_forecasts
-from neurosym_jax.evaluation.summary import rows_frame, summarise
-from neurosym_jax.evaluation.tables import Style, format_table, notes, text_tables
+from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import find_model, shipped_models, shipped_name
 from neurosym_jax.runtime.cluster import cluster_map
@@ -58,10 +53,6 @@ the numbers say nothing about real people. Next:
     neurosym evaluate --data my_tracks.csv --checkpoint recommended"""
 
 
-def _named(metavar: str) -> Any:  # Its help says what the default does.
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint="")
-
-
 @dataclasses.dataclass(frozen=True)
 class Options:
     """Evaluate models beside constant-velocity baselines: tables, figures, JSON.
@@ -69,25 +60,25 @@ class Options:
     Without arguments: one SGAN and one NeuroSyM that ship, on the embedded simulations.
     """
 
-    checkpoint: Annotated[tuple[str, ...], _named("PATH ...")] = ()
+    checkpoint: tuple[str, ...] = ()
     """Models to evaluate: folder, .pt file or name (see `neurosym models`), or `recommended`; of a
     folder, those that match. Default: one shipped model without symbols and one with."""
     all: bool = False
     """Evaluate every shipped model that matches the data set and horizon."""
-    data: Annotated[Path | None, _named("PATH")] = None
+    data: Path | None = None
     """Recording of any format in docs/data.md, a folder of them, or ETH/UCY as SGAN arranges it;
     default: the downloaded collection that has the data set, else the embedded simulations."""
-    dataset: Annotated[str | None, _named("NAME")] = None
+    dataset: str | None = None
     """Data set to test on (eth, hotel, ..., or a file's name); default: the one that was held out
     of a model's training, else all."""
-    test_on: Annotated[tuple[str, ...], _named("NAME ...")] = ()
+    test_on: tuple[str, ...] = ()
     """Recordings to test on, by file name, as one test set; models are not checked for having been
     trained on them."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
     """How files are read."""
-    obs_len: Annotated[int | None, _named("INT")] = None
+    obs_len: int | None = None
     """Number of observed steps; default: the model's, else 8."""
-    pred_len: Annotated[int | None, _named("INT")] = None
+    pred_len: int | None = None
     """Number of steps to forecast; default: the model's, else 8."""
     period: float = 0.4
     """Seconds between steps; recordings with other steps are resampled."""
@@ -100,18 +91,18 @@ class Options:
     protocol: Literal["sgan", "joint-metrics"] = "sgan"
     """sgan: scenes of two people or more, means over people. joint-metrics (Joint Metrics Matter):
     8 + 12 steps, scenes of one person or more, means over scenes."""
-    min_agents: Annotated[int | None, _named("INT")] = None
+    min_agents: int | None = None
     """Minimum number of people in a scene; default: the protocol's."""
-    baselines: Annotated[tuple[str, ...] | None, _named("NAME ...")] = None
+    baselines: tuple[str, ...] | None = None
     """Forecasters to evaluate beside the models; default: constant velocity, its sampled form and
     the anchor table that ships; without arguments constant velocity alone."""
-    metrics: Annotated[tuple[str, ...], _named("NAME ...")] = ()
+    metrics: tuple[str, ...] = ()
     """Further metrics by name, see docs/metrics.md, or `all` but those of --symbols."""
     symbols: bool = False
     """Add the scores of forecast symbols and events."""
     collisions: bool = True
     """Compute the collision rate, which takes time quadratic in people."""
-    table: Style = "text"
+    table: tables.Style = "text"
     """Format of the printed tables; csv, markdown and latex go alone to the standard output."""
     intervals: bool = False
     """Add intervals to the LaTeX table, which then needs more than one column of a paper."""
@@ -123,10 +114,10 @@ class Options:
     """Folder of the figures; or a prefix of their names that ends in .png, .pdf or .svg."""
     style: Literal["paper", "talk"] = "paper"
     """Look of the figures; a talk's have larger letters and lines."""
-    save_forecasts: Annotated[Path | None, _named("FILE")] = None
+    save_forecasts: Path | None = None
     """Also write all forecasts, as .npz, .nc (xarray) or .ndjson (TrajNet++), a file for each
     model."""
-    cluster: Annotated[str | None, _named("ADDRESS")] = None
+    cluster: str | None = None
     """Address of a Dask scheduler whose workers evaluate test sets in parallel."""
 
 
@@ -136,26 +127,20 @@ def run(options: Options) -> list[Row]:
     chosen = bool(options.checkpoint) or options.all
     source, models = _models(options)
     tests = _tests(options, source, models)
-    further = (*options.metrics, *(SYMBOLS if options.symbols else ()))
+    further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
     settings = Settings(
         options.samples,
         options.seed,
-        metric_names(further, collisions=options.collisions),
+        metrics.metric_names(further, collisions=options.collisions),
         options.seeds,
         PROTOCOLS[options.protocol].by_scene,
     )
     text = options.table == "text"
-    results: list[Result] = []
     parallel = cluster_map(options.cluster) if options.cluster else contextlib.nullcontext()
     with parallel as run_on_cluster:
         if text and not chosen and source.about:
             print(f"{source.about}\n")
-        found = logged(options.json, evaluate_tests(tests, settings, run_on_cluster))
-        for _, of_test in itertools.groupby(found, lambda result: result.test_set):
-            results += (members := list(of_test))
-            if text:
-                table = summarise(rows_frame([result.row for result in members]))
-                print(text_tables(table, whole=chosen or bool(further)))
+        results = list(report.logged(options.json, evaluate_tests(tests, settings, run_on_cluster)))
     rows = [result.row for result in results]
     readings = {how.recording: how for test in tests for how in test.windows.reading}
     paths = [find_model(path) for test in tests for path, _ in test.entries if path]
@@ -164,19 +149,12 @@ def run(options: Options) -> list[Row]:
         "provenance": provenance([how.file for how in readings.values() if how.file], paths),
         "recordings": [dataclasses.asdict(how) for how in readings.values()],
     }
-    write_report(options.json, rows, facts)
-    said = _assumptions(models)
+    report.write_report(options.json, rows, facts)
+    how = {"intervals": options.intervals, "whole": chosen or bool(further)}
+    print(tables.format_table(rows_frame(rows), options.table, **how))
+    said = ["", *filter(None, [describe_readings(readings.values())]), *_assumptions(models)]
     if not paths:
         said += ["No model was given, or none matches: these are the baselines."]
-    if text:
-        lines = summarise(rows_frame(rows))
-        means = lines.filter(lines["sets"] > 1)
-        if chosen and len(means):
-            print(text_tables(means))
-        read = describe_readings(readings.values())
-        said = [*notes(lines), "", *([read, ""] if read else []), *said]
-    else:
-        print(format_table(rows_frame(rows), options.table, intervals=options.intervals))
     said += [*_write_files(options, tests, results, together=not chosen), f"rows: {options.json}"]
     if text and isinstance(source, Synthetic) and not chosen:
         said += [AFTER_THE_FIRST_RUN.format(options.samples)]
@@ -186,20 +164,18 @@ def run(options: Options) -> list[Row]:
 
 def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
     """The source of recordings, and the models: as given, all that ship, or one or two."""
-
-    def source_of(own: str | None) -> Source:
-        return open_source(options.data, options.dataset, own, options.read, options.period)
-
-    source, pred_len = source_of(None), _lengths(options)["pred_len"]
-    refuse_unread(options, source, options.test_on)
+    asked: Any = (options, options.dataset, options.test_on)
+    source, pred_len = open_data(*asked, period=options.period), _lengths(options)["pred_len"]
     names = options.checkpoint
     if options.all:
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())
-        names = [name for name in shipped if not name.startswith(TABLE)]
+        names = [name for name in shipped if not name.startswith(plan.TABLE)]
     names = names or default_models(source, options.dataset, pred_len)
-    models = load_models(names, source, options.dataset, pred_len)
-    return source_of(models[0][1].dataset) if options.checkpoint else source, models
+    models = plan.load_models(names, source, options.dataset, pred_len)
+    if options.checkpoint:
+        source = open_data(*asked, model_scene=models[0][1].dataset, period=options.period)
+    return source, models
 
 
 def default_models(source: Source, dataset: str | None, pred_len: int | None) -> list[str]:
@@ -226,12 +202,12 @@ def _lengths(options: Options) -> dict[str, int | None]:
     return asked | fixed
 
 
-def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) -> list[Test]:
+def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) -> list[plan.Test]:
     baselines, least = options.baselines, options.min_agents
     chosen = options.checkpoint or options.all
     if baselines is None and isinstance(source, Synthetic) and not chosen:
-        baselines = BASELINES[:1]
-    plan = make_plan(
+        baselines = plan.BASELINES[:1]
+    entries = plan.make_plan(
         source,
         models,
         dataset=options.dataset,
@@ -243,7 +219,7 @@ def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) ->
         only_matching=len(models) != len(options.checkpoint),
     )
     least = PROTOCOLS[options.protocol].min_agents if least is None else least
-    return load_tests(source, plan, test_on=options.test_on, min_agents=least)
+    return plan.load_tests(source, entries, test_on=options.test_on, min_agents=least)
 
 
 def _assumptions(models: list[tuple[str, Model]]) -> list[str]:
@@ -260,7 +236,7 @@ def _assumptions(models: list[tuple[str, Model]]) -> list[str]:
 
 
 def _write_files(
-    options: Options, tests: list[Test], results: list[Result], *, together: bool
+    options: Options, tests: list[plan.Test], results: list[Result], *, together: bool
 ) -> list[str]:
     """Write figures and forecasts; returns a line for each kind of file."""
     said = []
@@ -273,8 +249,8 @@ def _write_files(
         several = f"figures: {len(drawn)} in {drawn[0].parent}"
         said += [f"figure: {drawn[0]}" if len(drawn) == 1 else several]
     if options.save_forecasts:
-        for path in save_forecasts(options.save_forecasts, tests, options.samples, options.seed):
-            said += [f"forecasts: {path}"]
+        how = (options.save_forecasts, tests, options.samples, options.seed)
+        said += [f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*how)]
     return said
 
 
@@ -290,7 +266,7 @@ def _validate(options: Options) -> None:
         refuse_unused(options, ["checkpoint"], "with --all")
     if options.table != "latex":
         refuse_unused(options, ["intervals"], "without --table latex: other tables have intervals")
-    check_report(options.json)
+    report.check_report(options.json)
     if options.figures:
         from neurosym_jax.plotting.evaluation import check_figures
 
@@ -298,4 +274,4 @@ def _validate(options: Options) -> None:
     else:
         refuse_unused(options, ["plots", "style"], "with --no-figures")
     if options.save_forecasts:
-        check_forecasts_file(options.save_forecasts)
+        saved_forecasts.check_forecasts_file(options.save_forecasts)

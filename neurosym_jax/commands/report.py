@@ -5,19 +5,19 @@ from pathlib import Path
 
 import tyro
 
-from neurosym_jax.training.sweep_report import write_report
+from neurosym_jax.training.sweep import compare_sweep
 
 __all__ = ["Options", "run"]
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Compare a sweep's models with references, paired by seed and scene: Markdown and CSV."""
+    """Compare a sweep's models with one of them, paired by seed and scene: Markdown and CSV."""
 
     sweep: tyro.conf.Positional[Path]
     """Folder of the sweep."""
-    against: tuple[str, ...] = ()
-    """Models to compare with, by title or weighting; needed with more than two models."""
+    against: str | None = None
+    """Model to compare with, by title or weighting; needed with more than two models."""
     pred_len: int | None = None
     """Steps forecast, where the sweep has several."""
     out: Path | None = None
@@ -25,9 +25,5 @@ class Options:
 
 
 def run(options: Options) -> None:
-    """Write and print the report that `options` ask for.
-
-    Raises:
-        InputError: see `training.sweep_report.write_report`.
-    """
-    print(write_report(options.sweep, options.against, pred_len=options.pred_len, out=options.out))
+    """Write and print the report that `options` ask for; see `training.sweep.compare_sweep`."""
+    print(compare_sweep(options.sweep, options.against, pred_len=options.pred_len, out=options.out))

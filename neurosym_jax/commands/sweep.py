@@ -4,27 +4,20 @@
 # Options of `train` that have one value have several here.
 
 import dataclasses
-import functools
 import itertools
 import shlex
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from neurosym_jax.commands import train
-from neurosym_jax.commands._options import (
-    as_arguments,
-    given,
-    options_text,
-    refuse_unread,
-    with_file,
-)
-from neurosym_jax.data.sources import Source, open_source
+from neurosym_jax.commands._options import open_data, options_text
+from neurosym_jax.configuration import Count, refuse
+from neurosym_jax.data.sources import Source
 from neurosym_jax.errors import InputError
-from neurosym_jax.plugins import loaded
 from neurosym_jax.training.network import model_name, named_network
-from neurosym_jax.training.sweep import SweepRun, run_sweep
+from neurosym_jax.training.sweep import SweepRun, run_sweep, unfinished
 
-__all__ = ["PREPARE", "Options", "plan_runs", "run"]
+__all__ = ["Options", "plan_runs", "run"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,13 +44,10 @@ class Options(train.Options):
     jobs: int | None = None
     """Trainings at once; default: one for each core."""
     dry_run: bool = False
-    """List the runs and which of them are finished, each with its command; train nothing."""
+    """Write each run's recipe.yaml and list the commands that train them; train nothing."""
     train_on: ClassVar[tuple[str, ...]] = ()
     validate_on: ClassVar[tuple[str, ...]] = ()
     resume: ClassVar[bool] = False
-
-
-PREPARE = functools.partial(with_file, Options)
 
 
 def run(options: Options) -> int:
@@ -66,12 +56,14 @@ def run(options: Options) -> int:
     Raises:
         InputError: see `plan_runs` and `training.sweep.run_sweep`.
     """
+    refuse(Count, {"--jobs": options.jobs})
     source, runs = plan_runs(options)
     if not options.dry_run:
         return run_sweep(runs, source, options.out, options_text(options), options.jobs)
+    left = unfinished(runs)
     for one in runs:
-        state = "finished" if one.finished() else "left    "
-        print(f"{state}  {shlex.join(['neurosym', 'train', *one.arguments])}")
+        state = "left    " if one in left else "finished"
+        print(f"{state}  {shlex.join(['neurosym', *one.command])}")
     return 0
 
 
@@ -86,8 +78,7 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         if not getattr(options, name):
             raise InputError(f"--{name.replace('_', '-')}: at least one is needed")
     first = options.dataset[0] if options.dataset else None
-    source = open_source(options.data, first, read=options.read, period=options.period)
-    refuse_unread(options, source, options.train_also)
+    source = open_data(options, first, options.train_also, period=options.period)
     if unknown := [name for name in options.dataset if name not in source.scenes]:
         raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
     common = {of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)}
@@ -103,10 +94,7 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         name = f"{model_name(network)}_{dataset}_{options.obs_len}_{pred_len}_seed{seed}"
         if (folder := options.out / name) in runs:
             raise InputError(f"{name}: two runs of the sweep have this name")
-        asked = dataclasses.replace(asked, out=folder)
-        values = {**given(asked), "resume": True, "plugin": loaded()}
-        arguments = as_arguments(train.Options, values, "sweep")
-        runs[folder] = SweepRun(folder, arguments, options_text(asked))
+        runs[folder] = SweepRun(folder, options_text(dataclasses.replace(asked, out=folder)))
     return source, list(runs.values())
 
 

@@ -13,10 +13,9 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.commands._options import refuse_unread, refuse_unused
+from neurosym_jax.commands._options import open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, component_from_text, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
@@ -80,13 +79,10 @@ def run(options: Options) -> None:
         refuse_unused(options, ["samples", "seed"], "without --forecast")
     refuse(Count, {"--samples": options.samples})
     refuse(Seed, {"--seed": options.seed})
-    model = None
-    if options.model is not None:
-        model = load_model(options.model, dataset=options.dataset)
-    source = open_source(options.data, options.dataset, read=options.read)
-    refuse_unread(options, source)
+    model = options.model and load_model(options.model, dataset=options.dataset)
+    source = open_data(options, options.dataset)
     name = options.dataset or source.scenes[0]
-    lengths = model.config if model is not None else Lengths()
+    lengths = model.config if model else Lengths()
     windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
     number = options.window
     if number is None:
@@ -94,24 +90,25 @@ def run(options: Options) -> None:
         number = int(sizes.argmax())
     if not 0 <= number < windows.scenes:
         raise InputError(f"--window must lie in [0, {windows.scenes}), not {number}")
-    title, shown = f"{name}, window {number}", windows.take(slice(number, number + 1))
+    shown = windows.take(slice(number, number + 1))
+    title = f"{name}, window {number}"
     if not options.forecast:
         _show_weights(options, model, title, shown)
-    elif model is not None:
+    elif model:
         _show_forecast(options, model, title, shown)
     else:
         raise InputError("--forecast needs a --model that forecasts")
 
 
 def _show_weights(options: Options, model: Model | None, title: str, shown: Windows) -> None:
-    if model is None or options.weighting is not None:
-        text = options.weighting or "cnd"
-        weighting = component_from_text(text, WEIGHTINGS, f"--weighting {text}")
-        parameters = initial_parameters(weighting)
-    else:
+    if model and options.weighting is None:
         weighting, parameters = model.config.weighting, model.params.get("weighting", {})
         if weighting is None:
             raise InputError(f"{options.model}: {model.name} weighs no pairs: name a --weighting")
+    else:
+        text = options.weighting or "cnd"
+        weighting = component_from_text(text, WEIGHTINGS, f"--weighting {text}")
+        parameters = initial_parameters(weighting)
     observed = make_scene(shown.position).observed
     codes, alpha = (
         np.asarray(of(parameters, observed)) for of in (weighting.codes, weighting.alpha)
@@ -131,9 +128,7 @@ def _show_forecast(options: Options, model: Model, title: str, shown: Windows) -
     observed = shown.position[:, : shown.obs_len]
     samples = predict(model, observed, samples=options.samples, seed=options.seed)
     rows = forecast_rows(samples, observed, shown.agent, SymbolSettings(shown.period))
-    print(f"{title}: {len(shown.agent)} people, {len(samples)} samples of {model.name}\n")
-    print(format_forecast(rows))
-    lines = [json.dumps(row, allow_nan=False) for row in rows]
     path = options.out / "forecast.jsonl"
-    write_text(path, "\n".join(lines) + "\n")
-    print(f"\n{path}")
+    write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+    print(f"{title}: {len(shown.agent)} people, {len(samples)} samples of {model.name}\n")
+    print(f"{format_forecast(rows)}\n\n{path}")

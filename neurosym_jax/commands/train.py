@@ -2,25 +2,19 @@
 
 import contextlib
 import dataclasses
-import functools
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from neurosym_jax.commands._options import (
-    options_text,
-    refuse_unread,
-    refuse_unused,
-    with_file,
-)
+from neurosym_jax.commands._options import open_data, options_text, refuse_unused
 from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import shared_shapes
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic, open_source
+from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import Tracks, describe_readings, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
@@ -32,7 +26,7 @@ from neurosym_jax.training.network import model_name, named_network
 from neurosym_jax.training.recipe import make_recipe, refuse_other_recipe, usual_recipe
 from neurosym_jax.training.run import Run
 
-__all__ = ["PREPARE", "Options", "configured", "make_run", "run"]
+__all__ = ["Options", "configured", "make_run", "run"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,9 +84,6 @@ class Options:
     """Also write the metrics as TensorBoard's events to the run's folder."""
 
 
-PREPARE = functools.partial(with_file, Options)
-
-
 def run(options: Options) -> None:
     """Train as `options` say.
 
@@ -112,18 +103,16 @@ def run(options: Options) -> None:
         print(text)
     repeated = dataclasses.replace(options, out=folder, resume=False)
     run = dataclasses.replace(run, options=options_text(repeated))
-    logged = _tensorboard(folder) if options.log else contextlib.nullcontext(lambda row: None)
-    with logged as on_row:
-        model = train_run(run, folder, resume=options.resume, on_row=on_row)
+    on_row = _tensorboard(folder) if options.log else lambda row: None
+    model = train_run(run, folder, resume=options.resume, on_row=on_row)
     _print_errors(run, model)
     data = "" if options.data is None else f" --data {shlex.quote(str(options.data))}"
     place = shlex.quote(str(folder / "model"))
     print(f"model: {place}\ntest it: neurosym evaluate --checkpoint {place}{data}")
 
 
-@contextlib.contextmanager
-def _tensorboard(folder: Path) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """What writes rows of metrics to an event file in `folder`."""
+def _tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
+    """A function that writes a row of metrics to an event file in `folder`."""
     try:
         from tensorboardX import SummaryWriter  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -134,13 +123,12 @@ def _tensorboard(folder: Path) -> Iterator[Callable[[dict[str, Any]], None]]:
     def write(row: dict[str, Any]) -> None:
         if not writers:
             # Steps beyond the saved state that a run resumes from are hidden.
-            new = SummaryWriter(str(folder), flush_secs=10, purge_step=row["step"])
-            writers.append(stack.enter_context(new))
+            writers.append(SummaryWriter(str(folder), purge_step=row["step"]))
         for name in sorted(row.keys() - {"step"}):
             writers[0].add_scalar(name, row[name], row["step"])
+        writers[0].flush()
 
-    with contextlib.ExitStack() as stack:
-        yield write
+    return write
 
 
 def _print_errors(run: Run, model: Model) -> None:
@@ -189,7 +177,9 @@ def make_run(options: Options) -> Run:
         InputError: for options that contradict each other or data that cannot be read.
     """
     network, recipe = configured(options)
-    source = open_source(options.data, options.dataset, read=options.read, period=options.period)
+    source = open_data(
+        options, options.dataset, options.train_on, options.train_also, period=options.period
+    )
     learned, validated = _recordings(options, source)
     lengths = options.obs_len, options.pred_len
     training = cut_windows(learned, *lengths, min_agents=recipe.min_agents)
@@ -218,7 +208,6 @@ def _recordings(options: Options, source: Source) -> tuple[list[Tracks], list[Tr
         raise InputError("--train-on and --validate-on go together")
     if options.train_on:
         refuse_unused(options, ["dataset"], "with --train-on")
-    refuse_unread(options, source, options.train_on, options.train_also)
     if options.dataset is None and options.data is not None and not options.train_on:
         names = ", ".join(source.scenes)
         raise InputError(f"--dataset is needed: one of {names}, or {GENERAL}")

@@ -30,7 +30,12 @@ class Line(NamedTuple):
 
 
 def format_table(
-    rows: pl.DataFrame, style: Style = "text", width: int | None = None, *, intervals: bool = False
+    rows: pl.DataFrame,
+    style: Style = "text",
+    width: int | None = None,
+    *,
+    intervals: bool = False,
+    whole: bool = True,
 ) -> str:
     """Rows as tables: one for each test set and horizon and, of several, one of their means.
 
@@ -39,10 +44,12 @@ def format_table(
         style: text for a terminal; csv, markdown or latex for a paper.
         width: columns of a terminal; default: the terminal's.
         intervals: whether latex has intervals, too, which is too wide for one column of a paper.
+        whole: whether text has columns that do not fit in further tables, and a table of means.
     """
     lines = summarise(rows)
     if style == "text":
-        return "\n".join([text_tables(lines, width), *notes(lines)])
+        shown = lines if whole else lines.filter(pl.col("sets") == 1)
+        return "\n".join([text_tables(shown, width, whole=whole), *notes(lines)])
     if style == "latex":
         return _latex_table(lines, intervals)
     return _csv_table(lines) if style == "csv" else _markdown_table(lines)

@@ -6,8 +6,8 @@ from typing import Any
 from neurosym_jax.configuration import from_json
 from neurosym_jax.data.sources import GENERAL, Synthetic
 from neurosym_jax.evaluation.markdown import markdown_table
-from neurosym_jax.evaluation.metrics import known_metric
-from neurosym_jax.evaluation.summary import metrics_of
+from neurosym_jax.evaluation.summary import rows_frame
+from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 
@@ -22,7 +22,9 @@ Forecasts {pred_len} steps from {obs_len} observed ones. `neurosym_jax.load_mode
 
 Best of k forecasts, metres. Joint: the best forecast of the whole scene (SGAN's protocol); marginal: each agent's own best. The two are not comparable.
 
-{errors}
+Validation chose step {step}: joint ADE {val_ade:.3f}, FDE {val_fde:.3f}, best of {samples}.
+
+{tests}
 
 ## Training
 
@@ -30,7 +32,7 @@ Best of k forecasts, metres. Joint: the best forecast of the whole scene (SGAN's
 """  # noqa: E501
 
 
-def model_card(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] = ()) -> str:
+def model_card(facts: Mapping[str, Any], test_rows: Sequence[dict[str, Any]] = ()) -> str:
     """The text of the card of a model.
 
     Args:
@@ -61,23 +63,8 @@ def model_card(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]] 
         title=title,
         obs_len=network.obs_len,
         pred_len=network.pred_len,
-        errors=_errors(facts, test_rows),
+        samples=facts["samples"],
+        **{name: facts["validation"][name] for name in ("step", "val_ade", "val_fde")},
+        tests=format_table(rows_frame(test_rows), "markdown") if test_rows else "Not tested yet.",
         settings=markdown_table(["", ""], known),
     )
-
-
-def _errors(facts: Mapping[str, Any], test_rows: Sequence[Mapping[str, Any]]) -> str:
-    validation = facts["validation"]
-    label = f"validation, which chose step {validation['step']}"
-    chosen = {"joint_ade": validation["val_ade"], "joint_fde": validation["val_fde"]}
-    rows: list[tuple[str, Any, Mapping[str, Any]]] = [(label, facts["samples"], chosen)]
-    for row in test_rows:
-        model = "this model" if row["checkpoint"] else row["model"]
-        rows.append((f"test on {row['dataset']}: {model}", row["samples"], row))
-    names = metrics_of(test_rows[0]) if test_rows else list(chosen)
-    metrics = {name: known_metric(name) for name in names}
-    lines = [
-        [label, str(k), *(metric.text(row.get(name)) for name, metric in metrics.items())]
-        for label, k, row in rows
-    ]
-    return markdown_table(["", "k", *(metric.title for metric in metrics.values())], lines)

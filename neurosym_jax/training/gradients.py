@@ -2,12 +2,14 @@
 
 The variety loss depends on the best of k samples only, and so does its gradient: all k are decoded
 without a gradient, then the best (and the one that the discriminator scores) again with one.
-Encoding and pooling are done once.
+Encoding and pooling are done once: pooling is mapped over each group's scenes, encoder and decoder
+take all slots of all groups together.
 """
 
 import functools
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -16,8 +18,10 @@ import numpy as np
 import optax
 from jax import Array
 
-from neurosym_jax.models import Discriminator
+from neurosym_jax.forecasting.networks import decode_scene, interact_scene
+from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.scene import AnyArray
 from neurosym_jax.training.gentle_pooling import with_leak
 from neurosym_jax.training.losses import (
     adversarial_loss,
@@ -26,10 +30,10 @@ from neurosym_jax.training.losses import (
     variety_loss,
 )
 from neurosym_jax.training.recipe import TrainConfig
-from neurosym_jax.training.rollout import decode_groups, encode_groups, over_slots
-from neurosym_jax.training.stream import Groups, merge
+from neurosym_jax.training.stream import Groups, merge, split
 
-__all__ = ["Metrics", "discriminator_gradient", "generator_gradient", "warn_if_no_gradient"]
+__all__ = ["Metrics", "decode_groups", "discriminator_gradient", "draw_group_noise"]
+__all__ += ["encode_groups", "generator_gradient", "warn_if_no_gradient"]
 
 Metrics = dict[str, Array]
 """Scalars by name."""
@@ -111,11 +115,62 @@ def generator_gradient(
 def warn_if_no_gradient(gradient: Any, by: str) -> None:
     """Print a warning if a gradient by weights, called `by`, is 0 in every entry."""
     if not any(np.any(leaf) for leaf in jax.tree.leaves(gradient)):
-        print(
-            f"warning: the gradient by {by} is 0 in every entry: the network is dead to its "
-            "neighbours",
-            file=sys.stderr,
-        )
+        dead = "is 0 in every entry: the network is dead to its neighbours"
+        print(f"warning: the gradient by {by} {dead}", file=sys.stderr)
+
+
+def draw_group_noise(
+    config: GeneratorConfig, groups: Groups, key: Array, samples: int
+) -> list[Array]:
+    """Noise of each group [k, scenes, dim], per agent [k, scenes, slots, dim]; consumes `key`."""
+    axes = 2 if config.noise_mix_type == "ped" else 1
+    shapes = [scene.valid.shape[:axes] for scene in groups]
+    shape = (samples, sum(map(math.prod, shapes)), config.noise_dim)
+    # One draw for all groups: each draw adds a second of compiling to the step.
+    if config.noise_type == "gaussian":
+        noise = jax.random.normal(key, shape)
+    else:
+        noise = jax.random.uniform(key, shape, minval=-1.0, maxval=1.0)
+    return split(noise, shapes, axis=1)
+
+
+def encode_groups(config: GeneratorConfig, params: Any, groups: Groups) -> list[Array]:
+    """Contexts `[scenes, slots, C]` of each group."""
+    observe = functools.partial(Generator(config).apply, params, method=Generator.observe)
+    hidden = _over_slots(observe, [scene.displacement for scene in groups])
+    interact = jax.vmap(lambda hidden, scene: interact_scene(config, params, hidden, scene))
+    groups = jax.tree.map(jnp.asarray, groups)  # `vmap` hands numpy on; pooling cannot take it.
+    return [interact(part, scene.replace(future=None)) for part, scene in zip(hidden, groups)]
+
+
+def decode_groups(
+    config: GeneratorConfig,
+    params: Any,
+    contexts: Sequence[Array],
+    groups: Groups,
+    noises: Sequence[Array],
+) -> list[Array]:
+    """Futures `[k, scenes, slots, pred_len, 2]` of each group, metres relative to its origins."""
+    futureless = [scene.replace(future=None) for scene in groups]
+    decode = functools.partial(decode_scene, config, params)
+    if config.pool_every_timestep:
+        over_scenes = jax.vmap(decode, in_axes=(0, 0, 1), out_axes=1)
+        return [over_scenes(*group) for group in zip(contexts, futureless, noises)]
+    shapes = [scene.valid.shape for scene in groups]
+    if config.noise_mix_type == "global":
+        noises = [
+            jnp.broadcast_to(noise[:, :, None], (len(noise), *shape, config.noise_dim))
+            for noise, shape in zip(noises, shapes)
+        ]
+    of_slots = [noise.reshape(len(noise), -1, config.noise_dim) for noise in noises]
+    scene = jax.tree.map(lambda *parts: merge(parts), *futureless)
+    futures = decode(merge(contexts), scene, jnp.concatenate(of_slots, axis=1))
+    return split(futures, shapes, axis=1)
+
+
+def _over_slots(function: Callable[[Array], Any], parts: Sequence[AnyArray]) -> list[Array]:
+    """Apply `function`, of all slots together `[A, ...]`, to parts `[scenes, slots, ...]`."""
+    return split(function(merge(parts)), [part.shape[:2] for part in parts])
 
 
 def _take_samples(noise: Array, best: Array) -> Array:
@@ -136,7 +191,7 @@ def _scores(
         )
         for scene, future in zip(groups, futures)
     ]
-    hidden = over_slots(functools.partial(apply, method=Discriminator.observe), moves)
+    hidden = _over_slots(functools.partial(apply, method=Discriminator.observe), moves)
     score: Any = jax.vmap(functools.partial(apply, method=Discriminator.score))
     return [
         score(part, jnp.concatenate([scene.observed, future], axis=2), jnp.asarray(scene.valid))

@@ -33,14 +33,7 @@ from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
 from neurosym_jax.training.recipe import RECIPES, Recipe, usual_recipe
-from neurosym_jax.training.run import (
-    ROUND,
-    Run,
-    record_of,
-    refuse_other_run,
-    rounds_of,
-    start_of,
-)
+from neurosym_jax.training.run import ROUND, Run, record_of, rounds_of, start_of
 from neurosym_jax.training.step import TrainState
 
 __all__ = ["train", "train_run"]
@@ -65,7 +58,7 @@ def train(
     resume: bool = False,
     on_row: Callable[[Row], object] = lambda row: None,
 ) -> Model:
-    """Train a model; the module's text lists the files that it leaves in `folder`.
+    """Train a model; return the best by validation, which `folder / "model"` then holds.
 
     Args:
         training: `Windows` (see `windows_from`), or what they are cut from: `Tracks` on one grid,
@@ -80,24 +73,21 @@ def train(
         resume: continue the run in `folder`.
         on_row: called with each row of `metrics.jsonl`.
 
-    Returns:
-        The best model by validation, also written to `folder / "model"`.
-
     Raises:
         InputError: for recordings without windows, and as `train_run`.
     """
     network = network or GeneratorConfig()
     recipe = recipe or RECIPES[usual_recipe(network)]
 
-    def windows(part: Any, min_agents: int) -> Windows:
-        if isinstance(part, Windows):
-            return part
-        lengths = network.obs_len, network.pred_len
-        return cut_windows(recordings_in(part), *lengths, min_agents=min_agents)
-
-    learned = windows(training, recipe.min_agents)
+    lengths = network.obs_len, network.pred_len
+    learned, validated = (
+        part
+        if isinstance(part, Windows)
+        else cut_windows(recordings_in(part), *lengths, min_agents=least)
+        for part, least in ((training, recipe.min_agents), (validation, 2))
+    )
     network = dataclasses.replace(network, period=learned.period)
-    run = Run(network, recipe, learned, windows(validation, 2), dataset, tuple(data))
+    run = Run(network, recipe, learned, validated, dataset, tuple(data))
     return train_run(run, Path(folder), resume=resume, on_row=on_row)
 
 
@@ -114,29 +104,15 @@ def train_run(
         InputError: when `folder` holds a run already (and `resume` is not given), or another run.
         TrainingError: when a loss or metric is not finite; the last good state stays on disk.
     """
-    with sole_writer(folder):
-        return _train(run, folder, resume, on_row)
-
-
-def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]) -> Model:
     recipe, record = run.recipe, record_of(run)
-    batches, advance, state = make_batches(run.validation), rounds_of(run), start_of(run)
-    best = _kept(run, state)
-    rows: list[Row] = []
-    if (found := restore_state(folder / "checkpoints", (state, best))) is not None:
-        (state, best), before = found
-        if not resume:
-            raise InputError(f"{folder}: holds a run at step {state.step}; --resume continues it")
-        refuse_other_run(before, record, folder)
-        rows = before["rows"]
-    elif (folder / "model").exists():
-        raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
-    if run.options:
-        write_text(folder / "recipe.yaml", run.options)
-    log, done = folder / "metrics.jsonl", int(state.step)
-    write_text(log, "".join(map(_line, rows)))
     # tqdm's None shows the bar in a terminal only.
-    with tqdm(total=recipe.steps, initial=done, unit="step", disable=None) as bar:
+    bar = tqdm(total=recipe.steps, unit="step", disable=None)
+    with sole_writer(folder), bar:
+        batches, advance = make_batches(run.validation), rounds_of(run)
+        state, best, rows = _begin(run, folder, record if resume else None)
+        log, done = folder / "metrics.jsonl", int(state.step)
+        write_text(log, "".join(map(_line, rows)))
+        bar.update(done)
         while done < recipe.steps:
             to_validation = recipe.validate_every - done % recipe.validate_every
             count = min(ROUND, to_validation, recipe.steps - done)
@@ -161,7 +137,40 @@ def _train(run: Run, folder: Path, resume: bool, on_row: Callable[[Row], object]
             shown = {name: f"{row[name]:.3f}" for name in row if name.endswith(("loss", "ade"))}
             bar.set_postfix(shown, refresh=False)
             bar.update(count)
-    return _finish(run, folder, best, rows, record)
+        return _finish(run, folder, best, rows, record)
+
+
+def _begin(
+    run: Run, folder: Path, record: dict[str, Any] | None
+) -> tuple[TrainState, Any, list[Row]]:
+    """The state, the best parameters and the rows so far; `record` of a run to be resumed."""
+    state = start_of(run)
+    best = _kept(run, state)
+    found = restore_state(folder / "checkpoints", (state, best))
+    if found is None and (folder / "model").exists():
+        raise InputError(f"{folder}: holds a finished model, and nothing is overwritten")
+    rows: list[Row] = []
+    if found is not None:
+        (state, best), before = found
+        if record is None:
+            raise InputError(f"{folder}: holds a run at step {state.step}; --resume continues it")
+        _refuse_other_run(before, record, folder)
+        rows = before["rows"]
+    if run.options:
+        write_text(folder / "recipe.yaml", run.options)
+    return state, best, rows
+
+
+def _refuse_other_run(before: dict[str, Any], ours: dict[str, Any], folder: Path) -> None:
+    """Refuse to resume a run that differs; warn of another environment."""
+    ours = json.loads(json.dumps(ours))
+    for name, value in ours.items():
+        if name != "environment" and before[name] != value:
+            raise InputError(f"{folder}: holds another run: its {name} differs")
+    for name, now in ours["environment"].items():
+        if (then := before["environment"].get(name)) != now:
+            text = f"the run began with {name} {then} and goes on with {now}: other bits"
+            print(f"warning: {folder}: {text}", file=sys.stderr)
 
 
 def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str, Any]) -> Model:
@@ -169,7 +178,6 @@ def _finish(run: Run, folder: Path, best: Any, rows: list[Row], record: dict[str
     from neurosym_jax.plotting import plot_training, save_figure
 
     kept = _best(rows)
-    _warn_if_dead(kept)
     origin = {"plugins": names(loaded()), "data": licences_of(run.data)}
     near, seen = kept.get("val_neighbour_near"), fingerprint(run.training)
     model = Model(run.network, best, run.dataset, run.kind, neighbours=near, seen=seen, **origin)

@@ -1,7 +1,5 @@
 """The losses of SGAN's and NeuroSyM's training: best of k forecasts, and the discriminator's."""
 
-import functools
-import operator
 from collections.abc import Sequence
 
 import jax
@@ -12,15 +10,8 @@ from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.stream import Groups
 
-__all__ = [
-    "adversarial_loss",
-    "criterion_errors",
-    "displacements",
-    "distance_errors",
-    "safe_norm",
-    "squared_displacement_errors",
-    "variety_loss",
-]
+__all__ = ["adversarial_loss", "criterion_errors", "displacements", "distance_errors"]
+__all__ += ["safe_norm", "squared_displacement_errors", "variety_loss"]
 
 
 def squared_displacement_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Array:
@@ -81,17 +72,17 @@ def variety_loss(recipe: TrainConfig, groups: Groups, futures: Sequence[Array]) 
 
     `futures [C, scenes, slots, pred_len, 2]` of each group are the best by each row, in metres.
     """
-    by_people = recipe.criterion == "distance"
-    weights = (1.0, recipe.fde_weight) if by_people else (1.0,)
     total = jnp.zeros(())
     for scene, future in zip(groups, futures):
         best = jnp.diagonal(criterion_errors(recipe, scene, future), axis1=1, axis2=2)
-        value = functools.reduce(operator.add, [w * best[:, c] for c, w in enumerate(weights)])
-        people = scene.valid.sum(axis=1).astype(value.dtype)
-        total += (value * (people if by_people else people > 0)).sum()
-    if not by_people:
-        return total
-    return total / jnp.concatenate([scene.valid.sum(axis=1) for scene in groups]).sum()
+        people = scene.valid.sum(axis=1).astype(best.dtype)
+        if recipe.criterion == "distance":
+            total += ((best[:, 0] + recipe.fde_weight * best[:, 1]) * people).sum()
+        else:
+            total += (best[:, 0] * (people > 0)).sum()
+    if recipe.criterion == "distance":
+        total /= jnp.concatenate([scene.valid.sum(axis=1) for scene in groups]).sum()
+    return total
 
 
 def adversarial_loss(scores: Array, label: Array | float, valid: AnyArray) -> Array:

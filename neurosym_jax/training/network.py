@@ -1,5 +1,6 @@
 """Networks by name, with the published sizes."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,11 +9,15 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.config import POOLINGS, GeneratorConfig, pooling_names
 
-__all__ = ["ANCHORS", "POOLING_OF", "model_name", "named_network"]
+__all__ = ["NETWORKS", "model_name", "named_network"]
 
-ANCHORS = {"anchors": AnchorConfig, "anchor_table": AnchorTableConfig}
-POOLING_OF = {"sgan": "pool_net", "neurosym": "as_described"}
-"""The pooling that each model has in its paper."""
+NETWORKS: dict[str, Any] = {
+    "sgan": GeneratorConfig(),
+    "neurosym": GeneratorConfig(pooling=POOLINGS["as_described"]()),
+    "anchors": AnchorConfig(),
+    "anchor_table": AnchorTableConfig(),
+}
+"""Configurations, with the poolings of the papers."""
 
 
 def named_network(
@@ -39,33 +44,27 @@ def named_network(
         InputError: for an unknown pooling or weighting, one that the model cannot have, or a change
             that does not fit.
     """
-    if model in ANCHORS:
-        if pooling is not None:
-            raise InputError(f"--pooling {pooling}: {model} has no pooling")
-        config = ANCHORS[model](obs_len=obs_len, pred_len=pred_len)
-        weights = [] if weighting is None else [f"weighting={weighting}"]
-        return changed(config, [*weights, *changes], "--network", "network")
+    config = dataclasses.replace(NETWORKS[model], obs_len=obs_len, pred_len=pred_len)
     symbolic = model == "neurosym"
-    name, known = pooling or POOLING_OF[model], pooling_names(symbolic=symbolic)
-    if POOLINGS[name] and name not in known:
-        raise InputError(f"--pooling {name}: {model} has {', '.join(known)}")
-    if weighting is not None and not symbolic:
+    if pooling is not None:
+        known = pooling_names(symbolic=symbolic) if isinstance(config, GeneratorConfig) else ()
+        if POOLINGS[pooling] and pooling not in known:
+            raise InputError(f"--pooling {pooling}: {model} has {', '.join(known) or 'no pooling'}")
+    if weighting is not None and model == "sgan":
         raise InputError(f"--weighting {weighting}: {model} weights no pairs; neurosym does")
-    weights: Any = weighting  # A configuration reads the text.
-    config = GeneratorConfig(
-        obs_len=obs_len, pred_len=pred_len, pooling=POOLINGS[name](), weighting=weights
-    )
-    return changed(config, changes, "--network", "network")
+    asked = {"pooling": pooling, "weighting": weighting}
+    own = [f"{name}={value}" for name, value in asked.items() if value is not None]
+    return changed(config, [*own, *changes], "--network", "network")
 
 
 def model_name(config: Any) -> str:
     """A name that tells apart models trained on the same data."""
-    for name, kind in ANCHORS.items():
-        if isinstance(config, kind):
-            lengths = ("obs_len=", "pred_len=", "period=")
-            own = [each for each in differences(config) if not each.startswith(lengths)]
-            return "_".join([name, *(each.replace("=", "_") for each in own)])
-    pooling = POOLINGS.name_of(config.pooling)
-    if config.weighting is None:
-        return f"sgan_{pooling}"
-    return f"neurosym_{pooling.removeprefix('neurosym_')}_{config.weighting.name}"
+    if isinstance(config, GeneratorConfig):
+        pooling = POOLINGS.name_of(config.pooling)
+        if config.weighting is None:
+            return f"sgan_{pooling}"
+        return f"neurosym_{pooling.removeprefix('neurosym_')}_{config.weighting.name}"
+    lengths = ("obs_len=", "pred_len=", "period=")
+    own = [each for each in differences(config) if not each.startswith(lengths)]
+    name = "anchors" if isinstance(config, AnchorConfig) else "anchor_table"
+    return "_".join([name, *(each.replace("=", "_") for each in own)])

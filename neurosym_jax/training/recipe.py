@@ -20,15 +20,8 @@ from neurosym_jax.configuration import (
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 
-__all__ = [
-    "RECIPES",
-    "AnchorRecipe",
-    "Recipe",
-    "TrainConfig",
-    "make_recipe",
-    "refuse_other_recipe",
-    "usual_recipe",
-]
+__all__ = ["RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe"]
+__all__ += ["refuse_other_recipe", "usual_recipe"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +104,7 @@ class AnchorRecipe(Recipe):
     clean_share: BelowOne = 0.5
     single_agent_share: Share = 0.2
     batch_people: Count = 640
-    """Most people in a batch, padding included."""
+    """Largest number of people in a batch, padding included."""
     crowd_share: Share = 0.7
     """Probability that the scenes of a batch are merged into crowds, see `training.anchors`."""
     crowd_people: Count = 40

@@ -5,10 +5,7 @@ Everything random follows from (seed, step).
 
 import dataclasses
 import hashlib
-import json
-import sys
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -17,7 +14,6 @@ from jax import Array
 
 from neurosym_jax.configuration import to_json
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.runtime.environment import run_environment
@@ -27,7 +23,7 @@ from neurosym_jax.training.recipe import AnchorRecipe, refuse_other_recipe
 from neurosym_jax.training.step import TrainState, initial_state, new_state, train_steps
 from neurosym_jax.training.stream import SceneStream
 
-__all__ = ["ROUND", "Advance", "Run", "record_of", "refuse_other_run", "rounds_of", "start_of"]
+__all__ = ["ROUND", "Advance", "Run", "record_of", "rounds_of", "start_of"]
 
 ROUND = 25
 """Most steps between two updates of the progress bar."""
@@ -129,19 +125,3 @@ def _digest(windows: Windows) -> str:
     for array in (windows.position, windows.bounds, windows.identity):
         sha.update(np.ascontiguousarray(array).tobytes())
     return sha.hexdigest()
-
-
-def refuse_other_run(record: dict[str, Any], ours: dict[str, Any], folder: Path) -> None:
-    """Refuse to resume the run of `record` as `ours` if they differ; warn of another environment.
-
-    Raises:
-        InputError: naming the part that differs.
-    """
-    ours = json.loads(json.dumps(ours))
-    for name, value in ours.items():
-        if name != "environment" and record[name] != value:
-            raise InputError(f"{folder}: holds another run: its {name} differs")
-    for name, now in ours["environment"].items():
-        if (before := record["environment"].get(name)) != now:
-            text = f"the run began with {name} {before} and goes on with {now}: other bits"
-            print(f"warning: {folder}: {text}", file=sys.stderr)

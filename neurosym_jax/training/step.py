@@ -14,21 +14,17 @@ from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.gentle_pooling import slowed, started
-from neurosym_jax.training.gradients import Metrics, discriminator_gradient, generator_gradient
+from neurosym_jax.training.gradients import (
+    Metrics,
+    discriminator_gradient,
+    draw_group_noise,
+    generator_gradient,
+)
 from neurosym_jax.training.recipe import Recipe, TrainConfig
-from neurosym_jax.training.rollout import draw_group_noise
 from neurosym_jax.training.stream import Groups
 
-__all__ = [
-    "TrainState",
-    "clipping",
-    "initial_state",
-    "new_state",
-    "train_step",
-    "train_steps",
-    "update",
-    "update_discriminator",
-]
+__all__ = ["TrainState", "clipping", "initial_state", "new_state", "train_step", "train_steps"]
+__all__ += ["update", "update_discriminator"]
 
 
 class TrainState(NamedTuple):

@@ -1,57 +1,90 @@
-"""Many trainings, each a `neurosym train` in a process of one thread, then one test of all models.
+"""Sweeps: many trainings, one test of all models, and a report that compares them.
 
-A finished run is never trained again and an interrupted one continues, so a sweep that is called
-again does what is left to do.
+Each training is a `neurosym train` in a process of one thread. A finished run is never trained
+again and an interrupted one continues, so a sweep that is called again does what is left to do.
 """
 
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from neurosym_jax.configuration import Count, refuse
+import numpy as np
+import polars as pl
+
 from neurosym_jax.data.sources import Source
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.plan import load_tests, make_plan
-from neurosym_jax.evaluation.report import write_report
-from neurosym_jax.evaluation.results import Settings, evaluate_tests
+from neurosym_jax.evaluation import plan, report, results
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene, mean_difference, paired_difference
+from neurosym_jax.evaluation.markdown import markdown_table
+from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.runtime.environment import cpu_cores, provenance
-from neurosym_jax.runtime.files import refuse_unwritable, write_text
+from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.process import progress_of
 from neurosym_jax.training.card import model_card
-from neurosym_jax.training.sweep_report import write_errors
 
-__all__ = ["SweepRun", "run_sweep"]
+__all__ = ["SweepRun", "compare_sweep", "run_sweep", "unfinished", "write_errors"]
+
+RECIPE = "recipe.yaml"
+ERRORS = "scenes.npz"
+"""Beside `sweep.json`: each row's errors, scene by scene."""
+FIELDS = ("metrics", "totals", "counts", "identity")
+"""Of `ErrorsByScene`, in that file for each row."""
+MEAN = "mean over test sets"
+ENOUGH = 3
+"""Least number of seeds that tell how much trainings differ."""
+TOO_FEW = """\
+**Fewer than three seeds tell nothing of how much trainings differ, so no difference below is a
+finding:** train three or more."""
+INTERVALS = """\
+Differences are the model's metric less the reference's, on the same scenes with the same noise and
+seed: for errors, below 0 is better. In brackets is the 95 % interval: test scenes resampled in
+blocks of as many start frames as a window has steps, and the mean over seeds drawn from Student's
+t. Bold where it leaves out 0. The mean weighs the test sets equally."""
+
+Runs = dict[tuple[str, str], dict[int, ErrorsByScene]]
+"""By model and test set, then by training seed."""
 
 
 class SweepRun(NamedTuple):
     """One training of a sweep."""
 
     folder: Path
-    arguments: list[str]
-    """Of `neurosym train`."""
     options: str
-    """The `recipe.yaml` that they leave."""
+    """The content of `recipe.yaml` in the folder, which `neurosym train` reads."""
+
+    @property
+    def command(self) -> list[str]:
+        """Arguments of `neurosym` that begin or continue the training."""
+        return ["train", str(self.folder / RECIPE), "--resume"]
 
     def finished(self) -> bool:
         """Whether the model was trained.
 
         Raises:
-            InputError: where it was trained with other options.
+            InputError: where the training was begun with other options.
         """
-        if not (self.folder / "model" / "config.json").is_file():
-            return False
-        recipe = self.folder / "recipe.yaml"
-        if not recipe.exists() or recipe.read_text() != self.options:
-            raise InputError(f"{recipe}: the run had other options: choose another --out")
-        return True
+        finished = (self.folder / "model" / "config.json").is_file()
+        if finished or (self.folder / "checkpoints").exists():
+            recipe = self.folder / RECIPE
+            if not recipe.exists() or recipe.read_text() != self.options:
+                raise InputError(f"{recipe}: the run had other options: choose another --out")
+        return finished
+
+
+def unfinished(runs: Sequence[SweepRun]) -> list[SweepRun]:
+    """The runs that are not finished; writes their `recipe.yaml`."""
+    left = [run for run in runs if not run.finished()]
+    for run in left:
+        write_text(run.folder / RECIPE, run.options)
+    return left
 
 
 def run_sweep(
@@ -72,18 +105,16 @@ def run_sweep(
     Raises:
         InputError: for a finished run with other options, or where no run is finished.
     """
-    refuse(Count, {"--jobs": jobs})
     refuse_unwritable(out / "sweep.json")
-    left = [run for run in runs if not run.finished()]
+    left = unfinished(runs)
     print(f"{len(runs)} runs, {len(runs) - len(left)} of them finished before")
     write_text(out / "sweep.yaml", options)
     step = progress_of(len(left))
     with ThreadPoolExecutor(jobs or cpu_cores()) as pool:
-        tasks = {pool.submit(_train, run): run for run in left}
-        for task in as_completed(tasks):
-            step(tasks[task].folder.name)
-            if reason := task.result():
-                print(f"failed: {tasks[task].folder}: {reason}", file=sys.stderr)
+        for run, reason in zip(left, pool.map(_train, left)):
+            step(run.folder.name)
+            if reason:
+                print(f"failed: {run.folder}: {reason}", file=sys.stderr)
     done = [run.folder for run in runs if run.finished()]
     if not done:
         raise InputError(f"{out}: no run was finished, so there is nothing to test")
@@ -95,34 +126,162 @@ def run_sweep(
 
 def _train(run: SweepRun) -> str:
     """Train in a process with a log; why it failed, empty where it did not."""
-    run.folder.mkdir(parents=True, exist_ok=True)
     log = run.folder / "train.log"
-    command = [sys.executable, "-m", "neurosym_jax", "train", *run.arguments]
+    command = [sys.executable, "-m", "neurosym_jax", *run.command]
     # One thread is as fast at these sizes, and gives the same bits wherever it runs.
     environment = {**os.environ, "NPROC": "1"}
     with log.open("ab") as output:
-        done = subprocess.run(command, stdout=output, stderr=output, env=environment, check=False)
-    if done.returncode == 0:
-        return ""
-    lines = log.read_text().split("\n")
-    return f"status {done.returncode}: {next(filter(str.strip, reversed(lines)), 'no output')}"
+        status = subprocess.call(command, stdout=output, stderr=output, env=environment)
+    last = ["no output", *filter(str.strip, log.read_text().splitlines())][-1]
+    return f"status {status}: {last}" if status else ""
 
 
 def _test(folders: Sequence[Path], source: Source, out: Path) -> list[dict[str, Any]]:
     """Evaluate the models on their own test splits; rows as evaluate's, with `training_seed`."""
     facts = {str(of / "model"): json.loads((of / "run.json").read_text()) for of in folders}
-    tests = load_tests(source, make_plan(source, [(path, load_model(path)) for path in facts]))
-    results = list(evaluate_tests(tests, Settings()))
-    rows = [result.row for result in results]
+    models = [(path, load_model(path)) for path in facts]
+    tests = plan.load_tests(source, plan.make_plan(source, models))
+    found = list(results.evaluate_tests(tests, results.Settings()))
+    rows = [result.row for result in found]
     for row in rows:
         path = row["checkpoint"]
         row["training_seed"] = path and facts[path]["training"]["seed"]
     files = [how.file for test in tests for how in test.windows.reading if how.file]
-    write_report(out / "sweep.json", rows, {"provenance": provenance(files, facts)})
-    write_errors(out, [result.errors for result in results])
-    for test in tests:
-        of_test = [result.row for result in results if result.test_set == test.test_set]
-        for path in (path for path, _ in test.entries if path):
-            own = [row for row in of_test if row["checkpoint"] in (None, path)]
-            replace_card(Path(path), model_card(facts[path], own))
+    report.write_report(out / "sweep.json", rows, {"provenance": provenance(files, facts)})
+    write_errors(out, [result.errors for result in found])
+    for path, of_run in facts.items():
+        sets = [result.test_set for result in found if result.row["checkpoint"] == path]
+        beside = [result.row for result in found if result.test_set in sets]
+        own = [row for row in beside if row["checkpoint"] in (None, path)]
+        replace_card(Path(path), model_card(of_run, own))
     return rows
+
+
+def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
+    """Write the errors of all rows of a sweep, scene by scene."""
+    arrays: dict[str, Any] = {
+        f"{name}_{at}": np.asarray(getattr(of_row, name))
+        for at, of_row in enumerate(errors)
+        for name in FIELDS
+    }
+    with new_file(folder / ERRORS) as beside:
+        np.savez_compressed(beside, **arrays)
+
+
+def compare_sweep(
+    sweep: Path, against: str | None = None, *, pred_len: int | None = None, out: Path | None = None
+) -> str:
+    """Compare a sweep's models with one of them: Markdown, and all differences as CSV beside it.
+
+    Models are paired by training seed and test scene.
+
+    Args:
+        sweep: folder of the sweep.
+        against: the reference, a model by title or weighting; default: the first of two models.
+        pred_len: steps forecast, where the sweep has several.
+        out: the Markdown's file; default: report.md in the sweep's folder.
+
+    Returns:
+        The Markdown, the table of errors, and a line of the files that were written.
+
+    Raises:
+        InputError: for a folder without a sweep, or one that lacks what is to be compared.
+    """
+    target = out or sweep / "report.md"
+    if target.suffix != ".md":
+        raise InputError(f"--out {target}: must end in .md")
+    refuse_unwritable(target)
+    rows = report.read_report(sweep / "sweep.json")
+    runs = _read(sweep, rows, pred_len)
+    models = list(dict.fromkeys(model for model, _ in runs))
+    reference = _reference(against, models)
+    others = [model for model in models if model != reference]
+    compared = pl.DataFrame(row for model in others for row in _compare(runs, model, reference))
+    shown = compared.filter(test_set=compared["test_set"][-1])
+    metrics = compared["metric"].unique(maintain_order=True)
+    head = [f"minus {reference}", *(known_metric(metric).label for metric in metrics)]
+    lines = [
+        [model, *map(_cell, of.iter_rows(named=True))]
+        for (model,), of in shown.group_by("model", maintain_order=True)
+    ]
+    seeds = {seed for of in runs.values() for seed in of}
+    table = target.with_suffix(".csv")
+    parts = [
+        f"# Models compared\n\nRuns: {sum(map(len, runs.values()))}. Seeds: {len(seeds)}.",
+        *([TOO_FEW] if len(seeds) < ENOUGH else []),
+        f"Difference to {reference}, {shown['test_set'][0]}:",
+        markdown_table(head, lines),
+        f"{INTERVALS} Differences on each test set are in `{table.name}`.",
+    ]
+    text = "\n\n".join(parts) + "\n"
+    write_text(target, text)
+    write_text(table, compared.write_csv())
+    return f"{text}\n{format_table(rows, 'markdown')}\n\n{target}, {table}"
+
+
+def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
+    """The errors of what was trained, of one horizon."""
+    trained = rows.with_row_index("at").filter(pl.col("training_seed").is_not_null())
+    if pred_len is not None:
+        trained = trained.filter(pl.col("pred_len") == pred_len)
+    horizons = sorted(trained.select("obs_len", "pred_len").unique().rows())
+    if len(horizons) != 1:
+        raise InputError(f"horizons in the sweep: {horizons or 'none'}; --pred-len chooses one")
+    runs: Runs = {}
+    columns = trained.select("at", "model", "dataset", "training_seed")
+    try:
+        with np.load(folder / ERRORS) as arrays:
+            for at, model, dataset, seed in columns.iter_rows():
+                metrics, *others = (arrays[f"{name}_{at}"] for name in FIELDS)
+                errors = ErrorsByScene(tuple(metrics.tolist()), *others, steps=sum(horizons[0]))
+                runs.setdefault((model, dataset), {})[seed] = errors
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None
+    return runs
+
+
+def _reference(against: str | None, models: Sequence[str]) -> str:
+    """The model of this title, or whose title ends in `, NAME`; else the first of two."""
+    there = f"there are {'; '.join(models)}"
+    if len(models) < 2:
+        raise InputError(f"a report compares two models or more: {there}")
+    if against is None and len(models) > 2:
+        raise InputError(f"--against names the model to compare with: {there}")
+    name = against or models[0]
+    found = [each for each in models if each == name]
+    found = found or [each for each in models if each.endswith(f", {name}")]
+    if len(found) != 1:
+        what = f"several models are {name!r}" if found else f"no {name!r} to compare with"
+        raise InputError(f"--against: {what}: {there}")
+    return found[0]
+
+
+def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]:
+    """The model less the reference on each test set and in the mean, a row for each metric.
+
+    Seeds that either of the two has not finished on a test set are left out of it, and of the mean.
+    """
+    parts = {}
+    for dataset in [dataset for of, dataset in runs if of == model]:
+        ours, theirs = runs[model, dataset], runs.get((reference, dataset), {})
+        seeds = sorted(ours.keys() & theirs.keys())
+        if not seeds:
+            raise InputError(f"{model} and {reference} have no seed in common on {dataset}")
+        first, second = ([of[seed] for seed in seeds] for of in (ours, theirs))
+        mean = np.mean([one.mean for one in second], axis=0)
+        parts[dataset] = paired_difference(first, second, numbers=seeds), mean
+    if len(parts) > 1:
+        differences, means = zip(*parts.values())
+        parts[MEAN] = mean_difference(differences), np.mean(means, axis=0)
+    for dataset, (difference, mean) in parts.items():
+        for metric, error, value in zip(difference.metrics, mean, difference.mean):
+            low, high = difference.intervals(metric)["both"]
+            row = {"reference": reference, "model": model, "test_set": dataset}
+            row |= {"metric": metric, "error_of_reference": error, "difference": value}
+            yield row | {"low_95": low, "high_95": high, "seeds": len(difference.seeds)}
+
+
+def _cell(row: dict[str, Any]) -> str:
+    low, high = row["low_95"], row["high_95"]
+    text = f"{row['difference']:+.3f} ({low:+.3f} to {high:+.3f})".replace("-", "−")
+    return f"**{text}**" if row["seeds"] >= ENOUGH and (low > 0 or high < 0) else text

@@ -64,15 +64,18 @@ def test_the_first_minute(tmp_path, capsys):
 
 @pytest.mark.parametrize("style", ["csv", "markdown", "latex"])
 def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
-    rows = run(options(samples=2, dataset="cross-path", table=style, seeds=2))
+    intervals = style == "latex"
+    how = {"table": style, "seeds": 2, "intervals": intervals}
+    rows = run(options(samples=2, dataset="cross-path", **how))
     out = capsys.readouterr().out
-    assert out == evaluation.format_table(rows_frame(rows), style) + "\n"
+    assert out == evaluation.format_table(rows_frame(rows), style, intervals=intervals) + "\n"
+    assert (r"{\scriptsize [" in out) == intervals
     assert rows[0]["joint_ade_std"] is None
     assert rows[1]["joint_ade_std"] > 0
     assert rows[1]["joint_ade_low"] < rows[1]["joint_ade"] < rows[1]["joint_ade_high"]
 
 
-def test_default_run(options, tmp_path, capsys):
+def test_what_an_evaluation_leaves(options, tmp_path, capsys):
     rows = run(
         options(samples=3, figures=True, plots=tmp_path / "figures", dataset="cross-path", all=True)
     )
@@ -84,14 +87,16 @@ def test_default_run(options, tmp_path, capsys):
     assert report == {"format": 2, "protocol": "sgan", "rows": rows}
     log = (tmp_path / "rows.jsonl").read_text()
     assert [json.loads(line) for line in log.splitlines()] == rows
-    assert [row["model"] for row in rows] == ["constant velocity", "constant velocity, sampled"]
-    assert [row["samples"] for row in rows] == [1, 3]
+    names = [(row["model"], row["samples"], row["dataset"]) for row in rows]
+    assert names == [
+        ("constant velocity", 1, "cross-path"),
+        ("constant velocity, sampled", 3, "cross-path"),
+    ]
     for row in rows:
         assert all(np.isfinite(value) for value in row.values() if isinstance(value, float))
         assert row["joint_ade_low"] < row["joint_ade"] < row["joint_ade_high"]
         assert 0 <= row["collision_rate"] <= 1
         assert row["joint_ade"] >= row["marginal_ade"] - 1e-9
-        assert row["dataset"] == "cross-path"
     assert [path.name for path in (tmp_path / "figures").iterdir()] == ["cross-path_8_8.png"]
     out, err = capsys.readouterr()
     assert "cross-path: 8 + 8 steps, 572 scenes, 1144 people" in out
@@ -113,13 +118,6 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
     assert f"assumed of {small}: forward as in the released code" in capsys.readouterr().out
     for metric in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
         assert rows[2][metric] == rows[3][metric]
-
-
-def test_intervals_are_for_latex(options, capsys):
-    run(options(table="latex", intervals=True, dataset="cross-path", samples=2, figures=False))
-    assert r"{\scriptsize [" in capsys.readouterr().out
-    with pytest.raises(InputError, match="--intervals: has no effect without --table latex"):
-        run(options(table="markdown", intervals=True))
 
 
 def test_one_step_and_one_agent(options, tmp_path):

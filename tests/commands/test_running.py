@@ -1,4 +1,4 @@
-"""Bad input through the command line: one clear line, a status of 2, never a traceback."""
+"""Processes of commands: exit status, plugins, and what an import leaves as it is."""
 
 import builtins
 import os
@@ -9,70 +9,15 @@ from pathlib import Path
 import pytest
 
 from neurosym_jax.commands._running import run_command
-from neurosym_jax.commands.evaluate import Options, run
+from neurosym_jax.commands.evaluate import Options
 from neurosym_jax.errors import InputError
 
 ROOT = Path(__file__).parents[2]
-GOOD = "\n".join(f"{frame} {ped} {frame} {ped}" for frame in range(20) for ped in (1, 2))
-FILES = {
-    "walks/walk.txt": GOOD.encode(),
-    "word.txt": b"0 1 2 3\n1 1 2 abc\n",
-    "corrupt.pt": b"PK\x03\x04" + bytes(range(256)),
-    "thesis": b"my thesis",
-    "rows.jsonl": b"my notes",
-}
-REFUSALS = {
-    "--data absent": "absent: no such file or folder",
-    "--data eth-ucy": "eth-ucy: no such file or folder: `neurosym download eth-ucy` fetches",
-    "--data word.txt": "word.txt: row 2: y is not a number: 'abc'",
-    "--data walks --dataset zara9": "unknown dataset 'zara9'",
-    "--data walks --pred-len 999": "no 1007 consecutive steps",
-    "--checkpoint absent.pt": "absent.pt: no such checkpoint",
-    "--checkpoint corrupt.pt": "corrupt.pt: ",
-    "--checkpoint walks": "it has no config.json",
-    "--samples 0": "--samples must be at least 1, not 0",
-    "--seed 4294967296": "--seed must lie in",
-    "--period 0": "the period must be positive, not 0",
-    "--metrics crsp": "unknown metric 'crsp': did you mean 'crps'?",
-    "--baselines nobody": "unknown forecaster 'nobody'",
-    "--baselines": "there is nothing to evaluate",
-    "--save-forecasts f.csv": "f.csv: forecasts are written as .npz, .ndjson",
-    "--json thesis": "thesis: is not a report of ours, so it is not overwritten",
-    "--json rows.json": "rows.jsonl: is not a report of ours",
-    "--cluster nowhere://x": "--cluster nowhere://x: no Dask scheduler answers",
-    "--figures --plots thesis": "thesis: is not a folder",
-    "--data=": "--data: is empty",
-}
 
 
-@pytest.fixture
-def evaluate(tmp_path, monkeypatch, capsys):
-    """Runs evaluate's command in a folder with `FILES`; gives its status and the error's line."""
+@pytest.fixture(autouse=True)
+def no_cache(monkeypatch):
     monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
-    monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path / "data"))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "walks").mkdir()
-    for name, content in FILES.items():
-        (tmp_path / name).write_bytes(content)
-
-    def command(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            run_command(Options, run, ["--no-figures", "--json", "report.json", *arguments])
-        out, err = capsys.readouterr()
-        assert out == ""
-        (line,) = (line for line in err.splitlines() if not line.startswith("warning"))
-        assert not (tmp_path / "report.json").exists()
-        return caught.value.code, line
-
-    return command
-
-
-@pytest.mark.parametrize("arguments", REFUSALS)
-def test_refused(evaluate, arguments):
-    status, line = evaluate(*arguments.split())
-    assert status == 2
-    assert line.startswith("error: ")
-    assert REFUSALS[arguments] in line
 
 
 def raising(error):
@@ -93,22 +38,19 @@ def raising(error):
         (raising(OSError(28, "No space")), 2, "error: [Errno 28] No space\n"),
     ],
 )
-def test_exit_status(monkeypatch, capsys, action, status, line):
-    monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
+def test_exit_status(capsys, action, status, line):
     with pytest.raises(SystemExit) as caught:
         run_command(Options, action, [])
     assert caught.value.code == status
     assert capsys.readouterr().err == line
 
 
-def test_an_error_of_ours_is_a_traceback(monkeypatch):
-    monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
+def test_an_error_of_ours_is_a_traceback():
     with pytest.raises(ValueError, match="ours"):
         run_command(Options, raising(ValueError("ours")), [])
 
 
-def test_a_plugin_comes_first_and_options_are_those_of_the_command(monkeypatch, tmp_path):
-    monkeypatch.setenv("NEUROSYM_NO_CACHE", "1")
+def test_a_plugin_comes_first_and_options_are_those_of_the_command(tmp_path):
     plugin = tmp_path / "mine.py"
     plugin.write_text("import builtins\nbuiltins.plugin_of_a_test = True\n")
     found = []

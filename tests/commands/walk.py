@@ -17,6 +17,7 @@ import pytest
 
 from neurosym_jax.__main__ import commands, main
 from neurosym_jax.commands._options import every_option
+from neurosym_jax.training.sweep import SweepRun
 
 Case = str | Sequence[str]
 """What is added to the base of a command; or two command lines, without the option and with it, and
@@ -82,6 +83,8 @@ def options_of(command: str) -> list[str]:
 
 def plain(value: Any) -> Any:
     """What can be compared: arrays as digests, functions and other objects by name."""
+    if isinstance(value, SweepRun):
+        return str(value.folder), value.options.splitlines()
     if isinstance(value, str) and value.startswith(FILE):
         return FILE
     if isinstance(value, str | int | float | bytes | None):

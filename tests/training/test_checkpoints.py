@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -145,14 +146,8 @@ for line in sys.stdin:
 @pytest.mark.skipif(sys.platform == "win32", reason="no fork")
 def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
     folder, saved, rng = tmp_path / "run", tmp_path / "saved", random.Random(0)
-    process = subprocess.Popen(
-        [sys.executable, "-c", KILLED, str(folder)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdin
-    assert process.stdout
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    process: Any = subprocess.Popen([sys.executable, "-c", KILLED, str(folder)], **pipes)
     step, longest = 0, 0.4
     with process:
         for _ in range(10):

@@ -137,9 +137,6 @@ def test_refusals(files, tmp_path):
         ({"data": files, "dataset": "check", "train_also": (files,)}, leaked),
         ({"data": files, "dataset": "check", "train_also": (renamed,)}, leaked),
         ({"data": files, "dataset": "general", "train_also": (files,)}, "model is validated on"),
-        ({"dataset": "general"}, "general is for models of real people"),
-        ({"train_on": ("walk.txt",)}, "go together"),
-        ({"data": files}, "--dataset is needed"),
     ):
         with pytest.raises(InputError, match=message):
             make_run(Options(**options, **LENGTHS))

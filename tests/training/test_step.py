@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from neurosym_jax.models.config import DiscriminatorConfig
-from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
+from neurosym_jax.training.gradients import (
+    decode_groups,
+    discriminator_gradient,
+    draw_group_noise,
+    encode_groups,
+    generator_gradient,
+)
 from neurosym_jax.training.losses import distance_errors, squared_displacement_errors
-from neurosym_jax.training.rollout import decode_groups, draw_group_noise, encode_groups
 from neurosym_jax.training.step import TrainState, clipping, initial_state, train_step, update
 from neurosym_jax.training.stream import SceneStream
 from tests.networks import drawing

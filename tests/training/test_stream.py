@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.training.rollout import draw_group_noise
+from neurosym_jax.training.gradients import draw_group_noise
 from neurosym_jax.training.stream import SceneStream
 
 

@@ -1,8 +1,11 @@
 """Sweeps: which runs there are, what trains them, and what is reported of them."""
 
 import dataclasses
+import itertools
 import json
 
+import numpy as np
+import polars as pl
 import pytest
 import tyro
 
@@ -11,7 +14,10 @@ from neurosym_jax.commands._options import options_text, with_file
 from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.sweep import plan_runs, run
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.training.network import model_name
+from neurosym_jax.training.sweep import compare_sweep, unfinished, write_errors
 
 CHOSEN = sweep.Options(weighting=("cnd", "ones"), dataset=("cross-path",), seed=(0, 1))
 
@@ -23,50 +29,29 @@ def test_runs():
     names = {run.folder.name.partition("_cross-path")[0] for run in runs}
     assert names == {"sgan_pool_net", "neurosym_as_described_cnd", "neurosym_as_described_ones"}
     assert len(plan_runs(dataclasses.replace(chosen, dataset=()))[1]) == 2 * len(runs)
-    for changes, reason in (
-        ({"seed": ()}, "--seed: at least one is needed"),
-        ({"pooling": ("lstm",)}, "unknown pooling 'lstm'"),
-        (
-            {"pooling": ("none", "encounter"), "model": ("sgan",)},
-            "--pooling encounter: sgan has none",
-        ),
-        ({"dataset": ("moon",)}, "unknown dataset 'moon': there are all-forward, cross-path"),
-        ({"set": ("emma=1",)}, "--set emma=1"),
-        ({"network": ("emma=1",)}, "--network emma=1"),
-        (
-            {"weighting": ("quantised", "quantised,quantisation_factor=0.05")},
-            "two runs of the sweep have this name",
-        ),
-        ({"recipe": "anchors"}, "does not fit the network: --recipe ours, sgan"),
-    ):
-        with pytest.raises(InputError, match=reason):
-            plan_runs(dataclasses.replace(chosen, **changes))
-    with pytest.raises(InputError, match="--jobs must be at least 1"):
-        run(dataclasses.replace(chosen, jobs=0))
 
 
-def test_a_run_is_what_its_command_and_its_file_train(monkeypatch, tmp_path):
+def test_a_run_is_what_its_file_trains(monkeypatch, tmp_path):
     """Its process is told of everything that makes the run, plugins included."""
     plugins = []
-    for module in ("sweep", "_options"):
-        monkeypatch.setattr(f"neurosym_jax.commands.{module}.loaded", lambda: ["mine.py"])
+    monkeypatch.setattr("neurosym_jax.commands._options.loaded", lambda: ["mine.py"])
     monkeypatch.setattr("neurosym_jax.commands._running.load_plugin", plugins.append)
     changes = {"set": ("batch_scenes=4", "rotate=0"), "network": ("encoder_h_dim=16",)}
     changes |= {"pooling": ("none", "social", "neurosym_ros"), "steps": 10, "period": 0.2}
-    _, runs = plan_runs(dataclasses.replace(CHOSEN, **changes))
+    _, runs = plan_runs(dataclasses.replace(CHOSEN, out=tmp_path, **changes))
     assert len(runs) == 2 * (2 + 2)
+    assert unfinished(runs) == runs
     for one in runs:
-        options = tyro.cli(train.Options, args=load_plugins(one.arguments))
-        assert (options.out, options.resume) == (one.folder, True)
+        command, *arguments = one.command
+        read = load_plugins(with_file(train.Options, arguments))
+        options = tyro.cli(train.Options, args=read)
+        assert (command, options.out, options.resume) == ("train", one.folder, True)
         network, recipe = train.configured(options)
         assert one.folder.name.startswith(f"{model_name(network)}_{options.dataset}_8_8")
         assert (network.period, network.encoder_h_dim, recipe.batch_scenes) == (0.2, 16, 4)
         assert one.folder.name.endswith(f"seed{recipe.seed}")
-        (file := tmp_path / "recipe.yaml").write_text(one.options)
-        repeated = with_file(train.Options, [str(file), "--resume"])
-        assert tyro.cli(train.Options, args=load_plugins(repeated)) == options
-        assert plugins == ["mine.py"] * 2
-        plugins.clear()
+        assert options_text(dataclasses.replace(options, resume=False)) == one.options
+    assert plugins == ["mine.py"] * len(runs)
 
 
 @pytest.mark.slow
@@ -77,7 +62,7 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(tmp_path, monkeypatch,
     chosen = dataclasses.replace(CHOSEN, out=tmp_path / "sweep", jobs=1, **how)
     first, second = plan_runs(chosen)[1]
     (deadly := tmp_path / "deadly.py").write_text("import os\nos.kill(os.getpid(), 9)")
-    killed = first._replace(arguments=[*first.arguments, "--plugin", str(deadly)])
+    killed = first._replace(options=f"{first.options}plugin: {deadly}\n")
     (second.folder / "model").mkdir(parents=True)  # Not the model of a finished run.
     with monkeypatch.context() as patched:
         patched.setattr(sweep, "plan_runs", lambda _: (None, [killed, second]))
@@ -98,7 +83,7 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(tmp_path, monkeypatch,
     table = (chosen.out / "sweep.md").read_text()
     assert "SGAN, no pooling (2 trainings) | 20 |" in table
     card = (second.folder / "model" / "README.md").read_text()
-    assert "test on cross-path: this model" in card
+    assert "| cross-path | SGAN, no pooling | 20 |" in card
     assert "threads | 1" in card
 
     # Nothing is trained again.
@@ -106,6 +91,97 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(tmp_path, monkeypatch,
     capsys.readouterr()
     assert run(chosen) == 0
     assert "2 runs, 2 of them finished before" in capsys.readouterr().out
+    run(dataclasses.replace(chosen, dry_run=True, seed=(1, 2)))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["finished", "left"]
     for changes in ({"steps": 50}, {"period": 0.5}):
         with pytest.raises(InputError, match="the run had other options: choose another --out"):
             run(dataclasses.replace(chosen, **changes))
+
+
+METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
+BETTER = {"SGAN": 0.0, "NeuroSyM, ones": 0.01, "NeuroSyM, cnd": 0.1}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A sweep of three models of which one is 9 cm better than the others, on two test sets."""
+    draw = np.random.default_rng(0)
+    rows, errors = [], []
+    about = {"blocks": 4, "obs_len": 8, "pred_len": 8, "samples": 20, "seeds": 1}
+    about |= {"latency": 0.001, "forecasts_per_second": 1000.0}
+    cases = itertools.product(BETTER, (("eth", 70), ("zara1", 160)), range(3))
+    for model, (scene, count), seed in cases:
+        each = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
+        identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
+        counts = np.full((count, 4), 3.0)
+        errors.append(ErrorsByScene(METRICS, each * counts, counts, identity, 16))
+        means = zip(METRICS, errors[-1].mean.tolist())
+        values = {f"{m}{of}": v for m, v in means for of in ("", "_low", "_high", "_std")}
+        row = {"model": model, "dataset": scene, "scenes": count, "agents": 3 * count}
+        name = {"checkpoint": f"{model}_{scene}_{seed}", "training_seed": seed}
+        rows.append({**about, **row, **values, **name})
+    constant = {"model": "constant velocity", "checkpoint": None, "training_seed": None}
+    rows.insert(0, {**rows[0], **constant})
+    errors.insert(0, errors[0])
+    write_report(tmp_path / "sweep.json", rows, {})
+    write_errors(tmp_path, errors)
+    return tmp_path
+
+
+def test_what_is_better_is_called_so(folder):
+    compare_sweep(folder, "ones", out=folder / "ablation.md")
+    text = (folder / "ablation.md").read_text()
+    assert "Runs: 18. Seeds: 3." in text
+    assert "nothing of how much" not in text
+    assert "Difference to NeuroSyM, ones, mean over test sets" in text
+    assert "\n| NeuroSyM, cnd | **−0.09" in text
+    assert "\n| SGAN | **+0.0" in text
+    assert "constant velocity" not in text
+    rows = pl.read_csv(folder / "ablation.csv")
+    assert len(rows) == 2 * 3 * 4
+    (row,) = rows.filter(
+        model="NeuroSyM, cnd", test_set="mean over test sets", metric="joint_ade"
+    ).iter_rows(named=True)
+    assert (row["reference"], row["seeds"]) == ("NeuroSyM, ones", 3)
+    assert row["difference"] == pytest.approx(-0.09, abs=0.01)
+    assert row["low_95"] < -0.09 < row["high_95"] < -0.05
+
+
+def changed(folder, change):
+    """Change the rows of the sweep in `folder`."""
+    path = folder / "sweep.json"
+    data = json.loads(path.read_text())
+    for row in data["rows"]:
+        change(row)
+    path.write_text(json.dumps(data))
+
+
+@pytest.mark.parametrize("seeds", [1, 2])
+def test_two_models_are_compared_and_few_seeds_find_nothing(folder, seeds):
+    def left(row):
+        if row["training_seed"] in (None, *range(seeds, 3)) or row["model"] == "SGAN":
+            row["training_seed"] = None
+
+    changed(folder, left)
+    text = compare_sweep(folder)
+    assert f"Runs: {2 * 2 * seeds}. Seeds: {seeds}." in text
+    assert "seeds tell nothing of how much trainings differ" in text
+    assert "\n| NeuroSyM, cnd | −0.09" in text
+    assert "| **−" not in text
+
+
+def test_what_cannot_be_compared_is_refused(folder, tmp_path_factory):
+    with pytest.raises(InputError, match=r"--against names the model .* there are SGAN; NeuroSyM"):
+        compare_sweep(folder)
+    with pytest.raises(InputError, match="no 'soft' to compare with: there are SGAN; NeuroSyM"):
+        compare_sweep(folder, "soft")
+    with pytest.raises(InputError, match=r"must end in \.md"):
+        compare_sweep(folder, out=folder / "r.txt")
+    with pytest.raises(InputError, match=r"sweep\.json"):
+        compare_sweep(tmp_path_factory.mktemp("empty"))
+    changed(folder, lambda row: row.update(pred_len=8 + 4 * (row["model"] == "SGAN")))
+    with pytest.raises(InputError, match=r"\(8, 8\), \(8, 12\).*--pred-len"):
+        compare_sweep(folder)
+    with pytest.raises(InputError, match="compares two models or more: there are SGAN"):
+        compare_sweep(folder, pred_len=12)
