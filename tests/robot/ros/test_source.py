@@ -108,6 +108,7 @@ def test_where_the_robot_is_among_the_people():
     source.transforms.hear(transform(10.2, "map", "base", 2.0, np.pi / 2))
     for at, place in ((10.2, [2, 0, np.pi / 2]), (10.1, [1, 0, np.pi / 4])):
         assert_allclose(np.asarray(source.robot(at)), place)
+    assert_allclose(np.asarray(source.robot(10.05))[:2], [0.5, 0.0])
 
 
 def test_every_kind_says_who_is_where():
