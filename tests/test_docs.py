@@ -26,7 +26,7 @@ def test_the_site_builds_strictly(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     page = (tmp_path / "site/reference/symbolic/index.html").read_text()
     assert "neurosym_jax.symbolic.qtc.observe" in page
-    assert "States [..., T-1, m] of the pair" in page
+    assert "[..., T-1, m] int8" in page
     assert "neurosym replay" in (tmp_path / "site/reference/commands/index.html").read_text()
 
 
