@@ -111,11 +111,10 @@ def model_from_torch(contents: Any, ignored: Collection[str] | None = ()) -> Mod
     if config.weighting is not None and "weighting" not in arguments:
         assumed.append(f"pairs weighted by {config.weighting.name}")
     assumed += [f"the unknown argument {name} changes nothing" for name in unknown]
-    dataset = arguments.get("dataset_name")
     return Model(
         config,
         {"params": params},
-        dataset if isinstance(dataset, str) else None,
+        dataset if isinstance(dataset := arguments.get("dataset_name"), str) else None,
         assumed=tuple(assumed),
     )
 

@@ -124,9 +124,10 @@ def run_torch(module: str, checkpoint: Path, out: Path, *, python: str, seed: in
     # As text: the folder of a file that is run comes first where Python looks for modules.
     script = Path(torch_side.__file__).read_text(encoding="utf-8")
     paths = (path.resolve() for path in (Path(file), checkpoint, out))
-    command = [python, "-c", script, *paths, name, str(seed)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True)
+        done = subprocess.run(
+            [python, "-c", script, *paths, name, str(seed)], capture_output=True, text=True
+        )
     except OSError as error:
         raise InputError(f"--python {python}: {error.strerror}") from None
     if done.returncode:
