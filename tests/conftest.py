@@ -7,11 +7,11 @@ Where XLA_FLAGS is set (`XLA_FLAGS= pytest`) it is left alone, and programs are 
 """
 
 import functools
-import mmap
 import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
-from importlib.metadata import files
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +26,20 @@ CHEAP = {
 }
 
 
-def known(flags: dict[str, str]) -> str:
-    """Those of `flags` that this XLA has: it would end the process at the sight of another."""
-    libraries = [Path(str(path.locate())) for path in files("jaxlib") or () if path.suffix == ".so"]
-    library = max(libraries, key=lambda path: path.stat().st_size)
-    with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as code:
-        there = [name for name in flags if code.find(name.encode()) >= 0]
-    return " ".join(f"--{name}={flags[name]}" for name in there)
+def accepted(flags: dict[str, str]) -> str:
+    """Those of `flags` that XLA accepts in a process of their own: it would end this one."""
+    given = [f"--{name}={value}" for name, value in flags.items()]
+
+    def ends_well(*chosen: str) -> bool:
+        command = [sys.executable, "-c", "import jax; jax.devices()"]
+        environment = {**os.environ, "XLA_FLAGS": " ".join(chosen)}
+        return not subprocess.run(command, env=environment, capture_output=True).returncode
+
+    return " ".join(given if ends_well(*given) else filter(ends_well, given))
 
 
 if "XLA_FLAGS" not in os.environ:
-    os.environ["XLA_FLAGS"] = known(CHEAP)
+    os.environ["XLA_FLAGS"] = accepted(CHEAP)
 if "PYTEST_XDIST_WORKER" not in os.environ:  # A worker takes what the first process has made.
     caches = tempfile.TemporaryDirectory(prefix="neurosym-tests-")
     os.environ["XDG_CACHE_HOME"] = caches.name

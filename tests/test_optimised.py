@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import accepted
+
 FOLDERS = [Path(__file__).parent / name for name in ("symbolic", "interop")]
 
 
@@ -28,3 +30,9 @@ def test_as_users_have_it():
         check=False,
     )
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.slow
+def test_flags_that_xla_refuses_are_left_out():
+    known = {"xla_backend_optimization_level": "0", "xla_no_such_flag": "true"}
+    assert accepted(known) == "--xla_backend_optimization_level=0"
