@@ -61,6 +61,7 @@ def likely_events(
         # A mutual event has the same probability in both directions, and is listed once.
         once = row < len(near) or not EVENTS[names[event]].mutual
         if once and np.isfinite(seconds[event, row]):
+            one, other = pairs[row].tolist()
             how = float(share[event, row]), float(seconds[event, row])
-            listed.append(LikelyEvent(names[event], *pairs[row].tolist(), *how))
+            listed.append(LikelyEvent(names[event], one, other, *how))
     return sorted(listed, key=lambda each: (-each.probability, each.seconds))
