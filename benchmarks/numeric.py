@@ -17,7 +17,7 @@ def measure(options: Any) -> dict[str, Any]:
     tests = [f"tests/{each}" for each in TESTS]
     start = time.perf_counter()
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-n", "0", "-q", "-p", "no:cacheprovider", *tests],
+        [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider", *tests],
         cwd=Path(__file__).parents[1],
         capture_output=True,
         text=True,
