@@ -78,7 +78,12 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
             f"the clock too {wrong} (--fps, --time-unit; SGAN's eth needs --eth-stride 6), or are "
             f"coordinates {unit} (--unit)?",
         )
-    held = _held(tracks)
+    length = np.linalg.norm(np.diff(tracks.position, axis=0), axis=1)
+    length[np.diff(tracks.id) != 0] = np.nan
+    usual = np.median(length[length > 0]) if np.any(length > 0) else np.inf
+    still, leap, after = length[:-2], length[1:-1], length[2:]
+    leaps = (still == 0) & (leap > np.maximum(1.6 * after, 0.5 * usual))
+    held = np.sum(leaps) / len(tracks.id)
     if steps >= FEW and held > 0.01:
         yield (
             enough and held > 0.1,
@@ -115,12 +120,3 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
             f"{len(fast)} steps are faster than 10 m/s, the first by person {tracks.id[at]} at "
             f"{tracks.stamp[at]:.2f} s: is a person two?",
         )
-
-
-def _held(tracks: Tracks) -> float:
-    """Share of points that repeat the one before, and are followed by a leap."""
-    length = np.linalg.norm(np.diff(tracks.position, axis=0), axis=1)
-    length[np.diff(tracks.id) != 0] = np.nan
-    usual = np.median(length[length > 0]) if np.any(length > 0) else np.inf
-    still, leap, after = length[:-2], length[1:-1], length[2:]
-    return np.sum((still == 0) & (leap > np.maximum(1.6 * after, 0.5 * usual))) / len(tracks.id)

@@ -23,6 +23,7 @@ __all__ = ["FRAME", "Table", "is_frame", "read_table"]
 FRAME = Path("dataframe")  # what messages call one, and its recording
 
 MOST = 1_000_000  # columns of a table
+BLANKS = ' "\t\r'  # around a field
 # Frame numbers that are taken for 0.4 s: of a list of steps, and at 15, 25 and 30 a second.
 STEPS = (1, 6, 10, 12)
 
@@ -52,11 +53,11 @@ class Table:
 
     def column(self, place: int) -> pl.Series:
         """[R] texts of a column, without blanks and quotes around them."""
-        return _stripped(self.fields.list.get(place))
+        return self.fields.list.get(place).str.strip_chars(BLANKS)
 
     def numbers(self, *places: int, missing: bool = False) -> np.ndarray:
         """[R, columns] finite float64; if fields may be `missing`, empty ones and nan are NaN."""
-        texts = _stripped(self.fields.list.gather(list(places)).explode())
+        texts = self.fields.list.gather(list(places)).explode().str.strip_chars(BLANKS)
         found = texts.cast(pl.Float64, strict=False)
         usable = found.is_finite().fill_null(False) | (
             missing & texts.is_in(("", "nan", "NaN", "None", "<NA>"))
@@ -165,10 +166,6 @@ class Table:
             columns = stamp[at], id[at], position[at], {key: extras[key][at] for key in extras}
             found.append(make_tracks(name, *columns, reading=how, row=row[at]))
         return found
-
-
-def _stripped(texts: pl.Series) -> pl.Series:
-    return texts.str.strip_chars(' "\t\r')
 
 
 def _missing(texts: pl.Series) -> pl.Series:

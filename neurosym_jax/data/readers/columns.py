@@ -78,18 +78,23 @@ class Columns(Format):
         if len(points) < 4:
             raise InputError(f"{table.path}: {clock}, id, x and y are four columns")
         table, said = _people(table, options.keep, points)
-        parts = _recordings_of(table, set(place.values()))
+        runs = {at for at, name in enumerate(table.names) if _RECORDINGS.fullmatch(name)}
+        keys = ["_".join(row) for row in zip(*map(table.column, sorted(runs - {*place.values()})))]
+        kinds, part = np.unique(keys or [""] * len(table.row), return_inverse=True)
+        names = [printable(f"{table.path.stem}_{kind}"[:200]) for kind in kinds]
+        names = names if len(names) > 1 else [printable(table.path.stem)]
         if clock == "time":
             stamp = _seconds(table, place[clock], options)
             if "time" not in columns:
-                _refuse_other_frames(table, place[clock], stamp, parts[1])
+                _refuse_other_frames(table, place[clock], stamp, part)
         elif options.time_unit:
             raise InputError(f"{table.path}: --time-unit is of no use: the column counts frames")
         else:
             stamp = table.times(place[clock], options, period)
         position = table.numbers(place["x"], place["y"]) * options.metres
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
-        return table.tracks(stamp, table.ids(place["id"]), position, extras, parts=parts, said=said)
+        ids, parts = table.ids(place["id"]), (names, part)
+        return table.tracks(stamp, ids, position, extras, parts=parts, said=said)
 
 
 def names_tracks(names: Sequence[str]) -> bool:
@@ -189,16 +194,3 @@ def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, l
 
 def _lower(table: Table, place: int) -> pl.Series:
     return table.column(place).str.to_lowercase()
-
-
-def _recordings_of(table: Table, used: set[int]) -> tuple[list[str], np.ndarray]:
-    """Names of the recordings in a table, and [R] the index of each row's."""
-    columns = [
-        table.column(at)
-        for at, name in enumerate(table.names)
-        if _RECORDINGS.fullmatch(name) and at not in used
-    ]
-    keys = ["_".join(row) for row in zip(*columns)] or [""] * len(table.row)
-    kinds, index = np.unique(keys, return_inverse=True)
-    name = printable(table.path.stem)
-    return [name] if len(kinds) == 1 else [printable(f"{name}_{k}"[:200]) for k in kinds], index
