@@ -277,6 +277,7 @@ REFUSED = {
     "train 'steps: [3'": "cannot be read: while parsing",
     "train '- steps'": "must have a line `option: value` for each option",
     "train 'resume: yes'": "resume: must be true or false, not yes",
+    "evaluate 'figures: false\nplots: a.png'": "--plots: has no effect with --no-figures",
     "sweep 'seeds: [0, 1]'": "unknown option 'seeds': did you mean --seed?",
     "sweep --keep robot --dry-run": "--keep: has no effect on simulations",
     "sweep --resume": "--resume",

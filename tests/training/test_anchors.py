@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.training import anchors
@@ -127,8 +126,3 @@ def test_a_resumed_run_ends_with_the_same_bits(anchors_run, done, tmp_path, stop
             train_run(anchors_run, tmp_path)
     train_run(anchors_run, tmp_path, resume=True)
     assert final(tmp_path) == final(done)
-
-
-def test_a_recipe_of_another_network_is_refused(run):
-    with pytest.raises(InputError, match="does not fit the network: --recipe ours, sgan"):
-        dataclasses.replace(run, recipe=RECIPE)
