@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, Seed, differences, refuse
@@ -200,8 +201,11 @@ def predict_distribution(
     of them best, and the probabilities given that the future is one of these.
 
     Arguments are those of `predict`: `observed` is [N, obs_len, 2] metres.
+
+    Raises:
+        InputError: as `predict`.
     """
-    if isinstance(observed, jax.core.Tracer):
+    if isinstance(observed, Tracer):
         raise InputError("predict runs on the host; under jit, vmap and grad call nj.forecast")
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")

@@ -1,6 +1,7 @@
 """Models to the Hugging Face Hub and back: through folders, and a small server in its place."""
 
 import base64
+import dataclasses
 import json
 import os
 import re
@@ -26,21 +27,16 @@ class Hub(BaseHTTPRequestHandler):
 
     def do_POST(self):
         body = self.rfile.read(int(self.headers["Content-Length"]))
-        if self.path.endswith("/repos/create"):
-            self.reply({"url": f"http://{self.headers['Host']}/me/walkers"})
-        elif "/preupload/" in self.path:
-            names = [file["path"] for file in json.loads(body)["files"]]
-            files = [{"path": n, "uploadMode": "regular", "shouldIgnore": False} for n in names]
-            self.reply({"files": files})
-        elif "/commit/" in self.path:
-            for line in map(json.loads, body.splitlines()):
-                if line["key"] == "file":
-                    content = base64.b64decode(line["value"]["content"])
-                    self.files[line["value"]["path"]] = content
-            url = f"http://{self.headers['Host']}/me/walkers/commit/{COMMIT}"
-            self.reply({"commitUrl": url, "commitOid": COMMIT})
-        else:
-            self.reply({})
+        if "/preupload/" in self.path:
+            small = {"uploadMode": "regular", "shouldIgnore": False}
+            self.reply({"files": [{"path": f["path"], **small} for f in json.loads(body)["files"]]})
+            return
+        if "/commit/" in self.path:
+            lines = [json.loads(line) for line in body.splitlines()]
+            for file in (line["value"] for line in lines if line["key"] == "file"):
+                self.files[file["path"]] = base64.b64decode(file["content"])
+        url = f"http://{self.headers['Host']}/me/walkers"
+        self.reply({"url": url, "commitUrl": f"{url}/commit/{COMMIT}", "commitOid": COMMIT})
 
     def do_GET(self):
         name = self.path.split("/")[-1]
@@ -51,8 +47,8 @@ class Hub(BaseHTTPRequestHandler):
             self.reply(self.files[name], **headers)
         elif "/tree/" in self.path:
             sizes = {name: len(content) for name, content in self.files.items()} | {"film.mp4": 9}
-            entries = {"type": "file", "oid": "0" * 40}
-            self.reply([{**entries, "path": name, "size": size} for name, size in sizes.items()])
+            file = {"type": "file", "oid": "0" * 40}
+            self.reply([{**file, "path": name, "size": size} for name, size in sizes.items()])
         else:
             siblings = [{"rfilename": file} for file in (*self.files, "film.mp4")]
             self.reply({"id": "me/walkers", "sha": COMMIT, "siblings": siblings})
@@ -75,14 +71,15 @@ class Hub(BaseHTTPRequestHandler):
 @pytest.fixture
 def hub():
     handler = type("OneHub", (Hub,), {"files": {}})
-    server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_port}", handler.files
-    server.shutdown()
-    server.server_close()
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}", handler.files
+        server.shutdown()
 
 
-def header_of(folder):
+def header_of(model, folder, card=None):
+    """What the Hub reads at the top of the card, once the model is saved."""
+    model.save_pretrained(folder, card)
     (header,) = re.findall(r"\A---\n(.*?)---\n\n# ", (folder / "README.md").read_text(), re.DOTALL)
     return yaml.safe_load(header)
 
@@ -93,40 +90,35 @@ def header_of(folder):
 )
 def test_folders_have_the_header_of_the_hub(tmp_path, name, licence, datasets):
     model = Model.from_pretrained(name)
-    model.save_pretrained(tmp_path / "model")
-    header = header_of(tmp_path / "model")
+    header = header_of(model, tmp_path / "model")
     assert (header["license"], header["datasets"]) == (licence, datasets)
-    assert header["library_name"] == "neurosym_jax"
-    assert header["metrics"] == ["ade", "fde"]
+    assert (header["library_name"], header["metrics"]) == ("neurosym_jax", ["ade", "fde"])
     observed = np.cumsum(np.full((3, 8, 2), 0.3), axis=1)
     again = Model.from_pretrained(tmp_path / "model")
     np.testing.assert_array_equal(predict(again, observed), predict(model, observed))
-    model.save_pretrained(tmp_path / "own", card="---\nlicense: mit\n---\n\n# Mine\n")
-    assert header_of(tmp_path / "own") == {"license": "mit"}
+    own = header_of(model, tmp_path / "own", "---\nlicense: mit\n---\n\n# Mine\n")
+    assert own == {"license": "mit"}
 
 
 def test_a_licence_that_forbids_commerce_is_the_models(model, tmp_path):
-    import dataclasses
-
     data = licences_of(["Stanford"])  # As training names a folder of it.
     assert data == {"SDD": "CC BY-NC-SA 3.0, restricted"}
     made = dataclasses.replace(model("none"), data=data)
-    made.save_pretrained(tmp_path / "sdd")
-    assert header_of(tmp_path / "sdd")["license"] == "cc-by-nc-sa-3.0"
-    dataclasses.replace(made, data={**data, "ETH/UCY": "unstated"}).save_pretrained(tmp_path / "b")
-    assert header_of(tmp_path / "b")["license"] == "other"
+    assert header_of(made, tmp_path / "sdd")["license"] == "cc-by-nc-sa-3.0"
+    both = dataclasses.replace(made, data={**data, "ETH/UCY": "unstated"})
+    assert header_of(both, tmp_path / "both")["license"] == "other"
 
 
 def run(code, tmp_path, endpoint):
-    """`code` in a process that takes `endpoint` for the Hub."""
+    """What `code` prints, and the last line of its error, in a process whose Hub is `endpoint`."""
     pytest.importorskip("huggingface_hub", reason="huggingface_hub is not installed")
-    cache = {"HF_HOME": str(tmp_path / "cache"), "HF_HUB_DISABLE_PROGRESS_BARS": "1"}
-    hub = {"HF_ENDPOINT": endpoint, "HF_TOKEN": "hf_a", **cache}
+    hub = {"HF_ENDPOINT": endpoint, "HF_TOKEN": "hf_a", "HF_HOME": str(tmp_path / "cache")}
+    hub["HF_HUB_DISABLE_PROGRESS_BARS"] = "1"
     code = f"import neurosym_jax as nj\n{code}"
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, **hub}, capture_output=True, text=True
     )
-    return "".join([done.stdout, *done.stderr.splitlines(keepends=True)[-1:]]).strip()
+    return "".join([done.stdout, *done.stderr.splitlines()[-1:]]).strip()
 
 
 @pytest.mark.slow

@@ -16,23 +16,12 @@ from neurosym_jax.interop.checkpoint import model_from_torch
 
 SGAN = Path(__file__).with_name("sgan_torch.py")
 ARGUMENTS = {
-    "obs_len": 8,
-    "pred_len": 8,
-    "embedding_dim": 6,
-    "mlp_dim": 24,
-    "num_layers": 1,
-    "encoder_h_dim": 12,
-    "decoder_h_dim": 14,
-    "noise_dim": (4,),
-    "noise_type": "gaussian",
-    "noise_mix_type": "global",
-    "pooling_type": "pool_net",
-    "pool_every_timestep": False,
-    "bottleneck_dim": 5,
-    "dropout": 0.0,
-    "neighborhood_size": 2.0,
-    "grid_size": 4,
-}
+    "obs_len": 8, "pred_len": 8, "embedding_dim": 6, "mlp_dim": 24, "num_layers": 1,
+    "encoder_h_dim": 12, "decoder_h_dim": 14, "bottleneck_dim": 5, "dropout": 0.0,
+    "noise_dim": (4,), "noise_type": "gaussian", "noise_mix_type": "global",
+    "pooling_type": "pool_net", "pool_every_timestep": False,
+    "neighborhood_size": 2.0, "grid_size": 4,
+}  # fmt: skip
 EQUAL = "equal"
 RELU = ("nn.ReLU,", "nn.LeakyReLU,")
 ANOTHER_WAY = "its layers agree alone, the module's forward puts them together in another way"
@@ -67,12 +56,14 @@ def verdict(torch, arguments, change=None, dtype="float32"):
 
 
 HEAD = "nn.Linear(h_dim, 2)\n", "nn.Linear(h_dim, 2)\n        self.head = nn.Linear(1, 3)\n"
-ORDER = (
-    "self.encoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)\n"
-    "        self.spatial_embedding = nn.Linear(2, embedding_dim)\n",
-    "self.spatial_embedding = nn.Linear(2, embedding_dim)\n"
-    "        self.encoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)\n",
-)
+FIRST = "        self.encoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)\n"
+SECOND = "        self.spatial_embedding = nn.Linear(2, embedding_dim)\n"
+NORM = "batch_norm=False", "batch_norm=True"
+CONTEXT = "torch.cat([context, pooled]", "torch.cat([pooled, context]"
+NOISE = "torch.cat([context, noise]", "torch.cat([noise, context]"
+NO_LAST_RELU = "nn.Sequential(*layers)", "nn.Sequential(*layers[:-1])"
+ROUNDED = "self.encoder(obs_traj_rel)", "self.encoder(obs_traj_rel.round(decimals=2))"
+UNCALLED = "self.spatial_embedding(move)[None]", "move.new_zeros(1, len(move), 6)"
 
 
 @pytest.mark.slow
@@ -86,11 +77,7 @@ ORDER = (
         (None, {"mlp_dim": 20, "bottleneck_dim": 9, "embedding_dim": 3}, EQUAL),
         (None, {"encoder_h_dim": 5, "decoder_h_dim": 18}, EQUAL),
         (None, {"batch_norm": True}, "refused: args: batch_norm is True"),
-        (
-            ("batch_norm=False", "batch_norm=True"),
-            {},
-            "refused: pool_net.mlp_pre_pool.1.running_mean: our networks have no",
-        ),
+        (NORM, {}, "refused: pool_net.mlp_pre_pool.1.running_mean: our networks have no"),
         (None, {"num_layers": 2}, "refused: args: num_layers is 2"),
         (("h_dim, num_layers, dropout=", "h_dim, 2, dropout="), {}, "refused: the generator's"),
         (None, {"dropout": 0.5}, EQUAL),
@@ -98,31 +85,11 @@ ORDER = (
         (None, {"noise_mix_type": "ped", "pooling_type": None}, EQUAL),
         (None, {"obs_len": 5, "pred_len": 3, "pool_every_timestep": True}, EQUAL),
         (HEAD, {}, "refused: the generator's parameters do not fit its configuration: 'decoder.he"),
-        (
-            ("torch.cat([context, pooled]", "torch.cat([pooled, context]"),
-            {},
-            f"mlp_decoder_context: {ANOTHER_WAY}",
-        ),
-        (
-            ("torch.cat([context, noise]", "torch.cat([noise, context]"),
-            {},
-            f"decoder, first state: {ANOTHER_WAY}",
-        ),
-        (
-            ("nn.Sequential(*layers)", "nn.Sequential(*layers[:-1])"),
-            {},
-            "pool_net.mlp_pre_pool (alone): no ReLU after its last layer",
-        ),
-        (
-            ("self.encoder(obs_traj_rel)", "self.encoder(obs_traj_rel.round(decimals=2))"),
-            {},
-            "obs_traj_rel: it is rounded to 2 decimals",
-        ),
-        (
-            ("self.spatial_embedding(move)[None]", "move.new_zeros(1, len(move), 6)"),
-            {},
-            "decoder.spatial_embedding (alone): the checkpoint has it and the module never calls",
-        ),
+        (CONTEXT, {}, f"mlp_decoder_context: {ANOTHER_WAY}"),
+        (NOISE, {}, f"decoder, first state: {ANOTHER_WAY}"),
+        (NO_LAST_RELU, {}, "pool_net.mlp_pre_pool (alone): no ReLU after its last layer"),
+        (ROUNDED, {}, "obs_traj_rel: it is rounded to 2 decimals"),
+        (UNCALLED, {}, "decoder.spatial_embedding (alone): the checkpoint has it and the module"),
     ],
 )
 def test_a_changed_module_is_equal_refused_or_told_apart(torch, change, arguments, wanted):
@@ -133,7 +100,7 @@ def test_a_changed_module_is_equal_refused_or_told_apart(torch, change, argument
 
 def test_a_module_in_float64_and_one_of_another_order_are_equal(torch):
     assert verdict(torch, ARGUMENTS, dtype="float64") == EQUAL
-    assert verdict(torch, ARGUMENTS, ORDER) == EQUAL
+    assert verdict(torch, ARGUMENTS, (FIRST + SECOND, SECOND + FIRST)) == EQUAL
 
 
 def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
