@@ -21,10 +21,13 @@ from neurosym_jax.training.recipe import AnchorRecipe
 from neurosym_jax.training.step import TrainState, update
 from neurosym_jax.training.stream import gather_cropped
 
-__all__ = ["CLASSES", "AnchorStream", "anchor_loss", "anchor_step", "company"]
+__all__ = ["CLASSES", "AnchorStream", "anchor_loss", "anchor_step", "company", "overlap"]
 
 CLASSES = (3, 9, 24)
 """Padded sizes of scenes; larger ones are cropped to a random agent and its nearest neighbours."""
+
+PERSONAL = 0.4
+"""Distance of two forecast people below which `collision_weight` counts them, metres."""
 
 
 class AnchorStream:
@@ -102,7 +105,18 @@ def anchor_loss(
     total -= recipe.probability_weight * ((target * log_probability).sum(1) * people).sum()
     likely = log_probability.argmax(1)[:, None]
     total += recipe.likely_weight * jnp.take_along_axis(joint, likely, 1).sum()
+    if recipe.collision_weight:
+        total += recipe.collision_weight * overlap(forecast, valid).mean(1).sum()
     return total / valid.sum()
+
+
+def overlap(forecast: Array, valid: Array) -> Array:
+    """[B, k, N] how far within `PERSONAL` metres others of the scene are, 0 to 1, summed over them
+    and the mean over time; `forecast [B, k, N, T, 2]` metres, `valid [B, N]`."""
+    apart = jnp.square(forecast[:, :, :, None] - forecast[:, :, None]).sum(-1)
+    others = valid[:, :, None] & valid[:, None] & ~jnp.eye(valid.shape[1], dtype=bool)
+    near = jnp.maximum(1 - apart / PERSONAL**2, 0) * others[:, None, ..., None]
+    return near.mean(-1).sum(-1)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)

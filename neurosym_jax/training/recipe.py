@@ -121,6 +121,8 @@ class AnchorRecipe(Recipe):
     """Weight of the cross-entropy between the probabilities and a softmax of the joint errors."""
     temperature: Positive = 0.1
     """Of that softmax, metres of error for a person."""
+    collision_weight: NotNegative = 0.0
+    """Weight of how much people of one sample overlap. It costs error: see docs/recipe.md."""
 
 
 RECIPES: dict[str, Recipe] = {

@@ -11,7 +11,7 @@ import pytest
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.training import anchors
-from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company
+from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company, overlap
 from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.recipe import AnchorRecipe
@@ -26,6 +26,22 @@ def one_class():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(anchors, "CLASSES", (6,))
         yield
+
+
+def test_overlapping_people_cost_by_their_distance():
+    x = jnp.array([0.0, 0.2, 5.0, 0.1])  # The last is not there.
+    forecast = jnp.stack([x, 0 * x], -1)[None, None, :, None].repeat(3, axis=3)
+    valid = jnp.array([[True, True, True, False]])
+    found = overlap(forecast.at[..., 1:, 0].add(x[:, None]), valid)[0, 0]
+    # At 0.2 m in the first of three steps, at 0.4 m in the others.
+    np.testing.assert_allclose(found, [0.25, 0.25, 0, 0], atol=1e-6)
+    probability, target = jnp.zeros((1, 1)), jnp.zeros((1, 4, 3, 2))
+
+    def loss(weight):
+        recipe = AnchorRecipe(collision_weight=weight)
+        return anchor_loss(forecast, probability, target, valid, jnp.zeros(1, int), recipe)
+
+    assert float(loss(2.0) - loss(0.0)) == pytest.approx(2 * (0.75 + 0.75) / 3, abs=1e-5)
 
 
 @pytest.fixture(scope="module")
