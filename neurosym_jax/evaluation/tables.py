@@ -2,7 +2,7 @@
 
 import itertools
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, NamedTuple
 
 import polars as pl
@@ -11,12 +11,23 @@ from neurosym_jax.evaluation.markdown import aligned_table, markdown_table
 from neurosym_jax.evaluation.metrics import Metric, known_metric
 from neurosym_jax.evaluation.summary import labels, short_names, summarise
 
-__all__ = ["Style", "format_table", "notes", "text_tables"]
+__all__ = ["Style", "format_table"]
 
 Style = Literal["text", "csv", "markdown", "latex"]
 
 LATEX = {**{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}"}
 LATEX |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"}
+
+
+class Cell(NamedTuple):
+    """A mean as text, and what is known of it."""
+
+    mean: str = "-"
+    interval: str = ""
+    half: str = ""
+    """Half of the interval, of a metric in metres or without a unit."""
+    best: bool = False
+    """Whether it is significantly the best of its test set."""
 
 
 class Line(NamedTuple):
@@ -25,8 +36,8 @@ class Line(NamedTuple):
     label: str
     facts: Mapping[str, Any]
     """The columns of `summarise` that all metrics share."""
-    values: Mapping[str, Mapping[str, Any]]
-    """The rows of `summarise` by metric."""
+    cells: Mapping[str, Cell]
+    """By metric."""
 
 
 def format_table(
@@ -49,27 +60,22 @@ def format_table(
     lines = summarise(rows)
     if style == "text":
         shown = lines if whole else lines.filter(pl.col("sets") == 1)
-        return "\n".join([text_tables(shown, width, whole=whole), *notes(lines)])
+        return "\n".join([_text_tables(shown, width, whole), *_notes(lines)])
     if style == "latex":
         return _latex_table(lines, intervals)
     return _csv_table(lines) if style == "csv" else _markdown_table(lines)
 
 
-def text_tables(lines: pl.DataFrame, width: int | None = None, *, whole: bool = True) -> str:
-    """A table for each test set, for a terminal; after ± stands half of the 95 % interval.
-
-    Args:
-        lines: see `summarise`.
-        width: columns of the terminal; default: the terminal's.
-        whole: whether columns that do not fit are in further tables, or left out.
-    """
+def _text_tables(lines: pl.DataFrame, width: int | None, whole: bool) -> str:
+    """A table for each test set, see `format_table`; columns that do not fit are in further ones
+    or, unless `whole`, left out."""
     width = width or shutil.get_terminal_size().columns
     texts = []
-    for members in _by_test_set(lines):
+    for metrics, members in _by_test_set(lines):
         of = members[0].facts
         counts = f", {of['scenes']} scenes, {of['agents']} people" * (of["sets"] == 1)
         title = [f"{of['dataset']}: {of['obs_len']} + {of['pred_len']} steps{counts}"]
-        models, *rest = _columns(members)
+        models, *rest = _columns(metrics, members)
         while rest:
             taken, left = [models], width - len(models[0])
             for column in list(rest):
@@ -84,13 +90,13 @@ def text_tables(lines: pl.DataFrame, width: int | None = None, *, whole: bool = 
     return "\n".join(texts)
 
 
-def _columns(members: Sequence[Line]) -> list[list[str]]:
+def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[list[str]]:
     """Cells of equal width of each column, two rows of head first."""
     columns = []
-    for name, metric in _metrics(members).items():
-        cells = [_text_cell(metric, line.values.get(name)) for line in members]
-        if any(cell.endswith("*") for cell in cells):
-            cells = [cell if cell.endswith("*") else f"{cell} " for cell in cells]
+    for name, metric in metrics.items():
+        of_metric = [line.cells[name] for line in members]
+        marks = " *" if any(cell.best for cell in of_metric) else ("", "")
+        cells = [cell.mean + cell.half + marks[cell.best] for cell in of_metric]
         first, _, rest = metric.title.partition(" ")
         columns.append([first, rest, *cells] if rest else ["", first, *cells])
     heads = (("", "k"), ("forecasts", "a second"), ("latency", "in ms"))
@@ -120,29 +126,31 @@ def _csv_table(lines: pl.DataFrame) -> str:
 
 def _markdown_table(lines: pl.DataFrame) -> str:
     """Means with 95 % intervals; the significantly best is bold."""
-    members = list(itertools.chain.from_iterable(_by_test_set(lines)))
-    metrics = _metrics(members)
+    metrics = _metrics(lines)
     heads = [each.title if each.unit == "share" else each.label for each in metrics.values()]
     body = []
-    for line in members:
-        cells = [_cell(metric, line.values.get(name)) for name, metric in metrics.items()]
-        texts = [(f"**{text}**" if best else text) + interval for text, interval, best in cells]
-        body.append([line.facts["dataset"], line.label, str(line.facts["samples"]), *texts])
+    for _, members in _by_test_set(lines):
+        for line in members:
+            of_metrics = [line.cells[name] for name in metrics]
+            texts = [
+                (f"**{cell.mean}**" if cell.best else cell.mean) + cell.interval
+                for cell in of_metrics
+            ]
+            body.append([line.facts["dataset"], line.label, str(line.facts["samples"]), *texts])
     return markdown_table(["", "", "k", *heads], body, right=len(heads) + 1)
 
 
 def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     """A `tabular` of booktabs for one column of a paper: the significantly best mean is bold."""
-    tests = list(_by_test_set(lines))
-    members = list(itertools.chain.from_iterable(tests))
-    metrics = _metrics(members)
+    metrics = _metrics(lines)
+    tests = [members for _, members in _by_test_set(lines)]
     titles = [metric.title.partition(" ") for metric in metrics.values()]
     above, below = ["", ""], ["", "$k$"]
     for first, parts in itertools.groupby(titles, lambda title: title[0] if title[2] else ""):
         rests = [rest or word for word, _, rest in parts]
         above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{_escaped(first)}}}")
         below += map(_escaped, rests)
-    short = short_names(line.label for line in members)
+    short = short_names(line.label for of_test in tests for line in of_test)
     rows = []
     for of_test in tests:
         of = of_test[0].facts
@@ -150,9 +158,9 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
         rows += [r"\midrule", rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\"]
         for line in of_test:
             cells = [_escaped(short[line.label]), str(line.facts["samples"])]
-            for name, metric in metrics.items():
-                text, interval, best = _cell(metric, line.values.get(name))
-                text = rf"\textbf{{{_escaped(text)}}}" if best else _escaped(text)
+            for name in metrics:
+                mean, interval, _, best = line.cells[name]
+                text = rf"\textbf{{{_escaped(mean)}}}" if best else _escaped(mean)
                 cells.append(text + rf"{{\scriptsize{interval}}}" * (intervals and bool(interval)))
             rows.append(" & ".join(cells) + r" \\")
     named = [f"{brief}: {name}" for name, brief in short.items() if brief != name]
@@ -160,7 +168,7 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     return "\n".join(
         [
             r"% \usepackage{booktabs}",
-            *(f"% {note}" for note in [*named, *units, *notes(lines, intervals=intervals)]),
+            *(f"% {note}" for note in [*named, *units, *_notes(lines, intervals)]),
             r"\begingroup\footnotesize\setlength{\tabcolsep}{3pt}",
             rf"\begin{{tabular}}{{@{{}}l{'r' * (len(below) - 1)}@{{}}}}",
             r"\toprule",
@@ -173,28 +181,21 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     )
 
 
-def _text_cell(metric: Metric, value: Mapping[str, Any] | None) -> str:
-    text, interval, best = _cell(metric, value)
-    if value is not None and interval and metric.unit in ("", "m"):
-        text += f" ±{(value['high'] - value['low']) / 2:.3f}".replace("±0.", "±.")
-    return text + "*" * best
-
-
-def _cell(metric: Metric, value: Mapping[str, Any] | None) -> tuple[str, str, bool]:
-    """A mean, its interval where that is known, and whether it is significantly the best."""
-    if value is None or value["mean"] is None:
-        return "-", "", False
-    text = metric.text(value["mean"])
+def _cell(metric: Metric, value: Mapping[str, Any]) -> Cell:
+    """The cell of a row of `summarise`."""
+    if value["mean"] is None:
+        return Cell()
+    mean = metric.text(value["mean"])
     if value["low"] is None:
-        return text, "", value["best"]
+        return Cell(mean)
     low, high = (metric.text(value[end]).split(" ")[0] for end in ("low", "high"))
-    return text, f" [{low}, {high}]", value["best"]
+    half = f" ±{(value['high'] - value['low']) / 2:.3f}".replace("±0.", "±.")
+    return Cell(mean, f" [{low}, {high}]", half * (metric.unit in ("", "m")), value["best"])
 
 
-def notes(lines: pl.DataFrame, *, intervals: bool | None = None) -> list[str]:
+def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
     """Explanations below a table for a terminal or, given whether it has `intervals`, a paper."""
-    known = lines.filter(pl.col("mean").is_not_null())["metric"].unique(maintain_order=True)
-    found = [known_metric(name).about for name in known]
+    found = [metric.about for metric in _metrics(lines).values()]
     single = lines.filter(pl.col("trainings") == 1)["blocks"].drop_nulls().unique().sort().to_list()
     if single and intervals is not False:
         interval = "[ ]: 95 % interval" if intervals else "±: half of a 95 % interval"
@@ -209,24 +210,24 @@ def notes(lines: pl.DataFrame, *, intervals: bool | None = None) -> list[str]:
     return [note for note in dict.fromkeys(found) if note]
 
 
-def _by_test_set(lines: pl.DataFrame) -> Iterator[list[Line]]:
-    """The lines of each test set."""
+def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[Line]]]:
+    """The metrics that have a value on each test set, and its lines."""
     for _, of in lines.group_by("dataset", "obs_len", "pred_len", maintain_order=True):
-        values = [
-            {value["metric"]: value for value in line.iter_rows(named=True)}
-            for _, line in of.group_by("line", maintain_order=True)
-        ]
-        facts = [next(iter(each.values())) for each in values]
-        names = labels([(each["model"], each["checkpoint"]) for each in facts])
-        counts = [f" ({of['trainings']} trainings)" * (of["trainings"] > 1) for of in facts]
-        yield [Line(name + count, *of) for name, count, *of in zip(names, counts, facts, values)]
+        values = [line.to_dicts() for _, line in of.group_by("line", maintain_order=True)]
+        names = labels([(each[0]["model"], each[0]["checkpoint"]) for each in values])
+        members = []
+        for name, each in zip(names, values):
+            trainings = each[0]["trainings"]
+            label = name + f" ({trainings} trainings)" * (trainings > 1)
+            cells = {value["metric"]: _cell(known_metric(value["metric"]), value) for value in each}
+            members.append(Line(label, each[0], cells))
+        yield _metrics(of), members
 
 
-def _metrics(lines: Iterable[Line]) -> dict[str, Metric]:
+def _metrics(lines: pl.DataFrame) -> dict[str, Metric]:
     """The metrics of which some line has a value."""
-    values = [value for line in lines for value in line.values.values()]
-    names = dict.fromkeys(value["metric"] for value in values if value["mean"] is not None)
-    return {name: known_metric(name) for name in names}
+    known = lines.filter(pl.col("mean").is_not_null())["metric"].unique(maintain_order=True)
+    return {name: known_metric(name) for name in known}
 
 
 def _escaped(text: str) -> str:
