@@ -33,25 +33,19 @@ Interval = tuple[float, float]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ErrorsByScene:
-    """Scores of a model on the S scenes of a test set, by M metrics with one value."""
+    """Scores of a model on the S scenes of a test set, and where in the recordings these are."""
 
-    metrics: tuple[str, ...]
-    """Names."""
-    totals: np.ndarray
-    """[S, M] see `Score.total`."""
-    counts: np.ndarray
-    """[S, M] see `Score.count`."""
+    scores: Scores
+    """Of M metrics with one value, [S] each."""
     identity: np.ndarray
     """[S, 2] (recording, start frame)."""
     steps: int
     """Steps of a window, observed and forecast."""
 
-    @classmethod
-    def of_scores(cls, scores: Scores, identity: np.ndarray, steps: int) -> "ErrorsByScene":
-        """The `scores` with one value, of scenes with `identity` [S, 2]."""
-        single = {name: score for name, score in scores.items() if score.total.ndim == 1}
-        totals, counts = (np.stack(parts, axis=1) for parts in zip(*single.values()))
-        return cls(tuple(single), totals, counts, identity, steps)
+    @property
+    def sums(self) -> np.ndarray:
+        """[2, S, M] totals and counts, see `Score`."""
+        return np.stack(list(self.scores.values()), axis=-1)
 
     @property
     def blocks(self) -> np.ndarray:
@@ -62,12 +56,12 @@ class ErrorsByScene:
     @property
     def mean(self) -> np.ndarray:
         """[M] means over the test set."""
-        return _ratio(self.totals.sum(axis=0), self.counts.sum(axis=0))
+        return _ratio(*self.sums.sum(axis=1))
 
     def intervals(self) -> dict[str, Interval]:
         """95 % interval of each metric's mean over other test scenes."""
         means = _resampled(self, _drawn(self))
-        return {name: _interval(of) for name, of in zip(self.metrics, means.T)}
+        return {name: _interval(of) for name, of in zip(self.scores, means.T)}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -115,7 +109,8 @@ def paired_difference(
     drawn, pairs = _drawn(ours[0], seed), list(zip(ours, theirs))
     over_scenes = np.mean([_resampled(a, drawn) - _resampled(b, drawn) for a, b in pairs], axis=0)
     seeds = np.stack([a.mean - b.mean for a, b in pairs])
-    return Difference(ours[0].metrics, tuple(numbers or range(len(pairs))), seeds, over_scenes)
+    metrics = tuple(ours[0].scores)
+    return Difference(metrics, tuple(numbers or range(len(pairs))), seeds, over_scenes)
 
 
 def mean_difference(parts: Sequence[Difference]) -> Difference:
@@ -162,10 +157,9 @@ def _drawn(errors: ErrorsByScene, seed: int = 0) -> np.ndarray:
 
 def _resampled(run: ErrorsByScene, drawn: np.ndarray) -> np.ndarray:
     """[RESAMPLES, M] means over the drawn blocks."""
-    totals, counts = np.zeros((2, drawn.shape[1], len(run.metrics)))
-    np.add.at(totals, run.blocks, run.totals)
-    np.add.at(counts, run.blocks, run.counts)
-    return _ratio(drawn @ totals, drawn @ counts)
+    of_blocks = np.zeros((2, drawn.shape[1], len(run.scores)))
+    np.add.at(of_blocks, (slice(None), run.blocks), run.sums)
+    return _ratio(*(drawn @ of_blocks))
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:

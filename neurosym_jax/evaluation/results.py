@@ -209,7 +209,8 @@ def _evaluate_test(
             example = pad_scene(example, max(EXAMPLE, len(example.valid)))
         latency, forecast = _latency(model, example, settings)
         steps = test_set.obs_len + test_set.pred_len
-        errors = ErrorsByScene.of_scores(found.scores, windows.identity, steps)
+        single = {name: of for name, of in found.scores.items() if of.total.ndim == 1}
+        errors = ErrorsByScene(single, windows.identity, steps)
         row = {
             "checkpoint": path,
             "model": model.name,
@@ -220,14 +221,15 @@ def _evaluate_test(
             "scenes": windows.scenes,
             "agents": found.agents,
             "blocks": int(errors.blocks.max()) + 1,
-            **_columns(found.scores, errors, spread, f"{model.name} on {test_set.dataset}"),
+            **_columns(errors, spread, f"{model.name} on {test_set.dataset}"),
             "seconds_compiling": compiling,
             "seconds_evaluating": found.seconds,
             "latency": latency,
             "forecasts_per_second": found.agents * found.samples / found.seconds,
         }
-        each_step = {name: of for name, of in found.scores.items() if of.total.ndim == 2}
-        horizons = {name: _band(of, windows.identity, steps) for name, of in each_step.items()}
+        horizons = {
+            name: _band(of, errors) for name, of in found.scores.items() if name not in single
+        }
         yield Result(test_set, row, errors, example, forecast, horizons, windows.period)
 
 
@@ -253,25 +255,25 @@ def _score(model: Model, test: Test, settings: Settings) -> tuple[Evaluation, di
     return runs[0]._replace(scores=scores, seconds=seconds), spread
 
 
-def _columns(scores: Scores, errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
+def _columns(errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
     """Mean, bounds and deviation of each metric with one value, None where nothing was counted."""
     columns: Row = {}
-    for name in errors.metrics:
-        if not np.isfinite(scores[name].total).all():
+    for name, score in errors.scores.items():
+        if not np.isfinite(score.total).all():
             raise InputError(f"metric {name}: is not finite for {of}")
     for name, (low, high) in errors.intervals().items():
-        mean = float(scores[name].mean)
+        mean = float(errors.scores[name].mean)
         found = (None, None, None) if np.isnan(mean) else (mean, low, high)
         columns[name], columns[f"{name}_low"], columns[f"{name}_high"] = found
         columns[f"{name}_std"] = spread.get(name)
     return columns
 
 
-def _band(score: Score, identity: np.ndarray, steps: int) -> np.ndarray:
-    """[3, T] mean, low and high of a score with a value for each step."""
+def _band(score: Score, errors: ErrorsByScene) -> np.ndarray:
+    """[3, T] mean, low and high of a score with a value for each step, on the same scenes."""
     each = {str(step): Score(total, score.count) for step, total in enumerate(score.total.T)}
-    bounds = ErrorsByScene.of_scores(each, identity, steps).intervals().values()
-    return np.vstack([score.mean, np.transpose(list(bounds))])
+    bounds = dataclasses.replace(errors, scores=each).intervals().values()
+    return np.vstack([score.mean, *zip(*bounds)])
 
 
 def _telling(test: Test, found: Evaluation) -> int:

@@ -22,6 +22,7 @@ from neurosym_jax.evaluation import plan, report, results
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene, mean_difference, paired_difference
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
+from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
@@ -36,7 +37,7 @@ RECIPE = "recipe.yaml"
 ERRORS = "scenes.npz"
 """Beside `sweep.json`: each row's errors, scene by scene."""
 FIELDS = ("metrics", "totals", "counts", "identity")
-"""Of `ErrorsByScene`, in that file for each row."""
+"""In that file for each row: names of M metrics, [S, M] totals and counts, [S, 2] scenes."""
 MEAN = "mean over test sets"
 ENOUGH = 3
 """Least number of seeds that tell how much trainings differ."""
@@ -159,11 +160,10 @@ def _test(folders: Sequence[Path], source: Source, out: Path) -> list[dict[str, 
 
 def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
     """Write the errors of all rows of a sweep, scene by scene."""
-    arrays: dict[str, Any] = {
-        f"{name}_{at}": np.asarray(getattr(of_row, name))
-        for at, of_row in enumerate(errors)
-        for name in FIELDS
-    }
+    arrays: dict[str, Any] = {}
+    for at, of_row in enumerate(errors):
+        columns = (list(of_row.scores), *of_row.sums, of_row.identity)
+        arrays |= {f"{name}_{at}": np.asarray(of) for name, of in zip(FIELDS, columns)}
     with new_file(folder / ERRORS) as beside:
         np.savez_compressed(beside, **arrays)
 
@@ -232,8 +232,10 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     try:
         with np.load(folder / ERRORS) as arrays:
             for at, model, dataset, seed in columns.iter_rows():
-                metrics, *others = (arrays[f"{name}_{at}"] for name in FIELDS)
-                errors = ErrorsByScene(tuple(metrics.tolist()), *others, steps=sum(horizons[0]))
+                names, totals, counts, identity = (arrays[f"{name}_{at}"] for name in FIELDS)
+                scores = map(Score, totals.T, counts.T)
+                of_metrics = dict(zip(names.tolist(), scores, strict=True))
+                errors = ErrorsByScene(of_metrics, identity, steps=sum(horizons[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None

@@ -61,7 +61,7 @@ def _group(members: list[TestSet]) -> dict[str, Any]:
         found, sizes[each.scene] = _of_set(each)
         scores.append(found)
         print(each.scene, *sizes[each.scene].values(), flush=True)
-    metrics = scores[0]["NeuroSyM"].metrics
+    metrics = tuple(scores[0]["NeuroSyM"].scores)
     return {
         "sets": sizes,
         "means": {name: _means(scores, name) for name in scores[0]},
@@ -76,9 +76,8 @@ def _group(members: list[TestSet]) -> dict[str, Any]:
 
 
 def _means(scores: list[dict[str, ErrorsByScene]], name: str) -> dict[str, float]:
-    metrics = scores[0][name].metrics
     values = np.mean([found[name].mean for found in scores], axis=0)
-    return dict(zip(metrics, values.round(5).tolist()))
+    return dict(zip(scores[0][name].scores, values.round(5).tolist()))
 
 
 def _intervals(difference: Difference, metrics: tuple[str, ...]) -> dict[str, list[float]]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.forecasting.model import Model
 from studies.symbolic_forecast.cases import Answer, Cases, counted, markov_chain, model_answer
 
@@ -109,17 +110,16 @@ def tuned_weights(cases: Cases, answer: Answer, priors: Priors) -> dict[Question
 
 def score_answer(cases: Cases, answer: Answer, priors: Priors, weights: Weights) -> ErrorsByScene:
     """Scores of an answer, question by question; with weight 0 counts are probabilities."""
-    scenes, totals = cases.windows.scenes, {}
+    scenes, scores = cases.windows.scenes, {}
+    pairs = np.bincount(cases.scene, minlength=scenes).astype(float)
     for question, counts, true in questions(cases, answer):
         shares = _smoothed(counts, answer.count, priors[question], weights[question])
         hit = np.take_along_axis(shares, true[:, None], axis=1)[:, 0]
         log, brier = -np.log(np.maximum(hit, 1e-9)), np.square(shares).sum(axis=1) - 2 * hit + 1
-        totals[question.metric("log")] = np.bincount(cases.scene, log, scenes)
-        totals[question.metric("brier")] = np.bincount(cases.scene, brier, scenes)
-    pairs = np.bincount(cases.scene, minlength=scenes).astype(float)
-    counts, steps = np.repeat(pairs[:, None], len(totals), axis=1), cases.windows.position.shape[1]
-    stacked = np.stack(list(totals.values()), axis=1)
-    return ErrorsByScene(tuple(totals), stacked, counts, cases.windows.identity, steps)
+        for kind, of_pairs in (("log", log), ("brier", brier)):
+            total = np.bincount(cases.scene, of_pairs, scenes)
+            scores[question.metric(kind)] = Score(total, pairs)
+    return ErrorsByScene(scores, cases.windows.identity, cases.windows.position.shape[1])
 
 
 def _smoothed(counts: np.ndarray, total: int, prior: np.ndarray, weight: Any) -> np.ndarray:

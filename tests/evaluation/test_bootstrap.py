@@ -12,6 +12,7 @@ from neurosym_jax.evaluation.bootstrap import (
     paired_difference,
     student_half,
 )
+from neurosym_jax.evaluation.scoring import Score
 
 METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
 
@@ -32,7 +33,8 @@ def runs(better_by=0.0, spread=0.0, seeds=3, scenes=400, seed=0, noise=0.02):
 
 
 def errors(totals, agents, identity):
-    return ErrorsByScene(METRICS, totals, np.repeat(agents[:, None], 4, axis=1), identity, 16)
+    scores = {name: Score(total, agents) for name, total in zip(METRICS, totals.T)}
+    return ErrorsByScene(scores, identity, 16)
 
 
 def test_a_difference_is_per_agent_and_found_where_it_is():
@@ -56,9 +58,10 @@ def test_seeds_that_differ_widen_the_interval_as_student_says():
 def test_windows_that_share_steps_are_drawn_together():
     """An error that lasts for sixteen windows is one observation and not sixteen."""
     ours, theirs = runs(noise=0.0, seeds=1)
-    lasting = np.repeat(np.random.default_rng(1).normal(0, 0.05, 25), 16)[:, None]
-    more = lasting * ours[0].counts
-    ours = [dataclasses.replace(ours[0], totals=ours[0].totals + more)]
+    lasting = np.repeat(np.random.default_rng(1).normal(0, 0.05, 25), 16)
+    scores = ours[0].scores
+    scores = {name: Score(of.total + lasting * of.count, of.count) for name, of in scores.items()}
+    ours = [dataclasses.replace(ours[0], scores=scores)]
     low, high = paired_difference(ours, theirs).intervals("joint_ade")["scenes"]
     assert (high - low) / 2 == pytest.approx(1.96 * 0.05 / np.sqrt(25), rel=0.35)
     of_one = paired_difference(ours, theirs).intervals("joint_ade")

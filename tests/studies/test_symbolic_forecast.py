@@ -58,7 +58,7 @@ def test_straight_walkers_are_known_to_constant_velocity(cases):
     assert (cases.states == answer.states.argmax(axis=2).T).mean() > 0.999
     np.testing.assert_array_equal(answer.events, cases.after)
     found = score_answer(cases, answer, prior := prior_of(cases, answer), dict.fromkeys(prior, 1.0))
-    means = dict(zip(found.metrics, found.mean))
+    means = dict(zip(found.scores, found.mean))
     # One sample, and the weight of another that is spread over 81 states.
     p = (1 + 1 / 81) / 2
     assert means["log state 2"] == pytest.approx(-np.log(p), abs=0.01)
@@ -85,8 +85,8 @@ def test_everybody_is_scored_on_the_same_questions(cases):
     models = {"straight on": baseline("constant_velocity", 8, 4)}
     found = evaluate_symbols(cases, cases, cases, models, samples=1, seed=0)
     metric = Question("state", 4).metric("log")
-    losses = {name: dict(zip(each.metrics, each.mean))[metric] for name, each in found.items()}
+    losses = {name: dict(zip(each.scores, each.mean))[metric] for name, each in found.items()}
     assert min(losses, key=losses.get) == "straight on"
     assert losses["Markov chain"] < losses["frequencies"]
-    counts = {name: each.counts[:, 0].sum() for name, each in found.items()}
+    counts = {name: each.scores[metric].count.sum() for name, each in found.items()}
     assert set(counts.values()) == {len(cases.rows)}

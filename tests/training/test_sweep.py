@@ -16,6 +16,7 @@ from neurosym_jax.commands.sweep import plan_runs, run
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.report import write_report
+from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.training.network import model_name
 from neurosym_jax.training.sweep import compare_sweep, unfinished, write_errors
 
@@ -114,8 +115,8 @@ def folder(tmp_path):
     for model, (scene, count), seed in cases:
         each = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
         identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
-        counts = np.full((count, 4), 3.0)
-        errors.append(ErrorsByScene(METRICS, each * counts, counts, identity, 16))
+        scores = {name: Score(3 * of, np.full(count, 3.0)) for name, of in zip(METRICS, each.T)}
+        errors.append(ErrorsByScene(scores, identity, 16))
         means = zip(METRICS, errors[-1].mean.tolist())
         values = {f"{m}{of}": v for m, v in means for of in ("", "_low", "_high", "_std")}
         row = {"model": model, "dataset": scene, "scenes": count, "agents": 3 * count}
