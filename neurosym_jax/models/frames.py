@@ -59,7 +59,7 @@ def pair_features(
     With `near [N, C]`, j are these and the first two are `[N, C, ...]`. Features are the pair's
     bearing, motion, closest approach and speeds, its QTC_C1 symbols at two steps, or all of these.
     """
-    position, number = observed[:, -1], jnp.arange(len(valid))
+    position, number = observed[:, -1], jnp.arange(valid.shape[0])
 
     def seen(values: Array) -> Array:
         return values if near is None else values[near]
