@@ -103,16 +103,17 @@ def run(options: Options) -> None:
         print(text)
     repeated = dataclasses.replace(options, out=folder, resume=False)
     run = dataclasses.replace(run, options=options_text(repeated))
-    on_row = _tensorboard(folder) if options.log else lambda row: None
-    model = train_run(run, folder, resume=options.resume, on_row=on_row)
+    with contextlib.ExitStack() as stack:
+        on_row = _tensorboard(folder, stack) if options.log else lambda row: None
+        model = train_run(run, folder, resume=options.resume, on_row=on_row)
     _print_errors(run, model)
     data = "" if options.data is None else f" --data {shlex.quote(str(options.data))}"
     place = shlex.quote(str(folder / "model"))
     print(f"model: {place}\ntest it: neurosym evaluate --checkpoint {place}{data}")
 
 
-def _tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
-    """A function that writes a row of metrics to an event file in `folder`."""
+def _tensorboard(folder: Path, stack: contextlib.ExitStack) -> Callable[[dict[str, Any]], None]:
+    """A function that writes a row of metrics to an event file in `folder`, closed by `stack`."""
     try:
         from tensorboardX import SummaryWriter  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -124,6 +125,7 @@ def _tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
         if not writers:
             # Steps beyond the saved state that a run resumes from are hidden.
             writers.append(SummaryWriter(str(folder), purge_step=row["step"]))
+            stack.callback(writers[0].close)
         for name in sorted(row.keys() - {"step"}):
             writers[0].add_scalar(name, row[name], row["step"])
         writers[0].flush()

@@ -129,8 +129,9 @@ def _train(run: SweepRun) -> str:
     """Train in a process with a log; why it failed, empty where it did not."""
     log = run.folder / "train.log"
     command = [sys.executable, "-m", "neurosym_jax", *run.command]
-    # One thread is as fast at these sizes, and gives the same bits wherever it runs.
-    environment = {**os.environ, "NPROC": "1"}
+    # One thread is as fast at these sizes, and gives the same bits wherever it runs; unbuffered,
+    # the last line of the log is the error and not what was printed before it.
+    environment = {**os.environ, "NPROC": "1", "PYTHONUNBUFFERED": "1"}
     with log.open("ab") as output:
         status = subprocess.call(command, stdout=output, stderr=output, env=environment)
     last = ["no output", *filter(str.strip, log.read_text().splitlines())][-1]
