@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import polars as pl
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
@@ -61,7 +61,7 @@ def apart_of(tracks: Tracks) -> float:
     some = moment % max(1, len(stamps) // 200) == 0
     # Moments are further apart than any two people; of people at one place the tree would be slow.
     points = np.unique(np.column_stack([tracks.position, 1e10 * moment])[some], axis=0)
-    near = cKDTree(points).query(points, 2, distance_upper_bound=1e9)[0][:, 1]
+    near = KDTree(points).query(points, 2, distance_upper_bound=1e9)[0][:, 1]
     near = near[np.isfinite(near)]
     return float(np.quantile(near, 0.25)) if len(near) >= ENOUGH else np.nan
 

@@ -45,7 +45,7 @@ class ErrorsByScene:
     @property
     def sums(self) -> np.ndarray:
         """[2, S, M] totals and counts, see `Score`."""
-        return np.stack(list(self.scores.values()), axis=-1)
+        return np.array([[*score] for score in self.scores.values()]).transpose(1, 2, 0)
 
     @property
     def blocks(self) -> np.ndarray:
@@ -157,9 +157,9 @@ def _drawn(errors: ErrorsByScene, seed: int = 0) -> np.ndarray:
 
 def _resampled(run: ErrorsByScene, drawn: np.ndarray) -> np.ndarray:
     """[RESAMPLES, M] means over the drawn blocks."""
-    of_blocks = np.zeros((2, drawn.shape[1], len(run.scores)))
-    np.add.at(of_blocks, (slice(None), run.blocks), run.sums)
-    return _ratio(*(drawn @ of_blocks))
+    of_blocks = np.zeros((drawn.shape[1], 2, len(run.scores)))
+    np.add.at(of_blocks, run.blocks, run.sums.swapaxes(0, 1))
+    return _ratio(*(drawn @ of_blocks.swapaxes(0, 1)))
 
 
 def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:
