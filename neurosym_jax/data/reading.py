@@ -1,5 +1,6 @@
 """How files are read: what a user says of them, how they begin, and what a format is."""
 
+import abc
 import codecs
 import contextlib
 import dataclasses
@@ -97,7 +98,7 @@ class Head:
 
 
 @dataclasses.dataclass(frozen=True)
-class Format:
+class Format(abc.ABC):
     """A format of files. A subclass with these attributes and methods is registered by name; its
     fields, if any, are options that only this format has."""
 
@@ -112,9 +113,9 @@ class Format:
         """Whether a path is of this format by its name alone; it may be a folder."""
         return False
 
+    @abc.abstractmethod
     def read(self, path: Path, options: ReadOptions, period: float) -> list[Tracks]:
         """The recordings in a file; where frames are numbered, one step is `period` seconds."""
-        raise NotImplementedError
 
 
 def read_text_file(path: Path) -> str:

@@ -3,6 +3,7 @@
 A source reads files only when recordings are asked for.
 """
 
+import abc
 import dataclasses
 import os
 from collections.abc import Iterable, Sequence
@@ -30,7 +31,7 @@ TRAIN_SHARE = 0.8  # of each recording of `Files`; the rest is for validation
 
 
 @dataclasses.dataclass(frozen=True)
-class Source:
+class Source(abc.ABC):
     """Named data sets and their recordings."""
 
     scenes: tuple[str, ...]  # names of the data sets
@@ -64,8 +65,9 @@ class Source:
         paths = [known.get(name, Path(name)) for name in names]
         return self._on_grid(formats.recordings_in(paths, self.read))
 
+    @abc.abstractmethod
     def _read(self, scene: str, split: Split) -> Iterable[Tracks]:
-        raise NotImplementedError
+        """The recordings as they are in the files."""
 
     def _on_grid(self, recordings: Iterable[Tracks]) -> list[Tracks]:
         return [on_grid(tracks, self.period, self.read.max_gap) for tracks in recordings]

@@ -241,7 +241,6 @@ def inner(data):
 )
 def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
     case = CASES[command][option]
-
     assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
 
 
