@@ -7,11 +7,11 @@ ANSWER = """\
 Weighted by QTC states, the joint ADE of people who interact is lower by 8.7 ± 2.6 % in crowded
 corridors and by 3.4 ± 0.9 % on zara2. Weights of the wrong pairs do as well (the right ones are
 better by 1.2 ± 2.4 % and 0.3 ± 0.6 %), and so does `cnd` without a threshold, which is 1/15 for
-nearly every pair (1.6 ± 1.8 % and −0.1 ± 0.9 %): what all three share is that the pooling's inputs become
-small. A network whose attention sees how neighbours move gains nothing from the weights (+0.2 ± 0.9
-and +0.6 ± 1.0 %). As inputs of an attention, symbols are worth up to 10.8 ± 0.8 and 3.1 ± 1.3 %
-alone, geometry 24.5 ± 1.1 and 7.4 ± 1.4 %, and symbols beside geometry change +0.4 ± 1.7 and
-−0.7 ± 1.7 %.
+nearly every pair (1.6 ± 1.8 % and −0.1 ± 0.9 %): what all three share is that the pooling's inputs
+become small. A network whose attention sees how neighbours move gains nothing from the weights
+(+0.2 ± 0.9 and +0.6 ± 1.0 %). As inputs of an attention, symbols are worth up to 10.8 ± 0.8 and 3.1
+± 1.3 % alone, geometry 24.5 ± 1.1 and 7.4 ± 1.4 %, and symbols beside geometry change +0.4 ± 1.7
+and −0.7 ± 1.7 %.
 
 The study sees small effects: where simulated people react to states with a twentieth of the full
 strength, the right weights lower the error by 5.8 ± 2.9 %. Eleven of 24 planned seeds have been
