@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 import polars as pl
-from scipy.spatial import KDTree
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import GAP, PERIOD, Tracks
@@ -57,6 +56,8 @@ def apart_of(tracks: Tracks) -> float:
 
     NaN where few people are there at one moment.
     """
+    from scipy.spatial import KDTree  # It takes a third of a second to import.
+
     stamps, moment = np.unique(tracks.stamp, return_inverse=True)
     some = moment % max(1, len(stamps) // 200) == 0
     # Moments are further apart than any two people; of people at one place the tree would be slow.
