@@ -1,10 +1,10 @@
-"""A training iteration of each recipe; that of `sgan` beside torch's and the original's.
+"""A training iteration of each recipe, beside torch's; that of `sgan` beside the original's too.
 
 An iteration of `sgan` is a discriminator and a generator step on the same 64 scenes of zara1's
 training split (about 780 agents), best of 20, 8 + 8 steps, with the published sizes. The opponents
 are `torch_peer` and, with `--reference`, the original code, whose own step functions and networks
-are run on the CPU. Without `--data` the scenes are simulated. With it, anchors are trained once as
-they ship, too.
+are run on the CPU. The opponent of `anchors` is `torch_anchors`, on the same batch. Without
+`--data` the scenes are simulated. With it, anchors are trained once as they ship, too.
 """
 
 import argparse
@@ -44,12 +44,11 @@ def measure(options: Any) -> dict[str, Any]:
     work = _work(arrays[0], discriminator=True) + _work(arrays[1], discriminator=False)
     light = limit(work, machine_rates(), table[0]["median"])
     ours = SceneStream(windows, RECIPES["ours"].batch_scenes, 0, RECIPES["ours"].max_agents)
-    for name, step in (
-        ("ours", generator_steps("ours", ours.steps(0, 1))),
-        ("anchors", anchor_steps(windows)),
-    ):
-        found = alternate({OURS: step}, 3 * options.repeats, warm=2)[OURS]
-        table.append(row(f"recipe {name}", OURS, found, peak_mb=peak_mb()))
+    step = generator_steps("ours", ours.steps(0, 1))
+    found = alternate({OURS: step}, 3 * options.repeats, warm=2)[OURS]
+    table.append(row("recipe ours", OURS, found, peak_mb=peak_mb()))
+    seconds = alternate(anchor_steps(windows, options.torch), 9 * options.repeats, warm=3)
+    table += rows("recipe anchors", seconds)
     if options.data:
         parts = [source.recordings(scene, part) for part in ("train", "val")]
         with tempfile.TemporaryDirectory() as folder:
@@ -118,20 +117,26 @@ def generator_steps(name: str, batches) -> Callable[[], None]:
     return _iterate(jax.jit(step, donate_argnums=0), state)
 
 
-def anchor_steps(windows: Any) -> Callable[[], None]:
-    """One iteration of recipe `anchors`."""
+def anchor_steps(windows: Any, torch: bool) -> dict[str, Callable[[], None]]:
+    """One iteration of recipe `anchors`, and torch's on the same batch."""
     import jax
 
     from neurosym_jax.forecasting.anchors import initial_anchors
     from neurosym_jax.models.anchors import AnchorConfig
     from neurosym_jax.training.anchors import AnchorStream, anchor_step
-    from neurosym_jax.training.recipe import RECIPES
+    from neurosym_jax.training.recipe import AnchorRecipe
     from neurosym_jax.training.step import new_state
 
-    network, recipe, key = AnchorConfig(), RECIPES["anchors"], jax.random.key(0)
-    batch = jax.device_put(AnchorStream(windows, recipe).batch(0))
-    state = new_state(recipe, initial_anchors(network, key))
-    return _iterate(lambda state: anchor_step(network, recipe, key, state, *batch), state)
+    network, recipe, key = AnchorConfig(), AnchorRecipe(), jax.random.key(0)
+    batch, params = AnchorStream(windows, recipe).batch(0), initial_anchors(network, key)
+    steps: dict[str, Callable[[], None]] = {}
+    if torch:
+        from benchmarks.torch_anchors import TorchAnchors
+
+        steps["torch peer"] = TorchAnchors(network, recipe, params, batch).step
+    batch, state = jax.device_put(batch), new_state(recipe, params)
+    ours = _iterate(lambda state: anchor_step(network, recipe, key, state, *batch), state)
+    return {OURS: ours, **steps}
 
 
 def _iterate(step: Callable[[Any], tuple[Any, Any]], state: Any) -> Callable[[], None]:

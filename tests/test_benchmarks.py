@@ -1,11 +1,23 @@
 """Benchmarks run as documented, and no count grows; timings, which are noise, are not tested."""
 
+import functools
 import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import jax
+import numpy as np
 import pytest
+from flax.traverse_util import flatten_dict
+
+from neurosym_jax.data.sources import open_source
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.forecasting.anchors import apply_anchors, initial_anchors
+from neurosym_jax.models.anchors import AnchorConfig
+from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company
+from neurosym_jax.training.recipe import AnchorRecipe
 
 ROOT = Path(__file__).parents[1]
 
@@ -45,3 +57,34 @@ def test_no_count_of_programs_flops_or_bytes_has_grown():
     # A hundredth, because versions of jax write the same arithmetic a little differently.
     grown = {name: found[name] for name in found if found[name] > 1.01 * baseline[name]}
     assert not grown, f"was {baseline}; if it must be: python -m benchmarks.counts --write"
+
+
+def test_torch_has_the_numbers_of_anchors():
+    """The opponent computes what it is timed for: loss and gradient are ours, in crowds of ten."""
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    from benchmarks.torch_anchors import TorchAnchors
+
+    windows = cut_windows(open_source(None).recordings("cross-path", "train"), 8, 8)
+    network, recipe = AnchorConfig(), AnchorRecipe()
+    params = initial_anchors(network, jax.random.key(0))
+    scenes, crowd = batch = AnchorStream(windows, recipe).batch(2)
+    more = company(scenes.valid, crowd)
+
+    def loss(params):
+        apply = functools.partial(apply_anchors, network, params)
+        forecasts = jax.vmap(lambda observed, valid, more: apply(observed, valid, company=more))(
+            scenes.observed, scenes.valid, more
+        )
+        return anchor_loss(*forecasts, scenes.future, scenes.valid, crowd, recipe)
+
+    value, gradient = jax.value_and_grad(loss)(params)
+    theirs = TorchAnchors(network, recipe, params, batch)
+    total = theirs.loss()
+    total.backward()
+    np.testing.assert_allclose(total.item(), value, rtol=1e-6)
+    ours: Any = flatten_dict(gradient["params"], sep="")
+    assert set(ours) == set(theirs.weight)
+    for name, array in ours.items():
+        found = torch.atleast_1d(theirs.weight[name].grad).numpy()
+        found = found.T if name.endswith("kernel") else found
+        np.testing.assert_allclose(found, array, atol=1e-4 * np.abs(array).max())
