@@ -30,6 +30,9 @@ def main(path, checkpoint, out, name, seed):
         file = package + "." + file
     sys.path.insert(0, folder)  # The file may import its neighbours.
     network_class = getattr(importlib.import_module(file), name)
+    # SGAN's training saves losses in a defaultdict, which torch refuses from 2.6 on. The command
+    # has read the file with an unpickler that runs no code.
+    os.environ["TORCH_FORCE_NO_WEIGHTS_ONLY_LOAD"] = "1"
     contents = torch.load(checkpoint, map_location="cpu")
     arguments = contents["args"]
     names = inspect.signature(network_class).parameters
@@ -45,13 +48,13 @@ def main(path, checkpoint, out, name, seed):
 
 
 def random_walks(steps, seed):
-    """Scenes [N, steps, 2] in metres of people who walk at random."""
+    """Scenes [N, steps, 2] in metres of people who walk at random, near enough to pool."""
     rng, walks = np.random.RandomState(seed), []
     for people in SIZES:
         moves = rng.normal(0, 0.3, (people, steps, 2))
         if people > 2:
             moves[0] = 0
-        walks.append((rng.normal(0, 4, (people, 1, 2)) + np.cumsum(moves, 1)).round(4))
+        walks.append((rng.normal(0, 0.5, (people, 1, 2)) + np.cumsum(moves, 1)).round(4))
     return walks
 
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -133,7 +134,8 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
     models.write_text(SGAN.read_text())
     path, kept = tmp_path / "mine.pt", tmp_path / "kept"
     state = network_of(torch, ARGUMENTS).state_dict()
-    torch.save({"g_state": state, "args": ARGUMENTS}, path)
+    losses = defaultdict(list, L=[1.0])  # As SGAN's train.py saves them.
+    torch.save({"g_state": state, "args": ARGUMENTS, "G_losses": losses}, path)
     options = Options(torch_module=f"{models}:TrajectoryGenerator", checkpoint=path, keep=kept)
     assert run(options) == 0
     assert "activation relu" in capsys.readouterr().out
@@ -164,6 +166,17 @@ def test_a_module_that_does_not_run(module, python, message):
     with pytest.raises(InputError, match=message) as error:
         run(Options(torch_module=module, checkpoint=small, python=python))
     assert "\n" not in str(error.value)
+
+
+def test_people_of_the_default_scenes_are_in_each_others_grid_of_social_pooling():
+    apart = [
+        np.abs(walk[:, None, time] - walk[:, time]).max(axis=-1)[np.triu_indices(len(walk), 1)]
+        for walk in torch_side.random_walks(16, 0)
+        for time in (7, -1)
+    ]
+    near = [(pairs < 1).any() for pairs in apart if len(pairs)]
+    assert sum(near) >= 4
+    assert max(pairs.max(initial=0) for pairs in apart) > 1
 
 
 def test_the_script_is_of_an_old_python_too():
