@@ -18,8 +18,8 @@ from benchmarks.timing import text
 from neurosym_jax.commands._running import run_command
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.environment import cpu_cores, run_environment
 from neurosym_jax.runtime.files import write_text
+from neurosym_jax.runtime.process import cpu_cores, run_environment
 
 FORMAT = 1
 

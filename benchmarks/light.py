@@ -72,7 +72,7 @@ def _rate(program: Callable[[Any], Any], argument: Any, work: float) -> float:
     """The best of five rounds on one thread, where XLA splits a product itself, and on all."""
     import jax
 
-    from neurosym_jax.runtime.environment import cpu_cores
+    from neurosym_jax.runtime.process import cpu_cores
 
     def call(_: int) -> None:
         jax.block_until_ready(program(argument))

@@ -27,9 +27,8 @@ SAMPLES = 20
 
 def measure(options: Any) -> dict[str, Any]:
     """See the module."""
-    from neurosym_jax.data.batching import make_batches
     from neurosym_jax.data.sources import open_source
-    from neurosym_jax.data.windows import cut_windows
+    from neurosym_jax.data.windows import cut_windows, make_batches
     from neurosym_jax.evaluation.metrics import metric_names
     from neurosym_jax.evaluation.scoring import score_forecaster
     from neurosym_jax.forecasting.model_folder import load_model

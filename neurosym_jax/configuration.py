@@ -19,7 +19,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import Registry
 
 __all__ = ["AtLeastOne", "BelowOne", "Checked", "Count", "Interval", "NotNegative", "Positive"]
-__all__ += ["Rule", "Seed", "Share", "Whole", "changed", "component_from_text", "differences"]
+__all__ += ["Rule", "Seed", "Share", "Whole", "changed", "component", "differences"]
 __all__ += ["from_json", "parse_json", "refuse", "to_json"]
 
 Config = TypeVar("Config")
@@ -53,7 +53,10 @@ _WORDS: dict[Any, str] = {
 
 @dataclasses.dataclass(frozen=True)
 class Checked:
-    """A dataclass whose values must fit its annotations; a component can be given by its text."""
+    """A dataclass whose values must fit its annotations.
+
+    Values may be as in JSON (lists, dictionaries), and components their text.
+    """
 
     def __post_init__(self):
         """Check every field; a subclass with further conditions calls this first.
@@ -62,10 +65,8 @@ class Checked:
             InputError: naming the first field that does not fit.
         """
         for name, hint in _hints(type(self)).items():
-            value, table = getattr(self, name), _table(hint)
-            if isinstance(value, str) and table is not None:
-                value = component_from_text(value, table, name)
-                object.__setattr__(self, name, value)
+            value = _built(getattr(self, name), hint, name)
+            object.__setattr__(self, name, value)
             if wanted := _misfit(value, hint):
                 raise InputError(f"{name} must {wanted}, not {value!r}")
 
@@ -91,16 +92,21 @@ def to_json(config: Any, table: Registry[Any] | None = None) -> dict[str, Any]:
     return fields
 
 
-def from_json(cls: type[Config], data: dict[str, Any] | str, source: str = "config") -> Config:
+def from_json(cls: type[Config], data: Mapping[str, Any] | str, source: str = "config") -> Config:
     """Build `cls` from its JSON form (a dictionary or text).
 
     Raises:
         InputError: naming `source`, for an unknown field or a value that does not fit.
     """
     fields: Any = parse_json(data, source) if isinstance(data, str) else data
-    if not isinstance(fields, dict):
+    if not isinstance(fields, Mapping):
         raise InputError(f"{source}: not a JSON object")
-    return _build(cls, fields, source)
+    if unknown := [name for name in fields if name not in _hints(cls)]:
+        raise InputError(f"{source}: unknown field {unknown[0]!r} for {cls.__name__}")
+    try:
+        return cls(**fields)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
 
 
 def parse_json(text: str | bytes, source: str) -> Any:
@@ -133,33 +139,39 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
     Raises:
         InputError: naming `option` for an unknown NAME, `source` for a value that does not fit.
     """
-    hints, fields = _hints(type(config)), to_json(config)
+    fields = to_json(config)
     for change in changes:
         path, equals, text = change.partition("=")
-        name, _, inner = path.partition(".")
-        node: Any = fields.get(name) if inner else fields
-        node = node if isinstance(node, dict) else {}
-        key = inner or name
-        if not equals or key not in node or inner == "kind":
-            own = [f"{name}.{each}" for each in node] if inner else []
+        outer, _, key = path.rpartition(".")
+        node: Any = fields.get(outer) if outer else fields
+        if not equals or not isinstance(node, dict) or key not in node or key == "kind":
+            own = [f"{outer}.{each}" for each in node] if outer and isinstance(node, dict) else []
             known = ", ".join([*fields, *own])
             raise InputError(f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}")
-        value, table = _value(text), _table(hints[name])
-        if table is not None and not inner and isinstance(value, str):
-            value = to_json(component_from_text(value, table, source), table)
+        value, table = _value(text), None if outer else _table(_hints(type(config))[key])
+        if table is not None and isinstance(value, str):
+            value = to_json(component(value, table, source), table)
         node[key] = value
-    return _build(type(config), fields, source)
+    return from_json(type(config), fields, source)
 
 
-def component_from_text(text: str, table: Registry[Any], source: str) -> Any:
-    """The component of this text, `NAME[,FIELD=VALUE...]`.
+def component(form: str | Mapping[str, Any], table: Registry[Any], source: str) -> Any:
+    """The component of a text `NAME[,FIELD=VALUE...]`, or of its form in JSON.
 
     Raises:
         InputError: naming `source`, for an unknown name or field, or a value that does not fit.
     """
-    name, *changes = text.split(",")
-    options = {field: _value(text) for field, _, text in (each.partition("=") for each in changes)}
-    return _component({"kind": name, **options}, table, source)
+    if isinstance(form, str):
+        kind, *changes = form.split(",")
+        pairs = (change.partition("=") for change in changes)
+        fields = {name: _value(text) for name, _, text in pairs}
+    else:
+        kind, fields = form.get("kind"), {name: form[name] for name in form if name != "kind"}
+    try:
+        cls = table[str(kind)]
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+    return from_json(cls, fields, source)
 
 
 def differences(config: Any) -> list[str]:
@@ -167,8 +179,7 @@ def differences(config: Any) -> list[str]:
     found = []
     for field in dataclasses.fields(config):
         value, table = getattr(config, field.name), _table(_hints(type(config))[field.name])
-        make = field.default_factory
-        if value == (make() if callable(make) else field.default):
+        if value == field.default:
             continue
         if table is not None and value is not None:
             value = ",".join([table.name_of(value), *differences(value)])
@@ -176,34 +187,16 @@ def differences(config: Any) -> list[str]:
     return found
 
 
-def _build(cls: Any, fields: Mapping[str, Any], source: str) -> Any:
-    hints = _hints(cls)
-    for name in fields:
-        if name not in hints:
-            raise InputError(f"{source}: unknown field {name!r} for {cls.__name__}")
-    try:
-        return cls(**{name: _inner(fields[name], hints[name], name) for name in fields})
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-
-
-def _inner(value: Any, hint: Any, source: str) -> Any:
-    """A field's value from its form in JSON; `Checked` reads the text of components."""
+def _built(value: Any, hint: Any, source: str) -> Any:
+    """A field's value from its form in JSON, or from a component's text."""
+    if isinstance(value, list):
+        return tuple(value)
     table = _table(hint)
-    config = next((each for each in _parts(hint) if dataclasses.is_dataclass(each)), None)
-    if table is not None and isinstance(value, dict):
-        return _component(value, table, source)
-    if config is not None and isinstance(value, dict):
-        return _build(config, value, source)
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _component(fields: dict[str, Any], table: Registry[Any], source: str) -> Any:
-    try:
-        cls = table[str(fields.get("kind"))]
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
-    return _build(cls, {name: fields[name] for name in fields if name != "kind"}, source)
+    if table is not None and isinstance(value, str | dict):
+        return component(value, table, source)
+    if dataclasses.is_dataclass(hint) and isinstance(value, dict):
+        return from_json(hint, value, source)
+    return value
 
 
 def _value(text: str) -> Any:

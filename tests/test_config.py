@@ -86,7 +86,7 @@ REFUSED = [
     (recipe, {"label_fake": 0.0}, "label_fake must be 2 finite numbers, not 0.0"),
     (recipe, {"schedule": "cosin"}, "schedule must be one of constant, cosine, not 'cosin'"),
     (recipe, {"rotate": 2.0}, r"rotate must lie in \[0, 1\], not 2.0"),
-    (recipe, {"discriminator": {}}, "discriminator must be a DiscriminatorConfig, not {}"),
+    (recipe, {"discriminator": 3}, "discriminator must be a DiscriminatorConfig, not 3"),
     (change_network, "pooling.grid_size=5", "--network pooling.grid_size=5: must be NAME"),
     (change_network, "pooling.kind=social", "must be NAME=VALUE"),
     (change_network, "mlp_dim", "must be NAME=VALUE"),

@@ -4,9 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import Synthetic, open_source
-from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.neighbours import MOVED, NEAR, without_neighbours
 from neurosym_jax.evaluation.scoring import chosen, score_scenes

@@ -20,7 +20,7 @@ from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import find_model, shipped_models, shipped_name
 from neurosym_jax.runtime.cluster import cluster_map
-from neurosym_jax.runtime.environment import provenance
+from neurosym_jax.runtime.process import provenance
 
 __all__ = ["Options", "run"]
 

@@ -27,10 +27,9 @@ class Options:
     """A file, or a folder, which is searched with its subfolders."""
     figure: Path | None = None
     """File for a figure of all tracks: .png, .pdf or .svg."""
-    underlay: Path | None = None
-    """Image of the floor under the tracks: a map, or a frame of a video."""
-    homography: Path | None = None
-    """Text file of 3 x 3 numbers that turn pixels (column, row, 1) of the underlay into metres."""
+    underlay: Annotated[tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")] = None
+    """Image of the floor under the tracks, a map or a frame of a video, and a text file of 3 x 3
+    numbers that turn its pixels (column, row, 1) into metres."""
     style: Literal["paper", "talk"] = "paper"
     """Look of the figure; a talk's has larger letters and lines."""
     read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
@@ -45,11 +44,7 @@ def run(options: Options) -> int:
             that is not used.
     """
     if options.figure is None:
-        refuse_unused(options, ["underlay", "homography", "style"], "without --figure")
-    if options.underlay is None:
-        refuse_unused(options, ["homography"], "without --underlay")
-    elif options.homography is None:
-        raise InputError("--underlay: needs a --homography, which says where it lies")
+        refuse_unused(options, ["underlay", "style"], "without --figure")
     folder = is_folder(options.path)
     paths = files_in(options.path, "**/*") if folder else [options.path]
     recordings: list[Tracks] = []
@@ -74,9 +69,7 @@ def run(options: Options) -> int:
         from neurosym_jax.plotting import plot_tracks, read_underlay, save_figure, use_style
 
         use_style(options.style)
-        floor = None
-        if options.underlay is not None and options.homography is not None:
-            floor = read_underlay(options.underlay, options.homography)
+        floor = options.underlay and read_underlay(*options.underlay)
         print(f"wrote {save_figure(plot_tracks(recordings, floor), options.figure)}")
     return 0 if recordings else 2
 

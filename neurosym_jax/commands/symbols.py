@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 from neurosym_jax.commands._options import open_data, refuse_unused
-from neurosym_jax.configuration import Count, Seed, component_from_text, refuse
+from neurosym_jax.configuration import Count, Seed, component, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
@@ -23,14 +23,13 @@ from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.runtime.files import write_text
 from neurosym_jax.scene import make_scene
-from neurosym_jax.symbolic.description import (
+from neurosym_jax.symbolic.forecast import (
+    SymbolSettings,
     forecast_rows,
     format_forecast,
     format_pairs,
-    is_constant,
 )
-from neurosym_jax.symbolic.forecast import SymbolSettings
-from neurosym_jax.symbolic.weighting import initial_parameters
+from neurosym_jax.symbolic.weighting import initial_parameters, is_constant
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
 __all__ = ["Options", "run"]
@@ -107,7 +106,7 @@ def _show_weights(options: Options, model: Model | None, title: str, shown: Wind
             raise InputError(f"{options.model}: {model.name} weighs no pairs: name a --weighting")
     else:
         text = options.weighting or "cnd"
-        weighting = component_from_text(text, WEIGHTINGS, f"--weighting {text}")
+        weighting = component(text, WEIGHTINGS, f"--weighting {text}")
         parameters = initial_parameters(weighting)
     observed = make_scene(shown.position).observed
     codes, alpha = (

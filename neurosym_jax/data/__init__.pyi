@@ -1,6 +1,3 @@
-from .batching import Batch as Batch
-from .batching import make_batches as make_batches
-from .batching import single_scene as single_scene
 from .formats import read_any as read_any
 from .formats import register_format as register_format
 from .reading import Format as Format
@@ -17,5 +14,8 @@ from .tracks import Tracks as Tracks
 from .tracks import make_tracks as make_tracks
 from .tracks import on_grid as on_grid
 from .tracks import resample as resample
+from .windows import Batch as Batch
 from .windows import Windows as Windows
 from .windows import cut_windows as cut_windows
+from .windows import make_batches as make_batches
+from .windows import single_scene as single_scene

@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from neurosym_jax.configuration import component_from_text
+from neurosym_jax.configuration import component
 from neurosym_jax.data.evidence import judge
 from neurosym_jax.data.readers import columns, eth_ucy, thor, trajnet
 from neurosym_jax.data.reading import AS_IT_SAYS, Format, ReadOptions, read_head
@@ -42,7 +42,7 @@ def format_of(path: Path, options: ReadOptions = AS_IT_SAYS) -> Format:
     """The format of a file, as `options` or the file itself say."""
     if options.format is not None:
         load_entry_points()
-        return component_from_text(options.format, FORMATS, str(path))
+        return component(options.format, FORMATS, str(path))
     if options.columns:
         return columns.Columns()
     if owner := _owner(path):

@@ -6,11 +6,10 @@ import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.leakage import seen_before
 from neurosym_jax.data.sources import GENERAL, EthUcy, Source
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
@@ -18,7 +17,7 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_name
 from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from neurosym_jax.models.pooling import NO_FORECAST
-from neurosym_jax.runtime.environment import cpu_cores
+from neurosym_jax.runtime.process import cpu_cores
 
 __all__ = ["BASELINES", "TABLE", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
 __all__ += ["load_models", "load_tests", "make_plan", "make_test"]

@@ -16,10 +16,10 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.batching import single_scene
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.tracks import on_grid
+from neurosym_jax.data.windows import single_scene
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene
 from neurosym_jax.evaluation.plan import Entries, Test, TestSet, baselines_of, make_test
@@ -33,8 +33,7 @@ from neurosym_jax.evaluation.scoring import (
 )
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.forecasting.model import Model, SceneForecaster
-from neurosym_jax.runtime.environment import cpu_cores
-from neurosym_jax.runtime.process import progress_of
+from neurosym_jax.runtime.process import cpu_cores, progress_of
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
 __all__ = ["Result", "Row", "Settings", "evaluate", "evaluate_tests"]

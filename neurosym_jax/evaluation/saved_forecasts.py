@@ -17,8 +17,8 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import Test
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.runtime.environment import cpu_cores, refuse_beyond_memory
 from neurosym_jax.runtime.files import new_file, refuse_unwritable
+from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
 from neurosym_jax.scene import scene_identity
 
 __all__ = ["check_forecasts_file", "forecasts_of", "save_forecasts", "to_xarray"]

@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from neurosym_jax.data.batching import Batch, bucket_of
+from neurosym_jax.data.windows import Batch, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.evaluation.neighbours import without_neighbours
 from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.runtime.environment import cpu_cores, refuse_beyond_memory
+from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
 from neurosym_jax.scene import Scene, make_scene, model_dtype, pad_scene, relative_positions
 
 __all__ = ["Evaluation", "Metrics", "Score", "Scores", "chosen"]

@@ -14,8 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.batching import Batch, make_batches
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, draw_noise
 from neurosym_jax.forecasting.model import Model, refuse_other_length

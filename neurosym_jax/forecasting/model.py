@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, Seed, differences, refuse
-from neurosym_jax.data.batching import bucket_of
+from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Distribution, Forecaster, scene_noise
 from neurosym_jax.forecasting.forecasters import FORECASTERS

@@ -16,8 +16,7 @@ import optax
 from jax import Array
 from jax.flatten_util import ravel_pytree
 
-from neurosym_jax.data.batching import gather_scenes
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.data.windows import Windows, gather_scenes
 from neurosym_jax.forecasting.batched import unpacked
 from neurosym_jax.interop.checkpoint import discriminator, generator
 from neurosym_jax.interop.names import params_from_torch

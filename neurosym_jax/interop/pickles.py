@@ -20,7 +20,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.runtime.environment import refuse_beyond_memory
+from neurosym_jax.runtime.process import refuse_beyond_memory
 
 __all__ = ["read_torch_file"]
 

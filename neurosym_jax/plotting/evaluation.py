@@ -11,7 +11,8 @@ from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.results import Result
 from neurosym_jax.evaluation.summary import labels
 from neurosym_jax.plotting import style
-from neurosym_jax.plotting.forecasts import draw_horizon, draw_scene
+from neurosym_jax.plotting.curves import draw_horizon
+from neurosym_jax.plotting.forecasts import draw_scene
 from neurosym_jax.scene import to_world
 
 __all__ = ["check_figures", "draw_figures"]
@@ -94,5 +95,4 @@ def _figure(columns: Sequence[dict[str, Result]]) -> Figure:
             style.dress(panel, "horizon [s]", METRICS[metric].label if first_column else "")
             if not first_column:
                 panel.sharey(shared)
-    style.add_legend(figure, *axes[0])
-    return figure
+    return style.add_legend(figure, *axes[0])

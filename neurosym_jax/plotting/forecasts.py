@@ -1,9 +1,9 @@
-"""A scene from above with forecasts of models, and models' errors against the horizon.
+"""Forecasts on the floor: a scene from above, its occupancy, and samples by probability.
 
 Observed paths are dark, the true future is a broad green band, a model has its own colour and line.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike
 
 from neurosym_jax.plotting import style
 
-__all__ = ["draw_horizon", "draw_paths", "draw_scene"]
-__all__ += ["plot_event_errors", "plot_forecasts", "plot_horizon_errors"]
+__all__ = ["draw_paths", "draw_scene", "plot_anchors", "plot_forecasts", "plot_occupancy"]
+
+REACH, CELL = 0.3, 0.1
+"""Radius of a person, and size of a cell of the floor, metres."""
 
 
 def plot_forecasts(
@@ -50,8 +52,7 @@ def plot_forecasts(
     axes.ticklabel_format(useOffset=False, style="plain")
     style.dress(axes, "x [m]", "y [m]", title)
     draw_scene(axes, past, future, samples)
-    style.add_legend(figure, axes)
-    return figure
+    return style.add_legend(figure, axes)
 
 
 def draw_scene(
@@ -93,62 +94,51 @@ def draw_paths(axes: Axes, lines: np.ndarray, past: np.ndarray | None = None, **
         axes.plot(*line.T, **look)
 
 
-def plot_horizon_errors(
-    errors: Mapping[str, ArrayLike],
-    period: float = 0.4,
-    title: str | None = None,
-    label: str = "mean displacement error [m]",
+def plot_occupancy(
+    observed: ArrayLike, samples: ArrayLike, probability: ArrayLike | None = None
 ) -> Figure:
-    """A mean error against the horizon, one line a model, the largest first in the legend.
+    """Probability that somebody will be within 0.3 m of a place, as a heat map on the floor.
 
     Args:
-        errors: [pred_len] by the model's name; or [3, pred_len] with the bounds of an interval,
-            low and high, which is drawn as a band.
-        period: seconds from the last observation to the first step, and between steps.
-        title: of the figure.
-        label: name of the error, with its unit.
+        observed: [N, obs_len, 2] metres, drawn as paths.
+        samples: [k, N, T, 2] metres.
+        probability: [k] of the samples; default: all have the same.
     """
-    figure, ((axes,),) = style.new_figure(style.COLUMN, 2.2)
-    draw_horizon(axes, errors, period)
-    style.dress(axes, "horizon [s]", label, title)
-    style.add_legend(figure, axes)
-    return figure
+    past, paths = np.asarray(observed, float), np.asarray(samples, float)
+    weight = np.full(len(paths), 1 / len(paths)) if probability is None else np.asarray(probability)
+    low, high = paths.min(axis=(0, 1, 2)) - 2 * REACH, paths.max(axis=(0, 1, 2)) + 2 * REACH
+    x, y = (np.arange(*ends, CELL) for ends in zip(low, high))
+    share = np.zeros((len(y), len(x)))
+    for sample, likely in zip(paths.reshape(len(paths), -1, 2), weight):
+        square = (x - sample[:, :1])[:, None] ** 2 + ((y - sample[:, 1:]) ** 2)[..., None]
+        share += likely * (square <= REACH**2).any(axis=0)
+    figure, ((axes,),) = style.new_figure(style.COLUMN, 2.8)
+    look = {"cmap": style.SEQUENTIAL, "vmin": 0, "vmax": 1, "rasterized": True, "zorder": 2}
+    floor = axes.pcolormesh(x, y, np.ma.masked_less(share, 0.005), **look)
+    draw_paths(axes, past, color=style.INK, linewidth=1.0, zorder=3)
+    axes.plot(*past[:, -1].T, "o", color=style.INK, markersize=3, zorder=3)
+    style.dress_floor(axes)
+    return style.colour_bar(figure, floor, axes, "probability that somebody comes by")
 
 
-def draw_horizon(axes: Axes, errors: Mapping[str, ArrayLike], period: float) -> None:
-    """Draw a line [pred_len] and a band for each model against seconds."""
-    looks = style.model_looks(errors)
-    curves = {name: np.atleast_2d(np.asarray(curve, float)) for name, curve in errors.items()}
-    # Sorted, so that the legend has the order of the lines' ends.
-    for name, (curve, *bounds) in sorted(curves.items(), key=lambda item: -item[1][0, -1]):
-        seconds = period * np.arange(1, len(curve) + 1)
-        look = {"linewidth": 1.6, "marker": "o", "markersize": 2.5, **looks[name]}
-        axes.plot(seconds, curve, label=name, **look)
-        if bounds:
-            axes.fill_between(seconds, *bounds, color=looks[name]["color"], alpha=0.2, linewidth=0)
-    axes.set(xlim=(0, None), ylim=(0, None))
-
-
-def plot_event_errors(
-    events: Sequence[str], errors: Mapping[str, ArrayLike], label: str = "joint ADE [m]"
-) -> Figure:
-    """Errors of models for the people to whom an event happens, a row an event.
+def plot_anchors(observed: ArrayLike, samples: ArrayLike, probability: ArrayLike) -> Figure:
+    """Samples of a scene coloured by probability, and the probabilities as bars, largest first.
 
     Args:
-        events: E names, such as "overtaking (31 people)".
-        errors: [E], or [3, E] with the bounds of an interval, by the model's name.
-        label: name of the error, with its unit.
+        observed: [N, obs_len, 2] metres.
+        samples: [k, N, T, 2] metres.
+        probability: [k] of the samples.
     """
-    figure, ((axes,),) = style.new_figure(style.COLUMN, 0.7 + 0.3 * len(events))
-    rows = np.arange(len(events))
-    for number, (name, look) in enumerate(style.model_looks(errors).items()):
-        mean, *bounds = np.atleast_2d(np.asarray(errors[name], float))
-        place = rows + 0.16 * (number - (len(errors) - 1) / 2)
-        if bounds:
-            axes.hlines(place, *bounds, color=look["color"], linewidth=1.2)
-        axes.plot(mean, place, "o", color=look["color"], markersize=3.5, label=name)
-    axes.set_yticks(rows, events)
-    axes.set(xlim=(0, None), ylim=(len(rows) - 0.5, -0.5))
-    style.dress(axes, label)
-    style.add_legend(figure, axes)
-    return figure
+    past, share = np.asarray(observed, float), np.asarray(probability, float)
+    order = share.argsort(kind="stable")
+    colours = style.SEQUENTIAL(share[order] / share.max())
+    figure, ((where, bars),) = style.new_figure(style.WIDTH, 2.9, 1, 2, width_ratios=(1.7, 1))
+    draw_paths(where, past, color=style.INK, linewidth=1.0)
+    for sample, colour in zip(np.asarray(samples, float)[order], colours):
+        draw_paths(where, sample, past, color=colour, linewidth=1.2)
+    style.dress_floor(where)
+    bars.bar(range(len(share), 0, -1), share[order], color=colours)
+    even = {"linewidth": 0.8, "linestyle": "--", "label": "all the same"}
+    bars.axhline(1 / len(share), color=style.INK, **even)
+    style.dress(bars, "sample, by rank", "probability")
+    return style.add_legend(figure, bars)

@@ -124,8 +124,8 @@ def dress_floor(axes: Axes, title: str | None = None, y_label: str = "y [m]") ->
     dress(axes, "x [m]", y_label, title)
 
 
-def add_legend(figure: Figure, *panels: Axes) -> None:
-    """Add a small legend of the distinct labels of `panels` below; the figure grows for it."""
+def add_legend(figure: Figure, *panels: Axes) -> Figure:
+    """Add a small legend of the labels of `panels` below; return `figure`, which grows for it."""
     handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels()):
@@ -139,13 +139,15 @@ def add_legend(figure: Figure, *panels: Axes) -> None:
     figure.set_figheight(figure.get_figheight() + (1.4 * rows + 0.6) * SMALL / 72)
     with _styled():
         figure.legend(handles.values(), texts, loc="outside lower left", ncols=columns)
+    return figure
 
 
-def colour_bar(figure: Figure, image: Any, axes: Axes, label: str) -> None:
-    """Add the scale of an image's or a collection's colours beside `axes`."""
+def colour_bar(figure: Figure, image: Any, axes: Axes, label: str) -> Figure:
+    """Add the scale of an image's or a collection's colours beside `axes`; return `figure`."""
     with _styled():
         bar = figure.colorbar(image, ax=axes, pad=0.01, label=label)
     bar.outline.set_visible(False)
+    return figure
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:

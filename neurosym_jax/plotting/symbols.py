@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.plotting import style
 from neurosym_jax.plotting.forecasts import draw_paths
-from neurosym_jax.symbolic.description import is_constant, state_texts
+from neurosym_jax.symbolic.states import state_texts
+from neurosym_jax.symbolic.weighting import is_constant
 
 __all__ = ["plot_alpha", "plot_pairs"]
 
@@ -51,7 +52,6 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     # Learned weights may be negative.
     lowest = min(0.0, values.min(initial=0.0))
     image = when.imshow(values, aspect="auto", cmap=PALE, vmin=lowest, vmax=highest)
-    image.set_visible(not is_constant(alpha))  # One colour would show nothing: the title says so.
     # A letter is 0.6 of its size wide; four and a margin fit into a step.
     size = min(style.SMALL, 0.58 * figure.get_figwidth() * 72 / steps / 3)
     for place, row in enumerate(rows):
@@ -63,9 +63,10 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     when.set_xticks(ticks, [f"{scene.period * step:.1f}" for step in ticks])
     when.grid(visible=False)
     style.dress(when, "time [s]", "", f"alpha and QTC state: {title}")
-    if not is_constant(alpha):
-        style.colour_bar(figure, image, when, "alpha")
-    return figure
+    if is_constant(alpha):
+        image.set_visible(False)  # One colour would show nothing: the title says so.
+        return figure
+    return style.colour_bar(figure, image, when, "alpha")
 
 
 def plot_alpha(observed: ArrayLike, alpha: ArrayLike) -> Figure:
@@ -98,5 +99,4 @@ def plot_alpha(observed: ArrayLike, alpha: ArrayLike) -> Figure:
     axes.margins(0.12)
     style.dress_floor(axes)
     scale = ScalarMappable(Normalize(0, largest), style.SEQUENTIAL)
-    style.colour_bar(figure, scale, axes, "weight")
-    return figure
+    return style.colour_bar(figure, scale, axes, "weight")

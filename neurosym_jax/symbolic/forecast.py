@@ -1,4 +1,4 @@
-"""Probabilities of the states and events of a scene's pairs, from k sampled futures.
+"""Probabilities of the states and events of a scene's pairs, from k sampled futures, and as text.
 
 Every sample is a joint future of the scene, so in each of them a pair is in one state at each step,
 and an event happens or not. The share of samples is smoothed, because an event that happens in none
@@ -13,6 +13,7 @@ new indifference rule"), and for an event, which has two classes, Jeffreys'.
 
 import dataclasses
 import functools
+import itertools
 from typing import Any, NamedTuple
 
 import jax
@@ -25,16 +26,10 @@ from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.events import EVENTS, Encounter
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import Calculus, all_states, state_index
+from neurosym_jax.symbolic.states import Calculus, all_states, state_index, state_texts
 
-__all__ = [
-    "EventForecast",
-    "SymbolSettings",
-    "event_steps",
-    "state_steps",
-    "symbolic_events",
-    "symbolic_forecast",
-]
+__all__ = ["EventForecast", "SymbolSettings", "event_steps", "forecast_rows", "format_forecast"]
+__all__ += ["format_pairs", "state_steps", "symbolic_events", "symbolic_forecast"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,3 +190,64 @@ def _events(
     return EventForecast(
         jnp.where(others[None], share, 0), jnp.where(happens[..., None], seconds, jnp.inf)
     )
+
+
+def format_pairs(codes: np.ndarray, people: np.ndarray, period: float) -> str:
+    """A line for every unordered pair of `people [N]`: its state at each step, `.` if unchanged.
+
+    `codes [N, N, T - 1]` are those of QTC_C1, a step every `period` seconds.
+    """
+    texts = state_texts()
+    head = [f"{period * (step + 1):>5.1f}" for step in range(codes.shape[-1])]
+    lines = ["pair (k, l)     s " + " ".join(head)]
+    for i, j in zip(*np.triu_indices(len(people), 1)):
+        steps = itertools.pairwise([-1, *codes[i, j]])
+        cells = ("." if now == last else texts[now] for last, now in steps)
+        pair = f"({people[i]}, {people[j]})"
+        lines.append(f"{pair:18}" + " ".join(f"{cell:>5}" for cell in cells))
+    return "\n".join(lines)
+
+
+def forecast_rows(
+    samples: ArrayLike, observed: ArrayLike, people: np.ndarray, settings: SymbolSettings
+) -> list[dict[str, Any]]:
+    """A row for each ordered pair of `people [N]`: its events, and its likeliest state by step.
+
+    The pair with the most probable event comes first. See `symbolic_forecast` for `samples
+    [k, N, T, 2]` and `observed [N, obs_len, 2]`.
+    """
+    how = dataclasses.asdict(settings)
+    states = np.asarray(symbolic_forecast(samples, observed, **how))
+    events = jax.tree.map(np.asarray, symbolic_events(samples, observed, **how))
+    texts, surest = state_texts(settings.calculus), events.probability.max(axis=0)
+    rows = []
+    for k, l in sorted(itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]):
+        happens = {}
+        for name, share, times in zip(EVENTS, events.probability[:, k, l], events.seconds[:, k, l]):
+            seconds = np.round(times.astype(float), 3).tolist() if np.isfinite(times[0]) else None
+            happens[name] = {"probability": round(float(share), 4), "seconds": seconds}
+        likely = [
+            {"state": texts[share.argmax()], "probability": round(float(share.max()), 4)}
+            for share in states[k, l]
+        ]
+        pair = {"k": people[k].item(), "l": people[l].item(), "period": settings.period}
+        rows.append(pair | {"events": happens, "states": likely})
+    return rows
+
+
+def format_forecast(rows: list[dict[str, Any]], at_least: float = 0.3) -> str:
+    """The events of `forecast_rows` of at least this probability, the most probable first.
+
+    A time is the median of the first happening, with its quartiles.
+    """
+    lines = ["event                                    probability  in s (quartiles)"]
+    found = [
+        (event["probability"], EVENTS[name].in_short(name).format(**row), event["seconds"])
+        for row in rows
+        for name, event in row["events"].items()
+        if event["probability"] >= at_least
+    ]
+    for share, words, seconds in sorted(found, key=lambda each: -each[0]):
+        times = "{1:.1f} ({0:.1f} to {2:.1f})".format(*seconds) if seconds else "-"
+        lines.append(f"{words:40} {share:11.2f}  {times}")
+    return "\n".join(lines if found else [*lines, f"none is as probable as {at_least:g}"])

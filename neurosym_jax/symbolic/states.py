@@ -22,6 +22,7 @@ __all__ = [
     "encode_state",
     "format_state",
     "state_index",
+    "state_texts",
     "validate",
 ]
 
@@ -70,6 +71,11 @@ def format_state(state: ArrayLike, separator: str = " ") -> str:
     """One state [m] as text, `"- 0 + -"`, without absent symbols. QSRlib separates by `,`."""
     symbols = [int(symbol) for symbol in np.asarray(state) if symbol != ABSENT]
     return separator.join("-0+"[symbol + 1] for symbol in symbols)
+
+
+def state_texts(calculus: Calculus = "c1") -> list[str]:
+    """The S states of a calculus as text, such as `-+0+`; those of `c1` by their codes."""
+    return [format_state(state, "") for state in all_states(calculus)]
 
 
 def collapse(states: ArrayLike) -> np.ndarray:

@@ -20,7 +20,7 @@ from neurosym_jax.configuration import Checked, differences
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import encode_state
 
-__all__ = ["Parameters", "Weighting", "initial_parameters"]
+__all__ = ["Parameters", "Weighting", "initial_parameters", "is_constant"]
 
 Parameters = Mapping[str, Any]
 """Arrays that a weighting learns, by name."""
@@ -84,3 +84,9 @@ def initial_parameters(weighting: Weighting | None) -> dict[str, np.ndarray]:
     """Parameters of the weighting before training, float32; empty for None."""
     start = {} if weighting is None else weighting.start()
     return {name: np.asarray(value, np.float32) for name, value in start.items()}
+
+
+def is_constant(alpha: np.ndarray) -> bool:
+    """Whether `alpha [N, N, T]` is the same for all pairs at all steps but the first."""
+    others = alpha[~np.eye(len(alpha), dtype=bool)][:, 1:]
+    return others.size > 0 and np.ptp(others) == 0

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import NotNegative, Positive, Whole, component_from_text
+from neurosym_jax.configuration import NotNegative, Positive, Whole, component
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import Registry
 from neurosym_jax.symbolic.cnd import alpha_table
@@ -281,6 +281,6 @@ def make_weighting(
     ones, by default the initial ones.
     """
     named = isinstance(weighting, str)
-    chosen = component_from_text(weighting, WEIGHTINGS, "weighting") if named else weighting
+    chosen = component(weighting, WEIGHTINGS, "weighting") if named else weighting
     given = initial_parameters(chosen) if parameters is None else parameters
     return functools.partial(chosen.alpha, given)

@@ -16,11 +16,10 @@ import jax
 import numpy as np
 from tqdm import tqdm
 
-from neurosym_jax.data.batching import Batch, make_batches
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import fingerprint
 from neurosym_jax.data.published import licences_of
-from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecasters import FORECASTERS
@@ -28,8 +27,8 @@ from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import loaded, names
-from neurosym_jax.runtime.environment import code_version
 from neurosym_jax.runtime.files import append_text, write_json, write_text
+from neurosym_jax.runtime.process import code_version
 from neurosym_jax.training.card import model_card
 from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
 from neurosym_jax.training.recipe import RECIPES, Recipe, usual_recipe

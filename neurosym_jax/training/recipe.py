@@ -87,7 +87,7 @@ class TrainConfig(Recipe):
     gentle_pooling: bool = False
     """Train the pooling slowly, from a small start, so that its units do not die: see
     `training.gentle_pooling`."""
-    discriminator: DiscriminatorConfig = dataclasses.field(default_factory=DiscriminatorConfig)
+    discriminator: DiscriminatorConfig = DiscriminatorConfig()  # noqa: RUF009 (frozen)
 
 
 @dataclasses.dataclass(frozen=True)

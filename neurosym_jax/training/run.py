@@ -16,8 +16,7 @@ from neurosym_jax.configuration import to_json
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.forecasting.anchors import initial_anchors
 from neurosym_jax.forecasting.forecasters import FORECASTERS
-from neurosym_jax.runtime.environment import run_environment
-from neurosym_jax.runtime.process import COMPILED_QUICKLY
+from neurosym_jax.runtime.process import COMPILED_QUICKLY, run_environment
 from neurosym_jax.training.anchors import AnchorStream, anchor_step
 from neurosym_jax.training.recipe import AnchorRecipe, refuse_other_recipe
 from neurosym_jax.training.step import TrainState, initial_state, new_state, train_steps

@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.data.batching import gather_scenes
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.data.windows import Windows, gather_scenes
 from neurosym_jax.scene import AnyArray, Scene
 
 __all__ = ["Groups", "SceneStream", "gather_cropped", "merge", "size_classes", "split"]

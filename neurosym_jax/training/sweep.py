@@ -26,9 +26,8 @@ from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
-from neurosym_jax.runtime.environment import cpu_cores, provenance
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
-from neurosym_jax.runtime.process import progress_of
+from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance
 from neurosym_jax.training.card import model_card
 
 __all__ = ["SweepRun", "compare_sweep", "run_sweep", "unfinished", "write_errors"]

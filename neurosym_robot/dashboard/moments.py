@@ -31,8 +31,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from neurosym_jax.data.batching import bucket_of
 from neurosym_jax.data.tracks import LATE, SNAP
+from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.scene import make_scene, pad_scene

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.batching import bucket_of
+from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.forecasting.model_folder import load_model

@@ -11,9 +11,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.data.windows import Windows, cut_windows, make_batches
 from neurosym_jax.evaluation.symbol_scores import NEAR
 from neurosym_jax.forecasting.batched import forecast_windows
 from neurosym_jax.forecasting.model import Model

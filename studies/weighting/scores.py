@@ -13,8 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from neurosym_jax.data.batching import make_batches
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.evaluation.scoring import chosen, score_forecaster, score_scenes
 from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.forecasters import FORECASTERS

@@ -50,7 +50,7 @@ TWO = f"--data {{d}}/a {LENGTHS}"
 NEURO = f"{BASE['train']} --model neurosym"
 WEIGHTS, N = "{d}/a/walk.txt", "neurosym_zara1_8"
 LATEX = BASE["evaluate"]
-FLOOR = "{d}/a/walk.txt --figure f.png --underlay {d}/%s/floor.png --homography {d}/a.h"
+FLOOR = "{d}/a/walk.txt --figure f.png --underlay {d}/%s/floor.png {d}/%s.h"
 TRAINING = {
     "--model": "--model anchors",
     "--pooling": "--pooling none",
@@ -130,8 +130,7 @@ CASES = {
     "inspect": {
         "PATH": ("{d}/a/walk.txt", "{d}/b/walk.txt"),
         "--figure": "--figure f.png",
-        "--underlay": (FLOOR % "a", FLOOR % "b"),
-        "--homography": (FLOOR % "a", f"{FLOOR % 'a'} --homography {{d}}/b.h"),
+        "--underlay": (FLOOR % ("a", "a"), FLOOR % ("a", "b")),
         "--style": ("{d}/a/walk.txt --figure f.png", "{d}/a/walk.txt --figure f.png --style talk"),
     },
     "convert": {
@@ -268,8 +267,7 @@ REFUSED = {
     "symbols --forecast --style talk": "--style: has no effect with --forecast",
     "evaluate --no-figures --style talk": "--style: has no effect with --no-figures",
     "inspect a --style talk": "--style: has no effect without --figure",
-    "inspect a --figure b.png --homography c": "--homography: has no effect without --underlay",
-    "inspect a --figure b.png --underlay c": "--underlay: needs a --homography",
+    "inspect a --underlay b c": "--underlay: has no effect without --figure",
     "train absent.yaml": "absent.yaml: cannot be read: [Errno 2]",
     "train 'stepps: 3'": "unknown option 'stepps': did you mean --steps?",
     "train 'steps: 3\nsteps: 4'": "the option 'steps' stands twice",

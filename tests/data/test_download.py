@@ -1,4 +1,5 @@
 import contextlib
+import itertools
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -8,7 +9,7 @@ import pytest
 
 from neurosym_jax.commands.download import Options, run
 from neurosym_jax.data.published import find, published_files
-from neurosym_jax.data.sources import EthUcy, Files, Synthetic, open_source
+from neurosym_jax.data.sources import EthUcy, Synthetic, open_source
 from neurosym_jax.errors import InputError
 
 CSV = "Frame,Time,Helmet_1 X,Helmet_1 Y,Helmet_1 Z\n1,0.0,1000,2000,3\n2,0.01,1000,2000,3\n"
@@ -22,34 +23,32 @@ def home(tmp_path, monkeypatch):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """Answers the n-th request as the n-th step of the server's script says, then as the last."""
+    """Answers each request as the next step of the server's script says, then as the last."""
+
+    server: Any
 
     def log_message(self, format, *args):
         pass
 
     def do_GET(self):
-        server: Any = self.server
-        step = server.script.pop(0) if len(server.script) > 1 else server.script[0]
-        if isinstance(step, int):
-            self.send_error(step)
+        step = next(self.server.script)
+        if step == "absent":
+            self.send_error(404)
             return
-        body = (server.site / self.path[1:]).read_bytes()
-        body = bytes(len(body)) if step == "corrupt" else body
+        body = (self.server.site / self.path[1:]).read_bytes()
         self.send_response(200)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         with contextlib.suppress(OSError):  # The client may have given up.
-            self.wfile.write(body[:1000] if step == "cut" else body)
+            self.wfile.write({"corrupt": bytes(len(body)), "cut": body[:1000]}.get(step, body))
 
 
 @pytest.fixture
 def served(shared, tmp_path, monkeypatch):
     """Address of a copy of what is published, on a server that behaves as the script says."""
     monkeypatch.setattr("pooch.core.time.sleep", lambda _: None)
-    for collection, folder in {
-        "eth-ucy": "data/eth_ucy",
-        "sgan-checkpoints": "checkpoints",
-    }.items():
+    folders = {"eth-ucy": "data/eth_ucy", "sgan-checkpoints": "checkpoints"}
+    for collection, folder in folders.items():
         for name, row in published_files(collection).items():
             path = tmp_path / "site" / row["address"]
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -58,7 +57,8 @@ def served(shared, tmp_path, monkeypatch):
 
         def serve(*script):
             server: Any = stack.enter_context(ThreadingHTTPServer(("127.0.0.1", 0), Handler))
-            server.site, server.script = tmp_path / "site", list(script)
+            server.site = tmp_path / "site"
+            server.script = itertools.chain(script, itertools.repeat(script[-1]))
             threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
             stack.callback(server.shutdown)
             return f"http://127.0.0.1:{server.server_port}"
@@ -70,30 +70,30 @@ def names(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
-@pytest.mark.parametrize(("collection", "count"), [("eth-ucy", 24), ("sgan-checkpoints", 20)])
-def test_over_http_and_found_without_being_told(served, home, collection, count, capsys):
-    options = Options(collection, mirror=served("cut", "corrupt", "whole"))
-    assert run(options) == run(options) == 0
-    out = capsys.readouterr().out.splitlines()
-    assert [line.split(", ")[-1] for line in out] == [
-        f"{n} of them fetched now" for n in (count, 0)
-    ]
-    assert names(home / collection) == sorted(published_files(collection))
-    if collection == "eth-ucy":
-        source = open_source(Path("eth-ucy"))
-        assert isinstance(source, EthUcy)
-        assert source.folder == home / "eth-ucy"
-        assert open_source(None, "zara1") == open_source(None, None, "eth") == source
-        assert isinstance(open_source(None, "cross-path", "eth"), Synthetic)
-    else:
-        path = Path("sgan-models/eth_8_model.pt")
-        assert find(path) == home / "sgan-checkpoints" / path
-    assert isinstance(open_source(None), Synthetic)
+def test_over_http_and_found_without_being_told(served, home, capsys):
+    for collection, count in (("eth-ucy", 24), ("sgan-checkpoints", 20)):
+        options = Options(collection, mirror=served("cut", "corrupt", "whole"))
+        for came in (count, 0):
+            assert run(options) == 0
+            assert capsys.readouterr().out.endswith(f", {came} of them fetched now\n")
+        assert names(home / collection) == sorted(published_files(collection))
+    source = open_source(Path("eth-ucy"))
+    assert isinstance(source, EthUcy)
+    assert source.folder == home / "eth-ucy"
+    assert open_source(None, "zara1") == open_source(None, None, "eth") == source
+    for absent in (open_source(None), open_source(None, "cross-path", "eth")):
+        assert isinstance(absent, Synthetic)
+    path = Path("sgan-models/eth_8_model.pt")
+    assert find(path) == home / "sgan-checkpoints" / path
 
 
 @pytest.mark.parametrize(
     ("step", "reason"),
-    [(404, "404 Client Error"), ("corrupt", "hash of downloaded file"), ("cut", "hash|Incomplete")],
+    [
+        ("absent", "404 Client Error"),
+        ("corrupt", "hash of downloaded file"),
+        ("cut", "hash|Incomplete"),
+    ],
 )
 def test_what_breaks_off_is_not_there_and_goes_on(served, home, capsys, step, reason):
     address = served("whole", "whole", "whole", step)
@@ -109,11 +109,10 @@ def test_what_breaks_off_is_not_there_and_goes_on(served, home, capsys, step, re
     assert "21 of them fetched now" in capsys.readouterr().out
 
 
-def test_what_is_there_is_checked_and_never_overwritten(served, home, tmp_path, capsys):
+def test_what_is_there_is_checked_and_never_overwritten(served, tmp_path, capsys):
     options = Options("eth-ucy", to=tmp_path / "there", mirror=served("whole"))
     run(options)
     assert f"export NEUROSYM_DATA={tmp_path / 'there'}" in capsys.readouterr().out
-    assert not home.exists()
     folder = tmp_path / "there/eth-ucy"
     (folder / "all/biwi_eth.txt").unlink()
     (folder / "mine.txt").write_text("mine")
@@ -122,8 +121,7 @@ def test_what_is_there_is_checked_and_never_overwritten(served, home, tmp_path, 
     (folder / "val/biwi_eth_val.txt").write_text("mine")
     with pytest.raises(InputError, match=r"biwi_eth_val\.txt: is not the published file"):
         run(options)
-    assert (folder / "val/biwi_eth_val.txt").read_text() == "mine"
-    assert (folder / "mine.txt").read_text() == "mine"
+    assert {(folder / of).read_text() for of in ("mine.txt", "val/biwi_eth_val.txt")} == {"mine"}
 
 
 def test_thor_by_hand(home, capsys):
@@ -138,6 +136,4 @@ def test_thor_by_hand(home, capsys):
     out = capsys.readouterr().out
     assert "Exp_1_run_1_6D.csv: QTM export" in out
     assert "broken.csv: " in out
-    source = open_source(None, "Exp_1_run_1_6D")
-    assert isinstance(source, Files)
-    assert source.recordings("Exp_1_run_1_6D")[0].id.tolist() == [1]
+    assert open_source(None, "Exp_1_run_1_6D").recordings("Exp_1_run_1_6D")[0].id.tolist() == [1]

@@ -1,7 +1,7 @@
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from neurosym_jax.data.sources import Files, open_source
+from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning
 
@@ -10,7 +10,6 @@ def test_each_file_is_a_scene(tmp_path):
     for name in ("b.txt", "a.csv"):
         (tmp_path / name).write_text("0 1 2 3\n1 1 2 3\n")
     source = open_source(tmp_path)
-    assert isinstance(source, Files)
     assert source.scenes == ("a", "b")
     (tracks,) = source.recordings("b")
     assert tracks.recording == "b"
@@ -62,17 +61,18 @@ def test_real_folds_of_thor(shared):
             assert_allclose(tracks.stamp / 0.4 % 1, tracks.stamp[0] / 0.4 % 1, atol=1e-5)
 
 
-def test_refused(tmp_path):
-    for names, message in (
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
         ((), r"no \.txt, \.csv.* file in it"),
         (("general.txt",), "called alike, or one general"),
         (("a.txt", "a.csv"), "two files are called alike"),
-    ):
-        for name in names:
-            (tmp_path / name).write_text("0 1 2 3\n")
-        with pytest.raises(InputError, match=message):
-            open_source(tmp_path)
-        for name in names:
-            (tmp_path / name).unlink()
+    ],
+)
+def test_refused(tmp_path, names, message):
+    for name in names:
+        (tmp_path / name).write_text("0 1 2 3\n")
+    with pytest.raises(InputError, match=message):
+        open_source(tmp_path)
     with pytest.raises(InputError, match="no such file or folder"):
         open_source(tmp_path / "absent")

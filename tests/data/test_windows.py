@@ -2,6 +2,7 @@ import dataclasses
 import time
 import zlib
 
+import jax
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +10,17 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.data.sources import open_source
-from neurosym_jax.data.tracks import SNAP, Tracks, make_tracks, resample
-from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks, resample
+from neurosym_jax.data.windows import (
+    Windows,
+    bucket_of,
+    cut_windows,
+    gather_scenes,
+    make_batches,
+    single_scene,
+)
 from neurosym_jax.errors import InputError
+from neurosym_jax.scene import make_scene, pad_scene
 
 # Scenes and agents of SGAN's test splits of 8 + 8 and 8 + 12 steps.
 COUNTS = {
@@ -29,32 +38,25 @@ def windows_by_loop(tracks: Tracks, length: int, skip: int, min_agents: int):
     for stamp, agent, position in zip(tracks.stamp, tracks.id, tracks.position):
         seen.setdefault(float(stamp), {})[int(agent)] = position
     stamps = sorted(seen)
-    scenes = []
     for start in range(0, len(stamps) - length + 1, skip):
         frames = [seen[stamp] for stamp in stamps[start : start + length]]
         if stamps[start + length - 1] - stamps[start] > 0.4 * (length - 0.5):
             continue  # SGAN's loader goes on across a gap in time.
         agents = [agent for agent in sorted(frames[0]) if all(agent in frame for frame in frames)]
         if len(agents) >= min_agents:
-            rows = [[frame[agent] for frame in frames] for agent in agents]
-            scenes.append((start, agents, np.array(rows)))
-    return scenes
+            yield start, agents, np.array([[frame[agent] for frame in frames] for agent in agents])
 
 
 @st.composite
 def recordings(draw) -> Tracks:
     """Agents that come, go and are lost; stamps at which nobody is seen do not exist."""
-    agents = draw(st.integers(1, 5))
-    frames = draw(st.integers(1, 16))
-    flat = draw(st.lists(st.booleans(), min_size=agents * frames, max_size=agents * frames))
-    present = np.array(flat).reshape(agents, frames)
-    present[draw(st.integers(0, agents - 1)), draw(st.integers(0, frames - 1))] = True
-    # Mostly present, so that whole windows are common.
-    present |= np.random.default_rng(draw(st.integers(0, 99))).random(present.shape) < 0.7
+    agents, frames = draw(st.integers(1, 5)), draw(st.integers(1, 16))
+    rng = np.random.default_rng(draw(st.integers(0, 999)))
+    present = rng.random((agents, frames)) < draw(st.sampled_from([0.7, 0.9, 1.0]))
+    present[-1, -1] = True
     agent, frame = np.nonzero(present)
-    ids = np.array(draw(st.permutations(range(10, 10 + agents))))
     position = np.stack([100.0 * agent + frame, -1.0 * frame], axis=1)
-    tracks = make_tracks("r", frame * 0.4, ids[agent], position)
+    tracks = make_tracks("r", frame * 0.4, rng.permutation(agents)[agent] + 10, position)
     return dataclasses.replace(tracks, period=0.4)
 
 
@@ -64,15 +66,15 @@ def recordings(draw) -> Tracks:
 )
 def test_equal_to_a_loop(parts, numbers):
     obs_len, pred_len, skip, min_agents = numbers
-    length = obs_len + pred_len
+    how = {"skip": skip, "min_agents": min_agents}
     wanted = [
-        scene for tracks in parts for scene in windows_by_loop(tracks, length, skip, min_agents)
+        scene for tracks in parts for scene in windows_by_loop(tracks, obs_len + pred_len, **how)
     ]
     if not wanted:
         with pytest.raises(InputError):
-            cut_windows(parts, obs_len, pred_len, skip=skip, min_agents=min_agents)
+            cut_windows(parts, obs_len, pred_len, **how)
         return
-    windows = cut_windows(parts, obs_len, pred_len, skip=skip, min_agents=min_agents)
+    windows = cut_windows(parts, obs_len, pred_len, **how)
     assert windows.scenes == len(wanted)
     assert windows.agents == sum(len(agents) for _, agents, _ in wanted)
     assert windows.obs_len == obs_len
@@ -175,3 +177,62 @@ def test_extras_of_all_recordings_or_of_none():
     assert windows.extras["group"].tolist() == [2, 3, 2, 3], "at the last observed step"
     with pytest.raises(InputError, match="one, other: their extras differ"):
         cut_windows([one, other], 2, 1, min_agents=1)
+
+
+SIZES = (1, 4, 5, 2, 70, 9, 4, 33, 16)
+
+
+@pytest.fixture(scope="module")
+def windows() -> Windows:
+    rng = np.random.default_rng(0)
+    agents = sum(SIZES)
+    return Windows(
+        position=rng.normal(size=(agents, 7, 2)).cumsum(axis=1) + np.array([4e5, 5e6]),
+        agent=np.arange(agents),
+        bounds=np.cumsum([0, *SIZES]),
+        identity=rng.integers(2**32, size=(len(SIZES), 2), dtype=np.uint32),
+        obs_len=3,
+        extras={"group": np.arange(1, agents + 1), "heading": rng.normal(size=(agents, 2))},
+    )
+
+
+def test_buckets():
+    agents = np.array([1, 2, 4, 5, 8, 9, 17, 64, 65, 128, 129, 1000])
+    assert bucket_of(agents).tolist() == [4, 4, 4, 8, 8, 16, 32, 64, 128, 128, 256, 1024]
+
+
+@pytest.mark.parametrize("slots", [1, 16, 256])
+def test_every_scene_is_in_one_batch_as_it_is_alone(windows, slots):
+    batches = make_batches(windows, slots)
+    index = np.concatenate([batch.index for batch in batches])
+    assert sorted(index[index >= 0]) == list(range(len(SIZES)))
+    for batch in batches:
+        scenes, bucket = batch.scene.valid.shape
+        assert len(batch.index) == scenes
+        assert scenes * bucket <= max(slots, bucket)
+        for row, number in enumerate(batch.index):
+            if number < 0:
+                assert not batch.scene.valid[row].any()
+                continue
+            part = windows.take(np.array([number]))
+            scene = make_scene(part.position[:, :3], part.position[:, 3:], extras=part.extras)
+            alone = pad_scene(scene, bucket).replace(identity=windows.identity[number])
+            in_batch = jax.tree.map(lambda array, row=row: array[row], batch.scene)
+            assert in_batch.observed.dtype == alone.observed.dtype
+            for other in (alone, single_scene(windows, number)):
+                jax.tree.map(assert_array_equal, in_batch, other)
+
+
+def test_a_selection_of_windows_forgets_nothing(windows):
+    chosen = np.array([3, 0, 3])
+    part = dataclasses.replace(windows, period=0.2, reading=(Reading("r"),)).take(chosen)
+    assert (part.period, part.obs_len, part.reading) == (0.2, 3, (Reading("r"),))
+    for here, there in zip(
+        jax.tree.leaves(gather_scenes(windows, chosen, 4)),
+        jax.tree.leaves(gather_scenes(part, np.arange(3), 4)),
+        strict=True,
+    ):
+        assert_array_equal(here, there)
+    assert_array_equal(part.agent, windows.agent[windows.rows(chosen)])
+    assert_array_equal(windows.take(windows.sizes > 9).sizes, [70, 33, 16])
+    assert windows.take(slice(2)).scenes == 2

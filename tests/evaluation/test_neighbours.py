@@ -4,8 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.data.batching import make_batches
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled

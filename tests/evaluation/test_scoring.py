@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.tracks import Tracks, make_tracks
-from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.collision import collisions
 from neurosym_jax.evaluation.metrics import METRICS, register_metric

@@ -5,8 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.data.batching import make_batches
-from neurosym_jax.data.windows import Windows
+from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.forecasting import anchors

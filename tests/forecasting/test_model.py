@@ -8,9 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.commands.evaluate import Options, run
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.tracks import Tracks, make_tracks
-from neurosym_jax.data.windows import Windows, cut_windows
+from neurosym_jax.data.windows import Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.batched import forecast_batch, predict_scenes, unpacked
 from neurosym_jax.forecasting.forecaster import draw_noise

@@ -59,7 +59,7 @@ def test_not_a_file(tmp_path, monkeypatch):
         with pytest.raises(InputError, match=str(path)):
             load_torch_checkpoint(path)
     (tmp_path / "a.pt").write_bytes(SMALL)
-    monkeypatch.setattr("neurosym_jax.runtime.environment.available_memory", lambda: 1e3)
+    monkeypatch.setattr("neurosym_jax.runtime.process.available_memory", lambda: 1e3)
     with pytest.raises(InputError, match="GB of memory"):
         load_torch_checkpoint(tmp_path / "a.pt")
 

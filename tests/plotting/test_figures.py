@@ -8,13 +8,7 @@ from neurosym_jax import plotting
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.summary import labels
-from neurosym_jax.plotting import (
-    model_looks,
-    plot_forecasts,
-    plot_horizon_errors,
-    plot_training,
-    save_figure,
-)
+from neurosym_jax.plotting import model_looks, plot_forecasts, plot_horizon_errors, save_figure
 from neurosym_jax.plotting.style import INK, TRUTH
 
 MODELS = ("NeuroSyM (CND)", "SGAN", "constant velocity")
@@ -29,64 +23,57 @@ def walk(agents, steps=16, seed=0):
 
 
 def labelled(axes, label):
-    return [line for line in axes.lines if line.get_label() == label]
+    """[lines, T, 2] of the lines with this label."""
+    return [line.get_xydata() for line in axes.lines if line.get_label() == label]
 
 
-def legend_texts(legend):
-    return [text.get_text() for text in legend.get_texts()]
+def legend_texts(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def assert_neat(figure, data=None):
+def assert_neat(figure, *data):
     """After a draw: legends lie in the figure and off the axes, and the data within the limits."""
     figure.draw_without_rendering()
     frame = figure.bbox
     for axes in figure.axes:
         assert axes._left_title.get_window_extent().x1 <= frame.x1 + 1
-        for legend in figure.legends:
-            place = legend.get_window_extent()
-            assert place.y1 <= axes.get_tightbbox().y0 + 1, "a legend lies on the axes"
-            assert place.x1 <= frame.x1 + 1
-            assert place.y0 >= frame.y0 - 1
-        if data is not None:
-            (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-            points = np.concatenate([np.reshape(array, (-1, 2)) for array in data])
-            assert (points > [left, bottom]).all()
-            assert (points < [right, top]).all()
+        place = figure.legends[0].get_window_extent()
+        assert place.y1 <= axes.get_tightbbox().y0 + 1, "the legend lies on the axes"
+        assert place.x1 <= frame.x1 + 1
+        assert place.y0 >= frame.y0 - 1
+        limits = np.transpose([axes.get_xlim(), axes.get_ylim()])
+        for array in data:
+            assert (limits[0] < array).all()
+            assert (array < limits[1]).all()
 
 
-@pytest.mark.parametrize("agents", [1, 6, 60])
+@pytest.mark.parametrize("agents", [1, 60])
 def test_forecasts_draw_every_agent_once_a_model(agents):
     observed, truth = walk(agents)
     forecasts = {name: truth + 0.3 * i for i, name in enumerate(MODELS)}
     figure = plot_forecasts(observed, truth, forecasts, "A title")
     (axes,), (legend,) = figure.axes, figure.legends
-    for label in ("start", "observed", "ground truth", *MODELS):
-        assert len(labelled(axes, label)) == agents
-    assert legend_texts(legend) == ["start", "observed", "ground truth", *MODELS]
+    assert legend_texts(figure) == ["start", "observed", "ground truth", *MODELS]
+    assert [len(labelled(axes, label)) for label in legend_texts(figure)] == [agents] * 6
     colours = [to_hex(line.get_color()).upper() for line in legend.get_lines()]
     assert colours == [INK, INK, TRUTH, *(of["color"] for of in model_looks(MODELS).values())]
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert axes.get_title(loc="left") == "A title"
     assert axes.get_aspect() == 1
-    for agent, line in enumerate(labelled(axes, "SGAN")):
-        expected = np.vstack([observed[agent, -1], truth[agent] + 0.3])
-        np.testing.assert_array_equal(line.get_xydata(), expected)
-    assert_neat(figure, [observed, truth, *forecasts.values()])
+    expected = np.concatenate([observed[:, -1:], truth + 0.3], axis=1)
+    np.testing.assert_array_equal(labelled(axes, "SGAN"), expected)
+    assert_neat(figure, observed, truth, *forecasts.values())
 
 
 def test_a_model_has_one_look_in_every_figure():
-    observed, truth = walk(6)
     looks = model_looks(MODELS)
     assert looks == model_looks(reversed(MODELS))
     assert [look["linestyle"] for look in looks.values()] == [":", "-.", "--"]
-    for name in MODELS:
-        drawn = [
-            plot_forecasts(observed, truth, dict.fromkeys(MODELS, truth)),
-            plot_horizon_errors({model: [0.1, 0.2] for model in MODELS}),
-            plot_horizon_errors({name: [0.3]}),
-        ]
-        found = {line.get_color() for figure in drawn for line in labelled(figure.axes[0], name)}
-        assert found == {looks[name]["color"]}
+    for name, look in looks.items():
+        for models in ([name], MODELS):
+            axes = plot_horizon_errors({model: [0.1, 0.2] for model in models}).axes[0]
+            (line,) = (line for line in axes.lines if line.get_label() == name)
+            assert line.get_color() == look["color"]
     names = ["neurosym a", "neurosym b", "sgan", "cv", "linear", "x", "y", "z"]
     for part in ("color", "linestyle"):
         assert len({look[part] for look in model_looks(names).values()}) == len(names)
@@ -98,7 +85,7 @@ def test_far_from_the_origin_without_truth_and_with_long_names():
     names = [f"NeuroSyM with weights from fold_{i} of the $alpha$ ablation" for i in range(6)]
     figure = plot_forecasts(observed, None, dict.fromkeys(names, truth), title)
     assert not labelled(figure.axes[0], "ground truth")
-    assert_neat(figure, [observed, truth])
+    assert_neat(figure, observed, truth)
     assert np.ptp(plot_forecasts(np.zeros((1, 8, 2)), None, {}).axes[0].get_xlim()) >= 3
     assert "e" not in "".join(t.get_text() for t in figure.axes[0].get_xticklabels())
 
@@ -107,33 +94,34 @@ def test_of_samples_the_one_of_least_joint_error_is_drawn():
     observed, truth = walk(3)
     samples = truth + np.array([1.0, 0.25, -0.5])[:, None, None, None] * [1, 0]
     axes = plot_forecasts(observed, truth, {"SGAN": samples}).axes[0]
-    np.testing.assert_array_equal(
-        labelled(axes, "SGAN, best of 3")[2].get_xydata()[1:], samples[1, 2]
-    )
+    best = np.array(labelled(axes, "SGAN, best of 3"))
+    np.testing.assert_array_equal(best[:, 1:], samples[1])
     assert sum(line.get_linewidth() == 0.5 for line in axes.lines) == 9
     axes = plot_forecasts(observed, None, {"SGAN": samples}).axes[0]
-    mean = labelled(axes, "SGAN, mean of 3")[1].get_xydata()[1:]
-    np.testing.assert_allclose(mean, truth[1] + [0.25, 0])
+    mean = np.array(labelled(axes, "SGAN, mean of 3"))
+    np.testing.assert_allclose(mean[:, 1:], samples.mean(axis=0))
 
 
-def test_horizon_errors_are_against_seconds_with_the_worst_first():
-    figure = plot_horizon_errors({"SGAN": [0.1, 0.4], "cv": [0.2, 0.8]}, 0.5, "errors")
-    (line,) = labelled(figure.axes[0], "SGAN")
-    np.testing.assert_allclose(line.get_xydata(), [[0.5, 0.1], [1.0, 0.4]])
-    assert legend_texts(figure.legends[0]) == ["cv", "SGAN"]
+def test_horizon_errors_and_their_bands_are_against_seconds_with_the_worst_first():
+    errors = {"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.4, 0.7]], "cv": [0.2, 0.8]}
+    figure = plot_horizon_errors(errors, 0.5, "errors")
+    (axes,) = figure.axes
+    np.testing.assert_allclose(labelled(axes, "SGAN"), [[[0.5, 0.2], [1.0, 0.4]]])
+    assert legend_texts(figure) == ["cv", "SGAN"]
+    (band,) = axes.collections
+    corners = {tuple(np.round(corner, 6)) for corner in band.get_paths()[0].vertices}
+    assert corners == {(0.5, 0.1), (0.5, 0.4), (1.0, 0.3), (1.0, 0.7)}
     assert_neat(figure)
 
 
 def test_training_has_a_panel_for_losses_and_one_for_validation():
     steps = np.arange(400)
     losses = {"generator": (steps, 2.0 - steps / 400), "discriminator": ([0, 10], [1.4, np.nan])}
-    figure = plot_training(losses, {"ADE": ([0, 100], [0.8, 0.5])}, "run")
-    upper, _ = figure.axes
-    assert legend_texts(figure.legends[0]) == ["generator", "discriminator", "ADE"]
+    figure = plotting.plot_training(losses, {"ADE": ([0, 100], [0.8, 0.5])}, "run")
+    assert legend_texts(figure) == ["generator", "discriminator", "ADE"]
     # The running mean of a straight line is that line, centred, without its ends.
-    (mean,) = labelled(upper, "generator")
-    np.testing.assert_array_equal(mean.get_xdata(), steps[10:-10])
-    np.testing.assert_allclose(mean.get_ydata(), 2.0 - steps[10:-10] / 400)
+    (mean,) = labelled(figure.axes[0], "generator")
+    np.testing.assert_allclose(mean, np.stack([steps, 2.0 - steps / 400], 1)[10:-10])
     assert_neat(figure)
 
 
@@ -170,20 +158,10 @@ def test_checkpoints_where_they_tell_models_apart(paths, shown):
     assert labels(given) == ["cv", *(f"SGAN {name}".strip() for name in shown)]
 
 
-def test_horizon_bands_hold_the_interval():
-    figure = plot_horizon_errors({"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.4, 0.7]]}, 0.5)
-    (axes,) = figure.axes
-    (band,) = axes.collections
-    corners = {tuple(np.round(corner, 6)) for corner in band.get_paths()[0].vertices}
-    assert corners == {(0.5, 0.1), (0.5, 0.4), (1.0, 0.3), (1.0, 0.7)}
-    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_ydata(), [0.2, 0.4])
-
-
 def test_calibration_is_drawn_against_the_diagonal():
     figure = plotting.plot_calibration([0.5, 0.9], {"SGAN": [0.4, 0.7]})
-    (axes,) = figure.axes
-    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_xydata(), [[0.5, 0.4], [0.9, 0.7]])
-    np.testing.assert_allclose(labelled(axes, "calibrated")[0].get_xydata(), [[0, 0], [1, 1]])
+    np.testing.assert_allclose(labelled(figure.axes[0], "SGAN"), [[[0.5, 0.4], [0.9, 0.7]]])
+    np.testing.assert_allclose(labelled(figure.axes[0], "calibrated"), [[[0, 0], [1, 1]]])
     assert_neat(figure)
 
 
@@ -235,40 +213,35 @@ def test_events_have_a_row_and_models_a_dot_with_an_interval():
     figure = plotting.plot_event_errors(["crossing (3)", "passing (4)"], errors)
     (axes,) = figure.axes
     assert [label.get_text() for label in axes.get_yticklabels()] == ["crossing (3)", "passing (4)"]
-    np.testing.assert_allclose(labelled(axes, "SGAN")[0].get_xydata(), [[0.2, -0.08], [0.4, 0.92]])
+    np.testing.assert_allclose(labelled(axes, "SGAN"), [[[0.2, -0.08], [0.4, 0.92]]])
     ends = np.array(axes.collections[0].get_segments())[..., 0]
     np.testing.assert_allclose(ends, [[0.1, 0.3], [0.3, 0.6]])
     assert axes.get_ylim()[0] > axes.get_ylim()[1]
     assert_neat(figure)
 
 
-def test_an_underlay_lies_where_its_homography_says(tmp_path):
-    """A camera that looks along y: a red pixel, and what lies behind the camera is not drawn."""
-    image = np.full((80, 60, 3), 0.2)
+@pytest.mark.parametrize("horizon", [0.02, -0.02])
+def test_an_underlay_lies_where_its_homography_says(tmp_path, horizon):
+    """A camera that looks along y, with a red pixel; nothing is drawn behind the camera.
+
+    With the second homography rows from 50 on are above the horizon: sky is not drawn there either.
+    """
+    image, matrix = np.full((80, 60, 3), 0.2), np.array([[0.1, 0, 0], [0, 0.1, 0], [0, horizon, 1]])
     image[40, 30] = 1, 0, 0
-    matrix = np.array([[0.1, 0, 0], [0, 0.1, 0], [0, 0.02, 1]])
     imsave(tmp_path / "any.png", image)
     np.savetxt(tmp_path / "h.txt", matrix)
     floor = plotting.read_underlay(tmp_path / "any.png", tmp_path / "h.txt")
-    track = make_tracks("walk", [0, 1, 2], [1, 1, 1], [[0, -3], [6, 4], [2, 2]])
-    (axes,) = plotting.plot_tracks([track], floor).axes
-    (drawn,) = axes.images
-    alpha = drawn.get_alpha()
-    left, right, bottom, top = drawn.get_extent()
-    row, column = np.argwhere(np.asarray(drawn.get_array())[..., 0] == 1).mean(axis=0)
     x, y, depth = matrix @ [30, 40, 1]
-    assert left + (right - left) * column / 699 == pytest.approx(x / depth, abs=0.05)
-    assert bottom + (top - bottom) * row / 699 == pytest.approx(y / depth, abs=0.05)
-    heights = np.linspace(bottom, top, 700)
+    seen = [x / depth, y / depth]
+    track = make_tracks("walk", [0, 1, 2], [1, 1, 1], [[0, -30], [6, 4], seen])
+    (drawn,) = plotting.plot_tracks([track], floor).axes[0].images
+    left, right, bottom, top = drawn.get_extent()
+    red = np.argwhere(np.asarray(drawn.get_array())[..., 0] == 1).mean(axis=0)[::-1]
+    scale = np.array([right - left, top - bottom]) / 699
+    np.testing.assert_allclose([left, bottom] + scale * red, seen, atol=0.1)
+    heights, alpha = np.linspace(bottom, top, 700), drawn.get_alpha()
     assert not alpha[heights < -0.1].any()
     assert (alpha[(heights > 0.1) & (heights < 3)] == 0.6).any()
-    # Rows from 50 on are above the horizon: sky is not drawn on the floor behind the camera.
-    matrix[2, 1] = -0.02
-    far = make_tracks("far", [0, 1], [1, 1], [[0, -40], [6, 4]])
-    (drawn,) = plotting.plot_tracks([far], (image, matrix)).axes[0].images
-    heights = np.linspace(*drawn.get_extent()[2:], 700)
-    assert drawn.get_alpha()[heights > 0.1].any()
-    assert not drawn.get_alpha()[heights < -0.1].any()
 
 
 @pytest.mark.parametrize(

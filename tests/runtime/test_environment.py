@@ -3,14 +3,13 @@ import json
 import jax
 import pytest
 
-from neurosym_jax.data.batching import make_batches
 from neurosym_jax.data.sources import Synthetic
-from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
-from neurosym_jax.runtime.environment import available_memory, code_version, run_environment
+from neurosym_jax.runtime.process import available_memory, code_version, run_environment
 
 
 def test_the_environment_is_json_and_knows_the_threads(monkeypatch):

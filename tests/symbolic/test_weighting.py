@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from neurosym_jax.configuration import Positive, component_from_text
+from neurosym_jax.configuration import Positive, component
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import observe
@@ -31,7 +31,7 @@ RELEASED = CndShipped(convention="as_published", decimals=4)
 
 
 def from_text(text):
-    return component_from_text(text, WEIGHTINGS, "weighting")
+    return component(text, WEIGHTINGS, "weighting")
 
 
 @functools.cache
