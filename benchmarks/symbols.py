@@ -25,7 +25,7 @@ def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     import jax
 
-    from neurosym_jax.symbolic.cnd import alpha_table
+    from neurosym_jax.symbolic.states import alpha_table
     from neurosym_jax.symbolic.weightings import make_weighting
 
     rng = np.random.default_rng(0)

@@ -18,9 +18,8 @@ import numpy as np
 
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
-from neurosym_jax.symbolic.cnd import Rule, adjacency, alpha_table
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import encode_state
+from neurosym_jax.symbolic.states import Rule, adjacency, alpha_table, encode_state
 
 STEPS = 8
 CHUNK = 65_536

@@ -65,7 +65,12 @@ def simulate_labelled(
     frames = int(duration * rate + 1e-6) + 1
     walked = _walk_frames(_key(seed, 0), scenario, people, frames, float(rate))
     path, stamp = np.asarray(walked, np.float64), np.arange(frames) / rate
-    frame, person, ids, position = _tracked(path, faults or TrackerFaults(), rate, seed)
+    faults = faults or TrackerFaults()
+    lost, label = _identities(path, faults, rate, seed)
+    frame, person = np.nonzero(~lost)
+    ids = label[frame, person]
+    noise = np.asarray(jax.random.normal(_key(seed, 2), path.shape, jnp.float32), np.float64)
+    position = path[frame, person] + faults.noise * noise[frame, person]
     tracks = make_tracks(f"synthetic/{scenario}/{seed}", stamp[frame], ids, position)
     return tracks, person[np.lexsort((stamp[frame], ids))].astype(np.int64)
 
@@ -137,18 +142,6 @@ def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: 
     plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
     plan = Plan(*(each.astype(jnp.float32) for each in plan))
     return walk(plan, kicks, 1 / (rate * substeps), ROOM, scenario == "all-forward")[::substeps]
-
-
-def _tracked(
-    path: np.ndarray, faults: TrackerFaults, rate: float, seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The R rows of a tracker with `rate` frames a second: [R] frame and [R] person, which index
-    `path` [F, P, 2] (metres), [R] the tracker's id, and [R, 2] the position."""
-    lost, label = _identities(path, faults, rate, seed)
-    frame, person = np.nonzero(~lost)
-    noise = np.asarray(jax.random.normal(_key(seed, 2), path.shape, jnp.float32), np.float64)
-    position = path[frame, person] + faults.noise * noise[frame, person]
-    return frame, person, label[frame, person], position
 
 
 def _identities(

@@ -1,9 +1,6 @@
-from . import cnd as cnd
 from . import qtc as qtc
 from . import soft as soft
 from . import states as states
-from .cnd import adjacency as adjacency
-from .cnd import alpha_table as alpha_table
 from .events import Encounter as Encounter
 from .events import Event as Event
 from .events import register_event as register_event
@@ -12,7 +9,9 @@ from .forecast import symbolic_forecast as symbolic_forecast
 from .qtc import observe as observe
 from .soft import soft_alpha as soft_alpha
 from .soft import soft_symbols as soft_symbols
+from .states import adjacency as adjacency
 from .states import all_states as all_states
+from .states import alpha_table as alpha_table
 from .states import collapse as collapse
 from .states import format_state as format_state
 from .states import validate as validate

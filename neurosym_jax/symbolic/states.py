@@ -1,7 +1,16 @@
-"""States of the Qualitative Trajectory Calculus: all of a calculus, codes, text, and chains.
+"""States of the Qualitative Trajectory Calculus, chains of them, and which can follow each other.
 
 A state is a vector of m symbols in {-1, 0, 1} (int8), or `ABSENT` where QTC_BC drops a symbol;
-`qtc` says what they mean.
+`qtc` says what they mean. Tables are read-only; their rows are those of `all_states`.
+
+Conceptual neighbourhood diagrams say which states can follow each other when points move.
+Two states are neighbours by the `dominance` rule of the theory (Van de Weghe and De Maeyer,
+"Conceptual neighbourhood diagrams for representing moving objects", 2005) if symbols change only
+between 0 and another value (continuity), and those that change all arrive at 0 or all leave it: a
+value other than 0 holds over an interval, 0 may hold at an instant, so no symbol can leave 0 at the
+very instant at which another one arrives there. The `continuity` rule, which NeuroSyM's released
+table uses, drops the second condition: 1160 edges of QTC_C1 instead of 544. A QTC_BC state of a
+pair apart and one of a pair near are compared by the symbols that both have.
 """
 
 import functools
@@ -14,22 +23,14 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import refuse
 
-__all__ = [
-    "ABSENT",
-    "Calculus",
-    "all_states",
-    "collapse",
-    "encode_state",
-    "format_state",
-    "state_index",
-    "state_texts",
-    "validate",
-]
+__all__ = ["ABSENT", "Calculus", "Rule", "adjacency", "all_states", "alpha_table", "collapse"]
+__all__ += ["encode_state", "format_state", "state_index", "state_texts", "validate"]
 
 ABSENT = np.int8(2)
 """A symbol that the state does not have: q3 and q4 of a QTC_BC state of a pair far apart."""
 
 Calculus = Literal["b1", "c1", "bc1"]
+Rule = Literal["dominance", "continuity"]
 
 
 @functools.cache
@@ -100,3 +101,38 @@ def validate(states: ArrayLike) -> np.ndarray:
     middle = np.where(both, np.where(leaving & (p == 0), 0, middle), after).astype(states.dtype)
     at = np.flatnonzero((middle != after).any(axis=1))
     return np.insert(states, at + 1, middle[at], axis=0)
+
+
+@functools.cache
+def adjacency(calculus: Calculus = "c1", rule: Rule = "dominance") -> np.ndarray:
+    """[S, S] bool, symmetric: which states are neighbours; none is its own.
+
+    Raises:
+        InputError: for an unknown calculus or rule.
+    """
+    refuse(Rule, {"rule": rule})
+    states = all_states(calculus)
+    a, b = states[:, None], states[None]
+    # A symbol that only one of them has is not compared; staying is no transition.
+    same = (a == b) | (a == ABSENT) | (b == ABSENT)
+    table = ~(a == b).all(axis=-1) & (same | (a * b == 0)).all(axis=-1)
+    if rule == "dominance":
+        table &= (same | (b == 0)).all(axis=-1) | (same | (a == 0)).all(axis=-1)
+    table.flags.writeable = False
+    return table
+
+
+@functools.cache
+def alpha_table(
+    calculus: Calculus = "c1", rule: Rule = "dominance", include_self: bool = False
+) -> np.ndarray:
+    """[S] float64: 1 / N_Tr of every state, N_Tr its number of neighbours.
+
+    Mghames et al., "A Neuro-Symbolic Approach for Enhanced Human Motion Prediction" (2023): the
+    more transitions a state has, the less it says. QTC_C1 states with 0, 1, 2, 3 or 4 zeros weigh
+    1/15, 1/9, 1/11, 1/27, 1/80. The authors' table is `rule="continuity"` with `include_self=True`,
+    which counts staying in the state as a transition: 1 / (2^nonzero 3^zero).
+    """
+    table = 1 / (adjacency(calculus, rule).sum(axis=1) + include_self)
+    table.flags.writeable = False
+    return table

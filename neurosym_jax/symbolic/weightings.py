@@ -18,9 +18,9 @@ from jax import Array
 from neurosym_jax.configuration import NotNegative, Positive, Whole, component
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import Registry
-from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import Convention, other_pairs
 from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
+from neurosym_jax.symbolic.states import alpha_table
 from neurosym_jax.symbolic.weighting import Parameters, Weighting, initial_parameters
 
 __all__ = [

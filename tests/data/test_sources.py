@@ -1,9 +1,8 @@
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from neurosym_jax.data.sources import open_source
-from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.errors import InputError, InputWarning
+from neurosym_jax.errors import InputError
 
 
 def test_each_file_is_a_scene(tmp_path):
@@ -41,24 +40,6 @@ def test_leave_one_recording_out(tmp_path):
         "val": {"a": [4, 4.5], "c": [204, 204.5], "d": [2]},
         "test": {"b": [100 + n / 2 for n in range(10)]},
     }
-
-
-def test_real_folds_of_thor(shared):
-    """No window is in two splits, and every recording but the test's is in both others."""
-    with pytest.warns(InputWarning, match="goals_positions"):
-        source = open_source(shared / "data/thor")
-    assert [name.split("_")[1] for name in source.scenes] == ["thor1", "thor3", "Scenario"]
-    for scene in source.scenes:
-        splits = [source.recordings(scene, split) for split in ("train", "val", "test")]
-        train, val, test = ({tracks.recording for tracks in split} for split in splits)
-        assert train == val
-        assert not train & test
-        windows = [cut_windows(split, 8, 8) for split in splits]
-        assert min(part.scenes for part in windows) > 40
-        ends = {tracks.recording: tracks.stamp.max() for tracks in splits[0]}
-        assert all(tracks.stamp.min() > ends[tracks.recording] for tracks in splits[1])
-        for tracks in splits[2]:
-            assert_allclose(tracks.stamp / 0.4 % 1, tracks.stamp[0] / 0.4 % 1, atol=1e-5)
 
 
 @pytest.mark.parametrize(

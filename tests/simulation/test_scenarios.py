@@ -13,12 +13,9 @@ SEEDS = range(4)
 
 
 def exact(scenario, seed=0, **options):
-    return simulate(scenario, seed, faults=TrackerFaults(noise=0.0), **options)
-
-
-def paths(scenario, seed, people=2):
-    """[P, F, 2] true positions at 10 Hz."""
-    return exact(scenario, seed, people=people).position.reshape(people, -1, 2)
+    """Tracks without noise, and [P, F, 2] their positions at 10 Hz."""
+    tracks = simulate(scenario, seed, faults=TrackerFaults(noise=0.0), **options)
+    return tracks, tracks.position.reshape(options.get("people", 2), -1, 2)
 
 
 def closest(path):
@@ -42,7 +39,7 @@ def crossings(one, two):
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_people_walk_at_walking_speed_inside_the_room(scenario, people):
     for seed in SEEDS:
-        path = paths(scenario, seed, people)
+        _, path = exact(scenario, seed, people=people)
         assert path.min() > 0.2
         assert (path < np.array(ROOM) - 0.2).all()
         speed = np.linalg.norm(np.diff(path, axis=1), axis=-1) * 10
@@ -58,7 +55,7 @@ def test_people_walk_at_walking_speed_inside_the_room(scenario, people):
 
 def test_all_forward_walks_abreast_to_the_end_and_back():
     for seed in SEEDS:
-        path = paths("all-forward", seed)
+        _, path = exact("all-forward", seed)
         apart = np.linalg.norm(path[0] - path[1], axis=-1)
         assert 0.7 < np.median(apart) < 0.9
         velocity = np.diff(path, axis=1) * 10
@@ -76,29 +73,26 @@ def test_all_forward_walks_abreast_to_the_end_and_back():
 
 def test_cross_path_crosses_and_avoids():
     for seed in SEEDS:
-        path = paths("cross-path", seed)
+        _, path = exact("cross-path", seed)
         assert crossings(path[0], path[1]) >= 12
         # They do meet, and not only in space: again and again within two metres.
         near = closest(path) < 2.0
         assert (np.diff(near.astype(int)) == 1).sum() >= 8
 
 
-def test_a_seed_is_the_same_walk_under_x64():
-    single = exact("all-forward", 3)
-    assert np.abs(single.position - exact("all-forward", 4).position).max() > 0.5
-    with jax.enable_x64(True):
-        double = exact("all-forward", 3)
-    # Ten seconds, in which rounding has no time to grow.
-    early = single.stamp < 10
-    np.testing.assert_allclose(double.position[early], single.position[early], atol=1e-3)
-
-
-def test_a_seed_is_the_walk_the_noise_and_the_losses_that_it_was():
+def test_a_seed_is_the_walk_the_noise_and_the_losses_that_it_was_under_x64_too():
     faults = TrackerFaults(dropout=0.02, id_switch=0.5)
     tracks = simulate("all-forward", 0, 20.0, faults=faults)
     assert (len(tracks.id), len(set(tracks.id))) == (290, 7)
+    assert len(simulate("all-forward", 1, 20.0, faults=faults).id) != 290
     stood = [[2.56176, 1.45595], [3.37739, 1.4845]]
     np.testing.assert_allclose(tracks.position[tracks.stamp == 0], stood, atol=1e-4)
+    with jax.enable_x64(True):
+        double = simulate("all-forward", 0, 20.0, faults=faults)
+    assert_array_equal(double.id, tracks.id)
+    # Ten seconds, in which rounding has no time to grow.
+    early = tracks.stamp < 10
+    np.testing.assert_allclose(double.position[early], tracks.position[early], atol=1e-3)
 
 
 def test_dropouts_have_their_rate_and_length():
@@ -129,7 +123,7 @@ def test_swaps_happen_between_people_who_are_close():
     faults = TrackerFaults(noise=0.0, id_swap=0.05)
     tracks, person = simulate_labelled("all-forward", 2, faults=faults)
     assert_array_equal(np.unique(tracks.id), [0, 1])
-    path = simulate("all-forward", 2, faults=TrackerFaults(noise=0.0)).position.reshape(2, -1, 2)
+    _, path = exact("all-forward", 2)
     apart = np.linalg.norm(path[0] - path[1], axis=-1)
     frame = np.rint(tracks.stamp * 10).astype(int)
     assert_array_equal(tracks.position, path[person, frame])

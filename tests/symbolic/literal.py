@@ -46,30 +46,35 @@ def norm(a):
     return math.sqrt(a.real**2 + a.imag**2)
 
 
-def towards_and_aside(k0, k1, l0, convention, factor, side_factor):
-    """q1 and q3 of somebody who steps from k0 to k1 while the other is at l0."""
+def away_and_aside(k0, k1, l0, convention):
+    """Metres that the step from k0 to k1 leads away from l0 (q1), and right of the line (q3)."""
     k0, k1, l0 = (complex(*at) for at in (k0, k1, l0))
     step, line = k1 - k0, l0 - k0
     apart, turned = norm(line), step.conjugate() * line  # Their dot and cross products.
-    if convention == "line":  # The component along the line through both.
-        towards = sign(-turned.real / apart, factor) if apart else 0
-    else:  # By how much the distance grows.
-        towards = sign(norm(k1 - l0) - apart, factor)
-    aside = sign(turned.imag / apart, side_factor) if apart else 0
-    # The released code takes the norm of the cross product, which is never negative.
-    return towards, abs(aside) if convention == "as_published" else aside
+    along, aside = (-turned.real / apart, turned.imag / apart) if apart else (0, 0)
+    # The component along the line through both, or by how much the distance grows.
+    return along if convention == "line" else norm(k1 - l0) - apart, aside
+
+
+def margins(k, l, convention="distance"):
+    """[T-1, 4] metres of every step of k and l [T, 2], whose signs are q1 to q4."""
+    found = []
+    for (k0, k1), (l0, l1) in zip(itertools.pairwise(k), itertools.pairwise(l)):
+        of_k, of_l = (away_and_aside(*way, convention) for way in ((k0, k1, l0), (l0, l1, k0)))
+        found.append([value for pair in zip(of_k, of_l) for value in pair])
+    return found
 
 
 def symbols(k, l, convention="distance", factor=0.0, side_factor=None):
     """[T-1, 4]: q1 to q4 of every step of k and l [T, 2]; thresholds in metres per step."""
     if side_factor is None:
         side_factor = factor if convention == "line" else 0.0
-    thresholds = convention, factor, side_factor
-    found = []
-    for (k0, k1), (l0, l1) in zip(itertools.pairwise(k), itertools.pairwise(l)):
-        q1, q3 = towards_and_aside(k0, k1, l0, *thresholds)
-        q2, q4 = towards_and_aside(l0, l1, k0, *thresholds)
-        found.append([q1, q2, q3, q4])
+    found = [
+        [sign(value, of) for value, of in zip(step, (factor, factor, side_factor, side_factor))]
+        for step in margins(k, l, convention)
+    ]
+    if convention == "as_published":  # The norm of the cross product is never negative.
+        return [[q1, q2, abs(q3), abs(q4)] for q1, q2, q3, q4 in found]
     return found
 
 

@@ -4,10 +4,9 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
-from neurosym_jax.symbolic.states import encode_state
+from neurosym_jax.symbolic.states import alpha_table, encode_state
 from tests.symbolic import literal
 
 pytestmark = pytest.mark.usefixtures("double")
@@ -35,22 +34,6 @@ def hard(k, l, factor=0.0, convention="distance"):
     )
 
 
-def margins(k, l, convention):
-    """[..., T-1, 4] metres, and [..., T-1, 1] the distance, as the conventions define them."""
-    found = []
-    for a, b in ((k, l), (l, k)):
-        before, after, line = a[..., :-1, :], a[..., 1:, :], (b - a)[..., :-1, :]
-        apart, step = np.linalg.norm(line, axis=-1), after - before
-        away = np.linalg.norm(after - b[..., :-1, :], axis=-1) - apart
-        with np.errstate(invalid="ignore"):
-            if convention == "line":
-                away = -(step * line).sum(axis=-1) / apart
-            right = (step[..., 0] * line[..., 1] - step[..., 1] * line[..., 0]) / apart
-        found.append((away, right))
-    (q1, q3), (q2, q4) = found
-    return np.nan_to_num(np.stack([q1, q2, q3, q4], axis=-1)), apart[..., None]
-
-
 def chains():
     """(k, l [..., T, 2], convention, quantisation factor), with and without ties."""
     draw = np.random.default_rng(0)
@@ -68,7 +51,8 @@ def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
         found = np.asarray(soft(k, l, temperature, factor, convention))
         np.testing.assert_allclose(found.sum(axis=-1), 1, atol=1e-12)
         states = np.asarray(hard(k, l, factor, convention))
-        margin, apart = margins(k, l, convention)
+        margin = np.array([literal.margins(*pair, convention) for pair in zip(k, l)])
+        apart = np.linalg.norm(l - k, axis=-1)[:, :-1, None]
         decided = abs(abs(margin) - factor) > 10 * temperature
         decided[..., 2:] &= apart > temperature
         certain = np.take_along_axis(found, (states + 1)[..., None], axis=-1)[..., 0]

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from neurosym_jax.configuration import Positive, component
 from neurosym_jax.errors import InputError
-from neurosym_jax.symbolic.cnd import alpha_table
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import encode_state
+from neurosym_jax.symbolic.states import alpha_table, encode_state
 from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 from neurosym_jax.symbolic.weightings import (
     WEIGHTINGS,
@@ -48,11 +47,6 @@ def walks(agents, seed=0, steps=8):
     return np.random.default_rng(seed).integers(-9, 10, (agents, steps, 2)).astype(np.float32)
 
 
-def jittered(agents, seed=0):
-    """Walks in which no two distances are equal."""
-    return walks(agents, seed) + np.random.default_rng(seed).normal(0, 0.1, (agents, 8, 2))
-
-
 def test_shipped_weights_of_real_windows(real_windows):
     weigh = jax.jit(make_weighting(RELEASED))
     for positions, valid, expected in real_windows:
@@ -70,10 +64,8 @@ def test_the_state_up_to_a_step_weights_that_step():
     alpha = np.asarray(alpha_of(positions))
     table = alpha_table().astype(np.float32)
     expected = table[encode_state(observe(positions[:, None], positions))]
-    i, j = np.nonzero(~np.eye(4, dtype=bool))
-    np.testing.assert_array_equal(alpha[i, j, 0], 0)
-    np.testing.assert_array_equal(alpha[i, j, 1:], expected[i, j])
-    np.testing.assert_array_equal(alpha[np.arange(4), np.arange(4)], 1)
+    expected = np.pad(expected, [(0, 0), (0, 0), (1, 0)])
+    np.testing.assert_array_equal(alpha, np.where(np.eye(4, dtype=bool)[..., None], 1, expected))
 
 
 def test_ones_and_zeros():
@@ -92,17 +84,13 @@ def test_quantised_symbols_are_zero_up_to_five_centimetres():
 
 
 @pytest.mark.parametrize("weighting", NAMES)
-@pytest.mark.parametrize("slots", [1, 2, 5])
-def test_an_agent_alone_weighs_nothing(weighting, slots):
-    valid = np.arange(slots) == slots - 1
-    assert not np.asarray(alpha_of(walks(slots), valid, weighting)).any()
-
-
-@pytest.mark.parametrize("weighting", NAMES)
 @given(seed=st.integers(0, 2**32 - 1), agents=st.sampled_from([1, 2, 5, 9]))
 @example(seed=481, agents=2)
+@example(seed=0, agents=1)
 def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
-    positions, draw = jittered(9, seed).astype(np.float32), np.random.default_rng(seed)
+    """And an agent alone weighs nothing."""
+    draw = np.random.default_rng(seed)
+    positions = walks(9, seed) + draw.normal(0, 0.1, (9, 8, 2)).astype(np.float32)
     slots = draw.permutation(9)[:agents]
     valid = np.isin(np.arange(9), slots)
     padded = np.asarray(alpha_of(positions, valid, weighting))
@@ -110,6 +98,7 @@ def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
     np.testing.assert_array_equal(padded[np.ix_(slots, slots)], alone)
     assert not padded[~valid].any()
     assert not padded[:, ~valid].any()
+    assert agents > 1 or not padded.any()
 
 
 def test_a_table_is_learned():
