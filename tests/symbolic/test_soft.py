@@ -106,15 +106,14 @@ def test_expected_weights_are_sums_over_all_states():
 
 
 def random_pairs(count, seed=0):
-    """Steps of two people [count, 2, 2]: a fifth of each kind of degeneracy, the rest at random."""
+    """Steps of two people [count, 2, 2]: a tenth of each kind of degeneracy, the rest at random."""
     draw = np.random.default_rng(seed)
-    k = draw.uniform(-2, 2, (count, 1, 2)) + draw.normal(0, 0.3, (count, 2, 2))
-    l = draw.uniform(-2, 2, (count, 1, 2)) + draw.normal(0, 0.3, (count, 2, 2))
+    start, step = draw.uniform(-2, 2, (2, count, 1, 2)), draw.normal(0, 0.3, (2, count, 2, 2))
+    k, l = start + step
     kind = np.arange(count) % 10
     k[kind == 1, 1] = k[kind == 1, 0]  # k stands.
-    l[kind == 2] = l[kind == 2][:, :1]  # l stands.
-    k[kind == 2] = k[kind == 2][:, :1]  # So does k.
-    l[kind == 3, 0] = k[kind == 3, 0]  # Both start on one spot,
+    k[kind == 2], l[kind == 2] = k[kind == 2][:, :1], l[kind == 2][:, :1]  # Both stand,
+    l[kind == 3, 0] = k[kind == 3, 0]  # start on one spot,
     l[kind == 4] = k[kind == 4]  # are one and the same,
     l[kind == 5, 0] = k[kind == 5, 1]  # k steps onto l,
     k[kind == 6] = l[kind == 6] = 0  # or nobody is anywhere.

@@ -11,8 +11,8 @@ from neurosym_jax.data.windows import cut_windows
 
 def qtm(path, header, rows, separator="\t"):
     preamble = [["NO_OF_FRAMES", "3"], ["FREQUENCY", "50"], ["DESCRIPTION", "--"]] * 3 + [["X"]]
-    lines = [*preamble, header, *[[str(field) for field in row] for row in rows]]
-    path.write_text("\n".join(separator.join(line) for line in lines) + "\n")
+    lines = (separator.join(map(str, line)) for line in [*preamble, header, *rows])
+    path.write_text("\n".join(lines) + "\n")
     return path
 
 
@@ -52,9 +52,8 @@ def test_magni_centroids_beside_markers(tmp_path):
 def test_a_whole_run_is_read_in_time(tmp_path):
     header = ["Frame", "Time", *[name for k in range(1, 14) for name in body(f"Helmet_{k}")]]
     row = "\t".join("\t".join(["1234.567"] * 16) + "\t" for _ in range(13))
-    path = qtm(tmp_path / "long_6D.tsv", header, [])
-    with path.open("a") as file:
-        file.writelines(f"{frame}\t{frame / 100:.5f}\t{row}\n" for frame in range(25_000))
+    rows = [(frame, frame / 100, row) for frame in range(25_000)]
+    path = qtm(tmp_path / "long_6D.tsv", header, rows)
     start = time.process_time()
     (tracks,) = Qtm().read(path, ReadOptions(), 0.4)
     assert time.process_time() - start < 2
