@@ -12,7 +12,7 @@ import json
 import math
 import types
 import typing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeVar
 
 from neurosym_jax.errors import InputError
@@ -206,15 +206,9 @@ def _value(text: str) -> Any:
         return text
 
 
-def _parts(hint: Any) -> Iterator[Any]:
-    """An annotation, and the types, rules and tables within it."""
-    yield hint
-    for part in typing.get_args(hint):
-        yield from _parts(part)
-
-
 def _table(hint: Any) -> Registry[Any] | None:
-    return next((part for part in _parts(hint) if isinstance(part, Registry)), None)
+    notes = getattr(hint, "__metadata__", ())
+    return next((note for note in notes if isinstance(note, Registry)), None)
 
 
 @functools.cache

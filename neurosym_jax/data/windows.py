@@ -70,12 +70,7 @@ class Windows:
 
 
 def cut_windows(
-    recordings: Iterable[Tracks],
-    obs_len: int,
-    pred_len: int,
-    *,
-    skip: int = 1,
-    min_agents: int = 2,
+    recordings: Iterable[Tracks], obs_len: int, pred_len: int, *, skip: int = 1, min_agents: int = 2
 ) -> Windows:
     """All windows of `recordings`, in order of recording, start stamp and agent id.
 

@@ -80,12 +80,7 @@ def walk(
 
 
 def _step(
-    plan: Plan,
-    abreast: bool,
-    dt: float,
-    room: tuple[float, float],
-    state: _State,
-    kick: jax.Array,
+    plan: Plan, abreast: bool, dt: float, room: tuple[float, float], state: _State, kick: jax.Array
 ) -> tuple[_State, jax.Array]:
     """One Euler step of all people: the next state, and the positions [P, 2] of this one."""
     everyone = np.arange(len(state.leg))

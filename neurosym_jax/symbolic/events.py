@@ -144,8 +144,7 @@ EVENTS: Registry[Event] = Registry(
     "event",
     {
         "approaches": Event(
-            "k walks towards l for 1.2 s",
-            lambda e: e.lasting(e.towards("k"), 1.2),
+            "k walks towards l for 1.2 s", lambda e: e.lasting(e.towards("k"), 1.2)
         ),
         "passes_left": Event(
             "k, who walked towards l, walks away, with l at k's left hand within 3 m",

@@ -60,10 +60,7 @@ def recordings(draw) -> Tracks:
     return dataclasses.replace(tracks, period=0.4)
 
 
-@given(
-    st.lists(recordings(), min_size=1, max_size=2),
-    st.tuples(*[st.integers(1, 3)] * 4),
-)
+@given(st.lists(recordings(), min_size=1, max_size=2), st.tuples(*[st.integers(1, 3)] * 4))
 def test_equal_to_a_loop(parts, numbers):
     obs_len, pred_len, skip, min_agents = numbers
     how = {"skip": skip, "min_agents": min_agents}

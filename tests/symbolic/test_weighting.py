@@ -47,16 +47,13 @@ def walks(agents, seed=0, steps=8):
     return np.random.default_rng(seed).integers(-9, 10, (agents, steps, 2)).astype(np.float32)
 
 
-def test_shipped_weights_of_real_windows(real_windows):
+def test_shipped_table_and_weights_of_real_windows(shared, real_windows):
+    authors = np.load(shared / "golden" / "qtc" / "cnd.npz")["C1_alpha_neurosym"]
+    np.testing.assert_array_equal(RELEASED.state_weights(), authors)
     weigh = jax.jit(make_weighting(RELEASED))
     for positions, valid, expected in real_windows:
         alpha = np.asarray(weigh(positions, valid))[np.ix_(valid, valid)]
         np.testing.assert_array_equal(alpha, expected["alpha_shipped"])
-
-
-def test_the_authors_own_table(shared):
-    authors = np.load(shared / "golden" / "qtc" / "cnd.npz")["C1_alpha_neurosym"]
-    np.testing.assert_array_equal(RELEASED.state_weights(), authors)
 
 
 def test_the_state_up_to_a_step_weights_that_step():
