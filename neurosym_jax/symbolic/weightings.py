@@ -23,20 +23,8 @@ from neurosym_jax.symbolic.soft import soft_alpha, soft_symbols
 from neurosym_jax.symbolic.states import alpha_table
 from neurosym_jax.symbolic.weighting import Parameters, Weighting, initial_parameters
 
-__all__ = [
-    "WEIGHTINGS",
-    "Cnd",
-    "CndShipped",
-    "Learned",
-    "Ones",
-    "Quantised",
-    "Shuffled",
-    "Soft",
-    "Zeros",
-    "make_weighting",
-    "register_weighting",
-    "to_wrong_pairs",
-]
+__all__ = ["WEIGHTINGS", "Cnd", "CndShipped", "Learned", "Ones", "Quantised", "Shuffled", "Soft"]
+__all__ += ["Zeros", "make_weighting", "register_weighting", "to_wrong_pairs"]
 
 
 @dataclasses.dataclass(frozen=True)
