@@ -27,6 +27,7 @@ Both agents are taken at t-1, so T frames give T-1 states. Symbols are piecewise
 gradient passes through them; `soft` has differentiable ones.
 """
 
+from collections.abc import Callable
 from typing import Any, Literal
 
 import jax.numpy as jnp
@@ -36,7 +37,7 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import refuse
 from neurosym_jax.symbolic.states import ABSENT, Calculus
 
-__all__ = ["Convention", "observe", "other_pairs", "side_factor", "ways"]
+__all__ = ["Convention", "comparisons", "observe", "other_pairs", "side_factor"]
 
 Convention = Literal["distance", "line", "as_published"]
 
@@ -71,15 +72,16 @@ def observe(
     """
     refuse(Calculus, {"calculus": calculus})
     of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    pair = ways(k, l)
-    symbols = [_approach(*way, quantisation_factor, convention) for way in pair]
-    if calculus != "b1":
-        symbols += [_side(*way, of_sides, convention) for way in pair]
+    compared = comparisons(k, l, convention, _length)
+    towards = [_compare(*each, quantisation_factor) for each in compared[:2]]
+    sides = [_compare(*each, of_sides) for each in compared[2:]] if calculus != "b1" else []
+    if convention == "as_published":
+        sides = [abs(side) for side in sides]
     if calculus == "bc1":
-        (_, (x, y), _), (_, (other_x, other_y), _) = pair
+        (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
         apart = _length(x - other_x, y - other_y) > near
-        symbols[2:] = [jnp.where(apart, ABSENT, side) for side in symbols[2:]]
-    return jnp.moveaxis(jnp.stack(symbols), (0, 1), (-1, -2))
+        sides = [jnp.where(apart, ABSENT, side) for side in sides]
+    return jnp.moveaxis(jnp.stack(towards + sides), (0, 1), (-1, -2))
 
 
 def other_pairs(valid: ArrayLike) -> Array:
@@ -101,7 +103,26 @@ def side_factor(
     return by_default if given is None else given
 
 
-def ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
+def comparisons(
+    k: ArrayLike, l: ArrayLike, convention: Convention, length: Callable[[Array, Array], Array]
+) -> list[tuple[Array, Array, Array | None]]:
+    """(a, b, scale) [T-1, ...] of q1 to q4: the sign is that of a - b, metres times `scale`.
+
+    Without a scale a and b are metres. Positions are those of `observe`, and `length` is of (x, y).
+    """
+    found = []
+    for (x0, y0), (x1, y1), (x, y) in _ways(k, l):
+        line = x - x0, y - y0
+        if convention == "line":
+            towards = -(x1 - x0) * line[0], (y1 - y0) * line[1], length(*line)
+        else:
+            towards = length(x1 - x, y1 - y), length(x0 - x, y0 - y), None
+        side = (x1 - x0) * line[1], (y1 - y0) * line[0], length(*line)
+        found.append((towards, side))
+    return [towards for towards, _ in found] + [side for _, side in found]
+
+
+def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     """(Mover before, mover after, other before) of k [..., T, 2] moving, then of l.
 
     Each is (x, y) of [T-1, ...]: with steps first, all pairs of a scene are computed along agents
@@ -115,32 +136,14 @@ def ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     return [(k0, (kx[1:], ky[1:]), l0), (l0, (lx[1:], ly[1:]), k0)]
 
 
-def _approach(before: Any, after: Any, other: Any, factor: ArrayLike, convention: str) -> Array:
-    """q1 if the mover is k."""
-    (x0, y0), (x1, y1), (x, y) = before, after, other
-    if convention == "line":
-        line_x, line_y = x - x0, y - y0
-        threshold = factor * _length(line_x, line_y)
-        return _compare(-(x1 - x0) * line_x, (y1 - y0) * line_y, threshold)
-    return _compare(_length(x1 - x, y1 - y), _length(x0 - x, y0 - y), factor)
-
-
-def _side(before: Any, after: Any, other: Any, factor: ArrayLike, convention: str) -> Array:
-    """q3 if the mover is k."""
-    (x0, y0), (x1, y1), (x, y) = before, after, other
-    line_x, line_y = x - x0, y - y0
-    threshold = factor * _length(line_x, line_y)
-    side = _compare((x1 - x0) * line_y, (y1 - y0) * line_x, threshold)
-    return abs(side) if convention == "as_published" else side
-
-
-def _compare(a: Array, b: Array, threshold: ArrayLike) -> Array:
-    """Sign of a - b [...] where it exceeds the threshold, else 0, as int8.
+def _compare(a: Array, b: Array, scale: Array | None, factor: ArrayLike) -> Array:
+    """Sign of a - b [...] where it exceeds the factor, else 0, as int8; see `comparisons`.
 
     Sums are compared instead of a difference because compilers fuse `p*q - r*s` into a multiply-add
     that rounds one product only. Two equal products would then differ by a rounding error, and
     exact ties, such as all agents walking on one line, would be lost.
     """
+    threshold = factor if scale is None else factor * scale
     return (a > b + threshold).astype(jnp.int8) - (b > a + threshold).astype(jnp.int8)
 
 

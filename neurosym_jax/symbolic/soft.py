@@ -16,14 +16,12 @@ its margin lies ten temperatures from the threshold (probability > 0.9999).
 Symbols are taken as independent.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.qtc import Convention, observe, side_factor, ways
+from neurosym_jax.symbolic.qtc import Convention, comparisons, observe, side_factor
 
 __all__ = ["soft_alpha", "soft_symbols"]
 
@@ -45,16 +43,16 @@ def soft_symbols(
     gives the hard symbols probability 1, with the gradients of the soft ones.
     """
     of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    approaches, sides = [], []
-    for way in ways(k, l):
-        approach = _approach(*way, temperature, convention)
-        approaches.append(_probabilities(approach, quantisation_factor, temperature))
-        side = _probabilities(_side(*way, temperature), of_sides, temperature)
-        if convention == "as_published":  # Its sides are never -: what would be is +.
-            folded = [jnp.zeros_like(side[..., 0]), side[..., 1], side[..., 0] + side[..., 2]]
-            side = jnp.stack(folded, axis=-1)
-        sides.append(side)
-    soft = jnp.stack(approaches + sides, axis=-2)
+    thresholds = [quantisation_factor] * 2 + [of_sides] * 2
+    symbols = []
+    for (a, b, scale), threshold in zip(comparisons(k, l, convention, _length), thresholds):
+        margin = a - b if scale is None else (a - b) / jnp.maximum(scale, temperature)
+        symbols.append(_probabilities(margin, threshold, temperature))
+    soft = jnp.stack(symbols, axis=-2)
+    if convention == "as_published":  # Its sides are never -: what would be is +.
+        minus, zero, plus = jnp.moveaxis(soft[..., 2:, :], -1, 0)
+        folded = jnp.stack([jnp.zeros_like(minus), zero, minus + plus], axis=-1)
+        soft = jnp.concatenate([soft[..., :2, :], folded], axis=-2)
     if not straight_through:
         return soft
     factors = {"quantisation_factor": quantisation_factor, "side_quantisation_factor": of_sides}
@@ -93,29 +91,13 @@ def _expected_by_zeros(zero: Array) -> Array:
 
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:
-    """[..., T-1, 3] of (-, 0, +) from a margin [T-1, ...], steps first as in `qtc.ways`."""
+    """[..., T-1, 3] of (-, 0, +) from a margin [T-1, ...], steps first as in `qtc.comparisons`."""
     margin = jnp.moveaxis(margin, 0, -1)
     not_plus = jax.nn.sigmoid((factor - margin) / temperature)
     not_minus = jax.nn.sigmoid((factor + margin) / temperature)
     # 1 - p(+) - p(-) without the cancellation: exactly 0 where the factor is.
     zero = not_plus * not_minus * -jnp.expm1(-2 * factor / temperature)
     return jnp.stack([1 - not_minus, zero, 1 - not_plus], axis=-1)
-
-
-def _approach(before: Any, after: Any, other: Any, temperature: ArrayLike, convention: str):
-    """Margin of q1 if the mover is k: metres away from `other`."""
-    (x0, y0), (x1, y1), (x, y) = before, after, other
-    if convention == "line":
-        away = -((x1 - x0) * (x - x0) + (y1 - y0) * (y - y0))
-        return away / jnp.maximum(_length(x - x0, y - y0), temperature)
-    return _length(x1 - x, y1 - y) - _length(x0 - x, y0 - y)
-
-
-def _side(before: Any, after: Any, other: Any, temperature: ArrayLike) -> Array:
-    """Margin of q3 if the mover is k: metres to the right of the line to `other`."""
-    (x0, y0), (x1, y1), (x, y) = before, after, other
-    right = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
-    return right / jnp.maximum(_length(x - x0, y - y0), temperature)
 
 
 def _length(x: Array, y: Array) -> Array:
