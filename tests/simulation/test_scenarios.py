@@ -1,5 +1,7 @@
 """Plausible walks that do what their scenario says, and trackers whose faults do what they say."""
 
+import functools
+
 import jax
 import numpy as np
 import pytest
@@ -12,16 +14,17 @@ SCENARIOS = ["all-forward", "cross-path"]
 SEEDS = range(4)
 
 
-def exact(scenario, seed=0, **options):
-    """Tracks without noise, and [P, F, 2] their positions at 10 Hz."""
-    tracks = simulate(scenario, seed, faults=TrackerFaults(noise=0.0), **options)
-    return tracks, tracks.position.reshape(options.get("people", 2), -1, 2)
+@functools.cache
+def exact(scenario, seed, people=2):
+    """[P, F, 2] true positions at 10 Hz."""
+    tracks = simulate(scenario, seed, people=people, faults=TrackerFaults(noise=0.0))
+    return tracks.position.reshape(people, -1, 2)
 
 
-def closest(path):
-    """Smallest distance between two people, in metres, at each frame [F]."""
+def apart(path):
+    """[pairs, F] metres between every two people at each frame."""
     one, two = np.triu_indices(len(path), 1)
-    return np.linalg.norm(path[one] - path[two], axis=-1).min(axis=0)
+    return np.linalg.norm(path[one] - path[two], axis=-1)
 
 
 def crossings(one, two):
@@ -39,7 +42,7 @@ def crossings(one, two):
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_people_walk_at_walking_speed_inside_the_room(scenario, people):
     for seed in SEEDS:
-        _, path = exact(scenario, seed, people=people)
+        path = exact(scenario, seed, people)
         assert path.min() > 0.2
         assert (path < np.array(ROOM) - 0.2).all()
         speed = np.linalg.norm(np.diff(path, axis=1), axis=-1) * 10
@@ -50,14 +53,13 @@ def test_people_walk_at_walking_speed_inside_the_room(scenario, people):
         # No jolts: a person changes velocity by less than 1 m/s within two tenths of a second.
         jolt = np.linalg.norm(path[:, 4:] - 2 * path[:, 2:-2] + path[:, :-4], axis=-1) / 0.2
         assert jolt.max() < 1.0
-        assert closest(path).min() > 0.3
+        assert apart(path).min() > 0.3
 
 
 def test_all_forward_walks_abreast_to_the_end_and_back():
     for seed in SEEDS:
-        _, path = exact("all-forward", seed)
-        apart = np.linalg.norm(path[0] - path[1], axis=-1)
-        assert 0.7 < np.median(apart) < 0.9
+        path = exact("all-forward", seed)
+        assert 0.7 < np.median(apart(path)) < 0.9
         velocity = np.diff(path, axis=1) * 10
         moving = (np.linalg.norm(velocity, axis=-1) > 0.8).all(axis=0)
         assert moving.mean() > 0.6
@@ -73,10 +75,10 @@ def test_all_forward_walks_abreast_to_the_end_and_back():
 
 def test_cross_path_crosses_and_avoids():
     for seed in SEEDS:
-        _, path = exact("cross-path", seed)
+        path = exact("cross-path", seed)
         assert crossings(path[0], path[1]) >= 12
         # They do meet, and not only in space: again and again within two metres.
-        near = closest(path) < 2.0
+        near = apart(path)[0] < 2.0
         assert (np.diff(near.astype(int)) == 1).sum() >= 8
 
 
@@ -123,14 +125,13 @@ def test_swaps_happen_between_people_who_are_close():
     faults = TrackerFaults(noise=0.0, id_swap=0.05)
     tracks, person = simulate_labelled("all-forward", 2, faults=faults)
     assert_array_equal(np.unique(tracks.id), [0, 1])
-    _, path = exact("all-forward", 2)
-    apart = np.linalg.norm(path[0] - path[1], axis=-1)
+    path = exact("all-forward", 2)
     frame = np.rint(tracks.stamp * 10).astype(int)
     assert_array_equal(tracks.position, path[person, frame])
     zero = person[tracks.id == 0]
     swapped = np.flatnonzero(np.diff(zero)) + 1
     assert len(swapped) > 5
-    assert (apart[swapped] < 0.8).all()
+    assert (apart(path)[0, swapped] < 0.8).all()
 
 
 def test_what_is_out_of_range_is_refused():
