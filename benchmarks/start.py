@@ -41,11 +41,13 @@ enable_compilation_cache()
 from pathlib import Path
 from neurosym_robot.online.replay import Analytics
 from neurosym_robot.online.predictor import load_models
-from neurosym_robot.online.pairs import LikelyEvents
+from neurosym_robot.online.pairs import likely_events
 from neurosym_robot.online.predictor import Predictor
 models = load_models([Path(name) for name in sys.argv[2:]])
 predictor = Predictor(models, compile=sys.argv[1])
-analytics, likely = Analytics(predictor), LikelyEvents.of(predictor)
+analytics = Analytics(predictor)
+likely = lambda forecast: [likely_events(forecast, model, 0.4) for model in models]
+predictor.programs.add(likely)
 ready = time.monotonic()
 rng = np.random.default_rng(0)
 at, velocity = rng.uniform(-8, 8, (40, 2)), rng.normal(0, 1, (40, 2))

@@ -7,7 +7,7 @@ import dataclasses
 import os
 from pathlib import Path
 
-from neurosym_jax.data.formats import format_of, register_format
+from neurosym_jax.data.formats import register_format
 from neurosym_jax.data.reading import Format, ReadOptions
 from neurosym_jax.data.tracks import Tracks
 
@@ -41,8 +41,3 @@ class Bag(Format):
         from neurosym_robot.ros.bags import read_bag
 
         return read_bag(path, self.topic)
-
-
-def topic_of(path: Path, options: ReadOptions) -> str | None:
-    """The topic that `--format bag,topic=NAME` asks for."""
-    return getattr(format_of(path, options), "topic", None)

@@ -4,6 +4,7 @@ Parameters of ROS are options, too: `samples: 4` is `--samples 4`, a list is sev
 `links: {max_gap: 3}` is `--links.max-gap 3`. An option on the command line overrides a parameter.
 """
 
+import contextlib
 import dataclasses
 import functools
 import signal
@@ -133,18 +134,18 @@ class NodeOptions(LiveOptions):
             "stitcher": self.stitcher(),
         }
 
-    def forecast(self, node: ForecastingNode, report: Callable[[str], None]) -> None:
-        """Run a node until interrupted, with what shows it; then print its summary."""
+    def forecast(self, node: ForecastingNode) -> None:
+        """Run a node until interrupted, with what shows it; print its summary, and close it."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: node.stopped.set())
-        node.views = list(self.views(node.predictor, self.name, node.source))
-        for view in node.views:
-            report(f"{view.title} {view.where}")
-        node.run()
-        for view in node.views:
-            view.close()
-        node.analytics.finish()
-        print(node.status.table())
+        with contextlib.ExitStack() as stack:
+            stack.callback(node.close)
+            for view in self.views(node.predictor, self.name, node.source):
+                node.views.append(stack.enter_context(contextlib.closing(view)))
+                node.report(f"{view.title} {view.where}")
+            node.run()
+            node.analytics.finish()
+            print(node.status.table())
 
 
 def value_of(arguments: Sequence[str], option: str, otherwise: str) -> str:

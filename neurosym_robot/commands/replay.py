@@ -60,19 +60,17 @@ def run(options: Options) -> None:
     refuse_unused(options.read, ["max_gap"], "on a stream")
     source = options.source(warn)
     frames = read_frames(options.recording, options.read, source)
-    with contextlib.ExitStack() as stack:
+    with contextlib.ExitStack() as stack, contextlib.ExitStack() as files:
         # Files are finished on SIGTERM, too.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         stack.callback(signal.signal, signal.SIGTERM, before)
         predictor = options.predictor("needed")
         analytics = Analytics(predictor)
         status = Status(predictor, analytics, warn, counts=lambda: source.refused)
-        files = stack.enter_context(contextlib.ExitStack())
         what = predictor, options.recording.stem, source
         written = [files.enter_context(closing(view)) for view in options.files(*what)]
         live = [stack.enter_context(closing(view)) for view in options.views(*what)]
-        for view in live:
-            print(f"{view.title} {view.where}", flush=True)
+        told = [f"{view.title} {view.where}" for view in live]
         events = replay(
             frames,
             predictor,
@@ -82,6 +80,7 @@ def run(options: Options) -> None:
             robot=source.robot,
         )
         try:
+            print(*told, sep="\n", end="\n" * bool(told), flush=True)
             for event in events:
                 if event.forecast is not None:
                     status.published(event.age)
@@ -92,10 +91,8 @@ def run(options: Options) -> None:
         scored = analytics.finish()
         for view in (*written, *live):
             view.end(analytics.summary(), scored)
-        print(status.table(), flush=True)
         files.close()
-        for view in written:
-            print(f"{view.title} {view.where}", flush=True)
+        print(status.table(), *(f"{view.title} {view.where}" for view in written), sep="\n")
         if options.dashboard or isinstance(options.foxglove, int):
             print("live until interrupted", flush=True)
             with contextlib.suppress(KeyboardInterrupt):

@@ -67,7 +67,4 @@ def run(options: Options) -> None:
         report=report,
         **options.node_options(report),
     )
-    try:
-        options.forecast(node, report)
-    finally:
-        node.close()
+    options.forecast(node)

@@ -52,10 +52,4 @@ def run(options: Options) -> None:
     rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])
     warn = rclpy.logging.get_logger(options.name).warning
     node = ForecastNode(predictor, topic=options.topic, kind=kind, **options.node_options(warn))
-    report = node.node.get_logger().info
-    report(f"listening to {node.topic}")
-    try:
-        options.forecast(node, report)
-    finally:
-        node.node.destroy_node()
-        rclpy.try_shutdown()
+    options.forecast(node)

@@ -1,14 +1,23 @@
 """The page of a stream of forecasts: served live, or as one file to share.
 
-It is one document that needs nothing else, with a place for the lines of `Moments` in it.
+It is one document that needs nothing else, with a place for the lines of `Moments` in it. Slow or
+vanished readers and malformed requests cost its server a thread for some seconds and delay no other
+reader. Requests for a host name that is not ours are refused, because another site can point its
+name at this address ("DNS rebinding").
 """
 
 import base64
 import contextlib
 import functools
 import hashlib
+import ipaddress
 import os
+import secrets
+import socket
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,9 +25,9 @@ from typing import Any
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime.files import new_file
 from neurosym_robot.dashboard.moments import Moments
-from neurosym_robot.dashboard.server import PageServer
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import ReplayEvent
+from neurosym_robot.server import BoundedServer, Ring, deadline
 
 # In the order in which they build on each other; together they are one module.
 SCRIPTS = ("recording.js", "stage.js", "panels.js", "app.js")
@@ -26,6 +35,21 @@ POLICY = (
     "default-src 'none'; script-src '{script}'; style-src '{style}'; img-src data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'"
 )
+
+ASKING = 3.0  # seconds that a request may take to arrive
+PATIENCE = 10.0  # seconds that an event may take to be taken
+HEARTBEAT = 5.0  # seconds of silence after which a reader is written to, to see whether it is there
+BUFFER = 2**18  # bytes on the way to a reader; by itself the system would let megabytes pile up
+BATCH = 64  # events that a reader takes at once, and so what it may hold that the stream has let go
+KEPT = 32 * 2**20  # bytes of the newest events
+TABS = 16  # connections of one address at once
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
 
 
 @functools.cache
@@ -45,6 +69,93 @@ def page_parts() -> list[str]:
 
 def _digest(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+class PageServer(BoundedServer):
+    """Serves a page at / and a `stream` at /events."""
+
+    most_of_one = TABS
+    allow_reuse_address = sys.platform != "win32"  # There it would share the port.
+
+    def __init__(self, address: tuple[str, int], page: str, introduction: str):
+        """Bind to an address, whose port may be 0 for any free one; OSError if it cannot be."""
+        family, *_, place = socket.getaddrinfo(*address, type=socket.SOCK_STREAM)[0]
+        self.address_family = family
+        self.page, self.introduction, self.stream = page.encode(), introduction.encode(), Ring(KEPT)
+        self.session = secrets.token_hex(8)
+        """Tells this stream from those of other runs."""
+        self.names = {"localhost", address[0].lower(), socket.gethostname().lower()}
+        super().__init__(place[:2], _Handler)  # pyright: ignore
+
+    def close(self) -> None:
+        """Close the port; connected readers get the rest of the stream."""
+        self.shutdown()
+        self.server_close()
+
+    def knows(self, host: str) -> bool:
+        """Whether a Host header names us: by address, or by a name that is ours."""
+        name = host.strip().lower()
+        name = name[1:].partition("]")[0] if name.startswith("[") else name.partition(":")[0]
+        try:
+            return bool(ipaddress.ip_address(name))
+        except ValueError:
+            return name.removesuffix(".local") in self.names
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: PageServer  # pyright: ignore
+    timeout = PATIENCE
+    server_version, sys_version = "neurosym_jax", ""
+    error_message_format, error_content_type = "%(code)d %(message)s\n", "text/plain"
+
+    def setup(self) -> None:
+        self.request.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        # For the whole request, and not for each of its bytes.
+        self._arriving = deadline(self.request, ASKING)
+        super().setup()
+
+    def do_GET(self) -> None:
+        self._arriving.close()
+        path = self.path.partition("?")[0]
+        if not self.server.knows(self.headers.get("Host", "")):
+            self.send_error(HTTPStatus.FORBIDDEN, "Ask for this computer by its own name")
+        elif path == "/":
+            self._begin("text/html; charset=utf-8")
+            self.wfile.write(self.server.page)
+        elif path == "/events":
+            self._begin("text/event-stream")
+            self._send_events()
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND, "Not found")
+
+    def _begin(self, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+    def _send_events(self) -> None:
+        """What is remembered, then what comes, until the reader is gone or nothing comes."""
+        stream, session = self.server.stream, self.server.session
+        said, _, number = self.headers.get("Last-Event-ID", "").partition("-")
+        known = int(number) if said == session and number.isdecimal() else 0
+        self.wfile.write(b"event: introduction\ndata: %b\n\n" % self.server.introduction)
+        if not known:
+            self.wfile.write(b"event: anew\ndata:\n\n")
+        while True:
+            ended = stream.ended
+            first, events = stream.after(known, HEARTBEAT, BATCH)
+            for known, event in enumerate(events, first):
+                self.wfile.write(b"id: %b-%d\ndata: %b\n\n" % (session.encode(), known, event))
+            if not events:
+                if ended:
+                    break
+                self.wfile.write(b": still here\n\n")
+        self.wfile.write(b"event: end\ndata:\n\n")
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing."""
 
 
 class View:

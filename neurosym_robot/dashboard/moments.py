@@ -34,7 +34,6 @@ import numpy as np
 from neurosym_jax.data.tracks import LATE, SNAP
 from neurosym_jax.data.windows import bucket_of
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.model import Model
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.events import EVENTS
 from neurosym_jax.symbolic.weighting import Parameters, Weighting
@@ -53,38 +52,15 @@ LARGEST = 4096  # pixels along a side; larger maps are shown coarser
 UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
 
-class PairSymbols:
-    """Symbols by the convention of the first NeuroSyM among some models; else the papers'."""
-
-    def __init__(self, models: Mapping[str, Model]):
-        self.model = next((name for name, each in models.items() if each.weighting), None)
-        """Its name, None where no model weights pairs."""
-        self.weighting: Weighting = Cnd()
-        self._parameters: Parameters = {}
-        if self.model is not None:
-            chosen = models[self.model]
-            self.weighting = chosen.weighting or self.weighting
-            self._parameters = chosen.params.get("weighting", {})
-
-    def __call__(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """The newest state of every pair of people `observed` [N, obs_len, 2], and its weight.
-
-        [N, N] codes as of `states.encode_state`, (i, j) with i as k and j as l; and [N, N] alpha,
-        None where no model weights pairs.
-        """
-        people = len(observed)
-        scene = pad_scene(make_scene(observed), int(bucket_of(people)))
-        codes, alpha = (
-            np.asarray(each)[:people, :people]
-            for each in _newest(self.weighting, self._parameters, scene.observed, scene.valid)
-        )
-        return codes, None if self.model is None else alpha
-
-
 @functools.partial(jax.jit, static_argnums=0)
-def _newest(
+def newest_symbols(
     weighting: Weighting, parameters: Parameters, positions: jax.Array, valid: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
+    """The newest state of every pair of people, and its weight, from `positions` [N, T, 2].
+
+    [N, N] codes as of `states.encode_state`, (i, j) with i as k and j as l; and [N, N] alpha. Where
+    `valid` [N] is False there is nobody.
+    """
     codes = weighting.codes(parameters, positions[:, -2:])
     return codes[:, :, -1], weighting.alpha(parameters, positions, valid)[:, :, -1]
 
@@ -102,19 +78,22 @@ class Moments:
     ):
         """Begin a page with a title, a map as of `read_floor_map`, and events from `at_least`."""
         self._window = window = predictor.window
-        self._symbols = symbols = PairSymbols(predictor.models)
+        # Symbols are by the convention of the first NeuroSyM; else the papers'.
+        models = predictor.models
+        self._weighted = weighted = next((name for name in models if models[name].weighting), None)
+        self._of_events = weighted or next(iter(models))
+        self._weighting = models[self._of_events].weighting or Cnd()
+        self._parameters = models[self._of_events].params.get("weighting", {})
         self._at_least, self._wait = at_least, window.period - SNAP
         self._start = self._stamp = self._told = math.nan
-        self._of_events = symbols.model or next(iter(predictor.models))
         predictor.programs.add(self._step)
         self.introduction = _json(
             {
                 "title": title,
                 "period": window.period,
                 "observed": (window.steps - 1) * window.period,
-                "models": list(predictor.models),
-                "weighting": symbols.model
-                and {"model": symbols.model, "name": symbols.weighting.name},
+                "models": list(models),
+                "weighting": weighted and {"model": weighted, "name": self._weighting.name},
                 "map": None if floor_map is None else read_floor_map(floor_map),
                 "likely": {
                     "model": self._of_events,
@@ -155,6 +134,14 @@ class Moments:
         """The last line, with the final score."""
         return _json({"score": score})
 
+    def symbols(self, observed: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """`newest_symbols` of people `observed` [N, T, 2]; no alpha where no model has any."""
+        people = len(observed)
+        scene = pad_scene(make_scene(observed), int(bucket_of(people)))
+        found = newest_symbols(self._weighting, self._parameters, scene.observed, scene.valid)
+        codes, alpha = (np.asarray(each)[:people, :people] for each in found)
+        return codes, alpha if self._weighted else None
+
     def _accept(self, stamp: float) -> bool:
         """Whether the stamp is newer; a clock that was set back continues after `BREAK`."""
         if not abs(stamp) < LATE:
@@ -169,7 +156,7 @@ class Moments:
         return True
 
     def _step(self, forecast: Forecast) -> dict[str, Any]:
-        codes, alpha = self._symbols(forecast.observed)
+        codes, alpha = self.symbols(forecast.observed)
         last, people = forecast.observed[:, -1:], len(codes)
         events = likely_events(forecast, self._of_events, self._window.period, self._at_least)
         # The most probable of every kind, then the second, so that frequent kinds hide no other.

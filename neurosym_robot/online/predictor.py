@@ -93,17 +93,18 @@ class Predictor:
         different spans.
         """
         self.models = {models.name: models} if isinstance(models, Model) else dict(models)
-        lengths = {model.config.obs_len for model in self.models.values()}
+        configs = [model.config for model in self.models.values()]
+        lengths = {config.obs_len for config in configs}
+        periods = {config.period for config in configs} if period is None else {period}
         if len(lengths) != 1:
             raise InputError(f"models must observe the same number of steps, not {sorted(lengths)}")
-        periods = {model.config.period for model in self.models.values()}
-        if period is None and len(periods) != 1:
+        if len(periods) != 1:
             raise InputError(f"models must have steps of one length, not {sorted(periods)} s")
         refuse(Count, {"max_people": max_people})
-        period = float(periods.pop() if period is None else period)
-        self.seconds_ahead = period * max(each.config.pred_len for each in self.models.values())
+        step = float(periods.pop())
+        self.seconds_ahead = step * max(config.pred_len for config in configs)
         """Seconds from the newest frame to the end of the longest forecast."""
-        self.window = Window(lengths.pop(), period, memory=self.seconds_ahead + GRACE, **window)
+        self.window = Window(lengths.pop(), step, memory=self.seconds_ahead + GRACE, **window)
         self.health = self.window.health
         """Counts of what was wrong with the stream so far, by the names in `window.HEALTH`."""
         self.max_people, self.recording = max_people, recording
@@ -138,13 +139,12 @@ class Predictor:
 
     def forecast(self, focus: ArrayLike | None = None) -> Forecast | None:
         """The forecast of the newest frame; None, and everybody is `dropped`, without a window."""
-        began = time.perf_counter()
+        began, waited = time.perf_counter(), self.waited
         people, observed, extrapolated = self.window.complete()
         self.dropped = self.window.incomplete(people)
         asked = time.perf_counter()
         slots = self.programs.fit(len(people)) if len(people) else 0
-        waited = time.perf_counter() - asked
-        self.waited += waited
+        self.waited += time.perf_counter() - asked
         most = min(slots, self.max_people)
         if len(people) > most:
             order = nearest_first(observed[:, -1], focus)
@@ -156,7 +156,7 @@ class Predictor:
             return None
         index, stamp = self.window.index, self.window.stamp
         models = self._forecast(observed, index - self.window.steps + 1, slots)
-        took = time.perf_counter() - began - waited
+        took = time.perf_counter() - began - (self.waited - waited)
         return Forecast(stamp, index, people, observed, models, self.dropped, took, extrapolated)
 
     def _example(self, size: int) -> Forecast:
@@ -178,12 +178,12 @@ class Predictor:
 
 def _summary(samples: np.ndarray, probability: np.ndarray | None) -> ModelForecast:
     if probability is not None:
-        mean = np.tensordot(probability, samples, axes=1)
-        return ModelForecast(samples, mean, int(probability.argmax()), probability)
-    mean = samples.mean(axis=0)
-    # The sum of squared distances to all others is least for the sample nearest to the mean.
-    central = int(((samples - mean) ** 2).sum(axis=(1, 2, 3)).argmin())
-    return ModelForecast(samples, mean, central)
+        mean, nearness = np.tensordot(probability, samples, axes=1), probability
+    else:
+        # The sum of squared distances to all others is least for the sample nearest to the mean.
+        mean = samples.mean(axis=0)
+        nearness = -((samples - mean) ** 2).sum(axis=(1, 2, 3))
+    return ModelForecast(samples, mean, int(nearness.argmax()), probability)
 
 
 def load_models(paths: Sequence[Path]) -> dict[str, Model]:

@@ -35,8 +35,9 @@ class Analytics:
         self.dropped: collections.Counter[str] = collections.Counter()
         """People without a forecast by reason, once for each forecast that they are missing in;
         and people with a forecast that cannot be scored: "future unknown"."""
+        # By model: forecasts and people scored, and [2, ...] total and count of the metrics so far.
+        self._scored, self._people = collections.Counter(), collections.Counter()
         self._sums: dict[str, dict[str, Any]] = {}
-        """Of each model: forecasts and people scored, and [2, ...] total and count of metrics."""
         self._window = predictor.window
         self._wait = predictor.seconds_ahead + GRACE
         self._pending: collections.deque[Forecast] = collections.deque()
@@ -70,17 +71,20 @@ class Analytics:
 
     def summary(self) -> dict[str, Any]:
         """JSON-able counts, and means in metres or None before the first."""
-        models = {}
-        for name, sums in self._sums.items():
-            models[name] = {"forecasts": sums["forecasts"], "people": sums["people"]}
-            for metric in metric_names():
-                total, count = sums.get(metric, np.zeros(2))
-                models[name][metric] = (total / count).tolist() if count.any() else None
+
+        def mean(total: Any, count: Any) -> Any:
+            return (total / count).tolist() if count.any() else None
+
+        nothing = np.zeros(2)
         return {
             "forecasts": self.forecasts,
             "pending": len(self._pending),
-            "dropped": dict(self.dropped),
-            "models": models,
+            "dropped": dict(+self.dropped),
+            "models": {
+                name: {"forecasts": self._scored[name], "people": self._people[name]}
+                | {metric: mean(*sums.get(metric, nothing)) for metric in metric_names()}
+                for name, sums in self._sums.items()
+            },
         }
 
     def _score(self, forecast: Forecast) -> Forecast:
@@ -89,17 +93,15 @@ class Analytics:
         future = self._window.resampled(forecast.ids, forecast.stamp + self._window.period * steps)
         known: Any = np.isfinite(future).all(axis=2)
         for name, each in samples.items():
-            sums = self._sums.setdefault(name, {"forecasts": 0, "people": 0})
-            length = each.shape[2]
+            sums, length = self._sums.setdefault(name, {}), each.shape[2]
             there = known[:, :length].all(axis=1)
             if there.any():
-                sums["forecasts"] += 1
-                sums["people"] += int(there.sum())
+                self._scored[name] += 1
+                self._people[name] += int(there.sum())
                 for metric, one in score(each, future[:, :length], there).items():
                     both = np.stack(np.broadcast_arrays(one.total[0], one.count[0]))
                     sums[metric] = sums.get(metric, 0) + both
-        unknown = int((~known.all(axis=1)).sum())
-        self.dropped.update({"future unknown": unknown} if unknown else {})
+        self.dropped["future unknown"] += int((~known.all(axis=1)).sum())
         return dataclasses.replace(forecast, future=future)
 
 

@@ -107,13 +107,13 @@ class Status:
     def now(self) -> dict[str, Any]:
         """JSON-able: ages [ms], their constant `offset` [s], `rate` [Hz], counts, `missing` people
         with reasons by id, and the `score`."""
-        arrivals, ages = self._arrivals, dict.fromkeys(("age", "p50", "p99"))
+        arrivals, ages = self._arrivals, [None] * 3
         if self._ages:
             newest = 1e3 * np.append(self._ages[-1], np.percentile(self._ages, (50, 99)))
-            ages = dict(zip(ages, np.round(newest, 1).tolist()))
+            ages = np.round(newest, 1).tolist()
         seconds = arrivals[-1] - arrivals[0] if arrivals else 0.0
         return {
-            **ages,
+            **dict(zip(("age", "p50", "p99"), ages)),
             "offset": round(self.offset, 2),
             "stale_after": self.stale_after,
             "rate": round((len(arrivals) - 1) / seconds, 1) if seconds else None,
@@ -125,47 +125,44 @@ class Status:
 
     def line(self) -> str:
         """The status line."""
-        summary = self._analytics.summary()
-        late = f"stale for {self.age - self.offset:.0f} s" if self.stale else ""
+        now, late = self.now(), f"stale for {self.age - self.offset:.0f} s" if self.stale else ""
         errors = (
             f"{name} ADE {means['joint_ade']:.2f} m, FDE {means['joint_fde']:.2f} m"
-            for name, means in summary["models"].items()
+            for name, means in now["score"]["models"].items()
             if means["people"]
         )
         parts = [
-            self._counted(summary),
+            self._counted(now),
             "no people yet" if math.isnan(self._newest) else late,
-            self._ages_in_words(),
+            self._ages_in_words(now),
             *errors,
-            _listed(self.wrong()),
+            _listed(now["wrong"]),
         ]
         return "; ".join(filter(None, parts))
 
     def table(self) -> str:
         """The stream and its errors, at the end: several lines."""
-        summary = self._analytics.summary()
-        models = {name: means for name, means in summary["models"].items() if means["people"]}
+        now = self.now()
+        summary = now["score"]
         nobody = "nobody was seen for a whole observation window"
         if summary["forecasts"]:
             nobody = "no person's forecast could be compared with what happened"
         lines = [
-            f"{self._counted(summary)}; metres",
-            _table(models) if models else nobody,
-            self._ages_in_words(),
+            f"{self._counted(now)}; metres",
+            _table(summary["models"]) or nobody,
+            self._ages_in_words(now),
             _listed(summary["dropped"], "people without a forecast or a score: "),
-            _listed(self.wrong(), "wrong with the stream: "),
+            _listed(now["wrong"], "wrong with the stream: "),
         ]
         return "\n".join(filter(None, lines))
 
-    def _counted(self, summary: Mapping[str, Any]) -> str:
-        return f"{self._predictor.health['frames']} frames, {summary['forecasts']} forecasts"
+    def _counted(self, now: Mapping[str, Any]) -> str:
+        return f"{self._predictor.health['frames']} frames, {now['score']['forecasts']} forecasts"
 
-    def _ages_in_words(self) -> str:
-        if not self._ages:
-            return ""
-        p50, p99 = 1e3 * np.percentile(self._ages, (50, 99))
+    def _ages_in_words(self, now: Mapping[str, Any]) -> str:
         offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
-        return f"age of information p50 {p50:.1f} ms, p99 {p99:.1f} ms{offset}"
+        text = f"age of information p50 {now['p50']} ms, p99 {now['p99']} ms{offset}"
+        return text if self._ages else ""
 
 
 def _listed(counts: Mapping[str, int], title: str = "") -> str:
@@ -175,10 +172,13 @@ def _listed(counts: Mapping[str, int], title: str = "") -> str:
 
 
 def _table(models: dict[str, dict[str, Any]]) -> str:
-    """Models in rows, metrics with a single number in columns."""
-    first = next(iter(models.values()))
-    names = [name for name in metric_names() if not isinstance(first[name], list)]
-    rows = [["", *(METRICS[name].title for name in names), "people scored"]]
-    for model, of in models.items():
-        rows.append([model, *(METRICS[name].text(of[name]) for name in names), str(of["people"])])
-    return aligned_table(rows)
+    """Models in rows, metrics with a single number in columns; empty where nobody was scored."""
+    scored = {model: of for model, of in models.items() if of["people"]}
+    lists = {name for of in scored.values() for name, value in of.items() if type(value) is list}
+    names = [name for name in metric_names() if name not in lists]
+    rows = [
+        [model, *(METRICS[name].text(of[name]) for name in names), str(of["people"])]
+        for model, of in scored.items()
+    ]
+    head = ["", *(METRICS[name].title for name in names), "people scored"]
+    return aligned_table([head, *rows]) if rows else ""

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.formats import format_of, read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
-from neurosym_robot.plugin import SUFFIXES, is_bag, topic_of
+from neurosym_robot.plugin import SUFFIXES, is_bag
 from neurosym_robot.ros.bag_limits import refuse_bombs
 from neurosym_robot.ros.definitions import PEOPLE_TOPICS, TF_TOPICS, blank, shared_typestore
 from neurosym_robot.ros.people import KINDS, POSES, PeopleSource
@@ -41,7 +41,7 @@ def read_frames(
     """
     path = Path(path)
     if is_bag(path):
-        return read_people(path, topic_of(path, options), source)
+        return read_people(path, getattr(format_of(path, options), "topic", None), source)
     if not os.path.isfile(path):
         raise InputError(f"{path}: " + ("not a bag" if os.path.exists(path) else "no such file"))
     recordings = read_any(path, options)
@@ -59,10 +59,8 @@ def read_bag(path: Path, topic: str | None = None) -> list[Tracks]:
     Raises:
         InputError: as `read_people`, or if no position is left.
     """
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", InputWarning)
-        frames = [frame for frame in read_people(path, topic) if np.isfinite(frame.stamp)]
-    said = [str(each.message).removeprefix(f"{path}: ") for each in caught]
+    said: list[str] = []
+    frames = list(read_people(path, topic, PeopleSource(report=said.append)))
     kept: list[Frame] = []
     for stamp, ids, xy in frames:
         if not kept or stamp > kept[-1].stamp:
@@ -91,11 +89,9 @@ def read_people(
     source = source or PeopleSource(
         report=lambda text: warnings.warn(f"{path}: {text}", InputWarning, 3)
     )
-
-    def choose(topics: dict[str, str]) -> list[str]:
-        return [_choose(path, topics, topic), *(TF_TOPICS if source.needs_transforms else ())]
-
-    for name, message, publisher, received in _read(path, choose):
+    more = TF_TOPICS if source.needs_transforms else ()
+    rows = _read(path, lambda topics: [_choose(path, topics, topic), *more])
+    for name, message, publisher, received in rows:
         if name in TF_TOPICS:
             source.transforms.hear(message, static=name == TF_TOPICS[1])
         elif message.__msgtype__ in KINDS:  # Two publishers may disagree about a topic's type.
@@ -117,14 +113,13 @@ def _read(
     if not os.path.exists(path):
         raise InputError(f"{path}: no such file or folder")
     store = shared_typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
-    files = [path] if path.is_file() else sorted(path.iterdir())
-    files = [file for file in files if file.suffix in SUFFIXES]
+    there = [path] if path.is_file() else sorted(path.iterdir())
+    files = [file for file in there if file.suffix in SUFFIXES]
     try:
         from rosbags.highlevel import AnyReader
 
         for file in files:
-            if file.suffix == ".db3":
-                _refuse_damaged(file)
+            _refuse_damaged(file)
         whole = path.is_file() or (path / "metadata.yaml").is_file()
         paths = [path] if whole else files
         refuse_bombs(path, paths)
@@ -146,23 +141,22 @@ def _read(
 
 def _refuse_damaged(file: Path) -> None:
     """ValueError for a database that is damaged, of which rosbags would read a part."""
-    with contextlib.closing(
-        sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)
-    ) as base:
-        (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
-    if found != "ok":
-        raise ValueError(f"its database is damaged: {found}")
+    if file.suffix == ".db3":
+        uri = f"{file.absolute().as_uri()}?mode=ro"
+        with contextlib.closing(sqlite3.connect(uri, uri=True)) as base:
+            (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
+        if found != "ok":
+            raise ValueError(f"its database is damaged: {found}")
 
 
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
     """The topic of the people."""
     usable = [name for name, kind in topics.items() if kind in KINDS]
     there = ", ".join(f"{name} ({kind})" for name, kind in sorted(topics.items())) or "none"
-    found = [asked] if asked in usable else []
-    if asked is None:
-        # Poses may be of anything, such as a robot's hypotheses of its own pose.
-        others = [name for name in usable if topics[name] != POSES] or usable
-        found = [name for name in PEOPLE_TOPICS if name in usable][:1] or others
+    # Poses may be of anything, such as a robot's hypotheses of its own pose.
+    others = [name for name in usable if topics[name] != POSES] or usable
+    wanted = PEOPLE_TOPICS if asked is None else (asked,)
+    found = [name for name in wanted if name in usable][:1] or (others if asked is None else [])
     if not found:
         what = "none" if asked is None else f"{asked} is not there, or none that"
         raise InputError(f"{path}: {what} carries {' or '.join(KINDS)}; there are: {there}")

@@ -3,11 +3,10 @@
 Two folders in `msg/` are links to the packages in `ros/` that catkin and colcon build.
 """
 
+import collections
 import functools
 from importlib.resources import files
 from typing import Any, Literal
-
-import numpy as np
 
 from neurosym_jax.errors import InputError
 
@@ -24,6 +23,7 @@ MARKERS = "visualization_msgs/msg/MarkerArray"
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
 TRUTH_TOPIC = "/hri/human_poses_gt"
 TF_TOPICS = ("/tf", "/tf_static")
+NOTHING = bytes(2**13)  # more than an empty message of any type has
 
 
 @functools.cache
@@ -48,10 +48,8 @@ def typestore(ros: Literal[1, 2]) -> Any:
     except ImportError:
         raise InputError("this needs rosbags: pip install 'neurosym-jax[robot]'") from None
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_JAZZY)
-    types = {}
-    for name, text in definitions().items():
-        types.update(get_types_from_msg(text, name))
-    store.register(types)
+    ours = (get_types_from_msg(text, name) for name, text in definitions().items())
+    store.register(dict(collections.ChainMap(*ours)))
     return store
 
 
@@ -66,19 +64,8 @@ def ros1_name(kind: str) -> str:
 
 def blank(store: Any, kind: str) -> Any:
     """A message of a typestore with zeros, empty texts and empty lists in it."""
-    values = []
-    for _, (node, form) in store.fielddefs[kind][1]:
-        if node.name == "NAME":
-            values.append(blank(store, form))
-        elif node.name == "BASE":
-            values.append(
-                {"string": "", "bool": False}.get(form[0], 0.0 if "float" in form[0] else 0)
-            )
-        else:  # An array of fixed or any length.
-            (node, form), length = form
-            numbers = node.name == "BASE" and form[0] not in ("string", "bool")
-            values.append(np.zeros(length, form[0].replace("octet", "uint8")) if numbers else [])
-    return store.types[kind](*values)
+    form = store.get_msgdef(kind)
+    return form.deserialize_ros1(NOTHING, 0, form.cls, store)[0]
 
 
 def seconds_of(stamp: Any) -> float:

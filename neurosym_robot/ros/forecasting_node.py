@@ -96,6 +96,10 @@ class ForecastingNode(abc.ABC):
     """A predictor in a ROS graph; a subclass speaks to the graph, and calls `put`."""
 
     @abc.abstractmethod
+    def close(self) -> None:
+        """Leave the graph."""
+
+    @abc.abstractmethod
     def _now(self) -> float:
         """Seconds of ROS's clock."""
 
@@ -128,7 +132,7 @@ class ForecastingNode(abc.ABC):
         `report` is called with one line at a time; `at_least` is the least probability of an event
         that is published; `status` is in seconds between status lines.
         """
-        self.name, self.predictor, self.stitcher = name, predictor, stitcher
+        self.name, self.predictor, self.stitcher, self.report = name, predictor, stitcher, report
         self.source = source or PeopleSource(report=report)
         self.analytics = Analytics(predictor)
         predictor.programs.add(
@@ -136,14 +140,13 @@ class ForecastingNode(abc.ABC):
                 likely_events(forecast, model, predictor.window.period) for model in forecast.models
             ]
         )
-        self.late = self.malformed = 0  # messages left out: too many waited, or not readable
         self.stopped = threading.Event()
-        self.views: Sequence[View] = ()
+        self.views: list[View] = []
         """Show what is forecast, if set before `run`."""
         self.status = Status(
             predictor, self.analytics, report, status, stale_after, self._counts, self._now
         )
-        self._waiting: collections.deque[Any] = collections.deque()
+        self._waiting: collections.deque[Any] = collections.deque(maxlen=WAITING)
         self._changed = threading.Condition()
         self._shown: Any = None  # what the page shows next
         self._diagnosed = 0.0
@@ -163,9 +166,7 @@ class ForecastingNode(abc.ABC):
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
         with self._changed:
-            if len(self._waiting) == WAITING:
-                self._waiting.popleft()
-                self.late += 1
+            self.source.refused["late"] += len(self._waiting) == WAITING
             self._waiting.append((kind, message, publisher, time.monotonic()))
             self._changed.notify()
 
@@ -184,7 +185,8 @@ class ForecastingNode(abc.ABC):
     def work(self) -> None:
         """Take in the messages that wait, and publish the forecast of the newest frame."""
         with self._changed:
-            heard, self._waiting = self._waiting, collections.deque()
+            heard = list(self._waiting)
+            self._waiting.clear()
         frames = [frame for each in heard if (frame := self._read(*each)) is not None]
         if not frames:
             return
@@ -205,7 +207,7 @@ class ForecastingNode(abc.ABC):
         """The frame of a message, with mended ids; None if it is left out."""
         frame = self.source.take(kind, message, publisher, received)
         if frame is not None and not 0 <= frame.stamp < LAST:
-            self.malformed += 1
+            self.source.refused["malformed"] += 1
             return None
         if frame is None or self.stitcher is None:
             return frame
@@ -237,9 +239,5 @@ class ForecastingNode(abc.ABC):
 
     def _counts(self) -> dict[str, int]:
         """Counts of what was wrong with the stream, beside the predictor's health."""
-        return {
-            **self.source.refused,
-            "tracks_joined": self.stitcher.joined if self.stitcher else 0,
-            "late": self.late,
-            "malformed": self.malformed,
-        }
+        joined = self.stitcher.joined if self.stitcher else 0
+        return {**self.source.refused, "tracks_joined": joined}

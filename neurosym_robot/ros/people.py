@@ -4,22 +4,26 @@ Two trackers on a topic, or coordinates in changing frames, would be mixed silen
 do not belong to the stream are refused, counted, and reported once.
 """
 
+import bisect
 import collections
 import hashlib
 import re
+import threading
 from collections.abc import Callable
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from neurosym_robot.ros.definitions import HUMANS, PEOPLE, seconds_of
-from neurosym_robot.ros.transforms import Transforms
 from neurosym_robot.tracking.following import FAR, Frame, NearestIds
 
 POSES = "geometry_msgs/msg/PoseArray"
 SILENCE = 2.0  # seconds after which a silent publisher may be replaced by another
 REACH = 60.0  # metres
+KEPT = 10.0  # seconds of each coordinate frame's past
+AHEAD = 0.5  # seconds for which the newest pose of a coordinate frame still holds
 SAID = 64  # different reasons that are reported; more are only counted
 
 
@@ -91,6 +95,84 @@ def see(kind: str, message: Any) -> Seen:
     )
 
 
+class Transforms:
+    """Poses of coordinate frames in each other over time; safe to use from any thread.
+
+    The part of ROS's tf2 that a stream of people needs, for ROS 1, ROS 2 and bags.
+    """
+
+    def __init__(self):
+        # By frame: its parent, and by time its poses there, translation and quaternion x y z w [7].
+        self._edges: dict[str, tuple[str, list[tuple[float, np.ndarray]]]] = {}
+        self._lock = threading.Lock()
+
+    def hear(self, message: Any, static: bool = False) -> None:
+        """Take in a `tf2_msgs/TFMessage`; `static` ones, of /tf_static, hold at all times."""
+        for each in message.transforms:
+            at, turn = each.transform.translation, each.transform.rotation
+            pose = np.array([at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w], np.float64)
+            if not (np.isfinite(pose).all() and np.linalg.norm(pose[3:]) > 1e-6):
+                continue
+            child, parent = each.child_frame_id.strip("/"), each.header.frame_id.strip("/")
+            stamp = -np.inf if static else seconds_of(each.header.stamp)
+            with self._lock:
+                before, poses = self._edges.get(child, ("", []))
+                newest = poses[-1][0] if poses else stamp
+                if before != parent or static or stamp < newest - KEPT:
+                    poses = []  # Another parent, or the clock was set back.
+                bisect.insort_left(poses, (stamp, pose), key=itemgetter(0))
+                oldest = bisect.bisect_left(poses, poses[-1][0] - KEPT, key=itemgetter(0))
+                self._edges[child] = parent, poses[oldest:]
+
+    def matrix(self, source: str, target: str, stamp: float) -> np.ndarray:
+        """[4, 4] from coordinates in `source` to those in `target` at `stamp` seconds.
+
+        Raises:
+            LookupError: with the reason, if it is not known.
+        """
+        with self._lock:
+            up, down = self._to_root(source), self._to_root(target)
+            common = next((frame for frame in up if frame in down), None)
+            if common is None:
+                raise LookupError(f"no transform between {source} and {target}")
+            there, back = (
+                self._along(frames[: frames.index(common)], stamp) for frames in (up, down)
+            )
+        return np.linalg.inv(back) @ there
+
+    def _to_root(self, frame: str) -> list[str]:
+        """The frame, its parent, and so on; each once, should they form a circle."""
+        frames = [frame]
+        while (edge := self._edges.get(frames[-1])) is not None and edge[0] not in frames:
+            frames.append(edge[0])
+        return frames
+
+    def _along(self, frames: list[str], stamp: float) -> np.ndarray:
+        matrix, step = np.eye(4), np.eye(4)
+        for frame in frames:
+            pose = _pose_at(frame, self._edges[frame][1], stamp)
+            step[:3, :3], step[:3, 3] = Rotation.from_quat(pose[3:]).as_matrix(), pose[:3]
+            matrix = step @ matrix
+        return matrix
+
+
+def _pose_at(frame: str, poses: list[tuple[float, np.ndarray]], stamp: float) -> np.ndarray:
+    """[7] pose of a frame in its parent, linear between two of those known."""
+    begin, end = poses[0][0], poses[-1][0]
+    if not begin <= stamp <= end + AHEAD and begin > -np.inf:
+        raise LookupError(
+            f"where {frame} lies is known from {begin:.2f} to {end:.2f} s, not at {stamp:.2f}"
+        )
+    after = bisect.bisect_right(poses, stamp, key=itemgetter(0))
+    (before, first), (then, last) = poses[after - 1], poses[min(after, len(poses) - 1)]
+    share = (stamp - before) / (then - before) if then > before else 0.0
+    # q and -q are the same rotation. Between messages a robot turns so little that linear and
+    # spherical interpolation agree.
+    if first[3:] @ last[3:] < 0:
+        last = np.concatenate([last[:3], -last[3:]])
+    return (1 - share) * first + share * last
+
+
 class PeopleSource:
     """Turns messages of people into the frames of a stream, and reports what it leaves out."""
 
@@ -112,7 +194,8 @@ class PeopleSource:
         """Of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
         self.refused: collections.Counter[str] = collections.Counter()
-        """Number of messages left out, by reason; and of "far_people"."""
+        """Number of messages left out, by reason; and of "far_people". A node adds "late" ones, too
+        many of which waited, and "malformed" ones."""
         self.is_there: Callable[[str], bool] = lambda publisher: True
         """Whether a publisher is still connected, if that is known."""
         self._publisher: str | None = None
@@ -157,9 +240,8 @@ class PeopleSource:
         if sensor is not None:
             near &= ~(np.linalg.norm(seen - sensor[:2], axis=1) > self.reach)
         if not near.all():
-            self.refused["far_people"] += int((~near).sum())
             text = f"people more than {self.reach:g} m from the sensor or robot are left out"
-            self._say(f"{text}; --reach sets the limit")
+            self._refuse("far_people", f"{text}; --reach sets the limit", count=int((~near).sum()))
         xy = xyz[near, :2]
         return Frame(stamp, self._nearest.push(stamp, xy) if ids is None else ids[near], xy)
 
@@ -179,20 +261,14 @@ class PeopleSource:
             self._publisher = ours = publisher
         if publisher == ours:
             self._heard = received
-        else:
-            self._refuse(
-                "other_publisher",
-                f"people of a second publisher, {publisher}, are left out beside those of {ours}; "
-                "remap one of them",
-            )
-        return publisher == ours
+            return True
+        text = f"people of a second publisher, {publisher}, are left out beside those of {ours}"
+        self._refuse("other_publisher", f"{text}; remap one of them")
+        return False
 
-    def _refuse(self, reason: str, text: str, detail: str = "") -> None:
-        self.refused[reason] += 1
-        self._say(text, detail)
-
-    def _say(self, text: str, detail: str = "") -> None:
-        """Report a text once."""
+    def _refuse(self, reason: str, text: str, detail: str = "", count: int = 1) -> None:
+        """Count what is left out, and report the text once."""
+        self.refused[reason] += count
         if text not in self._said and len(self._said) < SAID:
             self._said.add(text)
             self._report(f"{text}: {detail}" if detail else text)

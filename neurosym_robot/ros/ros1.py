@@ -113,11 +113,9 @@ class ForecastNode(ForecastingNode):
     def hear(self, data: bytes, header: Mapping[str, str]) -> None:
         """Let serialised people wait."""
         try:
-            kind, message = self._decoder.decode(data, header)
+            self.put(*self._decoder.decode(data, header), header.get("callerid", ""))
         except self._decoder.error:
-            self.malformed += 1
-        else:
-            self.put(kind, message, header.get("callerid", ""))
+            self.source.refused["malformed"] += 1
 
     def _listen(self, name: str, kind: str, hear: Callable[[Any], None]) -> None:
         def decode(data: bytes, header: Mapping[str, str]) -> None:

@@ -77,13 +77,12 @@ class ForecastNode(ForecastingNode):
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
         self.kind, self.node = kind, rclpy.create_node(name)
-        self.report = self.node.get_logger().info
-        name = self.node.get_fully_qualified_name()
-        super().__init__(predictor, self.report, name=name, **options)
+        report, name = self.node.get_logger().info, self.node.get_fully_qualified_name()
+        super().__init__(predictor, report, name=name, **options)
         # A best-effort subscription receives from reliable publishers, too.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.topic = self.node.create_subscription(people, topic, self.hear, quality).topic_name
-        """Of the people, after remapping."""
+        listening = self.node.create_subscription(people, topic, self.hear, quality)
+        report(f"listening to {listening.topic_name}")
 
     def run(self) -> None:
         """Forecast until ROS 2 is shut down: it hears in a thread, and this one works."""
@@ -104,6 +103,11 @@ class ForecastNode(ForecastingNode):
         finally:
             rclpy.try_shutdown()
             listening.join()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.node.destroy_node()
+        import_rclpy().try_shutdown()
 
     def hear(self, message: Any, info: Mapping[str, Any]) -> None:
         """Let people wait."""

@@ -144,14 +144,12 @@ class Follower:
         # Of two tracks with one id the newer counts; of two people with one id the first.
         of_id = {track.id: track for track in self.tracks}
         free = dict.fromkeys(self.tracks)
-        waiting = []
         for n in near:
             track = of_id.get(ids[n])
             if track in free and np.hypot(*(xy[n] - self._expected(track))) <= CERTAIN:
                 found[n] = track
                 del free[track]
-            else:
-                waiting.append(n)
+        waiting = [n for n in near if found[n] is None]
         recent = [each for each in free if stamp - each.stamp <= self.recent or each.id in ids]
         for n, track in self._assign(waiting[: self.max_tracks], recent, ids, xy):
             found[n] = track

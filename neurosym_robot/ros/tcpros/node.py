@@ -56,7 +56,7 @@ class Node:
         self._slave = SlaveServer(bind, self._methods())
         self._host, self._port = host, self._data.server_address[1]
         self.uri = f"http://{host}:{self._slave.server_address[1]}/"
-        self._registered = False
+        self._registered: set[Publisher | Subscriber] = set()
         self._wake, self._closing = threading.Event(), threading.Event()
         self._watcher = threading.Thread(target=self._watch, daemon=True, name="master")
         self._watcher.start()
@@ -90,7 +90,6 @@ class Node:
     def _add(self, ends: dict[str, End], end: End) -> End:
         """Register the end of a topic soon."""
         ends[end.topic.name] = end
-        self._registered = False
         self._wake.set()
         return end
 
@@ -102,8 +101,7 @@ class Node:
             try:
                 if self._registered:
                     self._look()
-                if not self._registered:
-                    self._register()
+                self._register()
                 if missed:
                     self._report(f"master at {self.master}: there again")
                 missed = False
@@ -118,23 +116,20 @@ class Node:
             known = call(self.master, "lookupNode", self.name, self.name)
         except Refused:
             self._report(f"master at {self.master}: forgot this node, which registers again")
-            self._registered = False
+            self._registered.clear()
         else:
             if known != self.uri:
                 self._report(f"another node is {self.name} now, at {known}")
                 self.stopped.set()
 
     def _register(self) -> None:
-        self._registered = True
-        try:
-            for end in [*self._publishers.values(), *self._subscribers.values()]:
-                about = self.name, end.topic.name, end.topic.type, self.uri
-                found = call(self.master, f"register{type(end).__name__}", *about)
-                if isinstance(end, Subscriber):
-                    end.update(_uris(found), all_of_them=False)
-        except CallError:
-            self._registered = False
-            raise
+        ends = [*self._publishers.values(), *self._subscribers.values()]
+        for end in [each for each in ends if each not in self._registered]:
+            about = self.name, end.topic.name, end.topic.type, self.uri
+            found = call(self.master, f"register{type(end).__name__}", *about)
+            if isinstance(end, Subscriber):
+                end.update(_uris(found), all_of_them=False)
+            self._registered.add(end)
 
     def _accept(self, connection: socket.socket) -> None:
         """Serve a connection to our TCPROS port."""
@@ -175,19 +170,10 @@ class Node:
 
     def _bus_info(self) -> list[list[Any]]:
         """[id, other side, direction, transport, topic, connected] of every connection."""
-        rows = [
-            *(
-                (uri, "i", name)
-                for name, each in self._subscribers.items()
-                for uri in each.publishers
-            ),
-            *(
-                (peer, "o", name)
-                for name, each in self._publishers.items()
-                for peer in each.subscribers
-            ),
-        ]
-        return [[n, other, way, "TCPROS", name, True] for n, (other, way, name) in enumerate(rows)]
+        ends = [("i", each.topic, each.publishers) for each in self._subscribers.values()]
+        ends += [("o", each.topic, each.subscribers) for each in self._publishers.values()]
+        rows = [(peer, way, "TCPROS", topic.name, True) for way, topic, of in ends for peer in of]
+        return [[number, *row] for number, row in enumerate(rows)]
 
 
 def _types(ends: Any) -> list[list[str]]:

@@ -1,10 +1,9 @@
 """Both sides of a topic.
 
-A publisher has a short queue per subscriber, so that none delays another; a subscriber has a thread
-per publisher, which survives its restarts.
+A publisher keeps its newest messages, so that no subscriber delays another; a subscriber has a
+thread per publisher, which survives its restarts.
 """
 
-import collections
 import select
 import socket
 import threading
@@ -21,7 +20,7 @@ from neurosym_robot.ros.tcpros.wire import (
     read_block,
     shake_hands,
 )
-from neurosym_robot.server import shut
+from neurosym_robot.server import Ring, shut
 
 PATIENCE = (0.1, 2.0)  # seconds before a lost publisher is tried again: at first, and at most
 MOST = 32  # publishers of a topic that are listened to at once
@@ -42,23 +41,17 @@ class Publisher:
     ):
         """A publisher of the node `caller`; a full queue drops its oldest message."""
         self.topic, self._caller, self._report = topic, caller, report
-        self._queue_size = queue_size
-        self._queues: dict[socket.socket, tuple[str, collections.deque[bytes]]] = {}
-        self._changed = threading.Condition()
+        self._newest = Ring(queue_size, lambda block: 1)
+        self._peers: dict[socket.socket, str] = {}
 
     @property
     def subscribers(self) -> list[str]:
         """Names of the connected subscribers."""
-        with self._changed:
-            return [peer for peer, _ in self._queues.values()]
+        return list(self._peers.values())
 
     def publish(self, message: bytes) -> None:
         """Send a serialised message to every subscriber, without waiting."""
-        block = encode_block(message)
-        with self._changed:
-            for _, queue in self._queues.values():
-                queue.append(block)
-            self._changed.notify_all()
+        self._newest.append(encode_block(message))
 
     def serve(self, connection: socket.socket, header: dict[str, str]) -> None:
         """Serve a subscriber that sent `header` until one side is closed."""
@@ -73,23 +66,18 @@ class Publisher:
             return
         connection.sendall(encode_header(topic.header(self._caller, latching="0")))
         connection.settimeout(SLOW)
-        queue: collections.deque[bytes] = collections.deque(maxlen=self._queue_size)
-        with self._changed:
-            self._queues[connection] = peer, queue
+        sent = self._newest.newest
+        self._peers[connection] = peer
         try:
-            while True:
-                with self._changed:
-                    self._changed.wait_for(lambda: queue, LOOK)
-                    block = queue.popleft() if queue else b""
-                # Subscribers send nothing, so that something to read is the end.
-                if select.select([connection], [], [], 0)[0] and not connection.recv(4096):
-                    return
-                connection.sendall(block)
+            # Subscribers send nothing, so that something to read is the end.
+            while not select.select([connection], [], [], 0)[0] or connection.recv(4096):
+                first, blocks = self._newest.after(sent, LOOK)
+                sent = first + len(blocks) - 1
+                connection.sendall(b"".join(blocks))
         except TimeoutError:
             self._report(f"{topic.name}: dropped the subscriber {peer}, which does not read")
         finally:
-            with self._changed:
-                del self._queues[connection]
+            del self._peers[connection]
 
 
 class Mismatch(ProtocolError):
@@ -115,7 +103,7 @@ class Subscriber:
             return {
                 uri: link.header.get("callerid", "")
                 for uri, link in self._links.items()
-                if link.connected
+                if link.header
             }
 
     def update(self, uris: Iterable[str], all_of_them: bool = True) -> None:
@@ -129,7 +117,7 @@ class Subscriber:
             wanted = dict.fromkeys(uris)
             for uri, link in list(self._links.items()):
                 link.wanted = uri in wanted or (link.wanted and not all_of_them)
-                if not link.is_alive() or not (link.wanted or link.connected):
+                if not link.is_alive() or not (link.wanted or link.header):
                     self._links.pop(uri).close()
             for uri in wanted:
                 if uri not in self._links and len(self._links) < MOST:
@@ -149,8 +137,8 @@ class _Link(threading.Thread):
     def __init__(self, subscriber: Subscriber, uri: str):
         super().__init__(daemon=True, name=f"{subscriber.topic.name} from {uri}")
         self._subscriber, self._uri = subscriber, uri
-        self.wanted, self.connected = True, False
-        self.header: dict[str, str] = {}
+        self.wanted = True
+        self.header: dict[str, str] = {}  # the publisher's, while it is connected
         self._ending = threading.Event()
         self._connection: socket.socket | None = None
         self._said = ""
@@ -160,8 +148,7 @@ class _Link(threading.Thread):
         while self.wanted and not self._ending.is_set():
             try:
                 with self._connect() as self._connection:
-                    self._shake(self._connection)
-                    self.connected = True
+                    self.header = self._shake(self._connection)
                     self._say("connected")
                     while not self._ending.is_set():
                         message = read_block(self._connection)
@@ -172,8 +159,8 @@ class _Link(threading.Thread):
                 # Its definition will not change; restarted, it has another URI.
                 self._ending.wait()
             except OSError as error:
-                self._say(f"{'lost' if self.connected else 'not reached'}: {error}")
-            self.connected = False
+                self._say(f"{'lost' if self.header else 'not reached'}: {error}")
+            self.header = {}
             self._ending.wait(delay)
             delay = min(2 * delay, most)
 
@@ -191,7 +178,7 @@ class _Link(threading.Thread):
         except (TypeError, ValueError, OverflowError):
             raise CallError(f"no TCPROS address: {answer!r:.80}") from None
 
-    def _shake(self, connection: socket.socket) -> None:
+    def _shake(self, connection: socket.socket) -> dict[str, str]:
         topic = self._subscriber.topic
         # With any md5sum the publisher answers, and we compare and report what is wrong.
         fields = topic.header(self._subscriber.caller, md5sum="*", tcp_nodelay="1")
@@ -203,8 +190,8 @@ class _Link(threading.Thread):
             raise Mismatch(f"it publishes {theirs}, not {topic.type} with md5 {topic.md5}")
         if reason := self._subscriber.refuse(header):
             raise Mismatch(f"it publishes {theirs}, {reason}")
-        self.header = header
         connection.settimeout(None)
+        return header
 
     def _say(self, text: str) -> None:
         if text != self._said and not self._ending.is_set():

@@ -14,9 +14,10 @@ from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weightings import Soft
-from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, PairSymbols, read_floor_map
+from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, Moments, read_floor_map
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import Frame
+from tests.robot.dashboard.conftest import predictor
 
 NOW = {"missing": {}, "score": {}}
 
@@ -37,7 +38,7 @@ def test_a_forecast_is_told_whole_once_a_period(moments, stream):
         assert step["models"][name]["central"] == result.central
     assert told["now"]["missing"] == {"7": "short", "9": "<script>"}
     assert (told["now"]["age"], step["score"]) == (now["age"], now["score"])
-    codes, alpha = moments._symbols(forecast.observed)
+    codes, alpha = moments.symbols(forecast.observed)
     assert step["codes"] == [int(codes[pair]) for pair in ((0, 1), (0, 2), (1, 2))]
     assert_allclose(step["alpha"], alpha.ravel(), atol=6e-5)
 
@@ -47,18 +48,15 @@ def test_symbols_and_weights_are_the_models_own():
     config = Soft(learned=True)
     parameters = initial_parameters(config) | {"log_quantisation_factor": np.float32(np.log(0.2))}
     generator = GeneratorConfig(pooling="as_described", weighting=config)
-    models = {
-        "SGAN": Model(GeneratorConfig(), {}),
-        "own": Model(generator, {"weighting": parameters}),
-    }
-    symbols = PairSymbols(models)
-    codes, alpha = symbols(path)
-    assert symbols.model == "own"
+    one, other = predictor(), predictor()
+    one.models = {"SGAN": Model(GeneratorConfig(), {})}
+    other.models = one.models | {"own": Model(generator, {"weighting": parameters})}
+    codes, alpha = Moments(other).symbols(path)
     states = observe(path[:, None], path, quantisation_factor=0.2)[:, :, -1]
     assert_array_equal(codes, (np.asarray(states) + 1) @ [27, 9, 3, 1])
     centred = path - path[:, -1].mean(axis=0)
     assert_allclose(alpha, config.alpha(parameters, centred)[..., -1], rtol=1e-4)
-    assert PairSymbols({"SGAN": Model(GeneratorConfig(), {})})(path)[1] is None
+    assert Moments(one).symbols(path)[1] is None
 
 
 def test_time_never_falls(moments):

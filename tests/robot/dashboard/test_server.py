@@ -10,10 +10,10 @@ import time
 
 import pytest
 
-from neurosym_robot.dashboard import server
-from neurosym_robot.dashboard.dashboard import Dashboard
-from neurosym_robot.dashboard.server import BATCH, Stream
-from neurosym_robot.server import MOST
+from neurosym_robot.dashboard import dashboard as server
+from neurosym_robot.dashboard.dashboard import BATCH, Dashboard
+from neurosym_robot.server import MOST, Ring
+from tests.robot.ros.tcpros.conftest import wait
 
 
 @pytest.fixture
@@ -27,8 +27,11 @@ def port_of(dashboard) -> int:
     return int(dashboard.where.rstrip("/").rpartition(":")[2])
 
 
-def get(dashboard, path="/", method="GET", **headers) -> tuple[int, dict, bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port_of(dashboard), timeout=10)
+def get(dashboard, path="/", method="GET", source="127.0.0.1", **headers):
+    """Status, headers and body of the answer to a peer at the address `source`."""
+    connection = http.client.HTTPConnection(
+        "127.0.0.1", port_of(dashboard), timeout=10, source_address=(source, 0)
+    )
     with contextlib.closing(connection):
         connection.request(method, path, headers=headers)
         answer = connection.getresponse()
@@ -111,16 +114,13 @@ def test_slow_and_vanished_readers_delay_nobody(dashboard, moments, stream, monk
         reader.close()
     events = list(stream(8))
     began = time.monotonic()
-    for n in range(20):
+    for n in range(10):
         for event, now in events:
             frame = event.frame._replace(stamp=event.frame.stamp + 8 * n)
             dashboard.show(event._replace(frame=frame), now)
     assert time.monotonic() - began < 60
     assert get(dashboard)[0] == 200
-    deadline = time.monotonic() + 60
-    while threading.active_count() > before and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert threading.active_count() <= before
+    wait(lambda: threading.active_count() <= before)
     for reader in readers[4:]:
         reader.close()
 
@@ -147,30 +147,33 @@ def test_what_is_no_http_is_survived(dashboard, capfd):
     assert "Traceback" not in said.out + said.err
 
 
-def test_half_open_connections_are_bounded_in_number_and_time(dashboard, monkeypatch):
-    monkeypatch.setattr(server, "ASKING", 0.5)
+def test_half_open_connections_are_bounded_by_address_and_in_time(dashboard):
     before, address = threading.active_count(), ("127.0.0.1", port_of(dashboard))
     with contextlib.ExitStack() as flood:
         for _ in range(3 * MOST):
             flood.enter_context(socket.create_connection(address))
+        began = time.monotonic()
+        assert get(dashboard, source="127.0.0.2")[0] == 200
+        assert time.monotonic() - began < server.ASKING / 2
         # A thread that answers, and one that ends waiting.
-        assert threading.active_count() - before <= 2 * MOST + 1
-        for _ in range(100):
+        assert threading.active_count() - before <= 2 * server.TABS + 1
+
+        def answered() -> bool:
             with contextlib.suppress(OSError, http.client.HTTPException):
-                if get(dashboard)[0] == 200:
-                    break
-            time.sleep(0.1)
-        assert get(dashboard)[0] == 200
+                return get(dashboard)[0] == 200
+            return False
+
+        wait(answered, 2 * server.ASKING)
 
 
 def test_what_is_remembered_is_bounded():
-    stream = Stream(limit=1000)
+    stream = Ring(limit=1000)
     for n in range(1000):
         stream.append(b"%09d" % n)
-    first, events = stream.after(0, 0)
+    first, events = stream.after(0, 0, BATCH)
     assert events[0] == b"%09d" % (first - 1)
     assert len(events) == BATCH
-    rest = stream.after(first + BATCH - 1, 0)[1]
+    rest = stream.after(first + BATCH - 1, 0, 1000)[1]
     assert len(events) + len(rest) == 1000 // 9
     assert rest[-1] == b"000000999"
     assert stream.after(1000, 0) == (1001, [])

@@ -91,17 +91,6 @@ def test_who_cannot_be_used_is_left_out_and_counted():
     assert window.complete()[0].tolist() == [1]
 
 
-def test_people_come_and_go_and_say_why_they_are_missing():
-    window = Window(3, 0.4)
-    frames(window, np.arange(5) / 10, ids=(1, 2))
-    frames(window, np.arange(5, 9) / 10, ids=(1, 3))
-    ids, *_ = window.complete()
-    assert ids.tolist() == [1]
-    assert window.incomplete(ids) == {2: "unseen", 3: "short"}
-    window.push(20.0, [], EMPTY)
-    assert window.incomplete(ids) == {}
-
-
 def test_floods_of_ids_are_bounded_and_the_nearest_are_followed():
     window = Window(2, 0.4, max_tracks=50)
     ids = np.arange(10_000)

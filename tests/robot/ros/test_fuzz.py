@@ -46,7 +46,7 @@ def test_random_streams_never_crash_the_chain(model, stitch):
     predictor = Predictor(model(), samples=2, max_people=8, max_tracks=10)
     stitcher = OnlineStitcher(max_tracks=10) if stitch else None
     analytics, compiled, forecasts = Analytics(predictor), compile_seconds(), 0
-    for stamp, ids, xy in random_frames(0, 1500):
+    for stamp, ids, xy in random_frames(0, 1000):
         frame = Frame(stamp, ids, xy)
         if stitcher is not None:
             frame, _ = stitcher.mend(frame)
@@ -129,7 +129,7 @@ def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
         work(node, rng.randbytes(rng.randrange(100)))
         whole = people(node, Frame(1e9 + n, np.arange(3), np.full((3, 2), np.nan)))
         work(node, broken(whole, rng))
-    assert node.malformed > 400
+    assert node.source.refused["malformed"] > 400
     for n in range(20):
         work(node, people(node, Frame(2e9 + n / 10, np.arange(3), np.ones((3, 2)) * n)))
     assert node.analytics.forecasts > forecasts
@@ -144,7 +144,7 @@ def test_forecasts_that_ros_has_no_time_for(node):
     ]
     for frame in frames:
         work(node, people(node, frame))
-    assert node.malformed == len(frames)
+    assert node.source.refused["malformed"] == len(frames)
 
 
 def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecast_node):
@@ -168,7 +168,7 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecas
     # More than may wait are counted, too, and the newest are kept.
     for n in range(1000):
         loaded.put(PEOPLE, n)
-    assert loaded.late == 1000 - WAITING
+    assert loaded.source.refused["late"] == 1000 - WAITING
     assert loaded._waiting[-1][1] == 999
 
 

@@ -20,7 +20,6 @@ from neurosym_robot.ros.definitions import (
     HUMANS_TRAJS,
     PEOPLE,
     blank,
-    definitions,
     seconds_of,
     typestore,
 )
@@ -211,11 +210,6 @@ def test_a_package_is_for_both_ros(package):
     assert re.search(rf"project\({package.name}\b", cmake)
     wanted = {each.text for each in root.iter("depend")}
     assert wanted == {*re.findall(r"^  find_package\((\w+_msgs) REQUIRED\)", cmake, re.MULTILINE)}
-
-
-def test_the_wheel_and_the_packages_have_the_same_definitions():
-    for path in ROS.glob("*/msg/*.msg"):
-        assert definitions()[f"{path.parts[-3]}/msg/{path.stem}"] == path.read_text()
 
 
 def test_parameters_are_options_and_the_views_are_of_our_topics():

@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
 from neurosym_robot.ros.definitions import HUMANS_TRAJS, PEOPLE, TRUTH_TOPIC, seconds_of, typestore
 from neurosym_robot.ros.tcpros.wire import CallError, call
 from neurosym_robot.tracking.following import frames_of_tracks
+from tests.robot.ros.tcpros.conftest import wait
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
 
@@ -44,60 +44,53 @@ for _, m, _ in rosbag.Bag(sys.argv[1]).read_messages(sys.argv[2]):
 PACKAGES = "python3-rospy python3-roslaunch python3-rosbag"
 
 
-def wait(condition, process: "Process | None" = None) -> None:
-    """Until `condition` holds, two minutes at most, and as long as the process lives."""
-    end = time.monotonic() + 120
-    while True:
-        with contextlib.suppress(CallError):
-            if condition():
-                return
-        said = process.lines if process else []
-        assert process is None or process.process.poll() is None, said
-        assert time.monotonic() < end, said
-        time.sleep(0.02)
-
-
 class Process:
     """A process that ends with the test; what it prints is kept line by line."""
 
-    def __init__(self, *command, env):
-        self.process = subprocess.Popen(
-            [str(part) for part in command],
-            env=env,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+    def __init__(self, log: Path, *command, env):
+        self._log = log
+        with log.open("w") as output:
+            self.process = subprocess.Popen(
+                [str(part) for part in command],
+                env=env,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
 
-    def _read(self):
-        for line in self.process.stdout:
-            self.lines.append(line.rstrip("\n"))
+    @property
+    def lines(self) -> list[str]:
+        return self._log.read_text().splitlines()
 
-    def wait_for(self, condition):
+    def wait_for(self, condition) -> None:
         """Until a line, from now on or before, fulfils `condition`."""
-        wait(lambda: any(map(condition, list(self.lines))), self)
+        self.wait(lambda: any(map(condition, self.lines)))
 
-    def heard(self) -> list[dict]:
-        """What a listener has printed."""
-        return [json.loads(line) for line in list(self.lines) if line.startswith('{"')]
+    def wait(self, condition) -> None:
+        """Until `condition` holds, two minutes at most."""
+
+        def holds() -> bool:
+            with contextlib.suppress(CallError):
+                return bool(condition()) or self.process.poll() is not None
+            return False
+
+        wait(holds, 120)
+        assert condition(), self.lines
 
     def wait_heard(self, condition) -> list[dict]:
-        """The rows heard, once `condition` holds for them."""
-        wait(lambda: condition(self.heard()), self)
-        return self.heard()
+        """The rows that a listener has printed, once `condition` holds for them."""
+
+        def heard() -> list[dict]:
+            return [json.loads(line) for line in self.lines if line[:2] == '{"' and line[-1] == "}"]
+
+        self.wait(lambda: condition(heard()))
+        return heard()
 
     def end(self, number=signal.SIGKILL) -> int:
         """Send a signal to the process and its children, wait, return the exit status."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, number)
-        status = self.process.wait(20)
-        # What roslaunch starts is in sessions of its own, and holds the pipe if it outlives it.
-        self._reader.join(10)
-        return status
+        return self.process.wait(20)
 
 
 class Graph:
@@ -107,7 +100,7 @@ class Graph:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
-        self.uri = f"http://127.0.0.1:{self.port}"
+        self.uri, self._folder = f"http://127.0.0.1:{self.port}", folder
         self.env = {
             "PATH": os.environ["PATH"],
             "ROS_MASTER_URI": self.uri,
@@ -116,34 +109,35 @@ class Graph:
             "HOME": str(folder),
         }
         self._processes = contextlib.ExitStack()
-        self.definitions = folder / "definitions.json"
         store = typestore(1)
         texts = {
             name.replace("/msg/", "/"): store.generate_msgdef(name, ros_version=1)[0]
             for name in (PEOPLE, HUMANS_TRAJS)
         }
-        self.definitions.write_text(json.dumps(texts))
+        (folder / "definitions.json").write_text(json.dumps(texts))
         self.start_core()
 
     def start_core(self):
         """A new master on the same port."""
         self.core = self.start("roscore", "-p", self.port)
         # The log's node is the last thing that roscore starts.
-        wait(lambda: call(self.uri, "lookupNode", "/tests", "/rosout"), self.core)
+        self.core.wait(lambda: call(self.uri, "lookupNode", "/tests", "/rosout"))
 
     def start(self, *command, **more) -> Process:
         """A process in this graph."""
-        process = Process(*command, env={**self.env, **more})
+        log = self._folder / f"{time.monotonic_ns()}.txt"
+        process = Process(log, *command, env={**self.env, "PYTHONUNBUFFERED": "1", **more})
         self._processes.callback(process.end)
         return process
 
-    def peer(self, role: str, name: str, rate: float = 10) -> Process:
-        """A rospy node."""
-        return self.start(SYSTEM, PEER, role, name, self.definitions, rate)
+    def talker(self, rate: float = 50) -> Process:
+        """A rospy node that publishes people."""
+        return self.start(SYSTEM, PEER, "talk", "tracker", self._folder / "definitions.json", rate)
 
     def listener(self) -> Process:
         """A rospy node that hears our topics."""
-        listener = self.peer("listen", f"listener{time.monotonic_ns()}")
+        name = f"listener{time.monotonic_ns()}"
+        listener = self.start(SYSTEM, PEER, "listen", name, self._folder / "definitions.json")
         listener.wait_for(lambda line: "ready" in line)
         return listener
 
@@ -193,7 +187,7 @@ def both(rows: list[dict]) -> bool:
 
 def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
     listener = graph.listener()
-    talker = graph.peer("talk", "tracker", rate=10)
+    talker = graph.talker(rate=10)
     rows = listener.wait_heard(lambda rows: both(rows) and count(TRUTH_TOPIC, rows) > 1)
     talker.end()
     for row in rows[1:]:
@@ -221,7 +215,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     listener = graph.listener()
     recorder = graph.start("rosbag", "record", "-O", recorded, "/people", *FORECASTS, SAMPLES)
     uri = call(graph.uri, "lookupNode", "/tests", "/neurosym_jax")
-    wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 3)
+    recorder.wait(lambda: sum("record" in row[1] for row in call(uri, "getBusInfo", "/tests")) == 3)
     done = subprocess.run(
         ["rosbag", "play", "--quiet", "--rate", "4", "--delay", "0.5", path],
         env=graph.env,
@@ -270,7 +264,7 @@ def test_the_master_is_restarted(graph, node):
     graph.start_core()
     node.wait_for(lambda line: "registers again" in line)
     listener = graph.listener()
-    talker = graph.peer("talk", "tracker", rate=50)
+    talker = graph.talker()
     listener.wait_heard(both)
     talker.end()
 
@@ -296,7 +290,7 @@ def test_roslaunch_starts_it_with_remaps_and_parameters(graph, models, tmp_path)
     )
     launched.wait_for(lambda line: "/launched: listening to /people" in line)
     listener = graph.listener()
-    talker = graph.peer("talk", "tracker", rate=50)
+    talker = graph.talker()
     rows = listener.wait_heard(both)
     talker.end()
     assert np.array(rows[-1]["steps"]).shape[2] == 3

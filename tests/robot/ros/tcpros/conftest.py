@@ -7,7 +7,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -23,33 +22,22 @@ class Master:
     def __init__(self):
         self.telling = threading.Lock()
         self.nodes: dict[str, str] = {}
-        self.publishers: dict[str, list[str]] = defaultdict(list)
-        self.subscribers: dict[str, list[str]] = defaultdict(list)
-        methods: dict[str, Callable[..., Any]] = {"lookupNode": self.lookup}
-        for kind, ends in (("Publisher", self.publishers), ("Subscriber", self.subscribers)):
-            methods[f"register{kind}"] = functools.partial(self.register, ends)
-            methods[f"unregister{kind}"] = functools.partial(self.unregister, ends)
+        self.publishers, self.subscribers = ends = defaultdict(list), defaultdict(list)
+        methods: dict[str, Callable] = {"lookupNode": self.lookup}
+        for kind, of in zip(("Publisher", "Subscriber"), ends):
+            methods[f"register{kind}"] = functools.partial(self.change, of, list.append)
+            methods[f"unregister{kind}"] = functools.partial(self.change, of, list.remove)
         self.server = SlaveServer("127.0.0.1", methods)
         self.uri = f"http://127.0.0.1:{self.server.server_address[1]}"
 
-    def forget(self) -> None:
-        """As a restarted master."""
-        for table in (self.nodes, self.publishers, self.subscribers):
-            table.clear()
-
-    def register(self, ends, caller, topic, type, uri):
-        self.nodes[caller] = uri
-        if uri not in ends[topic]:
-            ends[topic].append(uri)
-        if ends is self.subscribers:
-            return self.publishers[topic]
-        self.tell(topic)
-        return self.subscribers[topic]
-
-    def unregister(self, ends, caller, topic, uri):
-        ends[topic].remove(uri)
-        self.tell(topic)
-        return 1
+    def change(self, ends, how, caller, topic, *kind_and_uri):
+        """Register or unregister; tell the subscribers."""
+        self.nodes[caller] = uri = kind_and_uri[-1]
+        if (uri in ends[topic]) == (how is list.remove):
+            how(ends[topic], uri)
+        if ends is self.publishers:
+            threading.Thread(target=self.tell, args=(topic,)).start()
+        return self.publishers[topic]
 
     def lookup(self, caller, name):
         if name not in self.nodes:
@@ -57,14 +45,18 @@ class Master:
         return self.nodes[name]
 
     def tell(self, topic):
-        def tell():
-            with self.telling:
-                publishers = list(self.publishers[topic])
-                for uri in list(self.subscribers[topic]):
-                    with contextlib.suppress(CallError):
-                        call(uri, "publisherUpdate", "/master", topic, publishers)
+        with self.telling:
+            for uri in list(self.subscribers[topic]):
+                with contextlib.suppress(CallError):
+                    call(uri, "publisherUpdate", "/master", topic, list(self.publishers[topic]))
 
-        threading.Thread(target=tell).start()
+
+def wait(condition: Callable[[], object], seconds: float = 30.0) -> None:
+    """Until the condition holds, so many seconds at most."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
 
 
 @pytest.fixture
@@ -77,22 +69,20 @@ def master():
 @pytest.fixture
 def graph(master):
     """`graph(name)` is a node that keeps what it reported in `said`; all are closed at the end."""
-    nodes = []
+    with contextlib.ExitStack() as stack:
 
-    def make(name: str) -> Node:
-        said: list[str] = []
-        node = Node(name, master.uri, said.append)
-        node.said = said
-        nodes.append(node)
-        return node
+        def make(name: str) -> Node:
+            said: list[str] = []
+            node = Node(name, master.uri, said.append)
+            node.said = said
+            stack.callback(node.close)
+            return node
 
-    yield make
-    for node in nodes:
-        node.close()
+        yield make
 
 
 @pytest.fixture
-def pair(graph, wait):
+def pair(graph):
     """A talker and a listener that are connected, their ends of a topic, and what is heard."""
     heard: list[bytes] = []
     listener, talker = graph("listener"), graph("talker")
@@ -102,19 +92,6 @@ def pair(graph, wait):
     return SimpleNamespace(
         heard=heard, listener=listener, talker=talker, subscriber=subscriber, publisher=publisher
     )
-
-
-@pytest.fixture
-def wait():
-    """`wait(condition)` until it holds, half a minute at most."""
-
-    def until(condition: Callable[[], object]) -> None:
-        end = time.monotonic() + 30
-        while not condition():
-            assert time.monotonic() < end, "waited in vain"
-            time.sleep(0.01)
-
-    return until
 
 
 @pytest.fixture(autouse=True)
