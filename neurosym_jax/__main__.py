@@ -1,8 +1,9 @@
 """`neurosym COMMAND` and `python -m neurosym_jax COMMAND`: each file in `commands/` is a command.
 
 Other packages add theirs by entry points in the group `neurosym_jax.commands`. A command's file
-has a dataclass `Options`, `run(options)` and sometimes `PREPARE` (see `commands/_running.py`); the
-first line of its docstring is its line in the list. It is imported only when it is called.
+has a function `run`, whose parameters are the options or, where it has a dataclass `Options`, that;
+and sometimes `PREPARE` (see `commands/_running.py`). The first line of its docstring is its line in
+the list. It is imported only when it is called.
 """
 
 import ast
@@ -58,7 +59,8 @@ def _run(arguments: list[str]) -> None:
         from neurosym_jax.commands._running import run_command
 
         prepare = getattr(command, "PREPARE", list)
-        run_command(command.Options, command.run, rest, f"neurosym {name}", prepare)
+        called = (command.Options, command.run) if hasattr(command, "Options") else (command.run,)
+        run_command(*called, arguments=rest, prog=f"neurosym {name}", prepare=prepare)
     else:
         nearest = difflib.get_close_matches(name, modules, 1)
         hint = f"did you mean {nearest[0]}?" if nearest else "neurosym --help lists them"

@@ -54,10 +54,6 @@ def recipe(change):
     return dataclasses.replace(TrainConfig(), **change)
 
 
-def named(options):
-    return named_network(**options)
-
-
 NAMED = "model/config.json: "
 REFUSED = [
     (network, {"poolling": "none"}, f"{NAMED}unknown field 'poolling' for GeneratorConfig"),
@@ -95,11 +91,6 @@ REFUSED = [
     (change_recipe, "emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
     (change_recipe, "ema=fast", "recipe ours: ema must be a finite number, not 'fast'"),
     (change_recipe, 'discriminator={"kind": "big"}', "kind must be one of global, local, not"),
-    (named, {"weighting": "cnd"}, "--weighting cnd: sgan weights no pairs; neuro"),
-    (named, {"pooling": "encounter"}, "--pooling encounter: sgan has none, pool_net"),
-    (named, {"model": "neurosym", "pooling": "none"}, "neurosym has as_described"),
-    (named, {"model": "neurosym", "weighting": "cdn"}, "unknown weighting 'cdn'"),
-    (named, {"changes": ["noise_dim=99"]}, "network: noise_dim must lie in"),
 ]
 
 

@@ -1,4 +1,4 @@
-"""The site builds without a warning, and what the README points to is there."""
+"""The site builds without a warning, and what pages point to and name is there."""
 
 import os
 import re
@@ -7,6 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from neurosym_jax.__main__ import commands
+from studies.check_docs import commands as named_commands
+from tests.commands.walk import options_of
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -42,3 +46,15 @@ def test_every_page_is_in_the_navigation():
     files = [file for kind in ("md", "ipynb") for file in ROOT.glob(f"docs/**/*.{kind}")]
     pages = {page.relative_to(ROOT / "docs").as_posix() for page in files}
     assert {page for page in pages if f": {page}\n" not in navigation} == set()
+
+
+def test_every_option_that_a_page_names_is_one_of_its_command():
+    named = set(named_commands())
+    assert len(named) > 40
+    known = {name: {"--plugin", "--help-all", *options_of(name)} for name in commands()}
+    for page, command in named:
+        name, *words = command.split()[1:]
+        if not name.startswith("-") and name.islower():
+            options = {word.partition("=")[0] for word in words if re.match(r"--[a-z]", word)}
+            used = {option.rstrip(",.;:").replace("--no-", "--") for option in options}
+            assert {each.replace("_", "-") for each in used} <= known[name], (page, command)

@@ -7,8 +7,8 @@ import pytest
 from neurosym_jax.data.sources import Synthetic, open_source
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.neighbours import MOVED, NEAR, without_neighbours
-from neurosym_jax.evaluation.scoring import chosen, score_scenes
+from neurosym_jax.evaluation.formulas import MOVED, NEAR
+from neurosym_jax.evaluation.scoring import chosen, score_scenes, without_neighbours
 from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.model import predict, predict_distribution
 from neurosym_jax.forecasting.model_folder import load_model

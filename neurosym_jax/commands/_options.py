@@ -4,42 +4,41 @@ A file has an option on each line, `pred_len: 12`, lists for several values and,
 of NAME=VALUE, a table.
 """
 
-import ast
 import dataclasses
 import difflib
 import importlib.metadata
 import inspect
-import itertools
 import json
 import re
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
+import docstring_parser
 import yaml
 
+from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 
-__all__ = ["every_option", "given", "open_data", "options_text", "refuse_unused", "short_help"]
-__all__ += ["with_file"]
+__all__ = ["description", "every_option", "given", "open_data", "options_text", "refuse_given"]
+__all__ += ["refuse_unused", "short_help", "with_file"]
 
 PLUGIN = "--plugin FILE.py|MODULE"
 
 
-def short_help(options: type, prog: str) -> str:
-    """About a screen of text on `options`, the dataclass of a command.
+def short_help(command: Callable[..., Any], prog: str) -> str:
+    """About a screen of text on a command: a dataclass of its options, or a function of them.
 
-    Fields that are dataclasses are groups, whose options are only named.
+    Options that are dataclasses are groups, whose options are only named.
     """
     width = min(shutil.get_terminal_size().columns, 100)
-    found = sorted(every_option(options), key=lambda option: option[1].startswith("--"))
+    found = sorted(every_option(command), key=lambda option: option[1].startswith("--"))
     positional = [flag for _, flag, _ in found if not flag.startswith("--")]
-    text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), ""]
-    text += [*inspect.cleandoc(options.__doc__ or "").splitlines(), ""]
+    text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), "", description(command), ""]
     groups: dict[str, list[str]] = {}
     for group, flag, meaning in [*found, ("", PLUGIN, "Your own file or module, imported first")]:
         if group:
@@ -53,25 +52,32 @@ def short_help(options: type, prog: str) -> str:
     return "\n".join([*text, "", f"`{prog} --help-all` explains every option."])
 
 
+def description(command: Callable[..., Any]) -> str:
+    """What a command does, without its options."""
+    return (docstring_parser.parse(command.__doc__ or "").description or "").strip()
+
+
 def every_option(
-    options: type, group: str = "", prefix: str = ""
+    command: Callable[..., Any], group: str = "", prefix: str = ""
 ) -> Iterator[tuple[str, str, str]]:
     """Group, `--name VALUE` (without dashes if positional) and meaning of each option."""
-    hints = get_type_hints(options, include_extras=True)
-    meaning = dict(_documented(options))
-    for field in dataclasses.fields(options):
-        hint = hints[field.name]
+    hints = get_type_hints(command, include_extras=True)
+    of = reversed(command.__mro__[:-1]) if inspect.isclass(command) else [command]
+    parsed = [docstring_parser.parse_from_object(each).params for each in of]
+    meaning = {param.arg_name: param.description for params in parsed for param in params}
+    for name in inspect.signature(command).parameters:
+        hint = hints[name]
         kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
         marks = getattr(hint, "__metadata__", ())
         if dataclasses.is_dataclass(kind):
             flat = any("prefix" in str(mark).lower() for mark in marks)
-            yield from every_option(kind, field.name, "" if flat else f"{field.name}.")  # pyright: ignore
+            yield from every_option(kind, name, "" if flat else f"{name}.")  # pyright: ignore
             continue
-        flag = field.name.upper()
+        flag = name.upper()
         if not any("positional" in str(mark).lower() for mark in marks):
             value = next((m.metavar for m in marks if getattr(m, "metavar", None)), _value(kind))
-            flag = f"--{(prefix + field.name).replace('_', '-')} {value}".rstrip()
-        yield group, flag, meaning.get(field.name, "")
+            flag = f"--{(prefix + name).replace('_', '-')} {value}".rstrip()
+        yield group, flag, " ".join((meaning.get(name) or "").split())
 
 
 def _value(kind: Any) -> str:
@@ -83,17 +89,6 @@ def _value(kind: Any) -> str:
         return _value(inner[0]) + (" ..." if get_origin(kind) is tuple else "")
     names = {bool: "", int: "N", float: "NUMBER", str: "NAME"}
     return names.get(kind, getattr(kind, "__name__", "").upper())
-
-
-def _documented(options: type) -> Iterator[tuple[str, str]]:
-    """Name and docstring of each field, those of base classes first."""
-    for each in reversed(options.__mro__):
-        if not dataclasses.is_dataclass(each):
-            continue
-        (definition,) = ast.parse(inspect.cleandoc("\n" + inspect.getsource(each))).body
-        for field, text in itertools.pairwise(definition.body):  # pyright: ignore
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
-                yield field.target.id, " ".join(text.value.value.split())  # pyright: ignore
 
 
 def given(options: Any) -> dict[str, Any]:
@@ -163,23 +158,30 @@ class _Texts(yaml.BaseLoader):
 
 
 def refuse_unused(options: Any, names: Iterable[str], where: str) -> None:
-    """Refuse options that were given and have no effect `where` they are.
+    """Refuse fields of `options` that were given and have no effect `where` they are."""
+    refuse_given(where, **{name: name in given(options) for name in names})
+
+
+def refuse_given(where: str, **options: Any) -> None:
+    """Refuse options that were given, that is are true, and have no effect `where` they are.
 
     Raises:
         InputError: naming the first.
     """
-    if unused := [name for name in names if name in given(options)]:
+    if unused := [name for name, value in options.items() if value]:
         raise InputError(f"--{unused[0].replace('_', '-')}: has no effect {where}")
 
 
-def open_data(options: Any, dataset: str | None, *files: object, **how: Any) -> Source:
-    """Open the source that `options` name, see `open_source`.
+def open_data(
+    data: Path | None, read: ReadOptions, dataset: str | None, *files: object, **how: Any
+) -> Source:
+    """Open the source that --data and --dataset name, see `open_source`.
 
     Raises:
         InputError: for options of reading where neither the source nor any of `files` is read.
     """
-    source = open_source(options.data, dataset, read=options.read, **how)
+    source = open_source(data, dataset, read=read, **how)
     if isinstance(source, Synthetic) and not any(files):
-        names = [field.name for field in dataclasses.fields(options.read)]
-        refuse_unused(options, names, "on simulations (--data names recordings)")
+        names = [field.name for field in dataclasses.fields(read)]
+        refuse_unused(read, names, "on simulations (--data names recordings)")
     return source

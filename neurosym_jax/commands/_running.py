@@ -1,24 +1,21 @@
-"""Run a command: options are a dataclass, errors of input are one line without a traceback."""
+"""Run a command: parse its options, and print errors of input in one line without a traceback."""
 
 import argparse
 import errno
-import inspect
 import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import tyro
 
-from neurosym_jax.commands._options import short_help, with_file
+from neurosym_jax.commands._options import description, short_help, with_file
 from neurosym_jax.errors import InputError, printable
 from neurosym_jax.plugins import load_entry_points, load_plugin
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
 
 __all__ = ["load_plugins", "run_command"]
-
-Options = TypeVar("Options")
 
 OF_THE_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EIO)
 """Errors of the disk, not of the code."""
@@ -29,16 +26,17 @@ PLUGIN = (
 
 
 def run_command(
-    options: type[Options],
-    action: Callable[[Options], object],
+    options: Callable[..., Any],
+    action: Callable[[Any], object] | None = None,
     arguments: Sequence[str] | None = None,
     prog: str | None = None,
     prepare: Callable[[Sequence[str]], Sequence[str]] = list,
 ) -> None:
-    """Parse `options` from the command line or a file in YAML, call `action`, exit.
+    """Run a command on the command line or a file in YAML, and exit.
 
-    `prepare` removes arguments that other programs add. The exit status is the integer that
-    `action` returns, else 0; 2 for bad input or a full or read-only disk, 130 after Ctrl-C.
+    `options` is the dataclass that `action` takes, or without `action` a function of the options.
+    `prepare` removes arguments that other programs add. The exit status is the integer that is
+    returned, else 0; 2 for bad input or a full or read-only disk, 130 after Ctrl-C.
     """
     tune()
     enable_compilation_cache()
@@ -50,14 +48,14 @@ def run_command(
             if {"-h", "--help"} & set(arguments):
                 print(short_help(options, prog or "neurosym"))
                 sys.exit(0)
-            found = tyro.cli(
+            status = tyro.cli(
                 options,
                 args=["--help" if each == "--help-all" else each for each in arguments],
                 prog=prog,
-                description=f"{inspect.cleandoc(options.__doc__ or '')}\n\n{PLUGIN}",
+                description=f"{description(options)}\n\n{PLUGIN}",
                 config=(tyro.conf.DisallowNone,),
             )
-            status = action(found)
+            status = action(status) if action else status
     except KeyboardInterrupt:
         # Python waits for compiling threads; a second Ctrl-C ends the process at once.
         signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -4,21 +4,27 @@ import contextlib
 import dataclasses
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import tyro
 
 from neurosym_jax.commands._options import open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.sources import Source, Synthetic
+from neurosym_jax.data.sources import EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import metrics, plan, report, saved_forecasts, tables
 from neurosym_jax.evaluation.results import Result, Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_places import find_model, shipped_models, shipped_name
+from neurosym_jax.forecasting.model_folder import load_model
+from neurosym_jax.forecasting.model_places import (
+    find_checkpoints,
+    find_model,
+    shipped_models,
+    shipped_name,
+)
 from neurosym_jax.runtime.cluster import cluster_map
 from neurosym_jax.runtime.process import provenance
 
@@ -164,7 +170,7 @@ def run(options: Options) -> list[Row]:
 
 def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
     """The source of recordings, and the models: as given, all that ship, or one or two."""
-    asked: Any = (options, options.dataset, options.test_on)
+    asked = options.data, options.read, options.dataset, options.test_on
     source, pred_len = open_data(*asked, period=options.period), _lengths(options)["pred_len"]
     names = options.checkpoint
     if options.all:
@@ -172,7 +178,10 @@ def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
         shipped = (path.name for path in shipped_models())
         names = [name for name in shipped if not name.startswith(plan.TABLE)]
     names = names or default_models(source, options.dataset, pred_len)
-    models = plan.load_models(names, source, options.dataset, pred_len)
+    # Of ETH/UCY, `recommended` is the model of each data set.
+    several = options.dataset is None and isinstance(source, EthUcy)
+    paths = find_checkpoints(names, source.scenes if several else (options.dataset,), pred_len)
+    models = [(path, load_model(path)) for path in paths]
     if options.checkpoint:
         source = open_data(*asked, model_scene=models[0][1].dataset, period=options.period)
     return source, models
@@ -203,6 +212,7 @@ def _lengths(options: Options) -> dict[str, int | None]:
 
 
 def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) -> list[plan.Test]:
+    """The test sets, read, and what is tested on each."""
     baselines, least = options.baselines, options.min_agents
     chosen = options.checkpoint or options.all
     if baselines is None and isinstance(source, Synthetic) and not chosen:

@@ -1,6 +1,5 @@
 """Summarise a recording, or every recording in a folder."""
 
-import dataclasses
 import warnings
 from pathlib import Path
 from typing import Annotated, Literal
@@ -8,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.commands._options import refuse_unused
+from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
@@ -16,43 +15,43 @@ from neurosym_jax.data.tracks import GAP, Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning, printable
 
-__all__ = ["Options", "describe", "run"]
+__all__ = ["describe", "run"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Options:
-    """Summarise a recording, or every recording in a folder."""
+def run(
+    path: Annotated[Path, tyro.conf.Positional],
+    figure: Path | None = None,
+    underlay: Annotated[tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")] = None,
+    style: Literal["paper", "talk"] = "paper",
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS,
+) -> int:
+    """Summarise a recording, or every recording in a folder.
 
-    path: Annotated[Path, tyro.conf.Positional]
-    """A file, or a folder, which is searched with its subfolders."""
-    figure: Path | None = None
-    """File for a figure of all tracks: .png, .pdf or .svg."""
-    underlay: Annotated[tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")] = None
-    """Image of the floor under the tracks, a map or a frame of a video, and a text file of 3 x 3
-    numbers that turn its pixels (column, row, 1) into metres."""
-    style: Literal["paper", "talk"] = "paper"
-    """Look of the figure; a talk's has larger letters and lines."""
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
-    """How files are read."""
+    Args:
+        path: A file, or a folder, which is searched with its subfolders.
+        figure: File for a figure of all tracks: .png, .pdf or .svg.
+        underlay: Image of the floor under the tracks, a map or a frame of a video, and a text file
+            of 3 x 3 numbers that turn its pixels (column, row, 1) into metres.
+        style: Look of the figure; a talk's has larger letters and lines.
+        read: How files are read.
 
-
-def run(options: Options) -> int:
-    """Print the summaries; return 2 if no file in a folder could be read.
+    Returns:
+        The exit status: 2 if no file in a folder could be read.
 
     Raises:
         InputError: for a single file that cannot be read, a folder without files, or an option
             that is not used.
     """
-    if options.figure is None:
-        refuse_unused(options, ["underlay", "style"], "without --figure")
-    folder = is_folder(options.path)
-    paths = files_in(options.path, "**/*") if folder else [options.path]
+    if figure is None:
+        refuse_given("without --figure", underlay=underlay, style=style != "paper")
+    folder = is_folder(path)
+    files = files_in(path, "**/*") if folder else [path]
     recordings: list[Tracks] = []
-    for path in paths:
+    for file in files:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", InputWarning)  # They stand in the recordings, too.
             try:
-                found = read_any(path, options.read)
+                found = read_any(file, read)
             except InputError as error:
                 if not folder:
                     raise
@@ -60,17 +59,17 @@ def run(options: Options) -> int:
                 continue
         names = {tracks.reading.format for tracks in found if tracks.reading}
         kinds = ", ".join(FORMATS[name].title for name in names if name)
-        said = [describe(tracks, options.read.max_gap) for tracks in found]
-        print("\n".join([printable(f"{path}: {kinds}"), *said, ""]))
+        said = [describe(tracks, read.max_gap) for tracks in found]
+        print("\n".join([printable(f"{file}: {kinds}"), *said, ""]))
         recordings += found
     if len(recordings) > 1:
-        print(f"altogether {len(recordings)} recordings of {len(paths)} files")
-    if options.figure and recordings:
+        print(f"altogether {len(recordings)} recordings of {len(files)} files")
+    if figure and recordings:
         from neurosym_jax.plotting import plot_tracks, read_underlay, save_figure, use_style
 
-        use_style(options.style)
-        floor = options.underlay and read_underlay(*options.underlay)
-        print(f"wrote {save_figure(plot_tracks(recordings, floor), options.figure)}")
+        use_style(style)
+        floor = underlay and read_underlay(*underlay)
+        print(f"wrote {save_figure(plot_tracks(recordings, floor), figure)}")
     return 0 if recordings else 2
 
 

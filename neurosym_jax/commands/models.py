@@ -1,35 +1,28 @@
 """List the models that ship or were downloaded."""
 
-import dataclasses
-
 from neurosym_jax.evaluation.markdown import aligned_table
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import models_at_hand
 
-__all__ = ["Options", "run"]
+__all__ = ["run"]
+
+HEAD = ("name", "forecaster", "steps", "period", "neighbours", "test on", "learned from", "where")
 
 
-@dataclasses.dataclass(frozen=True)
-class Options:
+def run() -> None:
     """List the models that --checkpoint and --model take by name.
 
     `sgan-20v` and `sgan-20vp` name all of SGAN's models without and with pooling. The column
     neighbours has the share of people with somebody within 2 m whose forecast they change.
     `recommended` is the anchors model for the data set and horizon that are asked for.
     """
-
-
-def run(_: Options) -> None:
-    """Print a line for each model."""
-    table = [
-        ("name", "forecaster", "steps", "period", "neighbours", "test on", "learned from", "where")
-    ]
+    table = [HEAD]
     for name, path in models_at_hand():
         model = load_model(path)
         config = model.config
         steps, period = f"{config.obs_len}+{config.pred_len}", f"{config.period:g} s"
         share = "-" if model.neighbours is None else f"{100 * model.neighbours:.0f} %"
-        about = name, model.name, steps, period, share
         data = ", ".join(f"{name} ({licence})" for name, licence in model.data.items()) or "-"
+        about = name, model.name, steps, period, share
         table.append((*about, model.dataset or "-", data, str(path.parent)))
     print(aligned_table(table))

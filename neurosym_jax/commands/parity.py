@@ -8,55 +8,53 @@ from typing import Annotated
 
 import tyro
 
-from neurosym_jax.commands._options import refuse_unused
+from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.configuration import Seed, refuse
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.checkpoint import load_torch_checkpoint
 from neurosym_jax.interop.parity import TOLERANCE, run_parity, run_torch
 from neurosym_jax.runtime.files import new_folder
 
-__all__ = ["Options", "run"]
+__all__ = ["run"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Options:
-    """Compare our networks with a torch module that runs now, or with stored torch cases."""
+def run(
+    directory: Annotated[Path | None, tyro.conf.Positional] = None,
+    torch_module: Annotated[str | None, tyro.conf.arg(metavar="FILE.py:CLASS")] = None,
+    checkpoint: Path | None = None,
+    python: str | None = None,
+    seed: int = 0,
+    keep: Path | None = None,
+    tolerance: float = TOLERANCE,
+) -> int:
+    """Compare our networks with a torch module that runs now, or with stored torch cases.
 
-    directory: Annotated[Path | None, tyro.conf.Positional] = None
-    """Stored cases: a folder with manifest.json and one .npz for each of its rows."""
-    torch_module: Annotated[str | None, tyro.conf.arg(metavar="FILE.py:CLASS")] = None
-    """Generator of your torch code, which is run; it has SGAN's interface."""
-    checkpoint: Path | None = None
-    """Checkpoint to load into the torch module and here."""
-    python: str | None = None
-    """Interpreter that has torch and runs the module; default: this one."""
-    seed: int = 0
-    """Random seed of the scenes and noise that the module is given."""
-    keep: Path | None = None
-    """Also store what the module made as a case in this new folder."""
-    tolerance: float = TOLERANCE
-    """Largest absolute difference that passes."""
+    Args:
+        directory: Stored cases: a folder with manifest.json and one .npz for each of its rows.
+        torch_module: Generator of your torch code, which is run; it has SGAN's interface.
+        checkpoint: Checkpoint to load into the torch module and here.
+        python: Interpreter that has torch and runs the module; default: this one.
+        seed: Random seed of the scenes and noise that the module is given.
+        keep: Also store what the module made as a case in this new folder.
+        tolerance: Largest absolute difference that passes.
 
-
-def run(options: Options) -> int:
-    """Print the table and return the exit status: 0 where every output is within, else 1.
+    Returns:
+        The exit status: 0 where every output is within the tolerance, else 1.
 
     Raises:
         InputError: as `run_parity` and `run_torch`, or for options that do not go together.
     """
-    module, checkpoint = options.torch_module, options.checkpoint
-    refuse(Seed, {"--seed": options.seed})
-    if options.directory is not None:
-        names = ("torch_module", "checkpoint", "python", "seed", "keep")
-        refuse_unused(options, names, "on stored cases")
-        parity = run_parity(options.directory, options.tolerance)
-    elif module and checkpoint:
+    refuse(Seed, {"--seed": seed})
+    if directory is not None:
+        module = {"torch_module": torch_module, "checkpoint": checkpoint, "python": python}
+        refuse_given("on stored cases", **module, seed=seed, keep=keep)
+        parity = run_parity(directory, tolerance)
+    elif torch_module and checkpoint:
         model = load_torch_checkpoint(checkpoint, ignored=None)
-        python = options.python or sys.executable
-        keep = options.keep
         with tempfile.TemporaryDirectory() if keep is None else new_folder(keep) as folder:
-            run_torch(module, checkpoint, Path(folder), python=python, seed=options.seed)
-            parity = run_parity(Path(folder), options.tolerance)
+            python = python or sys.executable
+            run_torch(torch_module, checkpoint, Path(folder), python=python, seed=seed)
+            parity = run_parity(Path(folder), tolerance)
         parity = dataclasses.replace(parity, assumed=model.assumed)
     else:
         raise InputError("give either a folder of stored cases, or --torch-module and --checkpoint")

@@ -78,7 +78,8 @@ def plan_runs(options: Options) -> tuple[Source, list[SweepRun]]:
         if not getattr(options, name):
             raise InputError(f"--{name.replace('_', '-')}: at least one is needed")
     first = options.dataset[0] if options.dataset else None
-    source = open_data(options, first, options.train_also, period=options.period)
+    data, read, also = options.data, options.read, options.train_also
+    source = open_data(data, read, first, also, period=options.period)
     if unknown := [name for name in options.dataset if name not in source.scenes]:
         raise InputError(f"unknown dataset {unknown[0]!r}: there are {', '.join(source.scenes)}")
     common = {of.name: getattr(options, of.name) for of in dataclasses.fields(train.Options)}

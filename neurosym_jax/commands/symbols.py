@@ -5,15 +5,14 @@ States of a scene's pairs over time as text, and alpha as a heat map over pairs 
 JSON lines.
 """
 
-import dataclasses
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
-from neurosym_jax.commands._options import open_data, refuse_unused
+from neurosym_jax.commands._options import open_data, refuse_given
 from neurosym_jax.configuration import Count, Seed, component, refuse
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.windows import Windows, cut_windows
@@ -32,80 +31,91 @@ from neurosym_jax.symbolic.forecast import (
 from neurosym_jax.symbolic.weighting import initial_parameters, is_constant
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
-__all__ = ["Options", "run"]
+__all__ = ["run"]
 
-CROWD = 5
-"""Number of people whose pairs a figure can show."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Options:
-    """Show the QTC symbols and weights of a recording, and of one of its scenes."""
-
-    data: Annotated[Path | None, tyro.conf.Positional] = None
-    """Recording, a folder of them, or ETH/UCY; default: the embedded simulations."""
-    dataset: str | None = None
-    """Data set (eth, hotel, ..., or a file's name); default: the first."""
-    window: int | None = None
-    """Index of the window to show; default: the first with the most people, up to five."""
-    weighting: str | None = None
-    """Weighting, as in `neurosym train`; default: the model's, else cnd."""
-    model: Path | None = None
-    """Model whose weights or, with --forecast, forecast are shown; without, windows are 8 + 8."""
-    forecast: bool = False
-    """Show instead the model's forecast of the pairs: events and states with probabilities."""
-    samples: int = 20
-    """Number of forecasts of the scene, k."""
-    seed: int = 0
-    """Random seed of the noise."""
-    out: Path = Path("results/symbols")
-    """Folder of the figures."""
-    style: Literal["paper", "talk"] = "paper"
-    """Look of the figure; a talk's has larger letters and lines."""
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
-    """How files are read."""
+SAMPLES, CROWD = 20, 5
+"""Default number of forecasts, and number of people whose pairs a figure can show."""
 
 
-def run(options: Options) -> None:
-    """Print and draw as `options` say.
+def run(
+    data: Annotated[Path | None, tyro.conf.Positional] = None,
+    dataset: str | None = None,
+    window: int | None = None,
+    weighting: str | None = None,
+    model: Path | None = None,
+    forecast: bool = False,
+    samples: int = SAMPLES,
+    seed: int = 0,
+    out: Path = Path("results/symbols"),
+    style: Literal["paper", "talk"] = "paper",
+    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS,
+) -> None:
+    """Show the QTC symbols and weights of a recording, and of one of its scenes.
+
+    Args:
+        data: Recording, a folder of them, or ETH/UCY; default: the embedded simulations.
+        dataset: Data set (eth, hotel, ..., or a file's name); default: the first.
+        window: Index of the window to show; default: the first with the most people, up to five.
+        weighting: Weighting, as in `neurosym train`; default: the model's, else cnd.
+        model: Model whose weights or, with --forecast, forecast are shown; without, windows are
+            8 + 8.
+        forecast: Show instead the model's forecast of the pairs: events and states with
+            probabilities.
+        samples: Number of forecasts of the scene, k.
+        seed: Random seed of the noise.
+        out: Folder of the figures.
+        style: Look of the figure; a talk's has larger letters and lines.
+        read: How files are read.
 
     Raises:
         InputError: for data, a window, a weighting or a model that cannot be used.
     """
-    if options.forecast:
-        refuse_unused(options, ["weighting", "style"], "with --forecast")
+    if forecast:
+        refuse_given("with --forecast", weighting=weighting, style=style != "paper")
     else:
-        refuse_unused(options, ["samples", "seed"], "without --forecast")
-    refuse(Count, {"--samples": options.samples})
-    refuse(Seed, {"--seed": options.seed})
-    model = options.model and load_model(options.model, dataset=options.dataset)
-    source = open_data(options, options.dataset)
-    name = options.dataset or source.scenes[0]
-    lengths = model.config if model else Lengths()
+        refuse_given("without --forecast", samples=samples != SAMPLES, seed=seed)
+    refuse(Count, {"--samples": samples})
+    refuse(Seed, {"--seed": seed})
+    network = model and load_model(model, dataset=dataset)
+    source = open_data(data, read, dataset)
+    name = dataset or source.scenes[0]
+    lengths = network.config if network else Lengths()
     windows = cut_windows(source.recordings(name), lengths.obs_len, lengths.pred_len)
-    number = options.window
-    if number is None:
+    if window is None:
         sizes = np.where(windows.sizes <= max(CROWD, windows.sizes.min()), windows.sizes, 0)
-        number = int(sizes.argmax())
-    if not 0 <= number < windows.scenes:
-        raise InputError(f"--window must lie in [0, {windows.scenes}), not {number}")
-    shown = windows.take(slice(number, number + 1))
-    title = f"{name}, window {number}"
-    if not options.forecast:
-        _show_weights(options, model, title, shown)
-    elif model:
-        _show_forecast(options, model, title, shown)
+        window = int(sizes.argmax())
+    if not 0 <= window < windows.scenes:
+        raise InputError(f"--window must lie in [0, {windows.scenes}), not {window}")
+    shown = windows.take(slice(window, window + 1))
+    title = f"{name}, window {window}"
+    if not forecast:
+        from neurosym_jax.plotting import save_figure, use_style
+
+        if weighting is None and network and network.config.weighting is None:
+            raise InputError(f"{model}: {network.name} weighs no pairs: name a --weighting")
+        use_style(style)
+        figure = _show_weights(network, weighting, title, shown)
+        print(f"\n{save_figure(figure, out / 'pairs.png')}")
+    elif network:
+        observed = shown.position[:, : shown.obs_len]
+        futures = predict(network, observed, samples=samples, seed=seed)
+        rows = forecast_rows(futures, observed, shown.agent, SymbolSettings(shown.period))
+        path = out / "forecast.jsonl"
+        write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+        print(f"{title}: {len(shown.agent)} people, {len(futures)} samples of {network.name}\n")
+        print(f"{format_forecast(rows)}\n\n{path}")
     else:
         raise InputError("--forecast needs a --model that forecasts")
 
 
-def _show_weights(options: Options, model: Model | None, title: str, shown: Windows) -> None:
-    if model and options.weighting is None:
+def _show_weights(model: Model | None, text: str | None, title: str, shown: Windows) -> Any:
+    """Print the states of a window, and draw the weights that `text` or the model gives them."""
+    from neurosym_jax.plotting import plot_pairs
+
+    if model and text is None:
         weighting, parameters = model.config.weighting, model.params.get("weighting", {})
-        if weighting is None:
-            raise InputError(f"{options.model}: {model.name} weighs no pairs: name a --weighting")
     else:
-        text = options.weighting or "cnd"
+        text = text or "cnd"
         weighting = component(text, WEIGHTINGS, f"--weighting {text}")
         parameters = initial_parameters(weighting)
     observed = make_scene(shown.position).observed
@@ -115,19 +125,4 @@ def _show_weights(options: Options, model: Model | None, title: str, shown: Wind
     hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
     print(f"{title}: {len(shown.agent)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(codes, shown.agent, shown.period))
-
-    from neurosym_jax.plotting import plot_pairs, save_figure, use_style
-
-    use_style(options.style)
-    figure = plot_pairs(shown, codes, alpha, f"{title}, {weighting.name}{hint}")
-    print(f"\n{save_figure(figure, options.out / 'pairs.png')}")
-
-
-def _show_forecast(options: Options, model: Model, title: str, shown: Windows) -> None:
-    observed = shown.position[:, : shown.obs_len]
-    samples = predict(model, observed, samples=options.samples, seed=options.seed)
-    rows = forecast_rows(samples, observed, shown.agent, SymbolSettings(shown.period))
-    path = options.out / "forecast.jsonl"
-    write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-    print(f"{title}: {len(shown.agent)} people, {len(samples)} samples of {model.name}\n")
-    print(f"{format_forecast(rows)}\n\n{path}")
+    return plot_pairs(shown, codes, alpha, f"{title}, {weighting.name}{hint}")

@@ -178,9 +178,8 @@ def make_run(options: Options) -> Run:
         InputError: for options that contradict each other or data that cannot be read.
     """
     network, recipe = configured(options)
-    source = open_data(
-        options, options.dataset, options.train_on, options.train_also, period=options.period
-    )
+    place, files = (options.data, options.read), (options.train_on, options.train_also)
+    source = open_data(*place, options.dataset, *files, period=options.period)
     learned, validated = _recordings(options, source)
     lengths = options.obs_len, options.pred_len
     training = cut_windows(learned, *lengths, min_agents=recipe.min_agents)

@@ -3,7 +3,7 @@ from .bootstrap import ErrorsByScene as ErrorsByScene
 from .bootstrap import holm as holm
 from .bootstrap import mean_difference as mean_difference
 from .bootstrap import paired_difference as paired_difference
-from .collision import collisions as collisions
+from .formulas import collisions as collisions
 from .metrics import METRICS as METRICS
 from .metrics import Metric as Metric
 from .metrics import metric_names as metric_names

@@ -19,6 +19,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import stdtrit
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import Scores
@@ -143,9 +144,8 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
 
 def student_half(values: Sequence[float]) -> float:
     """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
-    from scipy.stats import t  # It takes half a second to import.
-
-    return float(t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
+    n = len(values)
+    return float(stdtrit(n - 1, 0.975) * np.std(values, ddof=1) / n**0.5)
 
 
 def _drawn(errors: ErrorsByScene, seed: int = 0) -> np.ndarray:

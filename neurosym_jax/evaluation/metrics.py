@@ -5,7 +5,7 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from neurosym_jax.evaluation import collision, displacement, neighbours, symbol_scores
+from neurosym_jax.evaluation import formulas, symbol_scores
 from neurosym_jax.plugins import Registry
 
 __all__ = ["METRICS", "SYMBOLS", "Metric", "known_metric", "metric_names", "register_metric"]
@@ -80,31 +80,33 @@ _symbols = functools.partial(_further, unit="nats", about=_SYMBOLS)
 
 
 def _covered(level: float) -> Metric:
-    compute = functools.partial(displacement.coverage, level)
+    compute = functools.partial(formulas.coverage, level)
     return _weighted(f"covered at {100 * level:.0f} %", compute, "share", _COVERED)
 
 
 METRICS: Registry[Metric] = Registry(
     "metric",
     {
-        "joint_ade": Metric("joint ADE", displacement.joint_ade, "m", _JOINT),
-        "joint_fde": Metric("joint FDE", displacement.joint_fde, "m", _JOINT),
-        "marginal_ade": Metric("marginal ADE", displacement.marginal_ade, "m", _MARGINAL),
-        "marginal_fde": Metric("marginal FDE", displacement.marginal_fde, "m", _MARGINAL),
-        "horizon": Metric("mean displacement error", displacement.horizon),
-        "collision_rate": Metric("people in collision", collision.rate, "share", on_host=True),
-        "truth_collision_rate": _on_host("truth's collisions", collision.truth_rate),
-        "excess_collisions": _on_host("collisions beyond truth's", collision.excess),
-        "miss_rate": _further("missed by 2 m", displacement.missed, "share", _MISS),
-        "energy_score": _weighted("energy score", displacement.energy_score, "m", _PROPER),
-        "crps": _weighted("CRPS", displacement.crps, "m", _PROPER),
+        "joint_ade": Metric("joint ADE", formulas.joint_ade, "m", _JOINT),
+        "joint_fde": Metric("joint FDE", formulas.joint_fde, "m", _JOINT),
+        "marginal_ade": Metric("marginal ADE", formulas.marginal_ade, "m", _MARGINAL),
+        "marginal_fde": Metric("marginal FDE", formulas.marginal_fde, "m", _MARGINAL),
+        "horizon": Metric("mean displacement error", formulas.horizon),
+        "collision_rate": Metric(
+            "people in collision", formulas.collision_rate, "share", on_host=True
+        ),
+        "truth_collision_rate": _on_host("truth's collisions", formulas.truth_collision_rate),
+        "excess_collisions": _on_host("collisions beyond truth's", formulas.excess_collisions),
+        "miss_rate": _further("missed by 2 m", formulas.missed, "share", _MISS),
+        "energy_score": _weighted("energy score", formulas.energy_score, "m", _PROPER),
+        "crps": _weighted("CRPS", formulas.crps, "m", _PROPER),
         "coverage_50": _covered(0.5),
         "coverage_90": _covered(0.9),
-        "central_ade": _weighted("central ADE", displacement.central_ade, "m", _CENTRAL),
-        "central_fde": _weighted("central FDE", displacement.central_fde, "m", _CENTRAL),
-        "neighbour_share": _moves("changed by neighbours", neighbours.share, "share"),
-        "neighbour_near": _moves("changed by near neighbours", neighbours.near, "share"),
-        "neighbour_move": _moves("moved by neighbours", neighbours.move),
+        "central_ade": _weighted("central ADE", formulas.central_ade, "m", _CENTRAL),
+        "central_fde": _weighted("central FDE", formulas.central_fde, "m", _CENTRAL),
+        "neighbour_share": _moves("changed by neighbours", formulas.neighbour_share, "share"),
+        "neighbour_near": _moves("changed by near neighbours", formulas.neighbour_near, "share"),
+        "neighbour_move": _moves("moved by neighbours", formulas.neighbour_move),
         "state_log": _symbols("states log", symbol_scores.state_log),
         "event_log": _symbols("events log", symbol_scores.event_log),
     },

@@ -14,13 +14,13 @@ from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_name
+from neurosym_jax.forecasting.model_places import find_model, shipped_name
 from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from neurosym_jax.models.pooling import NO_FORECAST
 from neurosym_jax.runtime.process import cpu_cores
 
 __all__ = ["BASELINES", "TABLE", "Entries", "Test", "TestSet", "baseline", "baselines_of"]
-__all__ += ["load_models", "load_tests", "make_plan", "make_test"]
+__all__ += ["load_tests", "make_plan", "make_test"]
 
 BASELINES = ("constant_velocity", "constant_velocity_sampled")
 """Forecasters that every model is tested beside, by name."""
@@ -57,19 +57,6 @@ class Test:
         return make_batches(self.windows)
 
 
-def load_models(
-    names: Sequence[str], source: Source, dataset: str | None, pred_len: int | None
-) -> list[tuple[str, Model]]:
-    """(path, model) of the checkpoints of these names, see `find_checkpoints`.
-
-    `recommended` without a `dataset` is the model of each data set of ETH/UCY, where `source` is
-    ETH/UCY.
-    """
-    several = dataset is None and isinstance(source, EthUcy)
-    datasets: Sequence[str | None] = source.scenes if several else (dataset,)
-    return [(path, load_model(path)) for path in find_checkpoints(names, datasets, pred_len)]
-
-
 def make_plan(
     source: Source,
     models: Sequence[tuple[str, Model]],
@@ -104,11 +91,32 @@ def make_plan(
         raise InputError("--dataset and --test-on name two test sets: give one of them")
     if dataset is not None and dataset not in source.scenes:
         raise InputError(f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}")
+
+    def contradiction(model: Model) -> str | None:
+        """Why a model cannot be tested as asked; None where it can."""
+        config = model.config
+        if isinstance(config, GeneratorConfig) and "alpha_rows" in config.pooling.inputs:
+            return f"{POOLINGS.name_of(config.pooling)} {NO_FORECAST}"
+        for option, asked, has in (
+            ("obs-len", obs_len, config.obs_len),
+            ("pred-len", pred_len, config.pred_len),
+        ):
+            if asked not in (None, has):
+                return f"has {option.replace('-', '_')} {has}, but --{option} {asked} is asked for"
+        if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:
+            where = "learned from all of ETH/UCY, so it would be tested"
+        elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
+            where = (
+                f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it"
+            )
+        else:
+            return None
+        return f"{where} on what it was trained on (--test-on with file names does so all the same)"
+
     everywhere = ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
-    lengths = {"obs_len": obs_len, "pred_len": pred_len}
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
-        if reason := _contradiction(model, source, dataset, lengths, bool(test_on)):
+        if reason := contradiction(model):
             if only_matching:
                 continue
             raise InputError(f"{path}: {reason}")
@@ -124,30 +132,6 @@ def make_plan(
         of: [*baselines_of(baselines, of.obs_len, of.pred_len, of.dataset, samples), *tested[of]]
         for of in sets
     }
-
-
-def _contradiction(
-    model: Model,
-    source: Source,
-    dataset: str | None,
-    lengths: Mapping[str, int | None],
-    named: bool,
-) -> str | None:
-    """Why a model cannot be tested as asked; None where it can. `named`: recordings are."""
-    config = model.config
-    if isinstance(config, GeneratorConfig) and "alpha_rows" in config.pooling.inputs:
-        return f"{POOLINGS.name_of(config.pooling)} {NO_FORECAST}"
-    for name, asked in lengths.items():
-        has = getattr(config, name)
-        if asked is not None and asked != has:
-            return f"has {name} {has}, but --{name.replace('_', '-')} {asked} is asked for"
-    if model.dataset == GENERAL and isinstance(source, EthUcy) and not named:
-        where = "learned from all of ETH/UCY, so it would be tested"
-    elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
-        where = f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it"
-    else:
-        return None
-    return f"{where} on what it was trained on (--test-on with file names does so all the same)"
 
 
 def baselines_of(
@@ -226,9 +210,9 @@ def make_test(
                 "looked for are among its training windows, so its errors are too small"
             )
             warnings.warn(line, InputWarning, stacklevel=2)
-            first = windows.reading[0]
+            first, *others = windows.reading
             first = dataclasses.replace(first, warnings=(*first.warnings, line))
-            windows = dataclasses.replace(windows, reading=(first, *windows.reading[1:]))
+            windows = dataclasses.replace(windows, reading=(first, *others))
         if (path or model.params) and abs(period - windows.period) > 0.01 * period:
             line = (
                 f"{name}: was trained on steps of {period:g} s and is tested on steps of "

@@ -14,14 +14,13 @@ from jax.typing import ArrayLike
 from neurosym_jax.data.windows import Batch, bucket_of
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
-from neurosym_jax.evaluation.neighbours import without_neighbours
 from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
 from neurosym_jax.scene import Scene, make_scene, model_dtype, pad_scene, relative_positions
 
 __all__ = ["Evaluation", "Metrics", "Score", "Scores", "chosen"]
-__all__ += ["score", "score_batch", "score_forecaster", "score_scenes"]
+__all__ += ["score", "score_batch", "score_forecaster", "score_scenes", "without_neighbours"]
 
 
 class Score(NamedTuple):
@@ -114,6 +113,25 @@ def score_batch(
         alone, _ = forecast_batch(forecaster, params, *without_neighbours(scenes, noise))
         moves = unpacked(futures - alone, valid)
     return score_scenes(metrics, unpacked(futures, valid), scenes, probability, moves)
+
+
+def without_neighbours(scenes: Scene, noise: np.ndarray) -> tuple[Scene, np.ndarray]:
+    """Each slot of a batch of B scenes as a scene of its own, and the noise of these B N scenes.
+
+    Args:
+        scenes: of N slots, with a leading axis B.
+        noise: [k, B, dim] of the scenes, or [k, B, N, dim] of their slots.
+    """
+    slots = scenes.valid.shape[1]
+
+    def of_slots(leaf: Any) -> np.ndarray:
+        return np.asarray(leaf).reshape(-1, 1, *leaf.shape[2:])
+
+    identity = np.repeat(np.asarray(scenes.identity), slots, axis=0)
+    alone = jax.tree.map(of_slots, scenes.bare().replace(identity=None)).replace(identity=identity)
+    if noise.ndim == 3:
+        return alone, np.repeat(noise, slots, axis=1)
+    return alone, noise.reshape(len(noise), len(identity), 1, -1)
 
 
 def score(

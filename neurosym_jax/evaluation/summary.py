@@ -9,7 +9,7 @@ The 95 % interval of a line is
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import PurePath
 from typing import Any
 
@@ -19,7 +19,7 @@ import polars as pl
 from neurosym_jax.evaluation.bootstrap import student_half
 from neurosym_jax.evaluation.metrics import known_metric
 
-__all__ = ["labels", "metrics_of", "rows_frame", "short_names", "summarise"]
+__all__ = ["labels", "rows_frame", "short_names", "summarise"]
 
 SEED = r"[_\-.]?seed[_\-=]?(\d+)"
 """In a checkpoint's path, the seed of one of several trainings."""
@@ -31,11 +31,6 @@ FACTS = ("dataset", *HORIZON, "model", "samples", "seeds", "scenes", "agents", "
 def rows_frame(rows: Sequence[dict[str, Any]]) -> pl.DataFrame:
     """The rows of an evaluation as a data frame."""
     return pl.DataFrame(rows, infer_schema_length=None)
-
-
-def metrics_of(columns: Collection[str]) -> list[str]:
-    """Names of the metrics that rows with these columns have."""
-    return [name for name in columns if f"{name}_low" in columns]
 
 
 def summarise(rows: pl.DataFrame) -> pl.DataFrame:
@@ -97,7 +92,8 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
             metric=pl.lit(name),
             **{value: pl.col(f"{name}{end}").cast(pl.Float64) for value, end in ends.items()},
         )
-        for name in metrics_of(rows.columns)
+        for name in rows.columns
+        if f"{name}_low" in rows.columns
     )
     lines = long.group_by("line", "metric", maintain_order=True).agg(
         pl.col(*FACTS, *ends).first(),
@@ -124,26 +120,22 @@ def _of_trainings(of: dict[str, Any]) -> dict[str, Any]:
 
 def _means(lines: pl.DataFrame) -> Iterator[dict[str, Any]]:
     """Means over test sets, at each horizon, of the models that were tested on all of several."""
-    number = len(lines)
     family = [(path or "").replace(of, "*") for path, of in lines["checkpoint", "dataset"].rows()]
     lines = lines.with_columns(family=pl.Series(family))
     for _, alike in lines.group_by(HORIZON, maintain_order=True):
         names = alike["dataset"].unique(maintain_order=True).to_list()
-        for _, members in alike.group_by("model", "family", maintain_order=True):
-            sets = members["dataset"].unique(maintain_order=True).to_list()
-            if len(names) > 1 and sets == names and members["line"].n_unique() == len(names):
-                number += 1
-                for _, of in members.group_by("metric", maintain_order=True):
-                    mean = _mean(of, len(names)) | {"line": number}
-                    yield mean | {"dataset": f"mean of {', '.join(names)}"}
+        for _, of in alike.group_by("model", "family", "metric", maintain_order=True):
+            if len(names) > 1 and of["dataset"].to_list() == names:
+                number = len(lines) + of["line"][0]
+                yield _mean(of) | {"line": number, "dataset": f"mean of {', '.join(names)}"}
 
 
-def _mean(of: pl.DataFrame, sets: int) -> dict[str, Any]:
+def _mean(of: pl.DataFrame) -> dict[str, Any]:
     """The mean of one metric over test sets."""
     found = of.row(0, named=True)
     path, trainings, means = found.pop("family") or None, found["trainings"], of["mean"].to_list()
     found |= dict.fromkeys(("mean", "low", "high", "std", "scenes", "agents", "blocks"))
-    found |= {"sets": sets, "checkpoint": path, "trainings": 1, "latency": of["latency"].max()}
+    found |= {"sets": len(of), "checkpoint": path, "trainings": 1, "latency": of["latency"].max()}
     found["forecasts_per_second"] = of["forecasts_per_second"].min()
     if trainings > 1 and all(seeds == found["trained"] for seeds in of["trained"].to_list()):
         # Trainings of one seed are not independent of each other, so they are averaged first.
@@ -152,7 +144,7 @@ def _mean(of: pl.DataFrame, sets: int) -> dict[str, Any]:
     if None not in means:
         found["mean"] = mean = float(np.mean(means))
         if of["low"].null_count() == 0:
-            half = float(np.linalg.norm((of["high"] - of["low"]) / 2)) / sets
+            half = float(np.linalg.norm((of["high"] - of["low"]) / 2)) / len(of)
             found |= {"low": mean - half, "high": mean + half}
     return found
 

@@ -128,16 +128,16 @@ def _markdown_table(lines: pl.DataFrame) -> str:
     """Means with 95 % intervals; the significantly best is bold."""
     metrics = _metrics(lines)
     heads = [each.title if each.unit == "share" else each.label for each in metrics.values()]
-    body = []
-    for _, members in _by_test_set(lines):
-        for line in members:
-            of_metrics = [line.cells[name] for name in metrics]
-            texts = [
-                (f"**{cell.mean}**" if cell.best else cell.mean) + cell.interval
-                for cell in of_metrics
-            ]
-            body.append([line.facts["dataset"], line.label, str(line.facts["samples"]), *texts])
+    body = [
+        [of["dataset"], label, str(of["samples"]), *(_bold(cells[name]) for name in metrics)]
+        for _, members in _by_test_set(lines)
+        for label, of, cells in members
+    ]
     return markdown_table(["", "", "k", *heads], body, right=len(heads) + 1)
+
+
+def _bold(cell: Cell) -> str:
+    return (f"**{cell.mean}**" if cell.best else cell.mean) + cell.interval
 
 
 def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
@@ -156,10 +156,9 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
         of = of_test[0].facts
         title = _escaped(f"{of['dataset']}, {of['obs_len']} + {of['pred_len']} steps")
         rows += [r"\midrule", rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\"]
-        for line in of_test:
-            cells = [_escaped(short[line.label]), str(line.facts["samples"])]
-            for name in metrics:
-                mean, interval, _, best = line.cells[name]
+        for label, of, found in of_test:
+            cells = [_escaped(short[label]), str(of["samples"])]
+            for mean, interval, _, best in map(found.__getitem__, metrics):
                 text = rf"\textbf{{{_escaped(mean)}}}" if best else _escaped(mean)
                 cells.append(text + rf"{{\scriptsize{interval}}}" * (intervals and bool(interval)))
             rows.append(" & ".join(cells) + r" \\")

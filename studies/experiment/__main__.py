@@ -1,12 +1,160 @@
-"""Repeat the robot paper's experiment on simulated recordings: `--help` lists the options."""
+"""The robot paper's experiment, on simulated recordings.
+
+Mghames et al., "neuROSym: Deployment and Evaluation of a ROS-based Neuro-Symbolic Model for Human
+Motion Prediction" (2024): two scenarios, two recordings of two minutes each, SGAN beside NeuroSyM.
+Here a simulation walks, a tracker with faults sees it, and a bag keeps what the tracker says; the
+bag is read back, tracks are stitched, forecast and scored as they would be on the robot. What is
+made of the results is in `report`. `python -m studies.experiment --help` lists the options.
+"""
 
 import sys
+from pathlib import Path
 
+import numpy as np
 import tyro
 
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting.model import Model
+from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
-from studies.experiment.experiment import experiment
+from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults, simulate_labelled
+from neurosym_robot.online.predictor import Predictor, load_models
+from neurosym_robot.online.replay import STRAIGHT, Analytics, replay
+from neurosym_robot.ros.bags import BagWriter, read_people
+from neurosym_robot.ros.definitions import PEOPLE_TOPICS
+from neurosym_robot.ros.messages import make_people
+from neurosym_robot.tracking.following import frames_of_tracks
+from neurosym_robot.tracking.stitching import NOBODY, OnlineStitcher
+from studies.experiment.report import write_report
+from studies.experiment.results import PEOPLE, Recording, Results, score
+
+__all__ = ["experiment"]
+
+FAULTS = TrackerFaults(noise=0.02, dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
+"""Each person is lost every 20 s on average, for 1 s on average, and comes back under a new id."""
+STEPS = (8, 8)
+"""Observed and forecast, as the paper's models."""
+START = 1.7e9
+"""Seconds, of the first message: a robot's clock counts from 1970."""
+MAX_PEOPLE = 4
+STORAGES = (".bag", ".mcap", ".db3", ".bag")
+"""Formats of the four bags; the chain is the same for all."""
+
+
+def experiment(
+    out: Path,
+    model_a: tuple[Path, ...] = (),
+    model_b: tuple[Path, ...] = (),
+    *,
+    seconds: float = 120.0,
+    seeds: tuple[int, int, int, int] = (1, 2, 3, 4),
+    samples: int = 20,
+) -> Path:
+    """Simulate, record, forecast, score, and write the report; its path.
+
+    Args:
+        out: folder for report, figures and recordings; it must be new or empty.
+        model_a: models for scenario A; by default those that ship for zara1.
+        model_b: models for scenario B; by default those trained on THÖR that ship, else those of A.
+        seconds: length of a recording.
+        seeds: of the recordings, two of A and two of B.
+        samples: futures that each model draws.
+
+    Raises:
+        InputError: for models that are not there, or a folder that holds something.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: already there, and nothing is overwritten")
+    model_a = model_a or _shipped("zara1")
+    if not model_a:
+        raise InputError("no shipped models in this installation: give --model-a")
+    chosen: dict[Scenario, tuple[Path, ...]] = {
+        "all-forward": model_a,
+        "cross-path": model_b or model_a,
+    }
+    recordings, latencies = [], {}
+    walks = iter(zip(seeds, STORAGES))
+    for scenario, paths in chosen.items():
+        models = load_models(paths)
+        if any((m.config.obs_len, m.config.pred_len) != STEPS for m in models.values()):
+            raise InputError(
+                f"the experiment's models observe {STEPS[0]} steps, forecast {STEPS[1]}"
+            )
+        here: list[Recording] = []
+        for number in (1, 2):
+            bag, people = _record(scenario, number, *next(walks), seconds, out)
+            here.append(_forecast(scenario, number, bag, people, models, samples))
+            print(f"{scenario} {number}: {len(here[-1].forecasts)} forecasts of {bag.name}")
+        latencies[scenario] = _latency(models, here[0], samples)
+        recordings += here
+    results = Results(seconds, seeds, samples, FAULTS, chosen, recordings, latencies)
+    return write_report(out, results)
+
+
+def _shipped(scene: str) -> tuple[Path, ...]:
+    """The SGAN and the NeuroSyM that ship for a scene, at 8 + 8; none if not both do."""
+    names = [f"{kind}_{scene}_8" for kind in ("sgan", "neurosym")]
+    paths = {path.name: path for path in shipped_models()}
+    return tuple(paths[name] for name in names) if paths.keys() >= set(names) else ()
+
+
+def _record(
+    scenario: Scenario, number: int, seed: int, storage: str, seconds: float, out: Path
+) -> tuple[Path, list[np.ndarray]]:
+    """A bag of what the tracker says of a walk, and who the people of each frame are."""
+    tracks, person = simulate_labelled(scenario, seed, seconds, PEOPLE, FAULTS)
+    path = out / "recordings" / f"{scenario}_{number}{storage}"
+    with BagWriter(path) as bag:
+        for frame in frames_of_tracks(tracks):
+            frame = frame._replace(stamp=START + frame.stamp)
+            bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.new, frame))
+    # In the order of each frame's tracks, which is that of the tracker's ids.
+    order = np.lexsort((tracks.id, tracks.stamp))
+    cuts = np.flatnonzero(np.diff(tracks.stamp[order])) + 1
+    return bag.path, np.split(person[order], cuts)
+
+
+def _forecast(
+    scenario: Scenario,
+    number: int,
+    bag: Path,
+    people: list[np.ndarray],
+    models: dict[str, Model],
+    samples: int,
+) -> Recording:
+    """The way of a recording through the whole chain, and once more without stitching."""
+    frames, again = list(read_people(bag)), OnlineStitcher()
+    # -1 for a detection that is not confirmed yet.
+    given = (again.push(*frame) for frame in frames)
+    mended = [np.where(ids == NOBODY, -1, ids) for ids in given]
+    summaries, done = [], []
+    for stitcher in (None, OnlineStitcher()):
+        predictor = Predictor(models, samples=samples, max_people=MAX_PEOPLE)
+        analytics = Analytics(predictor)
+        events = list(replay(frames, predictor, analytics, stitcher=stitcher))
+        done = [each for event in events for each in event.scored] + analytics.finish()
+        summaries.append(analytics.summary())
+    scores = {name: score(done, name) for name in models}
+    scores[STRAIGHT] = score(done, None)
+    unstitched, summary = summaries
+    return Recording(
+        scenario, number, bag, frames, mended, people, done, summary, unstitched, scores
+    )
+
+
+def _latency(
+    models: dict[str, Model], recording: Recording, samples: int
+) -> dict[str, dict[str, float]]:
+    """Milliseconds from a frame's arrival to its forecast, of each model alone."""
+    latencies = {}
+    for name, model in models.items():
+        predictor = Predictor({name: model}, samples=samples, max_people=MAX_PEOPLE)
+        how = {"stitcher": OnlineStitcher()}
+        events = replay(recording.frames, predictor, Analytics(predictor), **how)
+        took = [1e3 * event.forecast.latency for event in events if event.forecast is not None]
+        latencies[name] = {f"p{p}": float(np.percentile(took, p)) for p in (50, 90, 99)}
+    return latencies
+
 
 if __name__ == "__main__":
     tune()

@@ -7,16 +7,18 @@ DATA holds ETH/UCY in `eth_ucy`, THÖR's tracks in `thor`, see docs/data.md, and
 with `scores.json` in place of DATA the last two are made of it.
 """
 
+import dataclasses
 import json
 import sys
 import time
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_jax.data.sources import Split
+from neurosym_jax.data.sources import Source, Split, open_source
+from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputWarning
 from neurosym_jax.evaluation.bootstrap import (
     Difference,
@@ -32,13 +34,54 @@ from neurosym_jax.symbolic.forecast import SymbolSettings
 from studies.symbolic_forecast.cases import make_cases
 from studies.symbolic_forecast.page import document, table
 from studies.symbolic_forecast.scores import evaluate_symbols
-from studies.symbolic_forecast.sets import TestSet, sets_of
+from studies.weighting.data import LEARNED, TESTED, read_corridor
 
 LENGTH, SAMPLES, SEED = 8, 20, 0
 MOST: dict[Split, int] = {"train": 20_000, "val": 8_000, "test": 30_000}
 """Pairs of each split, about."""
 AGAINST = ("Markov chain", "constant velocity", "SGAN", "anchors")
 """What NeuroSyM is compared with."""
+CHOOSING = ("boa-300-055-095", "bot-360-090-090")
+"""Recordings of HERMES, split as in the study of weightings, on which smoothing is chosen."""
+THOR = (
+    "CLiFF-LHMP_thor1_exp-1-run-2",
+    "CLiFF-LHMP_thor3_exp-3-run-2",
+    "THOR-MAGNI_Scenario_5",
+)
+
+
+class TestSet(NamedTuple):
+    """A scene of a source, and whose models forecast it."""
+
+    source: Source
+    scene: str
+    models: str
+    """The part of the models' names behind the kind: what they were not trained on."""
+
+
+def sets_of(data: Path) -> dict[str, list[TestSet]]:
+    """The groups of test sets in `data`, see the module above.
+
+    Raises:
+        InputError: for data that is missing.
+    """
+    eth_ucy, thor = open_source(data / "eth_ucy"), open_source(data / "thor")
+    corridors = _Corridors(TESTED, folder=data / "hermes")
+    return {
+        "ETH/UCY": [TestSet(eth_ucy, scene, scene) for scene in ("eth", "zara1")],
+        # No model that ships has seen a corridor or THÖR.
+        "THÖR": [TestSet(thor, scene, "zara1") for scene in THOR],
+        "HERMES": [TestSet(corridors, scene, "zara1") for scene in TESTED],
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class _Corridors(Source):
+    folder: Path = Path()
+
+    def _read(self, scene: str, split: Split) -> list[Tracks]:
+        runs = {"train": LEARNED, "val": CHOOSING, "test": (scene,)}[split]
+        return [read_corridor(self.folder / f"{run}.txt") for run in runs]
 
 
 def main(data: Path, out: Path) -> None:

@@ -81,26 +81,24 @@ def test_what_an_evaluation_leaves(options, tmp_path, capsys):
     )
     report = json.loads((tmp_path / "rows.json").read_text())
     assert report.pop("provenance")["data"] == {}
-    assert {how["recording"] for how in report.pop("recordings")} == {
-        f"synthetic/cross-path/{number}" for number in range(2)
-    }
+    assert [how["recording"][-12:] for how in report.pop("recordings")] == [
+        f"cross-path/{number}" for number in range(2)
+    ]
     assert report == {"format": 2, "protocol": "sgan", "rows": rows}
     log = (tmp_path / "rows.jsonl").read_text()
     assert [json.loads(line) for line in log.splitlines()] == rows
-    names = [(row["model"], row["samples"], row["dataset"]) for row in rows]
-    assert names == [
-        ("constant velocity", 1, "cross-path"),
-        ("constant velocity, sampled", 3, "cross-path"),
+    assert [(row["model"], row["samples"]) for row in rows] == [
+        ("constant velocity", 1),
+        ("constant velocity, sampled", 3),
     ]
     for row in rows:
         assert all(np.isfinite(value) for value in row.values() if isinstance(value, float))
         assert row["joint_ade_low"] < row["joint_ade"] < row["joint_ade_high"]
-        assert 0 <= row["collision_rate"] <= 1
         assert row["joint_ade"] >= row["marginal_ade"] - 1e-9
     assert [path.name for path in (tmp_path / "figures").iterdir()] == ["cross-path_8_8.png"]
     out, err = capsys.readouterr()
-    assert "cross-path: 8 + 8 steps, 572 scenes, 1144 people" in out
-    assert "these are the baselines" in out
+    for said in ("cross-path: 8 + 8 steps, 572 scenes, 1144 people", "these are the baselines"):
+        assert said in out
     assert "cross-path_8_8.png" in out
     assert "Next:" not in out
     assert "evaluating" not in err  # No progress bar where no terminal is.
@@ -111,29 +109,28 @@ def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys
     save_model(tmp_path / "folder", load_model(small))
     given = (small, f"{tmp_path}/./folder/")
     rows = run(options(checkpoint=given, samples=2, dataset="cross-path", collisions=False, seed=5))
-    assert [row["checkpoint"] for row in rows] == [None, None, *given]
-    for row in rows:
-        assert "collision_rate" not in row
-        assert (row["pred_len"], row["seed"]) == (8, 5)
+    assert [(row["checkpoint"], row["seed"]) for row in rows] == [
+        (each, 5) for each in (None, None, *given)
+    ]
+    assert "collision_rate" not in rows[0]
     assert f"assumed of {small}: forward as in the released code" in capsys.readouterr().out
     for metric in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
         assert rows[2][metric] == rows[3][metric]
 
 
 def test_one_step_and_one_agent(options, tmp_path):
-    walk = "\n".join(f"{frame},1,{0.1 * frame:.1f},0" for frame in range(9))
-    (tmp_path / "walk.csv").write_text(walk)
-    data = tmp_path / "walk.csv"
-    rows = run(options(data=data, pred_len=1, min_agents=1, samples=2))
-    assert [(row["scenes"], row["agents"], row["dataset"]) for row in rows] == [(1, 1, "walk")] * 2
-    assert rows[0]["joint_ade"] == pytest.approx(0, abs=1e-6)
-    assert rows[0]["collision_rate"] == 0
+    (data := tmp_path / "walk.csv").write_text(
+        "\n".join(f"{frame},1,{0.1 * frame:.1f},0" for frame in range(9))
+    )
+    row, _ = run(options(data=data, pred_len=1, min_agents=1, samples=2))
+    assert (row["scenes"], row["agents"], row["dataset"]) == (1, 1, "walk")
+    assert row["joint_ade"] == pytest.approx(0, abs=1e-6)
+    assert row["collision_rate"] == 0
 
 
 def test_further_metrics_where_they_are_asked_for(options, capsys):
-    given = options(metrics=("energy_score", "coverage_50"), dataset="cross-path", samples=4)
-    velocity, sampled = run(dataclasses.replace(given, symbols=True))
-    assert {"energy_score", "coverage_50"} < sampled.keys()
+    given = {"metrics": ("energy_score", "coverage_50"), "symbols": True}
+    velocity, sampled = run(options(**given, dataset="cross-path", samples=4))
     assert "crps" not in sampled
     assert sampled["energy_score"] < velocity["energy_score"]
     assert velocity["coverage_50"] is None  # A single forecast has no region.
@@ -160,14 +157,8 @@ def test_another_rate_than_in_training_is_told(options, tmp_path):
 
 @pytest.mark.slow
 def test_joint_metrics_matter_counts_these_windows(shared, options):
-    rows = run(
-        options(
-            data=shared / "data/eth_ucy",
-            protocol="joint-metrics",
-            baselines=("constant_velocity",),
-            collisions=False,
-        )
-    )
+    how = {"protocol": "joint-metrics", "baselines": ("constant_velocity",), "collisions": False}
+    rows = run(options(data=shared / "data/eth_ucy", **how))
     assert [row["scenes"] for row in rows] == [253, 445, 947, 705, 998]
     # Its mean over scenes, and of the five: .539 / 1.152, see docs/evaluate.md.
     means = [sum(row[f"joint_{error}"] for row in rows) / 5 for error in ("ade", "fde")]
@@ -175,18 +166,11 @@ def test_joint_metrics_matter_counts_these_windows(shared, options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(ZOO))
+@pytest.mark.parametrize("name", ZOO)
 def test_published_numbers(shared, options, name):
-    (*_, row) = run(
-        options(
-            checkpoint=(str(shared / f"checkpoints/{name}_model.pt"),),
-            data=shared / "data/eth_ucy",
-            collisions=False,
-        )
-    )
-    ade, fde = ZOO[name]
-    assert row["joint_ade"] == pytest.approx(ade, abs=0.02)
-    assert row["joint_fde"] == pytest.approx(fde, abs=0.02)
+    checkpoint = (str(shared / f"checkpoints/{name}_model.pt"),)
+    *_, row = run(options(checkpoint=checkpoint, data=shared / "data/eth_ucy", collisions=False))
+    assert (row["joint_ade"], row["joint_fde"]) == pytest.approx(ZOO[name], abs=0.02)
     assert row["samples"] == 20
 
 

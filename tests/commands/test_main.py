@@ -1,16 +1,20 @@
-"""`neurosym`: the list of commands costs nothing, a wrong name gets a hint."""
+"""`neurosym`: the list of commands costs nothing, a wrong name gets a hint, help fits a screen."""
 
 import importlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+import tyro
 
 from neurosym_jax.__main__ import commands, main
+from neurosym_jax.commands._options import short_help
 
+NAMES = re.compile(r"--[a-z][a-z0-9.-]*")
 HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "orbax", "rosbags", "scipy", "tyro"}
 
 ROOT = Path(__file__).parents[2]
@@ -21,7 +25,8 @@ PACKAGES = [
 
 
 def imported_by(script):
-    """Those of `HEAVY` that a fresh process has imported after `script`."""
+    """Those of `HEAVY` that a fresh process has imported after `script`, which sets nothing."""
+    script = f"import os; before = dict(os.environ)\n{script}\nassert before == dict(os.environ)"
     script += f"\nimport sys; print('imported:', *{HEAVY} & sys.modules.keys())"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
@@ -59,18 +64,15 @@ def test_every_export_is_there(package):
         _ = module.no_such_thing
 
 
-def test_help_lists_every_command(capsys):
-    main(["--help"])
+@pytest.mark.parametrize("arguments", [["--help"], []])
+def test_help_lists_every_command(arguments, capsys):
+    main(arguments)
     lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("usage: neurosym COMMAND")
     for name in commands():
         (line,) = (line for line in lines if line.startswith(f"  {name} "))
         assert len(line.split()) > 2
         assert len(line) <= 80
-
-
-def test_no_argument_is_a_question_for_help(capsys):
-    main([])
-    assert capsys.readouterr().out.startswith("usage: neurosym COMMAND")
 
 
 def test_who_reads_may_stop_reading():
@@ -85,3 +87,31 @@ def test_who_reads_may_stop_reading():
 def test_a_wrong_name_gets_a_hint():
     with pytest.raises(SystemExit, match="no command 'evalute': did you mean evaluate"):
         main(["evalute"])
+
+
+@pytest.mark.parametrize("name", commands())
+def test_help_fits_a_screen_and_names_every_option(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "90")
+    module = importlib.import_module(commands()[name])
+    options = getattr(module, "Options", module.run)
+    text = short_help(options, f"neurosym {name}")
+    lines = text.splitlines()
+    assert len(lines) <= 50
+    assert max(map(len, lines)) <= 90
+    with pytest.raises(SystemExit):
+        tyro.cli(options, args=["--help"])
+    every = set(re.findall(r"^│ (--[a-z][a-z0-9.-]*)", capsys.readouterr().out, re.MULTILINE))
+    assert every - set(NAMES.findall(text)) == set()
+    assert set(NAMES.findall(text)) >= {"--plugin", "--help-all"}
+
+
+def test_help_says_what_the_main_options_do(capsys):
+    with pytest.raises(SystemExit) as done:
+        main(["symbols", "--help"])
+    assert done.value.code in (0, None)
+    text = capsys.readouterr().out
+    assert text.startswith("usage: neurosym symbols DATA [OPTIONS]\n")
+    assert re.search(r"--window N +Index of the window to show\.", text)
+    with pytest.raises(SystemExit):
+        main(["symbols", "--help-all"])
+    assert "{None}" not in capsys.readouterr().out

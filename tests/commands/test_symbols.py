@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neurosym_jax.commands.symbols import Options, run
+from neurosym_jax.commands.symbols import run
 from neurosym_jax.errors import InputError
 
 MODEL = Path(__file__).resolve().parents[2] / "checkpoints" / "neurosym_simulations_8"
@@ -23,7 +23,7 @@ def recording(tmp_path):
 
 
 def test_states_over_time_as_text(recording, tmp_path, capsys):
-    run(Options(recording, window=0, out=tmp_path / "out"))
+    run(recording, window=0, out=tmp_path / "out")
     text = capsys.readouterr().out
     assert "walk, window 0: 2 people, weighting cnd" in text
     (line,) = (line for line in text.splitlines() if line.startswith("(1, 2)"))
@@ -34,17 +34,17 @@ def test_states_over_time_as_text(recording, tmp_path, capsys):
 
 
 def test_weights_of_a_model(recording, tmp_path, capsys):
-    run(Options(recording, model=MODEL, out=tmp_path / "out"))
+    run(recording, model=MODEL, out=tmp_path / "out")
     out = capsys.readouterr().out
     assert "window 4: 3 people, weighting cnd" in out
     assert "constant" not in out
     with pytest.raises(InputError, match="SGAN weighs no pairs"):
-        run(Options(recording, model=MODEL.with_name("sgan_simulations_8")))
+        run(recording, model=MODEL.with_name("sgan_simulations_8"))
 
 
 def test_a_forecast_is_told_written_and_drawn(recording, tmp_path, capsys):
     out = tmp_path / "out"
-    run(Options(recording, window=0, model=MODEL, forecast=True, samples=4, out=out))
+    run(recording, window=0, model=MODEL, forecast=True, samples=4, out=out)
     text = capsys.readouterr().out
     assert "walk, window 0: 2 people, 4 samples of NeuroSyM" in text
     rows = [json.loads(line) for line in (out / "forecast.jsonl").read_text().splitlines()]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from neurosym_jax.commands.download import Options, run
+from neurosym_jax.commands.download import run
 from neurosym_jax.data.published import find, published_files
 from neurosym_jax.data.sources import EthUcy, Synthetic, open_source
 from neurosym_jax.errors import InputError
@@ -72,9 +72,9 @@ def names(folder):
 
 def test_over_http_and_found_without_being_told(served, home, capsys):
     for collection, count in (("eth-ucy", 24), ("sgan-checkpoints", 20)):
-        options = Options(collection, mirror=served("cut", "corrupt", "whole"))
+        mirror = served("cut", "corrupt", "whole")
         for came in (count, 0):
-            assert run(options) == 0
+            assert run(collection, mirror=mirror) == 0
             assert capsys.readouterr().out.endswith(f", {came} of them fetched now\n")
         assert names(home / collection) == sorted(published_files(collection))
     source = open_source(Path("eth-ucy"))
@@ -98,41 +98,41 @@ def test_over_http_and_found_without_being_told(served, home, capsys):
 def test_what_breaks_off_is_not_there_and_goes_on(served, home, capsys, step, reason):
     address = served("whole", "whole", "whole", step)
     with pytest.raises(InputError, match=f"({reason}).* run this again, or name") as caught:
-        run(Options("eth-ucy", mirror=address, timeout=0.5))
+        run("eth-ucy", mirror=address, timeout=0.5)
     assert str(caught.value).startswith(f"{address}/")
     assert "\n" not in str(caught.value)
     assert not (home / "eth-ucy").exists()
     assert len(names(home)) == 3
     with pytest.raises(InputError, match="fetch it once: python -m neurosym_jax download eth-ucy"):
         open_source(None, "eth")
-    assert run(Options("eth-ucy", mirror=served("whole"))) == 0
+    assert run("eth-ucy", mirror=served("whole")) == 0
     assert "21 of them fetched now" in capsys.readouterr().out
 
 
 def test_what_is_there_is_checked_and_never_overwritten(served, tmp_path, capsys):
-    options = Options("eth-ucy", to=tmp_path / "there", mirror=served("whole"))
-    run(options)
+    how: Any = {"to": tmp_path / "there", "mirror": served("whole")}
+    run("eth-ucy", **how)
     assert f"export NEUROSYM_DATA={tmp_path / 'there'}" in capsys.readouterr().out
     folder = tmp_path / "there/eth-ucy"
     (folder / "all/biwi_eth.txt").unlink()
     (folder / "mine.txt").write_text("mine")
-    assert run(options) == 0
+    assert run("eth-ucy", **how) == 0
     assert "1 of them fetched now" in capsys.readouterr().out
     (folder / "val/biwi_eth_val.txt").write_text("mine")
     with pytest.raises(InputError, match=r"biwi_eth_val\.txt: is not the published file"):
-        run(options)
+        run("eth-ucy", **how)
     assert {(folder / of).read_text() for of in ("mine.txt", "val/biwi_eth_val.txt")} == {"mine"}
 
 
 def test_thor_by_hand(home, capsys):
-    assert run(Options("thor")) == 2
+    assert run("thor") == 2
     out = capsys.readouterr().out
     assert "https://zenodo.org/records/3382145" in out
     assert f"put the recordings into {home / 'thor'}" in out
     (home / "thor").mkdir(parents=True)
     (home / "thor/Exp_1_run_1_6D.csv").write_text(CSV)
     (home / "thor/broken.csv").write_text("1,2\n")
-    assert run(Options("thor")) == 0
+    assert run("thor") == 0
     out = capsys.readouterr().out
     assert "Exp_1_run_1_6D.csv: QTM export" in out
     assert "broken.csv: " in out

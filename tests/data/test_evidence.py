@@ -104,7 +104,7 @@ def test_inspect(tmp_path, capsys):
     (tmp_path / "walk.csv").write_text("when,x,y,id\n1,1000,0,1\n0,0,0,1\n2,2000,0,1\n")
     figure = tmp_path / "f/all.png"
     read = ReadOptions(columns=("time=when",), unit="mm")
-    assert inspect.run(inspect.Options(tmp_path / "walk.csv", figure=figure, read=read)) == 0
+    assert inspect.run(tmp_path / "walk.csv", figure=figure, read=read) == 0
     out = capsys.readouterr().out
     assert "walk.csv: table with named columns" in out
     assert "people 1, points 3, duration 2.0 s, 1 points a second, 0 gaps" in out
@@ -112,7 +112,7 @@ def test_inspect(tmp_path, capsys):
     assert figure.read_bytes().startswith(b"\x89PNG")
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub/bad.txt").write_text("0 1 2\n")
-    assert inspect.run(inspect.Options(tmp_path)) == 2
+    assert inspect.run(tmp_path) == 2
     (tmp_path / "good.txt").write_text("0 1 2 3\n1 1 2 3\n")
-    assert inspect.run(inspect.Options(tmp_path)) == 0
+    assert inspect.run(tmp_path) == 0
     assert "bad.txt: row 1: 3 columns" in capsys.readouterr().out

@@ -1,10 +1,19 @@
+"""Every metric by its formula, by hand or by what it must tell apart."""
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation import formulas
+from neurosym_jax.evaluation.formulas import COLLISION_DISTANCE, collisions
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
-from neurosym_jax.evaluation.scoring import score
+from neurosym_jax.evaluation.scoring import score, score_forecaster
+from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
+from neurosym_jax.models.config import GeneratorConfig
+from tests.networks import random_model
 
 
 def offsets(errors):
@@ -134,3 +143,126 @@ def test_a_region_needs_two_samples_and_holds_its_share_of_equals():
     still = np.repeat(truth[None], 20, axis=0)
     assert mean("coverage_90", still, truth) == pytest.approx(0.9)
     assert mean("coverage_90", still + 0.01, truth) == 0
+
+
+def straight(start, end, steps=2):
+    return np.linspace(start, end, steps)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "expected"),
+    [
+        # Both cross the middle at the same time, far from it at every step.
+        (straight((-1, 0), (1, 0)), straight((0, -1), (0, 1)), True),
+        # They pass through each other.
+        (straight((-3, 0), (3, 0)), straight((3, 0), (-3, 0)), True),
+        # The same paths, a step apart in time.
+        (straight((-1, 0), (1, 0)), straight((0, -5), (0, -3)), False),
+        # Side by side, nearer and farther than the limit.
+        (straight((0, 0), (5, 0)), straight((0, 0.19), (5, 0.19)), True),
+        (straight((0, 0), (5, 0)), straight((0, 0.21), (5, 0.21)), False),
+        # Only at the last step, and only at the first.
+        (straight((0, 0), (5, 0), 3), straight((5, 3), (5, 0.1), 3), True),
+        (straight((0, 0), (5, 0), 3), straight((0.1, 0), (5, 9), 3), True),
+        # Both stand; a single step.
+        (straight((0, 0), (0, 0)), straight((0, 0), (0, 0)), True),
+        (straight((0, 0), (0, 0), 1), straight((0.1, 0), (0, 0), 1), True),
+        # Their lines meet, but before the forecast begins.
+        (straight((1, 0), (2, 0)), straight((0, 1), (0, 2)), False),
+    ],
+)
+def test_collisions_between_steps(one, other, expected):
+    """Slots of padding, all at one place, collide with nobody."""
+    forecast = np.stack([one, other, 0 * one, 0 * one])[None]
+    hit = collisions(forecast, np.array([True, True, False, False]))
+    assert hit.tolist() == [[expected, expected, False, False]]
+
+
+def test_collisions_against_dense_sampling():
+    rng = np.random.default_rng(2)
+    forecast = rng.uniform(0, 3, (6, 5, 4, 2))
+    time = np.linspace(0, 1, 400)[:, None]
+    dense = np.concatenate(
+        [forecast[:, :, [t]] * (1 - time) + forecast[:, :, [t + 1]] * time for t in range(3)],
+        axis=2,
+    )
+    distance = np.linalg.norm(dense[:, :, None] - dense[:, None], axis=-1).min(axis=-1)
+    distance[:, range(5), range(5)] = np.inf
+    clear = np.abs(distance - COLLISION_DISTANCE).min(axis=-1) > 0.01
+    hit = np.asarray(collisions(forecast, np.ones(5, bool)))
+    wanted = (distance < COLLISION_DISTANCE).any(axis=-1)
+    assert (hit == wanted)[clear].all()
+    assert 0.2 < wanted.mean() < 0.95
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """Twenty samples of forty people who walk 5 m in a hall of 12 m."""
+    draw = np.random.default_rng(5)
+    step = draw.normal(0, 0.4, (40, 1, 2)) + draw.normal(0, 0.1, (20, 40, 12, 2))
+    return (draw.uniform(0, 12, (40, 1, 2)) + step.cumsum(axis=2)).astype(np.float32)
+
+
+def test_boxes_change_nothing(crowd, monkeypatch):
+    valid = np.arange(40) % 7 > 0
+    found = collisions(crowd, valid)
+    assert 0.02 < found.mean() < 0.6
+    monkeypatch.setattr(formulas, "REACH", np.inf)
+    assert (collisions(crowd, valid) == found).all()
+
+
+def test_the_excess_is_what_forecasts_collide_more_than_the_truth(crowd):
+    truth = crowd[3]
+    names = ("collision_rate", "truth_collision_rate", "excess_collisions")
+    rate, true, excess = (each.mean for each in score(crowd, truth, metrics=names).values())
+    everybody = np.ones(40, bool)
+    assert rate == pytest.approx(collisions(crowd, everybody).mean(), rel=1e-6)
+    assert true == pytest.approx(collisions(truth[None], everybody).mean(), rel=1e-6)
+    assert excess == pytest.approx(rate - true)
+    assert score(truth[None], truth, metrics=names)["excess_collisions"].mean == 0
+
+
+OBS, PRED = 4, 3
+NEIGHBOURS = ("neighbour_share", "neighbour_near", "neighbour_move")
+
+
+def windows(sizes) -> Windows:
+    """Random walks, each agent's start 1.5 m from the one before, the last agent far away."""
+    rng = np.random.default_rng(0)
+    position = np.cumsum(rng.normal(0.1, 0.02, (sum(sizes), OBS + PRED, 2)), axis=1)
+    bounds = np.concatenate([[0], np.cumsum(sizes)])
+    position[..., 0] += 1.5 * (np.arange(len(position)) - np.repeat(bounds[:-1], sizes))[:, None]
+    position[bounds[1:] - 1] += 50
+    identity = np.stack([np.zeros(len(sizes)), np.arange(len(sizes))], axis=1).astype(np.uint32)
+    return Windows(position, np.arange(len(position)), bounds, identity, OBS)
+
+
+WINDOWS = windows([3, 4, 1, 5, 4, 3])
+BATCHES = make_batches(WINDOWS)
+
+
+def effect(bias: float, **changes):
+    model = random_model(GeneratorConfig(obs_len=OBS, pred_len=PRED, **changes))
+    layer = model.params["params"]["pooling"]["mlp"]["layer_1"]
+    layer["bias"] = layer["bias"] + bias
+    how = {"samples": 3, "seed": 0, "metrics": NEIGHBOURS}
+    found = score_forecaster(model.forecaster, model.params, BATCHES, **how)
+    assert found.scores["neighbour_share"].count.sum() == 19  # Nobody of the scene of one.
+    assert found.scores["neighbour_near"].count.sum() == 14  # Nor the last of each scene.
+    return [found.mean(name) for name in NEIGHBOURS]
+
+
+@pytest.mark.parametrize("changes", [{"pooling": "as_described"}, {"noise_mix_type": "ped"}])
+def test_a_living_pooling_moves_people_and_a_dead_one_nobody(changes):
+    share, near, move = effect(10.0, **changes)
+    assert min(share, near) > 0.8
+    assert move > 0.01
+    share, near, move = effect(-1e4, **changes)
+    assert share == near == 0
+    assert move < 1e-5
+
+
+def test_a_baseline_sees_nobody():
+    forecaster = ConstantVelocitySampled(Lengths(OBS, PRED))
+    found = score_forecaster(forecaster, (), BATCHES, samples=3, seed=0, metrics=NEIGHBOURS)
+    assert [found.mean(name) for name in NEIGHBOURS] == [0, 0, 0]

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.collision import collisions
+from neurosym_jax.evaluation.formulas import collisions
 from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths, draw_noise
@@ -78,56 +78,36 @@ def test_deterministic_forecasts_have_one_sample():
     assert (found.samples, tuple(found.scores)) == (1, ("joint_ade",))
 
 
-@pytest.fixture
-def own_metric():
-    """Registers a metric for the length of a test and scores constant velocity by it."""
-
-    def scored(compute):
+def own(compute, windows=WINDOWS):
+    """Scores of constant velocity by a metric of one's own, which is registered meanwhile."""
+    with mock.patch.dict(METRICS):
         register_metric("own", "own metric")(compute)
-        batches = make_batches(WINDOWS)
-        return score_forecaster(
-            ConstantVelocity(Lengths()), (), batches, samples=1, seed=0, metrics=("own",)
-        ).scores["own"]
-
-    with mock.patch.dict(METRICS):
-        yield scored
-
-
-def test_own_metrics(own_metric):
-    with mock.patch.dict(METRICS):
-        of_scene = own_metric(
-            lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1)
-        )
-        assert of_scene.mean == pytest.approx(np.mean(WINDOWS.sizes**2))
         with pytest.raises(InputError, match="another metric 'own' already"):
-            own_metric(lambda forecast, scene: 0.0)
-    with mock.patch.dict(METRICS):
-        of_scenes = own_metric(lambda forecast, scene: scene.valid.sum().astype(float))
-        assert of_scenes.mean == pytest.approx(np.sum(WINDOWS.sizes**2) / np.sum(WINDOWS.sizes))
-    with mock.patch.dict(METRICS):
-        nothing = own_metric(lambda forecast, scene: (forecast[0, ..., 0], 0 * scene.valid))
-        assert nothing.total.shape == (WINDOWS.scenes, 8)
-        assert np.isnan(nothing.mean).all()
+            register_metric("own", "own metric")(print)
+        how = {"samples": 1, "seed": 0, "metrics": ("own",)}
+        found = score_forecaster(ConstantVelocity(Lengths()), (), make_batches(windows), **how)
+    return found.scores["own"]
+
+
+def test_own_metrics():
+    sizes, group = WINDOWS.sizes, np.arange(WINDOWS.agents) % 3
+    of_scene = own(lambda forecast, scene: (jnp.where(scene.valid, 1.0, 0).sum() ** 2, 1))
+    assert of_scene.mean == pytest.approx(np.mean(sizes**2))
+    of_scenes = own(lambda forecast, scene: scene.valid.sum().astype(float))
+    assert of_scenes.mean == pytest.approx(np.sum(sizes**2) / np.sum(sizes))
+    nothing = own(lambda forecast, scene: (forecast[0, ..., 0], 0 * scene.valid))
+    assert nothing.total.shape == (WINDOWS.scenes, 8)
+    assert np.isnan(nothing.mean).all()
     # Weights of slots without a person are ignored.
-    of_agents = own_metric(
+    of_agents = own(
         lambda forecast, scene: (scene.observed[:, 0, 0] + 9, 1 + 0 * forecast[0, :, 0, 0])
     )
-    assert of_agents.count.tolist() == WINDOWS.sizes.tolist()
+    assert of_agents.count.tolist() == sizes.tolist()
     firsts = [each.scene.observed[each.scene.valid][:, 0, 0] for each in make_batches(WINDOWS)]
     assert of_agents.mean == pytest.approx(np.concatenate(firsts).mean() + 9, rel=1e-5)
-
-
-def test_a_metric_sees_the_extras():
-    group = np.arange(WINDOWS.agents) % 3
-    batches = make_batches(dataclasses.replace(WINDOWS, extras={"group": group}))
-    with mock.patch.dict(METRICS):
-        register_metric("group", "share of group 2", unit="share")(
-            lambda forecast, scene: scene.extras["group"] == 2
-        )
-        found = score_forecaster(
-            ConstantVelocity(Lengths()), (), batches, samples=1, seed=0, metrics=("group",)
-        )
-    assert found.mean("group") == pytest.approx((group == 2).mean())
+    grouped = dataclasses.replace(WINDOWS, extras={"group": group})
+    of_group = own(lambda forecast, scene: scene.extras["group"] == 2, grouped)
+    assert of_group.mean == pytest.approx((group == 2).mean())
 
 
 @pytest.mark.parametrize(
@@ -139,6 +119,6 @@ def test_a_metric_sees_the_extras():
         (lambda forecast, scene: forecast @ scene.valid, "TypeError"),
     ],
 )
-def test_what_is_no_metric_is_refused(own_metric, compute, message):
+def test_what_is_no_metric_is_refused(compute, message):
     with pytest.raises(InputError, match=f"metric own: .*{message}"):
-        own_metric(compute)
+        own(compute)

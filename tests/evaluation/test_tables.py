@@ -11,6 +11,8 @@ from unittest import mock
 import numpy as np
 import polars as pl
 import pytest
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
 from scipy.stats import t
 
 from neurosym_jax.evaluation.markdown import markdown_table
@@ -19,29 +21,22 @@ from neurosym_jax.evaluation.summary import rows_frame, summarise
 from neurosym_jax.evaluation.tables import format_table
 
 
-def columns(name, mean, half):
-    ends = {f"{name}_low": mean - half, f"{name}_high": mean + half}
-    return {name: mean, **ends, f"{name}_std": None}
-
-
-def row(model, scene, ade, checkpoint=None, half=0.01):
-    return {
+def row(model, scene, ade, checkpoint=None):
+    facts = {
         "checkpoint": checkpoint,
         "model": model,
         "dataset": scene,
         "obs_len": 8,
         "pred_len": 8,
-        "samples": 20,
-        "seeds": 1,
-        "scenes": 602,
-        "agents": 2253,
-        "blocks": 50,
-        **columns("joint_ade", ade, half),
-        **columns("collision_rate", 0.05, 0.01),
-        **dict.fromkeys(("own", "own_low", "own_high", "own_std")),
-        "latency": 0.001,
-        "forecasts_per_second": 1000.0,
     }
+    counts = {"samples": 20, "seeds": 1, "scenes": 602, "agents": 2253, "blocks": 50}
+    values = {"latency": 0.001, "forecasts_per_second": 1000.0}
+    for name, mean in (("joint_ade", ade), ("collision_rate", 0.05), ("own", None)):
+        ends = (None, None) if mean is None else (mean - 0.01, mean + 0.01)
+        values |= dict(
+            zip((name, f"{name}_low", f"{name}_high", f"{name}_std"), (mean, *ends, None))
+        )
+    return facts | counts | values
 
 
 SCENES = ("eth", "zara1")
@@ -112,19 +107,17 @@ def test_csv_has_the_numbers_as_they_are():
     assert np.isclose(float(table[-1]["joint_ade"]), 0.26)
 
 
-def latex_cells(text):
-    """The rows of a table, head first, as cells."""
-    lines = [line for line in text.splitlines() if line.endswith(r"\\")]
-    return [re.split(r"(?<!\\)&", line.removesuffix(r" \\")) for line in lines]
-
-
-def test_latex_is_well_formed():
-    rows = [row("A&B_50%", "zara_1", 0.5), row("SGAN", "zara_1", 0.2), row("SGAN", "eth", 0.2)]
+def test_latex_is_well_formed_and_names_are_short():
+    names = ("A&B_50%", "constant velocity, sampled", "NeuroSyM, soft,factor=0.1")
+    rows = [row(name, "zara_1", 0.5 - 0.1 * at) for at, name in enumerate(names)]
+    rows.append(row(names[2], "eth", 0.2))
     text = format_table(rows_frame(rows), "latex")
     assert text.startswith("% \\usepackage{booktabs}\n")
+    assert "% CV, sampled: constant velocity, sampled\n" in text
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
     columns = re.search(r"\\begin\{tabular\}\{@\{\}(l[lr]+)@\{\}\}", body)[1]
-    cells = latex_cells(body)
+    lines = [line for line in body.splitlines() if line.endswith(r"\\")]
+    cells = [re.split(r"(?<!\\)&", line.removesuffix(r" \\")) for line in lines]
     # Two rows of head, a title for each test set and the mean of what was tested on both.
     assert len(cells) == 2 + 3 + len(rows) + 1
     for row_ in cells:
@@ -133,18 +126,19 @@ def test_latex_is_well_formed():
         assert not re.findall(r"(?<!\\)[%_#]", "".join(row_))
     assert body.count("{") == body.count("}")
     assert r"A\&B\_50\% & 20 & 0.500 & 5.0 \%" in body
+    assert "\nCV, sampled & 20 & 0.400 &" in body
+    assert "\nNeuroSyM, soft & 20 & \\textbf{0.300} &" in body
     assert "[" not in body
-    assert r"\textbf{0.200}" in body
     with_intervals = format_table(rows_frame(rows), "latex", intervals=True)
-    assert r"\textbf{0.200}{\scriptsize [0.190, 0.210]}" in with_intervals
+    assert r"\textbf{0.300}{\scriptsize [0.290, 0.310]}" in with_intervals
     assert "95 % interval by bootstrap" in with_intervals
+    # Names that would be the same without their options keep them.
+    same = [row(f"NeuroSyM, quantised,factor={each}", "zara1", 0.4) for each in (1, 2)]
+    assert "factor=1" in format_table(rows_frame(same), "latex")
 
 
 def test_latex_fits_one_column_of_a_paper():
     """By the widths of Computer Modern's letters: `\\footnotesize` are 8 points, a column 241."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import TextPath
-
     font = FontProperties("cmr10")
 
     def points(text):
@@ -152,21 +146,14 @@ def test_latex_fits_one_column_of_a_paper():
         return TextPath((0, 0), plain, 8, prop=font).get_extents().width if plain else 0
 
     names = ("constant velocity", "constant velocity, sampled", "NeuroSyM, quantised,factor=0.1")
-    metrics = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "collision_rate")
-    rows = [row(name, "zara1", 0.4) for name in names]
-    rows = [
-        of | {k: v for name in metrics[1:4] for k, v in columns(name, 1.2, 0.1).items()}
-        for of in rows
-    ]
-    text = format_table(rows_frame(rows), "latex")
-    lines = [line for line in latex_cells(text) if len(line) == 2 + len(metrics)]
-    widths = [max(map(points, column)) for column in zip(*lines)]
+    rows = [row(name, "zara1", 1.2) for name in names]
+    for of in rows:
+        for name in ("joint_fde", "marginal_ade", "marginal_fde"):
+            of |= {f"{name}{end}": of[f"joint_ade{end}"] for end in ("", "_low", "_high", "_std")}
+    lines = [line.split("&") for line in format_table(rows_frame(rows), "latex").splitlines()]
+    widths = [max(map(points, column)) for column in zip(*(of for of in lines if len(of) == 7))]
+    assert len(widths) == 7
     assert sum(widths) + 6 * (len(widths) - 1) < 241
-    assert [line[0].strip() for line in lines[1:]] == ["CV", "CV, sampled", "NeuroSyM, quantised"]
-    assert "% CV: constant velocity" in text
-    # Names that would be the same without their options keep them.
-    same = [row(f"NeuroSyM, quantised,factor={each}", "zara1", 0.4) for each in (1, 2)]
-    assert "factor=1" in format_table(rows_frame(same), "latex")
 
 
 def test_from_a_pandas_frame_to_a_latex_table_in_five_lines(tmp_path, monkeypatch):

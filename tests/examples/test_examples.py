@@ -1,10 +1,10 @@
 """Every example, as a module, with fewer steps."""
 
 import ast
-import importlib.util
 import re
 import runpy
 from pathlib import Path
+from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -22,12 +22,7 @@ TESTED = {
 
 
 def example(name):
-    spec = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return SimpleNamespace(**runpy.run_path(str(FOLDER / f"{name}.py"), run_name=name))
 
 
 def test_no_example_is_forgotten():
@@ -122,13 +117,10 @@ def test_forecasts_become_a_costmap(tmp_path):
 
     costmap = example("costmap")
     observed = np.array([[[0.0, 0], [1, 0]], [[9, 5], [9, 5]]])
-    samples = np.zeros((2, 2, 1, 2)) + observed[:, -1:]
-    samples[0, 0, 0] += [1, 1]  # The first may turn to the left or to the right; the other stands.
-    samples[1, 0, 0] += [1, -1]
-    model = ModelForecast(samples, samples.mean(axis=0), 0)
-    forecast = Forecast(
-        1e9, 1, np.arange(2), observed, {"NeuroSyM": model}, {}, 0.0, np.zeros(2, int)
-    )
+    # The first may turn to the left or to the right; the other stands.
+    samples = observed[:, -1:] + np.array([[[[1, 1]], [[0, 0]]], [[[1, -1]], [[0, 0]]]])
+    models = {"NeuroSyM": ModelForecast(samples, samples.mean(axis=0), 0)}
+    forecast = Forecast(1e9, 1, np.arange(2), observed, models, {}, 0.0, np.zeros(2, int))
     with BagWriter(tmp_path / "forecasts.db3") as bag:
         message = samples_message(bag.new, forecast, "NeuroSyM", 0.4, "odom")
         bag.write(costmap.TOPIC, 1e9, message)
@@ -139,10 +131,8 @@ def test_forecasts_become_a_costmap(tmp_path):
     corner = grid.info.origin.position
 
     def at(x, y):
-        column, row = int((x - corner.x) / costmap.CELL), int((y - corner.y) / costmap.CELL)
-        return per_cent[row, column]
+        return per_cent[int((y - corner.y) / costmap.CELL), int((x - corner.x) / costmap.CELL)]
 
-    later = 50 * np.exp(-0.4 / costmap.FADE)
     assert at(1, 0) == at(1, 0.3) == at(9, 5) == 100
-    assert at(2, 1) == at(2, -1) == round(later)
+    assert at(2, 1) == at(2, -1) == round(50 * np.exp(-0.4 / costmap.FADE))
     assert at(2, 0) == at(5, 3) == at(9, 4) == 0

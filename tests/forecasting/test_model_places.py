@@ -5,7 +5,7 @@ import jax
 import pytest
 
 from neurosym_jax import load_model
-from neurosym_jax.commands.models import Options, run
+from neurosym_jax.commands.models import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting import model_places
 from neurosym_jax.forecasting.anchors import initial_anchors
@@ -64,7 +64,7 @@ def test_folders_of_several(downloads):
 
 def test_what_is_at_hand_is_listed(downloads, shared, capsys):
     shutil.copytree(shared / "checkpoints" / "sgan-p-models", downloads / "sgan-p-models")
-    run(Options())
+    run()
     head, *lines = capsys.readouterr().out.splitlines()
     titles = "name forecaster steps period neighbours test on learned from where"
     assert head.split() == titles.split()

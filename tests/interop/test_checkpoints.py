@@ -141,8 +141,8 @@ def test_what_is_assumed_is_said(tmp_path, torch):
     tensors = {k: torch.from_numpy(v) for k, v in contents["g_state"].items()}
     torch.save({**contents, "g_state": tensors}, tmp_path / "a.pt")
     with pytest.raises(InputError, match="--ignore-arg heads"):
-        convert.run(convert.Options(tmp_path / "a.pt", tmp_path / "a"))
-    convert.run(convert.Options(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",)))
+        convert.run(tmp_path / "a.pt", tmp_path / "a")
+    convert.run(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",))
     assert "activation relu; the unknown" in (tmp_path / "a" / "README.md").read_text()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax import GeneratorConfig, load_model, predict_distribution
-from neurosym_jax.commands.export import Options, run
+from neurosym_jax.commands.export import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import scene_noise
 from neurosym_jax.forecasting.model import Model
@@ -66,11 +66,11 @@ def test_the_example_needs_nothing_of_ours(model, tmp_path, capsys):
 
 def test_the_command_and_what_is_refused(model, tmp_path, capsys):
     small = Path(__file__).parents[1] / "golden" / "small.pt"
-    run(Options(small, tmp_path / "a.stablehlo", samples=3))
+    run(small, tmp_path / "a.stablehlo", samples=3)
     assert "SGAN, no pooling, 3 forecasts" in capsys.readouterr().out
     assert jax.export.deserialize(bytearray((tmp_path / "a.stablehlo").read_bytes())).in_avals
     with pytest.raises(InputError, match=r"a\.stablehlo: exists already"):
-        run(Options(small, tmp_path / "a.stablehlo"))
+        run(small, tmp_path / "a.stablehlo")
     with pytest.raises(InputError, match="samples must be at least 1"):
         export_model(model("pool_net"), 0)
     paired = GeneratorConfig(pooling="neurosym_ijcnn")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.commands import convert
-from neurosym_jax.commands.parity import Options, run
+from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting import Lengths, Model
 from neurosym_jax.interop import compare, torch_side
@@ -136,17 +136,16 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
     state = network_of(torch, ARGUMENTS).state_dict()
     losses = defaultdict(list, L=[1.0])  # As SGAN's train.py saves them.
     torch.save({"g_state": state, "args": ARGUMENTS, "G_losses": losses}, path)
-    options = Options(torch_module=f"{models}:TrajectoryGenerator", checkpoint=path, keep=kept)
-    assert run(options) == 0
+    module = f"{models}:TrajectoryGenerator"
+    assert run(torch_module=module, checkpoint=path, keep=kept) == 0
     assert "activation relu" in capsys.readouterr().out
-    assert run(Options(kept)) == 0
+    assert run(kept) == 0
     # What we export runs in the module and is the same network.
-    convert.run(convert.Options(path, tmp_path / "folder"))
-    convert.run(convert.Options(tmp_path / "folder", tmp_path / "again.pt"))
-    again = Options(torch_module=options.torch_module, checkpoint=tmp_path / "again.pt")
-    assert run(again) == 0
+    convert.run(path, tmp_path / "folder")
+    convert.run(tmp_path / "folder", tmp_path / "again.pt")
+    assert run(torch_module=module, checkpoint=tmp_path / "again.pt") == 0
     models.write_text(SGAN.read_text().replace(*RELU))
-    assert run(again) == 1
+    assert run(torch_module=module, checkpoint=tmp_path / "again.pt") == 1
     assert "activation LeakyReLU, ours is ReLU" in capsys.readouterr().out
 
 
@@ -164,7 +163,7 @@ def test_a_module_that_does_not_run(module, python, message):
         pytest.importorskip("torch", reason="torch is not installed")
     small = Path(__file__).parents[1] / "golden" / "small.pt"
     with pytest.raises(InputError, match=message) as error:
-        run(Options(torch_module=module, checkpoint=small, python=python))
+        run(torch_module=module, checkpoint=small, python=python)
     assert "\n" not in str(error.value)
 
 

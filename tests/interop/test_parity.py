@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from neurosym_jax.commands.parity import Options, run
+from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.parity import run_parity
 
@@ -152,7 +152,7 @@ def test_a_planted_difference_is_found(request, tmp_path, file, change, missed):
 
 def test_nothing_compared_proves_nothing(tmp_path):
     (tmp_path / "manifest.json").write_text("[]")
-    assert run(Options(tmp_path)) == 1
+    assert run(tmp_path) == 1
 
 
 def test_one_element_decides_and_tolerance_is_inclusive(tmp_path):
@@ -206,7 +206,7 @@ def test_bad_manifests(tmp_path, text, reason):
 )
 def test_bad_options(options, reason):
     with pytest.raises(InputError, match=reason):
-        run(Options(**options))
+        run(**options)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neurosym_jax.__main__ import commands
-from tests.commands.walk import READ, assert_it_matters, assert_repeated, options_of, write_data
+from tests.commands.walk import READ, assert_it_matters, options_of, write_data
 
 ROBOT = [name for name, module in commands().items() if module.startswith("neurosym_robot.")]
 C = "neurosym_robot.commands"
@@ -126,8 +126,3 @@ def inner():
 def test_it_changes_what_is_done(command, option, data, inner, tmp_path, capsys):
     case = CASES[command][option]
     assert_it_matters(command, BASE[command], case, inner[command], data, tmp_path, capsys)
-
-
-@pytest.mark.parametrize("command", ROBOT)
-def test_nothing_changes_by_itself(command, data, inner, tmp_path, capsys):
-    assert_repeated(command, BASE[command], inner[command], data, tmp_path, capsys)

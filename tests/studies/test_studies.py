@@ -16,8 +16,7 @@ from studies.mistakes.corpus import MISTAKES
 from studies.more_data import HERMES, KEPT_BACK, STANFORD, STANFORD_TESTED, write
 from studies.mutants import _replaced, mutations
 from studies.notebooks import FOLDER, execute
-from studies.stitching.__main__ import offline, online
-from studies.stitching.peers import greedy
+from studies.stitching.__main__ import greedy, offline, online
 from studies.stitching.situations import SITUATIONS
 from studies.weighting.data import LEARNED, TESTED
 

@@ -1,4 +1,4 @@
-"""Scores of k forecasts by distances to the truth: best of k, proper scores, coverage.
+"""The formulas of metrics: distances to the truth, collisions, and what neighbours change.
 
 Joint best-of-k takes one sample for the whole scene (SGAN's protocol); marginal best-of-k takes
 each agent's own best, which is what most later papers report. The two are not comparable, so both
@@ -9,6 +9,12 @@ that the truth comes from (Gneiting and Raftery, JASA 2007). Both take the k sam
 the estimator with 1 / k^2, which also holds for samples that depend on each other, and which for a
 single forecast is its error. The price is that scores of different k are not comparable. Samples
 that have probabilities [k] are weighted by them in place of 1 / k.
+
+Few of a crowd's pairs come near each other, and which ones depends on the numbers; so collisions
+are found on the host, where pairs whose bounding boxes lie apart are dropped first.
+
+A pooling whose units are dead forecasts everybody in company as it does alone: the forecasts of
+each agent with and without its neighbours, for the same noise, tell.
 """
 
 import functools
@@ -16,14 +22,24 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 
 from neurosym_jax.scene import Scene
 
-__all__ = ["MISSED", "energy_score"]
+__all__ = ["COLLISION_DISTANCE", "MISSED", "MOVED", "NEAR", "collisions", "energy_score"]
 
 MISSED = 2.0
 """Metres from the last position of an agent's best sample to the true one that are a miss."""
+COLLISION_DISTANCE = 0.2
+"""Distance between two people's centres below which they collide, metres."""
+REACH = COLLISION_DISTANCE + 1e-3
+"""Distance between boxes, m, beyond which no collision is possible, rounding included."""
+MOVED = 1e-3
+"""Metres; a forecast that moves by no more in any sample and step is unchanged."""
+NEAR = 2.0
+"""Metres to the nearest neighbour, at the last observed step, within which it should matter."""
 
 
 @jax.jit  # So that several metrics trace it once.
@@ -162,3 +178,100 @@ def _numbers(forecast: Array, probability: Array | None) -> Array:
     """[k] how many samples each one counts for."""
     k = len(forecast)
     return jnp.ones(k, forecast.dtype) if probability is None else k * probability
+
+
+def collisions(forecast: ArrayLike, valid: ArrayLike) -> np.ndarray:
+    """Find agents that come closer than `COLLISION_DISTANCE` to another in the same sample.
+
+    Between time steps agents move in straight lines, so that fast crossings count.
+
+    Args:
+        forecast: [k, N, T, 2] metres.
+        valid: [N] bool.
+
+    Returns:
+        [k, N] bool.
+    """
+    return _of_batch(np.asanyarray(forecast)[:, None], np.asarray(valid)[None])[:, 0]
+
+
+def _of_batch(forecast: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """[k, B, N] bool; `forecast [k, B, N, T, 2]`, `valid [B, N]`."""
+    # Samples last, so that a pair is a contiguous row.
+    paths = forecast[:, valid].transpose(2, 3, 1, 0).copy()  # [T, 2, A, k]
+    low, high = paths.min(axis=0), paths.max(axis=0) + REACH
+    sizes = valid.sum(axis=1)
+    pairs = [np.triu_indices(size, 1) for size in sizes]
+    starts = np.repeat(np.cumsum(sizes) - sizes, [len(one) for one, _ in pairs])
+    one, other = np.concatenate(pairs, axis=1) + starts
+    # First the boxes around all samples of a pair, then those of each.
+    near = _meet(low.min(axis=-1), high.max(axis=-1), one, other)
+    one, other = one[near], other[near]
+    pair, sample = np.nonzero(_meet(low, high, one, other))
+    ends = np.stack([one[pair], other[pair]]) * len(forecast) + sample
+    flat = paths.reshape(*paths.shape[:2], -1)
+    close = _collide(flat.take(ends[0], axis=2) - flat.take(ends[1], axis=2))
+    hit = np.zeros((paths.shape[2], len(forecast)), bool)
+    hit.reshape(-1)[ends[:, close]] = True
+    found = np.zeros(forecast.shape[:3], bool)
+    found[:, valid] = hit.T
+    return found
+
+
+def _meet(low: np.ndarray, high: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """[P, ...] whether boxes from `low [2, A, ...]` to `high` overlap."""
+    meet = (low[:, one] < high[:, other]) & (low[:, other] < high[:, one])
+    return meet[0] & meet[1]
+
+
+def _collide(offset: np.ndarray) -> np.ndarray:
+    """[C] whether paths whose offset is `offset [T, 2, C]` come too close."""
+    end = np.square(offset[-1]).sum(axis=0)
+    # The offset moves along a segment; its nearest point to zero is at `t` in [0, 1].
+    x, y = offset[:-1].swapaxes(0, 1)
+    dx, dy = (offset[1:] - offset[:-1]).swapaxes(0, 1)
+    # The smallest positive number, for an offset that stays.
+    length = np.maximum(dx**2 + dy**2, np.finfo(offset.dtype).tiny)
+    t = np.clip(-(x * dx + y * dy) / length, 0, 1)
+    nearest = ((x + t * dx) ** 2 + (y + t * dy) ** 2).min(axis=0, initial=np.inf)
+    return np.minimum(end, nearest) < COLLISION_DISTANCE**2
+
+
+def collision_rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] share of samples in which an agent collides; `forecast [k, B, N, T, 2]`."""
+    return _of_batch(forecast, np.asarray(scene.valid)).mean(axis=0)
+
+
+def truth_collision_rate(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] whether an agent collides in the truth; `forecast [k, B, N, T, 2]`."""
+    return collision_rate(np.asarray(scene.known_future)[None], scene)
+
+
+def excess_collisions(forecast: np.ndarray, scene: Scene) -> np.ndarray:
+    """[B, N] `collision_rate` less `truth_collision_rate`; `forecast [k, B, N, T, 2]`."""
+    return collision_rate(forecast, scene) - truth_collision_rate(forecast, scene)
+
+
+def neighbour_share(moves: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] bool, whether an agent's forecast moves by more than `MOVED`; `moves [k, N, T, 2]`."""
+    return _length(moves).max(axis=(0, 2)) > MOVED, _in_company(scene)
+
+
+def neighbour_near(moves: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] bool, `neighbour_share` of the agents whose nearest neighbour is within `NEAR`."""
+    last = jnp.asarray(scene.observed)[:, -1]
+    others = jnp.asarray(scene.valid) & ~jnp.eye(len(last), dtype=bool)
+    closest = jnp.where(others, _length(last[:, None] - last), jnp.inf).min(axis=1)
+    changed, company = neighbour_share(moves, scene)
+    return changed, company & (closest <= NEAR)
+
+
+def neighbour_move(moves: Array, scene: Scene) -> tuple[Array, Array]:
+    """[N] mean over samples of the move at the last step."""
+    return _length(moves[:, :, -1]).mean(axis=0), _in_company(scene)
+
+
+def _in_company(scene: Scene) -> Array:
+    """[N] bool, agents of scenes of two or more."""
+    valid = jnp.asarray(scene.valid)
+    return valid & (valid.sum() > 1)
