@@ -194,7 +194,7 @@ def _built(value: Any, hint: Any, source: str) -> Any:
     table = _table(hint)
     if table is not None and isinstance(value, str | dict):
         return component(value, table, source)
-    if dataclasses.is_dataclass(hint) and isinstance(value, dict):
+    if isinstance(hint, type) and issubclass(hint, Checked) and isinstance(value, dict):
         return from_json(hint, value, source)
     return value
 

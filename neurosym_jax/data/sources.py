@@ -1,4 +1,4 @@
-"""Sources of recordings by name of the data set: simulations, ETH/UCY, or a user's files.
+"""Sources of recordings by name of the data set (simulations, ETH/UCY, files), and their places.
 
 A source reads files only when recordings are asked for.
 """
@@ -13,19 +13,27 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 
 from neurosym_jax.data import formats
-from neurosym_jax.data.published import COLLECTIONS, data_folder, find
 from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid, resample
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, printable
 
-__all__ = ["GENERAL", "EthUcy", "Files", "Source", "Synthetic", "open_source", "windows_from"]
+__all__ = ["GENERAL", "EthUcy", "Files", "Source", "Synthetic", "data_folder", "find"]
+__all__ += ["licences_of", "open_source", "windows_from"]
 
 Split = Literal["train", "val", "test"]
 
 GENERAL = "general"
 """Held-out data set of models that are trained on all of them and tested on other people."""
+
+COLLECTIONS = ("eth-ucy", "sgan-checkpoints", "thor")  # that are downloaded into `data_folder()`
+
+_LICENCES = {
+    # What forbids a use is called restricted, and learned from by no model that ships.
+    **dict.fromkeys(("sdd", "stanford"), ("SDD", "CC BY-NC-SA 3.0, restricted")),
+    "simulations": ("simulations", "MIT"),
+}
 
 TRAIN_SHARE = 0.8  # of each recording of `Files`; the rest is for validation
 
@@ -161,6 +169,26 @@ def open_source(
     if len({*names, GENERAL}) <= len(names):
         raise InputError(f"{data}: two files are called alike, or one {GENERAL}; rename it")
     return Files(tuple(names), paths=tuple(paths), **how)
+
+
+def data_folder() -> Path:
+    """`$NEUROSYM_DATA`, else `neurosym_jax` in `$XDG_DATA_HOME` (default `~/.local/share`)."""
+    if own := os.environ.get("NEUROSYM_DATA"):
+        return Path(own)
+    base = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
+    return Path(base) / "neurosym_jax"
+
+
+def find(path: Path) -> Path:
+    """`path`, or where it is below the data folder or a collection in it, if it is anywhere."""
+    base = data_folder()
+    places = (path, base / path, *(base / name / path for name in COLLECTIONS))
+    return next(filter(os.path.exists, places), path)
+
+
+def licences_of(names: Iterable[str]) -> dict[str, str]:
+    """The licence of each data set, "unstated" where its publisher states none or it is unknown."""
+    return dict(_LICENCES.get(name.casefold(), (name, "unstated")) for name in names)
 
 
 def windows_from(

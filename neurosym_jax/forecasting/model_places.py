@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import neurosym_jax
-from neurosym_jax.data.published import data_folder, find
 from neurosym_jax.data.readers.eth_ucy import SCENES
-from neurosym_jax.data.sources import GENERAL
+from neurosym_jax.data.sources import GENERAL, data_folder, find
 from neurosym_jax.errors import InputError
 
 __all__ = ["RECOMMENDED", "find_checkpoints", "find_model", "models_at_hand"]

@@ -9,7 +9,7 @@ from .style import PALETTE as PALETTE
 from .style import model_looks as model_looks
 from .style import save_figure as save_figure
 from .style import use_style as use_style
-from .symbols import plot_alpha as plot_alpha
-from .symbols import plot_pairs as plot_pairs
+from .tracks import plot_alpha as plot_alpha
+from .tracks import plot_pairs as plot_pairs
 from .tracks import plot_tracks as plot_tracks
 from .tracks import read_underlay as read_underlay

@@ -1,25 +1,41 @@
-"""All tracks of recordings, a panel a recording."""
+"""What is observed, from above: all tracks of recordings, and the symbols and weights of pairs."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import ArrayLike
 
 from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.data.windows import Windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.plotting.style import COLUMN, PALETTE, WIDTH, dress_floor, new_figure
+from neurosym_jax.plotting import style
+from neurosym_jax.plotting.forecasts import draw_paths
+from neurosym_jax.symbolic.states import state_texts
+from neurosym_jax.symbolic.weighting import is_constant
 
-__all__ = ["plot_tracks", "read_underlay"]
+__all__ = ["plot_alpha", "plot_pairs", "plot_tracks", "read_underlay"]
 
 PANELS = 24
 """Recordings that a figure has room for."""
 DOTS = 700
 """Of a drawn underlay, along each side."""
+PAIRS = 12
+"""Pairs that fit a heat map with their states."""
+PALE = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
+"""Pale enough for dark letters."""
+LETTERS: dict[str, Any] = {"family": "DejaVu Sans Mono", "color": style.INK, "ha": "center"}
+"""Of one width, so that QTC states align."""
+BESIDE: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.LABEL}
+"""A name beside a person."""
 
 
 def plot_tracks(
@@ -35,15 +51,15 @@ def plot_tracks(
     shown = recordings[:PANELS]
     columns = min(4, int(np.ceil(np.sqrt(len(shown)))))
     rows = -(-len(shown) // columns)
-    width = COLUMN if columns == 1 else WIDTH
-    figure, grid = new_figure(width, rows * width / columns, rows, columns)
+    width = style.COLUMN if columns == 1 else style.WIDTH
+    figure, grid = style.new_figure(width, rows * width / columns, rows, columns)
     for axes, tracks in zip(grid.ravel(), shown):
         paths = np.split(tracks.position, np.flatnonzero(np.diff(tracks.id)) + 1)
-        colours = [PALETTE[person % len(PALETTE)] for person in range(len(paths))]
+        colours = [style.PALETTE[person % len(style.PALETTE)] for person in range(len(paths))]
         axes.add_collection(LineCollection(paths, colors=colours, linewidths=0.5, alpha=0.7))
         axes.scatter(*np.array([path[0] for path in paths]).T, s=3, c=colours, zorder=3)
         axes.autoscale()
-        dress_floor(axes, tracks.recording[:60])
+        style.dress_floor(axes, tracks.recording[:60])
         if underlay is not None:
             _draw_underlay(axes, *map(np.asarray, underlay))
     for axes in grid.ravel()[len(shown) :]:
@@ -89,3 +105,78 @@ def _draw_underlay(axes: Axes, pixels: np.ndarray, homography: np.ndarray) -> No
     look = {"extent": limits, "origin": "lower", "zorder": 0, "cmap": "gray", "aspect": "auto"}
     axes.imshow(drawn, alpha=np.where(seen, 0.6, 0.0), **look)
     axes.set_aspect("equal", adjustable="datalim")
+
+
+def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str) -> Figure:
+    """A scene's paths beside alpha of its pairs over time, with the QTC_C1 states written in.
+
+    `scene` has one window of N people, whose states have `codes [N, N, T - 1]` and weigh
+    `alpha [N, N, T]`. Where alpha is the same both ways, a pair has one row; the first 12 rows are
+    shown.
+    """
+    people, texts = scene.agent, state_texts()
+    count, steps = len(people), alpha.shape[-1]
+    both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
+    rows = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
+    rows = rows[:PAIRS]
+    height = max(2.2, 0.8 + 0.19 * len(rows))
+    figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2.7))
+    for path, person, colour in zip(scene.position, people, style.PALETTE * count):
+        draw_paths(where, path[None], color=colour, lw=1.2)
+        draw_paths(where, path[None, -1:], color=colour, marker="o", ms=4)
+        where.annotate(f"{person}", path[-1], (4, 4), **BESIDE, color=colour)
+    where.margins(0.15)
+    style.dress_floor(where, "paths, a dot at the end")
+    values = np.array([alpha[row] for row in rows])
+    highest = values.max() if values.size and values.max() > 0 else 1.0
+    # Learned weights may be negative.
+    lowest = min(0.0, values.min(initial=0.0))
+    image = when.imshow(values, aspect="auto", cmap=PALE, vmin=lowest, vmax=highest)
+    # A letter is 0.6 of its size wide; four and a margin fit into a step.
+    size = min(style.SMALL, 0.58 * figure.get_figwidth() * 72 / steps / 3)
+    for place, row in enumerate(rows):
+        for step, code in enumerate(codes[row], 1):
+            when.text(step, place, texts[code], fontsize=size, va="center", **LETTERS)
+    arrow = "→" if both_ways else "–"
+    when.set_yticks(range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows])
+    ticks = range(0, steps, 2)
+    when.set_xticks(ticks, [f"{scene.period * step:.1f}" for step in ticks])
+    when.grid(visible=False)
+    style.dress(when, "time [s]", "", f"alpha and QTC state: {title}")
+    if is_constant(alpha):
+        image.set_visible(False)  # One colour would show nothing: the title says so.
+        return figure
+    return style.colour_bar(figure, image, when, "alpha")
+
+
+def plot_alpha(observed: ArrayLike, alpha: ArrayLike) -> Figure:
+    """Weights of pairs on a still scene: arrows from each person to those who count for them.
+
+    Weights below a tenth of the largest one have no arrow; the arrows of both ways lie apart.
+
+    Args:
+        observed: [N, obs_len, 2] metres.
+        alpha: [N, N] the weight of j for i: alpha, or an attention's.
+    """
+    past, share = np.asarray(observed, float), np.abs(np.asarray(alpha, float))
+    share = np.where(np.eye(len(share), dtype=bool), 0, share)
+    largest = share.max() or 1.0
+    share /= largest
+    figure, ((axes,),) = style.new_figure(style.COLUMN, 3.0)
+    draw_paths(axes, past[:, -3:], color=style.INK, lw=1.2)
+    last = past[:, -1]
+    axes.plot(*last.T, "o", color=style.INK, ms=4, zorder=4)
+    for person, place in enumerate(last):
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
+        axes.annotate(f"{person}", place, (5, 4), zorder=5, **BESIDE, color=style.INK, bbox=box)
+    for flat in share.argsort(axis=None, kind="stable"):  # The largest on top.
+        i, j = np.unravel_index(flat, share.shape)
+        if share[i, j] >= 0.1:
+            look = {"arrowstyle": "-|>", "connectionstyle": "arc3,rad=0.15", "shrinkA": 4}
+            look |= {"lw": 0.4 + 1.8 * share[i, j], "shrinkB": 4}
+            colour = style.SEQUENTIAL(share[i, j])
+            axes.annotate("", last[j], last[i], arrowprops={**look, "color": colour})
+    axes.margins(0.12)
+    style.dress_floor(axes)
+    scale = ScalarMappable(Normalize(0, largest), style.SEQUENTIAL)
+    return style.colour_bar(figure, scale, axes, "weight")

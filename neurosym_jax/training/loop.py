@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import fingerprint
-from neurosym_jax.data.published import licences_of
+from neurosym_jax.data.sources import licences_of
 from neurosym_jax.data.windows import Batch, Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError, TrainingError
 from neurosym_jax.evaluation.scoring import score_forecaster

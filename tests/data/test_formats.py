@@ -1,6 +1,12 @@
-"""Rates, folders, and files that are damaged or large."""
+"""Rates, folders, and files that are damaged, large or refused.
 
+What cannot be read ends in one line that names the file, the row and the reason; refusals of whole
+tables are in `studies.mistakes`, which `tests/studies` runs.
+"""
+
+import os
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +15,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from neurosym_jax.commands.inspect import describe
-from neurosym_jax.data import ReadOptions, read_any
+from neurosym_jax.data import ReadOptions, open_source, read_any, windows_from
 from neurosym_jax.data.formats import data_files
 from neurosym_jax.data.tracks import on_grid
 from neurosym_jax.data.windows import cut_windows
@@ -100,3 +106,87 @@ def test_a_header_of_100_000_bodies_is_fast(tmp_path):
         (tracks,) = read_any(tmp_path / "a.tsv", ReadOptions(yes_really=True))
     assert len(tracks.id) == 200_000
     assert time.process_time() - start < 5
+
+
+HELMET = "X\n" * 10 + "Frame\tTime\tHelmet_1 X\tHelmet_1 Y\tHelmet_1 Z\n"  # Rows begin with 12.
+TRACKLETS = "Time,x,y,ag_id,tracklet_id\n"
+POINT = '{"track": {"f": 1, "p": 1, "x": 1, "y": 0}}\n'
+TABLE = "t,id,x,y\n"
+
+REFUSALS = [
+    ("text", "", "the file has no rows"),
+    ("text", "0 1 2 3\n1 1 2\n", r"row 2: 3 columns, not 4: '1 1 2'"),
+    ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4: '0 1 2' \(--format, or --columns time=1"),
+    ("text", "0,1,,3\n", "row 1: x is not a number: ''"),
+    ("text", "# a comment\n\n0 1 2 3\n1 1 2 x4\n", "row 4: y is not a number: 'x4'"),
+    ("text", "0 1 2 3\n1 2 2 3\n0 1 5 5\n", "row 3: repeats agent 1 at 0 s"),
+    ("text", "0 1 2 3\n0.5 1 2 3\n", "row 2: frame 0.5 is not a whole number"),
+    ("text", "0 1 2 3\n1 1 2 1e300\n", r"row 2: position .* is not a usable number"),
+    ("text", "780;1;8,46;3,59\n", r"row 1: x is not a number: '8,46' \(use a decimal point\)"),
+    ("text", "0 1 2 3\n1 1_0 2 3\n", "row 2: ped is not a number: '1_0'"),
+    ("cliff", "1e12,1,0,0,0,0\n", r"row 1: time .* is not a usable number of seconds"),
+    ("columns", "t,id,x,y" + ",c" * 10**6 + "\n1\n", "row 1: has more than 1000000 columns"),
+    ("columns", "id,x,y\n1,2,3\n", "which column is time or frame"),
+    ("columns", f"{TABLE}1,2,3,1\n1,n/a,3,1\n", r"row 3: the id is missing \('n/a'\)"),
+    ("columns", f"{TABLE}2024-05-01,1,0,0\n2024-13-01,1,0,0\n", "row 3: '2024-13-01' is not a d"),
+    ("columns", f'{TABLE}0,"7\n",1,2\n', "wrong quotes .*goes on in the next line"),
+    ("trajnet", '{"track": {"f": 1, "p": 1, "x": 0}}', "row 1: y is not a number"),
+    ("trajnet", "\n" + POINT.replace('"f": 1', '"f": 1.5'), "row 2: f 1.5 is not a whole number"),
+    ("trajnet", POINT.replace('"x": 1', '"x": NaN'), "row 1: x is not a number: 'nan'"),
+    ("qtm", "Frame\tTime\tCiti_1 X\tCiti_1 Y\n1\t1\t1\t1", "no `Helmet_1 X`"),
+    ("qtm", HELMET, "the file has no rows"),
+    ("qtm", f"{HELMET}1\t0\t1\t7\t0\n2\t1\t1\t7\t0\t0\n", "row 13: 6 columns, not 5"),
+    ("qtm", f"{HELMET}1\t\t3\t4\t4\n", "row 12: Time is not a number: ''"),
+    ("qtm", f"{HELMET}\n1\t0\t0\t0\t0\n", "none of its 1 helmets is ever visible"),
+    ("qtm", f"{HELMET[:-1]}\tHelmet_1 X\n1\t0\t1\t0\t0\t0\n", "the header names Helmet_1 X twice"),
+    ("tracklets", "Time,x,y,ag_id\n1,2,3,Helmet_1\n", "the header has not one tracklet_id"),
+    ("tracklets", f"{TRACKLETS}1,2,3,4,5\n1,9,3,4,5\n", "row 3: repeats"),
+]
+
+
+@pytest.mark.parametrize(("kind", "text", "message"), REFUSALS)
+def test_refusals(tmp_path, kind, text, message):
+    path = tmp_path / "bad.txt"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_any(path, ReadOptions(format=kind))
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"columns": ("x=px",)}, "no column 'px': which column is x. There are 't', 'id', 'x'"),
+        ({"columns": ("time",)}, "columns are given as time="),
+        ({"fps": float("nan")}, "--fps must be"),
+        ({"format": "qtm", "unit": "cm"}, "--unit is of no use for QTM export"),
+        ({"format": "text", "time_unit": "ms"}, "--time-unit is of no use for rows of"),
+    ],
+)
+def test_options(tmp_path, options, message):
+    (tmp_path / "a.csv").write_text(f"{TABLE}1,2,3,4\n")
+    with pytest.raises(InputError, match=message):
+        read_any(tmp_path / "a.csv", ReadOptions(**options))
+
+
+def test_what_is_no_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    start, no_file = time.monotonic(), "is a folder, pipe or device, not a file"
+    for place, message in (
+        (tmp_path / "pipe.csv", no_file),
+        (tmp_path / "folder.csv", no_file),
+        (Path("/dev/zero"), no_file),
+        (tmp_path / "absent", "cannot be read"),
+        (tmp_path / ("a" * 5000), "cannot be read"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_any(place)
+    for read in (
+        open_source(tmp_path / "pipe.csv").recordings,
+        lambda _: windows_from(tmp_path, 2, 2),
+    ):
+        with pytest.raises(InputError, match=no_file):
+            read("pipe")
+    assert time.monotonic() - start < 5

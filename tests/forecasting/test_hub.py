@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from neurosym_jax import InputError, Model, load_model, predict
-from neurosym_jax.data.published import licences_of
+from neurosym_jax.data.sources import licences_of
 
 COMMIT = "c" * 40
 

@@ -14,6 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from neurosym_jax.errors import InputError
+from neurosym_jax.symbolic.forecast import symbolic_forecast
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import (
     ABSENT,
@@ -26,7 +28,7 @@ from neurosym_jax.symbolic.states import (
     state_index,
     validate,
 )
-from neurosym_jax.symbolic.weightings import CndShipped
+from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
 from tests.symbolic import literal
 
 CONVENTIONS = literal.CONVENTIONS
@@ -183,3 +185,38 @@ def test_alphas():
     np.testing.assert_array_equal(alpha_table(include_self=True), 1 / (degrees + 1))
     shipped = [literal.shipped_alpha(state) for state in rows]
     np.testing.assert_array_equal(CndShipped().state_weights(), shipped)
+
+
+def forecast(**change):
+    given = {"samples": np.zeros((6, 4, 5, 2)), "observed": np.zeros((4, 3, 2))}
+    return symbolic_forecast(**(given | change))
+
+
+@pytest.mark.parametrize(
+    ("call", "given", "message"),
+    [
+        (observe, [[[0, 0]], [[0, 0]], "c3"], "calculus must be one of b1, c1, bc1"),
+        (observe, {"k": [[0, 0]], "l": [[0, 0]], "convention": "lines"}, "convention must be one"),
+        (adjacency, ["c1", "any"], "rule must be one of dominance, continuity"),
+        (make_weighting, ["cdn"], r"unknown weighting 'cdn': did you mean 'cnd'\? .*shuffled"),
+        (make_weighting, ["ones,learned=true"], "unknown field 'learned' for Ones"),
+        (make_weighting, ["soft,temprature=0.05"], "weighting: unknown field 'temprature'"),
+        (
+            make_weighting,
+            ["cnd,quantisation_factor=-0.1"],
+            "quantisation_factor must be at least 0",
+        ),
+        (make_weighting, ["cnd,side_quantisation_factor=NaN"], "_factor must be a finite"),
+        (make_weighting, ["soft,temperature=0"], "temperature must be positive"),
+        (make_weighting, ["cnd,convention=lines"], "convention must be one of distance, line, as"),
+        (make_weighting, ["quantised,quantisation_factor=0,learned=true"], "cannot be learned"),
+        (forecast, {"calculus": "z9"}, "calculus must be one of b1, c1, bc1"),
+        (forecast, {"speed": -1.0}, "speed must"),
+        (forecast, {"sped": 1.0}, "unknown field 'sped'"),
+        (forecast, {"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),
+        (forecast, {"observed": np.zeros((2, 3, 2))}, r"not \[6, 4, 5, 2\] and \[2, 3, 2\]"),
+    ],
+)
+def test_refusals(call, given, message):
+    with pytest.raises(InputError, match=message):
+        call(**given) if isinstance(given, dict) else call(*given)

@@ -81,7 +81,7 @@ def test_quantised_symbols_are_zero_up_to_five_centimetres():
 
 
 @pytest.mark.parametrize("weighting", NAMES)
-@given(seed=st.integers(0, 2**32 - 1), agents=st.sampled_from([1, 2, 5, 9]))
+@given(seed=st.integers(0, 2**32 - 1), agents=st.sampled_from([1, 2, 5]))
 @example(seed=481, agents=2)
 @example(seed=0, agents=1)
 def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):

@@ -1,0 +1,186 @@
+"""Tables with named columns, text files of ETH/UCY, and the forms of THÖR."""
+
+import time
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from neurosym_jax.data import ReadOptions, read_any, single_scene, windows_from
+from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
+from neurosym_jax.data.readers.thor import Qtm
+from neurosym_jax.data.windows import cut_windows
+from neurosym_jax.errors import InputError
+
+NAMED = ReadOptions(columns=("time=t0", "id=who", "x=px", "y=py"))
+
+
+def test_named_columns(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("who;px;note;py;t0\nAnn;1000;a;2000;0.5\nBob;-3;b;4;0.5\nAnn;1500;c;2000;1\n")
+    (tracks,) = read_any(path, NAMED)
+    assert_array_equal(tracks.id, [0, 0, 1])
+    assert_array_equal(tracks.stamp, [0.5, 1, 0.5])
+    assert_array_equal(tracks.position, [[1000, 2000], [1500, 2000], [-3, 4]])
+    path.write_text('"t","id","x","y"\n0,"7, junior","1.5",2\n0.4,"7, junior",1.75, "2"\n')
+    assert_array_equal(read_any(path)[0].position, [[1.5, 2], [1.75, 2]])
+
+
+@pytest.mark.parametrize("separator", [",", "\t", "; ", " "])
+def test_usual_names_and_frames(tmp_path, separator):
+    rows = [["Frame", "ped_id", "X", "y"], ["10", "4", "1", "2"], ["20", "4", "1.5", "2"]]
+    (tmp_path / "a.csv").write_text("\n".join(separator.join(row) for row in rows))
+    (tracks,) = read_any(tmp_path / "a.csv")
+    assert_allclose(tracks.stamp, [0.4, 0.8])
+    assert_array_equal(tracks.id, [4, 4])
+    assert_allclose(read_any(tmp_path / "a.csv", ReadOptions(fps=12.5))[0].stamp, [0.8, 1.6])
+
+
+def test_dates_texts_and_extras(tmp_path):
+    path = tmp_path / "walk.csv"
+    path.write_text(
+        "time,person,x,y,g,kind,run\n"
+        "2024-05-01T12:00:00.0Z,b,100.0,1,7,adult,A\n"
+        "2024-05-01T12:00:00.4Z,b,150.5,2,7,adult,A\n"
+        "2024-05-01T12:00:00.0Z,a,-3.0,3,,child,A\n"
+    )
+    options = ReadOptions(columns=("group=g", "kind=kind"), unit="cm")
+    (tracks,) = read_any(path, options)
+    assert tracks.recording == "walk"
+    assert_array_equal(tracks.id, [0, 1, 1])
+    assert_allclose(tracks.stamp - 1714564800, [0, 0, 0.4], atol=1e-6)
+    assert_allclose(tracks.position, [[-0.03, 0.03], [1, 0.01], [1.505, 0.02]])
+    assert_array_equal(tracks.extras["group"], [np.nan, 7, 7])
+    assert_array_equal(tracks.extras["kind"], [1, 0, 0])
+    windows = windows_from(path, 1, 1, min_agents=1, read=ReadOptions(columns=("group=5",)))
+    assert single_scene(windows, 0).extras["group"].tolist() == [7, 0, 0, 0]
+    path.write_text(path.read_text().replace("child,A", "child,B"))
+    assert [tracks.recording for tracks in read_any(path, options)] == ["walk_A", "walk_B"]
+
+
+# (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
+ROWS = [(0, 7, 1.5, -2.0), (0, 3, 0.25, 4.0), (1, 3, 0.5, 4.125), (1, 7, 1.75, -2.0), (2, 3, 1, 4)]
+
+
+def written(path, template="{} {} {} {}", scale=1, end="\n", before="", after=""):
+    lines = [template.format(scale * frame, *rest) for frame, *rest in ROWS]
+    path.write_bytes((before + end.join(lines) + end + after).encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("template", "around"),
+    [
+        ("{} {} {} {}", {"scale": 6}),
+        ("{}\t{}\t{}\t{}\t", {"end": "\r\n"}),
+        ("{}, {}, {}, {}", {"before": "\ufeff# frame ped x y\n\n"}),
+        ("{};{};{};{}", {"after": "\n\n   \n# the end"}),
+        ("  {}   {}  {} {}  ", {"scale": 10}),
+        ("{}.0\t{}.0\t{}\t{}", {"scale": 10}),
+        ("{:.8e} {:.8e} {:.8e} {:.8e}", {"scale": 10}),
+    ],
+)
+def test_dialects(tmp_path, template, around):
+    (tracks,) = read_any(written(tmp_path / "mine.txt", template, **around))
+    assert tracks.recording == "mine"
+    assert_array_equal(tracks.id, [3, 3, 3, 7, 7])
+    assert_allclose(tracks.stamp, [0, 0.4, 0.8, 0, 0.4], atol=1e-12)
+    assert_array_equal(tracks.position, [[0.25, 4], [0.5, 4.125], [1, 4], [1.5, -2], [1.75, -2]])
+
+
+def test_coordinates_are_rounded_as_sgan_does_and_frames_begin_anywhere(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("0 1 1.23456789 499999.99996\n")
+    assert_array_equal(read_any(path)[0].position, [[1.2346, 500000.0]])
+    path.write_text("\n".join(f"{780 + 10 * n} 1 {n} 0" for n in (0, 1, 2, 5)))
+    assert_allclose(np.diff(read_any(path)[0].stamp), [0.4, 0.4, 1.2])
+
+
+def test_splits_leave_one_out(tmp_path):
+    names = [name for scene in SCENES.values() for name in scene]
+    for part, ending in {"all": "", "train": "_train", "val": "_val"}.items():
+        (tmp_path / part).mkdir()
+        for name in [*names, *(["crowds_zara03", "uni_examples"] if ending else [])]:
+            (tmp_path / part / f"{name}{ending}.txt").touch()
+    for scene, own in SCENES.items():
+        assert [path.stem for path in split_files(tmp_path, scene, "test")] == list(own)
+        for split in ("train", "val"):
+            names = {path.stem for path in split_files(tmp_path, scene, split)}
+            assert len(names) == 8 - len(own)
+            assert not names & {f"{name}_{split}" for name in own}
+        assert len(split_files(tmp_path, None, "train")) == 8
+    (tmp_path / "all/biwi_eth.txt").unlink()
+    for folder, scene, split, message in (
+        (tmp_path, "zara9", "test", "unknown scene 'zara9'"),
+        (tmp_path, "eth", "test", r"biwi_eth\.txt: missing, and scene eth needs it"),
+        (tmp_path / "absent", None, "val", r"absent/val/\*\.txt: missing"),
+    ):
+        with pytest.raises(InputError, match=message):
+            split_files(folder, scene, split)
+
+
+def qtm(path, header, rows, separator="\t"):
+    preamble = [["NO_OF_FRAMES", "3"], ["FREQUENCY", "50"], ["DESCRIPTION", "--"]] * 3 + [["X"]]
+    lines = (separator.join(map(str, line)) for line in [*preamble, header, *rows])
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def body(name):
+    rest = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)], ""]
+    return [f"{name} X", *rest]
+
+
+def test_6d(tmp_path):
+    header = ["Frame", "Time", *body("Helmet_2"), *body("Citi_1"), *body("Helmet_10")]
+    zero, pad = [0.0] * 16 + [""], [9.0] * 13 + [""]
+    rows = [
+        [1, 0.0, 1000, 2000, 1700, *pad, 5, 5, 5, *pad, 4000, -500, 1700, *pad],
+        [2, 0.02, *zero, 6, 5, 5, *pad, 4100, -500, 1700, *pad],
+        [3, 0.04, 1200, 0, 0, *pad, 7, 5, 5, *pad, *[""] * 17],
+    ]
+    for wide in (header, header[:-1]):  # The header may lack the separator at its end.
+        (tracks,) = read_any(qtm(tmp_path / "Exp_1_run_1_6D.tsv", wide, rows))
+        assert tracks.recording == "Exp_1_run_1_6D"
+        assert_array_equal(tracks.id, [2, 2, 10, 10])
+        assert_array_equal(tracks.stamp, [0, 0.04, 0, 0.02])
+        assert_array_equal(tracks.position, [[1, 2], [1.2, 0], [4, -0.5], [4.1, -0.5]])
+
+
+def test_magni_centroids_beside_markers(tmp_path):
+    header = ["Frame", "Time"]
+    for part in ("- 1 ", "Centroid_"):
+        header += [f"Helmet_7 {part}{axis}" for axis in "XYZ"]
+    header += [f"DARKO_Robot Centroid_{axis}" for axis in "XYZ"]
+    rows = [[1, 0.01, 9, 9, 9, 100, 200, 300, 1, 2, 3], [2, 0.02, 9, 9, 9, "", "", "", 1, 2, 3]]
+    (tracks,) = read_any(qtm(tmp_path / "magni.csv", header, rows, ","))
+    assert_array_equal(tracks.id, [7])
+    assert_array_equal(tracks.position, [[0.1, 0.2]])
+
+
+@pytest.mark.slow
+def test_a_whole_run_is_read_in_time(tmp_path):
+    header = ["Frame", "Time", *[name for k in range(1, 14) for name in body(f"Helmet_{k}")]]
+    row = "\t".join("\t".join(["1234.567"] * 16) + "\t" for _ in range(13))
+    rows = [(frame, frame / 100, row) for frame in range(25_000)]
+    path = qtm(tmp_path / "long_6D.tsv", header, rows)
+    start = time.process_time()
+    (tracks,) = Qtm().read(path, ReadOptions(), 0.4)
+    assert time.process_time() - start < 2
+    assert len(tracks.id) == 13 * 25_000
+
+
+def test_tracklets_of_several_runs(shared, tmp_path):
+    runs = read_any(shared / "data/thor/THOR-MAGNI_Scenario_5.csv")
+    assert [np.unique(run.id).tolist() for run in runs] == [
+        [3, 8, 9, 10],
+        [1, 3, 6, 8, 10],
+        [1, 3, 6, 8, 10],
+        [3, 8, 9, 10],
+    ]
+    assert sum(len(run.id) for run in runs) == 10_040
+    assert_array_equal(runs[0].position[0], [-3.926, -0.455969])
+    assert cut_windows(runs, 8, 8).sizes.max() == 5
+    path = tmp_path / "a.csv"  # A helmet at one time twice is in two runs.
+    path.write_text("Time,x,y,ag_id,tracklet_id\n1,2,3,Helmet_4,5\n1,7,3,Helmet_4,6\n")
+    assert [run.recording for run in read_any(path)] == ["a_1", "a_2"]

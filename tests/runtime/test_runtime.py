@@ -1,0 +1,143 @@
+"""Files that are replaced whole, settings of the process, and tasks on a Dask cluster."""
+
+import contextlib
+import json
+import os
+import stat
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from neurosym_jax.data.sources import Synthetic
+from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.windows import cut_windows, make_batches
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.plan import TestSet as Case
+from neurosym_jax.evaluation.plan import baseline, make_test
+from neurosym_jax.evaluation.results import Settings, evaluate_tests
+from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.forecasting.forecaster import Lengths
+from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
+from neurosym_jax.plugins import load_plugin
+from neurosym_jax.runtime.cluster import cluster_map
+from neurosym_jax.runtime.files import new_folder, refuse_unwritable, write_json, write_text
+from neurosym_jax.runtime.process import (
+    available_memory,
+    cache_folder,
+    code_version,
+    run_environment,
+    tune,
+)
+
+
+def test_a_file_is_replaced_whole(tmp_path):
+    path = tmp_path / "new/folder/rows.json"
+    write_json(path, {"a": [1, 2.5]})
+    assert json.loads(path.read_text()) == {"a": [1, 2.5]}
+    write_text(path, "other")
+    with pytest.raises(ValueError, match="JSON"):
+        write_json(path, {"ade": float("nan")})
+    assert path.read_text() == "other"
+    assert [each.name for each in path.parent.iterdir()] == ["rows.json"]
+    umask = os.umask(0)
+    os.umask(umask)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
+
+
+def test_what_cannot_be_written_is_refused_before(tmp_path):
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path, tmp_path / "file/rows.json", tmp_path / ("x" * 300)):
+        for refuse in (refuse_unwritable, lambda path: write_text(path, "text")):
+            with pytest.raises(InputError, match="cannot be written"):
+                refuse(path)
+    refuse_unwritable(tmp_path / "new/rows.json")
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
+    """After an error of the caller; `test_faults` has those of the disk."""
+    with contextlib.suppress(RuntimeError), new_folder(tmp_path / "made") as beside:
+        (beside / "within").mkdir()
+        (beside / "within/file").write_text("text")
+        raise RuntimeError
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "made").mkdir()
+    with pytest.raises(InputError, match="already there"):
+        new_folder(tmp_path / "made")
+
+
+@pytest.mark.parametrize("given", ["", "--xla_cpu_enable_fast_math=false"])
+def test_vectors_are_wide_unless_somebody_said_otherwise(monkeypatch, given):
+    monkeypatch.setenv("MALLOC_ARENA_MAX", "2")  # Leaves this process's memory alone.
+    monkeypatch.setenv("XLA_FLAGS", given)
+    tune()
+    known = jax.__version_info__[:2] == (0, 10)
+    assert os.environ["XLA_FLAGS"].startswith(given)
+    assert ("--xla_cpu_prefer_vector_width=512" in os.environ["XLA_FLAGS"]) == known
+    said = "--xla_cpu_prefer_vector_width=256"
+    monkeypatch.setenv("XLA_FLAGS", said)
+    tune()
+    assert os.environ["XLA_FLAGS"] == said
+
+
+def test_without_a_home_nothing_is_kept(monkeypatch, tmp_path):
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr("pathlib.Path.home", lambda: tmp_path)
+    assert cache_folder() == tmp_path / ".cache/neurosym_jax"
+
+    def nobody():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr("pathlib.Path.home", nobody)
+    assert cache_folder() is None
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert cache_folder() is None
+
+
+def test_the_environment_is_json_and_knows_the_threads(monkeypatch):
+    monkeypatch.delenv("PJRT_NPROC", raising=False)
+    monkeypatch.setenv("NPROC", "3")
+    environment = run_environment()
+    assert json.loads(json.dumps(environment)) == environment
+    assert (environment["threads"], environment["jax"]) == (3, jax.__version__)
+    commit = code_version()
+    assert commit is None or commit == commit.strip() != ""
+
+
+def test_an_evaluation_of_too_many_samples_names_what_to_lower():
+    assert 1e8 < available_memory() < 1e14
+    batches = make_batches(cut_windows(Synthetic().recordings("cross-path"), 8, 8))
+    with pytest.raises(InputError, match="ask for fewer samples"):
+        score_forecaster(ConstantVelocitySampled(Lengths()), (), batches, samples=10**9, seed=0)
+
+
+@pytest.mark.slow
+def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch):
+    """A real scheduler and worker: tasks have the caller's plugins, and rows are the same."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("neurosym_jax.plugins._loaded", {})  # Not the plugins of other tests.
+    (tmp_path / "doubling.py").write_text("def double(x):\n    return 2 * x\n")
+    load_plugin(str(tmp_path / "doubling.py"))
+    double = next(m for n, m in sys.modules.items() if n.startswith("doubling_")).double
+    stamp, person = np.divmod(np.arange(40), 2)
+    tracks = make_tracks("walk", stamp * 0.4, person, np.stack([stamp, 1.0 * person], 1))
+    entries = [(None, baseline("constant_velocity_sampled", 4, 2))]
+    tests = [make_test(Case(name, 4, 2), entries, [tracks]) for name in "ab"]
+    settings = Settings(samples=2)
+    here = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**here) as cluster, cluster_map(cluster.scheduler_address) as run:
+        assert list(run(double, [21, 4])) == [42, 8]
+        found = list(evaluate_tests(tests, settings, run))
+    assert [result.test_set.dataset for result in found] == ["a", "b"]
+    for result, other in zip(found, evaluate_tests(tests, settings), strict=True):
+        for name in ("joint_ade", "joint_ade_low", "joint_ade_high"):
+            assert result.row[name] == pytest.approx(other.row[name])
+
+
+def test_no_scheduler():
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="nowhere: no Dask scheduler"), cluster_map("nowhere"):
+        pass
