@@ -95,7 +95,7 @@ def _training_costs() -> dict[str, float]:
     import jax
 
     from neurosym_jax.models.config import POOLINGS
-    from neurosym_jax.training.network import named_network
+    from neurosym_jax.training.recipe import named_network
     from neurosym_jax.training.step import initial_state, train_steps
     from neurosym_jax.training.stream import SceneStream
 
@@ -120,8 +120,8 @@ def _costs() -> dict[str, float]:
     import jax
     import numpy as np
 
+    from neurosym_jax.forecasting.forecasters import GeneratorForecaster
     from neurosym_jax.forecasting.model import forecast_scene
-    from neurosym_jax.forecasting.networks import GeneratorForecaster
     from neurosym_jax.models import Generator, GeneratorConfig
     from neurosym_jax.models.config import POOLINGS
     from neurosym_jax.scene import make_scene, pad_scene

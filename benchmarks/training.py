@@ -121,14 +121,15 @@ def anchor_steps(windows: Any, torch: bool) -> dict[str, Callable[[], None]]:
     """One iteration of recipe `anchors`, and torch's on the same batch."""
     import jax
 
-    from neurosym_jax.forecasting.anchors import initial_anchors
+    from neurosym_jax.forecasting.anchors import AnchorsForecaster
     from neurosym_jax.models.anchors import AnchorConfig
     from neurosym_jax.training.anchors import AnchorStream, anchor_step
     from neurosym_jax.training.recipe import AnchorRecipe
     from neurosym_jax.training.step import new_state
 
     network, recipe, key = AnchorConfig(), AnchorRecipe(), jax.random.key(0)
-    batch, params = AnchorStream(windows, recipe).batch(0), initial_anchors(network, key)
+    batch = AnchorStream(windows, recipe).batch(0)
+    params = AnchorsForecaster(network).initial(key)
     steps: dict[str, Callable[[], None]] = {}
     if torch:
         from benchmarks.torch_anchors import TorchAnchors

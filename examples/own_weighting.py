@@ -17,8 +17,7 @@ import numpy as np
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.symbolic import register_weighting
 from neurosym_jax.training.loop import train
-from neurosym_jax.training.network import named_network
-from neurosym_jax.training.recipe import make_recipe
+from neurosym_jax.training.recipe import make_recipe, named_network
 
 
 @register_weighting("nearness", log_reach=0.0)

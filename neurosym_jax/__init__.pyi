@@ -14,9 +14,9 @@ from .errors import InputError as InputError
 from .evaluation.metrics import register_metric as register_metric
 from .evaluation.results import evaluate as evaluate
 from .forecasting.batched import predict_scenes as predict_scenes
-from .forecasting.differentiable import forecast as forecast
 from .forecasting.forecasters import register_forecaster as register_forecaster
 from .forecasting.model import Model as Model
+from .forecasting.model import forecast as forecast
 from .forecasting.model import predict as predict
 from .forecasting.model import predict_distribution as predict_distribution
 from .forecasting.model_folder import load_model as load_model

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.forecasting.model_folder import replace_card
-from neurosym_jax.training.card import model_card
+from neurosym_jax.training.run import model_card
 
 CHECKPOINTS = Path(__file__).resolve().parents[1] / "checkpoints"
 FIRST = "_seed0"

@@ -3,8 +3,8 @@
 import jax
 import numpy as np
 
+from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.parameters import nested_parameters
 
 
 def drawing(std=None, seed=1):
@@ -22,6 +22,6 @@ def random_params(network, *inputs, std=None, seed=1):
 
 def random_model(config, dataset=None, std=None):
     """A model of this configuration."""
-    shapes, draw = Model(config, {}).forecaster.shapes(), drawing(std)
-    assert shapes is not None
-    return Model(config, nested_parameters({name: draw(shapes[name]) for name in shapes}), dataset)
+    kind = next(kind for kind, of in FORECASTERS.items() if of.Config is type(config))
+    shapes, draw = FORECASTERS[kind](config).shapes(), drawing(std)
+    return Model(config, jax.tree.map(lambda leaf: draw(leaf.shape), shapes), dataset, kind)

@@ -14,7 +14,7 @@ from flax.traverse_util import flatten_dict
 
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows
-from neurosym_jax.forecasting.anchors import apply_anchors, initial_anchors
+from neurosym_jax.forecasting.anchors import AnchorsForecaster, apply_anchors
 from neurosym_jax.models.anchors import AnchorConfig
 from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company
 from neurosym_jax.training.recipe import AnchorRecipe
@@ -66,7 +66,7 @@ def test_torch_has_the_numbers_of_anchors():
 
     windows = cut_windows(open_source(None).recordings("cross-path", "train"), 8, 8)
     network, recipe = AnchorConfig(), AnchorRecipe()
-    params = initial_anchors(network, jax.random.key(0))
+    params = AnchorsForecaster(network).initial(jax.random.key(0))
     scenes, crowd = batch = AnchorStream(windows, recipe).batch(2)
     more = company(scenes.valid, crowd)
 

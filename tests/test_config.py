@@ -7,10 +7,16 @@ import pytest
 from neurosym_jax.configuration import changed, from_json, to_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import AsDescribed, PoolNet, Social
+from neurosym_jax.models.anchors import AnchorConfig
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.symbolic.weightings import Cnd, Learned, Soft
-from neurosym_jax.training.network import model_name, named_network
-from neurosym_jax.training.recipe import RECIPES, TrainConfig, make_recipe
+from neurosym_jax.training.recipe import (
+    RECIPES,
+    TrainConfig,
+    make_recipe,
+    model_name,
+    named_network,
+)
 
 
 @pytest.mark.parametrize(
@@ -54,6 +60,10 @@ def recipe(change):
     return dataclasses.replace(TrainConfig(), **change)
 
 
+def anchors(options):
+    return AnchorConfig(**options)
+
+
 NAMED = "model/config.json: "
 REFUSED = [
     (network, {"poolling": "none"}, f"{NAMED}unknown field 'poolling' for GeneratorConfig"),
@@ -83,6 +93,9 @@ REFUSED = [
     (recipe, {"schedule": "cosin"}, "schedule must be one of constant, cosine, not 'cosin'"),
     (recipe, {"rotate": 2.0}, r"rotate must lie in \[0, 1\], not 2.0"),
     (recipe, {"discriminator": 3}, "discriminator must be a DiscriminatorConfig, not 3"),
+    (anchors, {"obs_len": 3}, "obs_len must be at least 4"),
+    (anchors, {"geometry": False, "weighting": "cnd"}, "no pairs to weight"),
+    (anchors, {"samples": 0}, "samples must be at least 1"),
     (change_network, "pooling.grid_size=5", "--network pooling.grid_size=5: must be NAME"),
     (change_network, "pooling.kind=social", "must be NAME=VALUE"),
     (change_network, "mlp_dim", "must be NAME=VALUE"),

@@ -10,7 +10,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.plugins import Registry, load_plugin, loaded
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
-from neurosym_jax.training.network import named_network
+from neurosym_jax.training.recipe import named_network
 from tests.networks import random_model
 
 MISSING = "unknown weighting 'nearness'"

@@ -26,6 +26,7 @@ the 16 people that a training scene is cropped to, and SGAN's pooling is a maxim
 @pytest.mark.parametrize("name", MODELS)
 def test_a_model_names_its_data_and_their_licences(name):
     model, place = MODELS[name], next(path for path in shipped_models() if path.name == name)
+    assert name.endswith(f"_{model.dataset}_{model.config.pred_len}")
     said = ", ".join(f"{data} ({licence})" for data, licence in model.data.items())
     assert f"| learned from | {said} |" in (place / "README.md").read_text(encoding="utf-8")
     # None forbids a use, so any of them may be a default.

@@ -14,7 +14,7 @@ from neurosym_jax.commands._options import open_data, options_text
 from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.sources import Source
 from neurosym_jax.errors import InputError
-from neurosym_jax.training.network import model_name, named_network
+from neurosym_jax.training.recipe import model_name, named_network
 from neurosym_jax.training.sweep import SweepRun, run_sweep, unfinished
 
 __all__ = ["Options", "plan_runs", "run"]

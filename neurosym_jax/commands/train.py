@@ -21,8 +21,13 @@ from neurosym_jax.evaluation.plan import baselines_of
 from neurosym_jax.evaluation.scoring import score_forecaster
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.training.loop import train_run
-from neurosym_jax.training.network import model_name, named_network
-from neurosym_jax.training.recipe import make_recipe, refuse_other_recipe, usual_recipe
+from neurosym_jax.training.recipe import (
+    make_recipe,
+    model_name,
+    named_network,
+    refuse_other_recipe,
+    usual_recipe,
+)
 from neurosym_jax.training.run import Run
 
 __all__ = ["Options", "configured", "make_run", "run"]

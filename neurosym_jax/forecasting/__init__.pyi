@@ -1,5 +1,4 @@
 from .batched import predict_scenes as predict_scenes
-from .differentiable import forecast as forecast
 from .forecaster import Forecaster as Forecaster
 from .forecaster import Lengths as Lengths
 from .forecaster import NoiseSpec as NoiseSpec
@@ -7,12 +6,13 @@ from .forecaster import TwoStageForecaster as TwoStageForecaster
 from .forecaster import draw_noise as draw_noise
 from .forecasters import ConstantVelocity as ConstantVelocity
 from .forecasters import ConstantVelocitySampled as ConstantVelocitySampled
+from .forecasters import GeneratorForecaster as GeneratorForecaster
 from .forecasters import register_forecaster as register_forecaster
 from .model import Model as Model
 from .model import SceneForecaster as SceneForecaster
+from .model import forecast as forecast
 from .model import predict as predict
 from .model import predict_distribution as predict_distribution
 from .model_folder import load_model as load_model
 from .model_folder import save_model as save_model
 from .model_places import shipped_models as shipped_models
-from .networks import GeneratorForecaster as GeneratorForecaster

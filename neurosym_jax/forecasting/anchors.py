@@ -1,24 +1,18 @@
 """Forecasters with a fixed number of samples that have probabilities: anchors and anchor table."""
 
 import dataclasses
-import functools
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.forecaster import Forecaster
-from neurosym_jax.forecasting.parameters import shapes_of
+from neurosym_jax.forecasting.forecaster import Forecaster, with_weighting
 from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork, AnchorTable, AnchorTableConfig
 from neurosym_jax.scene import Scene
-from neurosym_jax.symbolic.weighting import initial_parameters
 
-__all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "initial_anchors"]
-__all__ += ["spread_of"]
+__all__ = ["AnchorTableForecaster", "AnchorsForecaster", "apply_anchors", "spread_of"]
 
 CROWD = 128
 """Slots above which the pairs of a scene are too many to compute all of them."""
@@ -42,10 +36,11 @@ class AnchorTableForecaster(Forecaster):
         """The table has the same offsets for everybody."""
         return False
 
-    def shapes(self) -> Mapping[str, tuple[int, ...]]:
-        """See `Forecaster.shapes`."""
-        initial = functools.partial(initial_anchors, self.config)
-        return shapes_of(jax.eval_shape(initial, jax.random.key(0)))
+    def initial(self, key: Array) -> Any:
+        """See `Forecaster.initial`."""
+        observed, valid = jnp.zeros((1, self.config.obs_len, 2)), jnp.ones(1, bool)
+        params = _network(self.config).init(key, observed, valid)
+        return with_weighting(params, getattr(self.config, "weighting", None))
 
     def count(self, samples: int) -> int:
         """See `Forecaster.count`.
@@ -150,14 +145,6 @@ def apply_anchors(
     return _network(config).apply(
         {"params": params["params"]}, observed, valid, last, company, near
     )
-
-
-def initial_anchors(config: Any, key: Array) -> Any:
-    """New parameters of `config` and of its weighting; consumes `key`."""
-    params = _network(config).init(key, jnp.zeros((1, config.obs_len, 2)), jnp.ones(1, bool))
-    weighting = getattr(config, "weighting", None)
-    start = weighting and initial_parameters(weighting)
-    return {**params, "weighting": jax.tree.map(jnp.asarray, start)} if start else params
 
 
 def _network(config: Any) -> Any:

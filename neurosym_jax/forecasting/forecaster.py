@@ -11,7 +11,6 @@ threefry (element i of an array depends on i alone) that the tests check.
 import abc
 import dataclasses
 import functools
-from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 import jax
@@ -19,12 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from neurosym_jax.configuration import Checked, Count, Positive, Seed, refuse
+from neurosym_jax.configuration import Seed, refuse
+from neurosym_jax.models.config import Lengths
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import Scene
+from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
 
 __all__ = ["Distribution", "Forecaster", "Lengths", "NoiseSpec", "TwoStageForecaster"]
-__all__ += ["draw_noise", "scene_noise"]
+__all__ += ["draw_noise", "scene_noise", "with_weighting"]
 
 CHUNK = 1024
 """Streams drawn in one call, so that one compiled program serves any number of scenes."""
@@ -41,18 +42,6 @@ class NoiseSpec:
     per_agent: bool = False
     distribution: Literal["gaussian", "uniform"] = "gaussian"
     """Standard normal, or uniform on [-1, 1)."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Lengths(Checked):
-    """The configuration of a forecaster that needs nothing else."""
-
-    obs_len: Count = 8
-    """Observed time steps."""
-    pred_len: Count = 8
-    """Time steps to forecast."""
-    period: Positive = 0.4
-    """Seconds between time steps."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,9 +74,13 @@ class Forecaster(abc.ABC):
         """Whether a forecast should depend on who else is in the scene."""
         return True
 
-    def shapes(self) -> Mapping[str, tuple[int, ...]] | None:
-        """Shapes of the parameters by path, to check a model's folder by; None for no check."""
+    def initial(self, key: Array) -> Any:
+        """New parameters; consumes `key`. None if they are not known: nothing checks a model's."""
         return None
+
+    def shapes(self) -> Any:
+        """The parameters that `initial` makes, as shapes without values."""
+        return jax.eval_shape(self.initial, jax.random.key(0))
 
     @abc.abstractmethod
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
@@ -142,6 +135,12 @@ class TwoStageForecaster(Forecaster):
     def forecast(self, params: Any, scene: Scene, noise: Array) -> Array:
         """See `Forecaster.forecast`."""
         return self.decode(params, self.encode(params, scene), scene, noise)
+
+
+def with_weighting(params: Any, weighting: Weighting | None) -> Any:
+    """The parameters of a network, and those that its weighting starts from, if it learns any."""
+    start = jax.tree.map(jnp.asarray, initial_parameters(weighting))
+    return {**params, "weighting": start} if start else params
 
 
 def scene_noise(spec: NoiseSpec, key: Array, identity: Array, samples: int, agents: int) -> Array:

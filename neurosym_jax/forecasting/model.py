@@ -1,27 +1,34 @@
-"""A trained model, and its forecasts of single scenes, in the world's frame; see `batched`."""
+"""A trained model, on the Hub too, and its forecasts of single scenes, in the world's frame."""
 
+import contextlib
 import dataclasses
 import functools
-from collections.abc import Mapping
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jax.core import Tracer
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, Seed, differences, refuse
 from neurosym_jax.data.windows import bucket_of
-from neurosym_jax.errors import InputError
+from neurosym_jax.errors import InputError, printable
+from neurosym_jax.forecasting.anchors import apply_anchors
 from neurosym_jax.forecasting.forecaster import Distribution, Forecaster, scene_noise
-from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.forecasting.forecasters import FORECASTERS, decode_scene, encode_scene
+from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
 
-__all__ = ["Model", "SceneForecaster", "forecast_scene", "predict", "predict_distribution"]
-__all__ += ["refuse_other_length"]
+__all__ = ["Model", "SceneForecaster", "forecast", "forecast_scene", "predict"]
+__all__ += ["predict_distribution", "refuse_other_length"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -74,9 +81,14 @@ class Model:
         Raises:
             InputError: where nothing is found, huggingface_hub is absent, or as `load_model`.
         """
-        from neurosym_jax.forecasting.hub import from_pretrained
+        from neurosym_jax.forecasting.model_folder import FILES, load_model
+        from neurosym_jax.forecasting.model_places import find_model
 
-        return from_pretrained(name, revision)
+        if find_model(name).exists() or not re.fullmatch(r"[\w.-]+/[\w.-]+", str(name)):
+            return load_model(name)
+        with _hub(str(name)) as hub:
+            folder = hub.snapshot_download(str(name), revision=revision, allow_patterns=[*FILES])
+        return load_model(folder)
 
     def save_pretrained(self, folder: Path | str, card: str | None = None) -> None:
         """See `save_model`."""
@@ -90,13 +102,14 @@ class Model:
         Raises:
             InputError: where huggingface_hub is absent or the Hub refuses, and as `save_model`.
         """
-        from neurosym_jax.forecasting.hub import push_to_hub
-
-        return push_to_hub(self, name, private, card)
+        with tempfile.TemporaryDirectory() as place, _hub(name) as hub:
+            self.save_pretrained(Path(place) / "model", card)
+            hub.create_repo(name, private=private, exist_ok=True)
+            return hub.upload_folder(repo_id=name, folder_path=Path(place) / "model").commit_url
 
     def __repr__(self) -> str:
         """Five lines, without the parameters' numbers and the config's defaults."""
-        count = sum(np.size(leaf) for leaf in jax.tree.leaves(self.params))
+        count = sum(map(np.size, jax.tree.leaves(self.params)))
         return (
             f"Model {self.name}\n"
             f"  kind: {self.kind}\n"
@@ -104,6 +117,22 @@ class Model:
             f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})\n"
             f"  params: {count:,} numbers"
         )
+
+
+@contextlib.contextmanager
+def _hub(name: str) -> Iterator[Any]:
+    """The module huggingface_hub, whose errors become one line that names the repository."""
+    try:
+        import huggingface_hub  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise InputError(f"{name}: the Hub needs pip install neurosym-jax[hub]") from None
+    try:
+        yield huggingface_hub
+    except InputError:
+        raise
+    except Exception as error:
+        # Of httpx, of huggingface_hub and of the system, by version of these.
+        raise InputError(f"{name}: {printable(str(error))[:300]}") from None
 
 
 class SceneForecaster:
@@ -223,3 +252,46 @@ def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:
     steps, wanted = observed.shape[1], model.config.obs_len
     if steps != wanted:
         raise InputError(f"{name} has {steps} steps; the model observes {wanted}")
+
+
+def forecast(
+    config: Any,
+    params: Any,
+    observed: ArrayLike,
+    noise: ArrayLike | None = None,
+    alpha: ArrayLike | None = None,
+    *,
+    valid: ArrayLike | None = None,
+) -> Array:
+    """k futures of one scene as a pure function, to differentiate by all but `config` and `valid`.
+
+    It computes what `predict` does in the same coordinates, but nothing is padded, checked or moved
+    to the host. Reverse mode only: the gradient of pooling is written by hand (`models.pooling`).
+    Symbols with a hard threshold have a gradient of zero by positions; the weightings `soft` and
+    `quantised` (straight through) have another.
+
+    Args:
+        config: `Model.config` of a generator or of anchors.
+        params: `Model.params`; those of a weighting, such as thresholds, are `params["weighting"]`.
+        observed: [N, obs_len, 2] metres. Map coordinates lose precision in float32 before this
+            function sees them: subtract an origin, or use x64.
+        noise: [k, noise_dim], or [k, N, noise_dim] where it is per agent; anchors take none and
+            forecast all their samples.
+        alpha: [N, N, obs_len], of which anchors use the last step; default: the model's own.
+        valid: [N] bool, False for padding; default: no padding.
+
+    Returns:
+        [k, N, pred_len, 2] metres, in the frame of `observed`.
+    """
+    observed = jnp.asarray(observed)
+    last = observed[:, -1]
+    present = jnp.ones(len(last), bool) if valid is None else jnp.asarray(valid)
+    # For precision only: a network sees differences of positions.
+    origin = jax.lax.stop_gradient(present @ last / jnp.maximum(present.sum(), 1))
+    steps = jnp.diff(observed, axis=1, prepend=observed[:, :1])
+    scene = Scene(observed - origin, steps, present, identity=jnp.zeros(2, jnp.uint32), origin=None)
+    given = None if alpha is None else jnp.asarray(alpha)
+    if isinstance(config, GeneratorConfig):
+        context = encode_scene(config, params, scene, given)
+        return decode_scene(config, params, context, scene, jnp.asarray(noise)) + origin
+    return apply_anchors(config, params, jnp.asarray(scene.observed), present, given)[0] + origin

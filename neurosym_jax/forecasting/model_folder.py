@@ -2,9 +2,8 @@
 
 A model's folder holds `config.json` (the forecaster's name and configuration, the dataset to test
 on, the names of plugins it was trained with, which are never imported from here, and where measured
-the neighbour effect), `params.safetensors` (arrays by path, see `parameters`) and `README.md`, the
-card for people. The second line of `config.json` is the digest of everything else in the three
-files:
+the neighbour effect), `params.safetensors` (arrays by path, such as `params/mlp/bias`) and
+`README.md`, the card for people. The second line of `config.json` is the digest of everything else:
 
     (tail -n +3 config.json; cat README.md params.safetensors) | sha256sum
 
@@ -17,7 +16,10 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import jax
+import numpy as np
 import yaml
 
 from neurosym_jax.configuration import from_json, parse_json, to_json
@@ -26,18 +28,11 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import find_model
-from neurosym_jax.forecasting.parameters import (
-    flat_parameters,
-    listed,
-    misfits,
-    nested_parameters,
-    refuse_not_finite,
-    shapes_of,
-)
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder
 
-__all__ = ["FILES", "load_model", "replace_card", "save_model"]
+__all__ = ["flat_parameters", "load_model", "nested_parameters", "refuse_misfit"]
+__all__ += ["replace_card", "save_model", "shapes_of"]
 
 FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
@@ -177,11 +172,9 @@ def _read(folder: Path) -> Model:
 
 def _refuse_misfit(model: Model) -> None:
     """Refuse parameters that are not finite or do not fit the configuration."""
-    flat = flat_parameters(model.params)
-    refuse_not_finite(flat)
-    wanted = model.forecaster.shapes()
-    if wanted is not None and (wrong := misfits(shapes_of(model.params), wanted)):
-        raise InputError(f"the configuration describes another network: {listed(wrong, 2)}")
+    shapes, flat = model.forecaster.shapes(), flat_parameters(model.params)
+    wanted = shapes_of(model.params if shapes is None else shapes)
+    refuse_misfit(flat, wanted, "the configuration describes another network")
 
 
 def _card(model: Model) -> str:
@@ -209,3 +202,60 @@ def _headed(card: str, data: Mapping[str, str]) -> str:
         "tags": ["trajectory-prediction", "jax"],
     }
     return f"---\n{yaml.safe_dump(header, sort_keys=False)}---\n\n{card}"
+
+
+def flat_parameters(params: Any) -> dict[str, np.ndarray]:
+    """The arrays of nested dictionaries by path.
+
+    Raises:
+        InputError: for a tree that would not come back: not dictionaries, empty ones, names with a
+            `/`, leaves that are not arrays of numbers.
+    """
+    flat = {name: np.asarray(leaf, order="C") for name, leaf in _leaves(params)}
+    if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
+        raise InputError("parameters must be nested dictionaries of arrays, by names without a '/'")
+    for name, array in flat.items():
+        if array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
+            raise InputError(f"the parameter {name} is not an array of numbers")
+    return flat
+
+
+def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """The inverse of `flat_parameters`."""
+    params: dict[str, Any] = {}
+    for path, value in flat.items():
+        *scope, name = path.split("/")
+        node = params
+        for part in scope:
+            node = node.setdefault(part, {})
+        node[name] = value
+    return params
+
+
+def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays [...] of nested dictionaries by path."""
+    return {name: leaf.shape for name, leaf in _leaves(params)}
+
+
+def refuse_misfit(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, Any], what: str) -> None:
+    """Refuse arrays [...] whose names and shapes are not those `wanted`, or that are not finite.
+
+    Raises:
+        InputError: naming the first of them; `what` is what it says of misfits.
+    """
+    wrong = [
+        f"{name!r} is {arrays[name].shape if name in arrays else 'missing'}, "
+        f"not {wanted.get(name, 'expected')}"
+        for name in {**wanted, **arrays}
+        if name not in arrays or arrays[name].shape != wanted.get(name)
+    ]
+    infinite = [name for name, array in arrays.items() if not np.isfinite(array).all()]
+    for found, text in ((wrong, what), (infinite, "parameters that are not finite")):
+        if found:
+            more = f" and {len(found) - 6} more" if len(found) > 6 else ""
+            raise InputError(f"{text}: {', '.join(found[:6])}{more}")
+
+
+def _leaves(params: Any) -> list[tuple[str, Any]]:
+    leaves = jax.tree_util.tree_leaves_with_path(params)
+    return [(jax.tree_util.keystr(path, simple=True, separator="/"), leaf) for path, leaf in leaves]

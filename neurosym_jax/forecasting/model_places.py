@@ -79,12 +79,11 @@ def shipped_models() -> list[Path]:
 
 def models_at_hand() -> list[tuple[str, Path]]:
     """(name, place) of the models that have a name: shipped, then downloaded."""
-    base = data_folder() / "sgan-checkpoints"
-    downloaded = [path for folder in DOWNLOADED.values() for path in _models_in(base / folder.name)]
-    return [
-        *((path.name, path) for path in shipped_models()),
-        *((path.relative_to(base).as_posix(), path) for path in downloaded),
-    ]
+    places = [(path.name, path) for path in shipped_models()]
+    for folder in DOWNLOADED.values():
+        found = _models_in(data_folder() / folder)
+        places += [(f"{folder.name}/{path.name}", path) for path in found]
+    return places
 
 
 def _models_in(folder: Path) -> list[Path]:

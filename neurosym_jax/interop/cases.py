@@ -26,10 +26,8 @@ from neurosym_jax.scene import Scene
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import encode_state
 from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
-from neurosym_jax.training.gradients import discriminator_gradient, generator_gradient
 from neurosym_jax.training.recipe import RECIPES
-from neurosym_jax.training.step import clipping, new_state, update, update_discriminator
-from neurosym_jax.training.stream import Groups
+from neurosym_jax.training.step import clipping, learn, new_state
 
 __all__ = ["CASES", "Case", "Compared", "forecasts", "make_case", "read_case"]
 
@@ -219,48 +217,27 @@ def train_step(row: Mapping[str, Any], arrays: Arrays) -> Compared:
         learning_rate=row["g_learning_rate"],
         d_learning_rate=row["d_learning_rate"],
         clip_norm=row["clipping_threshold_g"],
-        # Numbers in the manifest, ranges with us.
-        label_real=(row["label_real"], row["label_real"]),
-        label_fake=(row["label_fake"], row["label_fake"]),
         discriminator=critic,
     )
-    trees, metrics = _two_steps(
+    batch = (case.scenes.replace(origin=None),)  # One group, `[scenes, slots, ...]`.
+    state, metrics, (d_gradient, g_gradient) = jax.jit(learn, static_argnums=(0, 1))(
         case.config,
         recipe,
-        {"params": case.params},
-        {"params": start},
-        (case.scenes.replace(origin=None),),  # One group, `[scenes, slots, ...]`.
-        ([arrays["noise_d"][None]], [arrays["noise_g"]]),
+        new_state(recipe, {"params": case.params}, {"params": start}),
+        (batch, [arrays["noise_d"][None]]),
+        (batch, [arrays["noise_g"]]),
+        real=(row["label_real"], row["label_real"]),
+        fake=row["label_fake"],
     )
+    clipped, _ = clipping(recipe).update(g_gradient, optax.EmptyState())
+    trees = {"d_grad": d_gradient, "d1": state.discriminator}
+    trees |= {"g_grad_clipped": clipped, "g1": state.params}
     compared: Compared = {n: (metrics[of], arrays[n]) for n, of in LOSSES.items()}
     for name, tree in trees.items():
         network = case.config if name.startswith("g") else critic
         theirs = {"params": params_from_torch(state_of(arrays, f"{name}/"), network)}
         compared[name] = ravel_pytree(tree)[0], np.asarray(ravel_pytree(theirs)[0])
     return compared
-
-
-@functools.partial(jax.jit, static_argnums=(0, 1))
-def _two_steps(
-    config: GeneratorConfig, recipe: Any, params: Any, critic: Any, groups: Groups, noises: Any
-):
-    """Gradients and parameters after, by the names they are stored under, and metrics."""
-    real, fake = recipe.label_real[0], recipe.label_fake[0]
-    state = new_state(recipe, params)._replace(
-        discriminator=critic,
-        discriminator_optimizer=optax.adam(recipe.d_learning_rate).init(critic),
-    )
-    d_gradient, d_metrics = discriminator_gradient(
-        config, recipe, params, critic, groups, noises[0], label_real=real, label_fake=fake
-    )
-    state = update_discriminator(recipe, state, d_gradient)
-    g_gradient, g_metrics = generator_gradient(
-        config, recipe, params, state.discriminator, groups, noises[1], label=real
-    )
-    state = update(recipe, state, g_gradient)
-    clipped, _ = clipping(recipe).update(g_gradient, optax.EmptyState())
-    trees = d_gradient, state.discriminator, clipped, state.params
-    return dict(zip(("d_grad", "d1", "g_grad_clipped", "g1"), trees)), d_metrics | g_metrics
 
 
 CASES: dict[str, Callable[[Mapping[str, Any], Arrays], Compared]] = {

@@ -13,20 +13,17 @@ import jax
 import numpy as np
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.networks import GeneratorForecaster
-from neurosym_jax.forecasting.parameters import (
+from neurosym_jax.forecasting.forecasters import GeneratorForecaster
+from neurosym_jax.forecasting.model_folder import (
     flat_parameters,
-    listed,
-    misfits,
     nested_parameters,
-    refuse_not_finite,
+    refuse_misfit,
     shapes_of,
 )
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.layers import LSTM
 from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
-from neurosym_jax.models.pool_net import PoolNet
-from neurosym_jax.models.pooling import NoPooling, Social
+from neurosym_jax.models.pooling import NoPooling, PoolNet, Social
 from neurosym_jax.models.sgan import Discriminator
 
 __all__ = ["params_from_torch", "params_to_torch", "torch_names", "without_dropout"]
@@ -65,7 +62,7 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
     words = dict(WORDS)
     if isinstance(config, DiscriminatorConfig):
         given = jax.random.key(0), np.zeros((1, 2, 2)), np.zeros((1, 2, 2)), np.ones(1, bool)
-        shapes = shapes_of(jax.eval_shape(Discriminator(config).init, *given))
+        shapes = jax.eval_shape(Discriminator(config).init, *given)
     else:
         pooling, forecaster = config.pooling, GeneratorForecaster(config)
         shapes = forecaster.shapes()
@@ -82,8 +79,8 @@ def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:
         if isinstance(pooling, Social):
             words["mlp_pre_pool"] = "mlp_pool"
     names = {}
-    for path, shape in shapes.items():
-        name = path = path.removeprefix("params/")
+    for path, shape in shapes_of(shapes["params"]).items():
+        name = path
         for ours, theirs in words.items():
             name = name.replace(ours, theirs)
         names[name] = path, shape
@@ -134,10 +131,9 @@ def _checked(
     arrays: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]], config: Config
 ) -> dict[str, np.ndarray]:
     """The arrays as float32, once their names and shapes are exactly `shapes`."""
-    wrong = misfits(shapes_of(arrays), shapes)
-    wrong += [f"{n!r} is not floating point" for n, a in arrays.items() if a.dtype.kind != "f"]
-    if wrong:
-        what = "generator" if isinstance(config, GeneratorConfig) else "discriminator"
-        raise InputError(f"the {what}'s parameters do not fit its configuration: {listed(wrong)}")
-    refuse_not_finite(arrays)
+    for name, array in arrays.items():
+        if array.dtype.kind != "f":
+            raise InputError(f"{name!r} is not floating point")
+    what = "generator" if isinstance(config, GeneratorConfig) else "discriminator"
+    refuse_misfit(arrays, shapes, f"the {what}'s parameters do not fit its configuration")
     return {name: array.astype(np.float32, copy=False) for name, array in arrays.items()}

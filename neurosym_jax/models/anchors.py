@@ -18,8 +18,9 @@ import numpy as np
 from flax import linen as nn
 from jax import Array
 
-from neurosym_jax.configuration import Checked, Count, Positive, Rule
+from neurosym_jax.configuration import Count, Positive, Rule
 from neurosym_jax.errors import InputError
+from neurosym_jax.models.config import Lengths
 from neurosym_jax.models.frames import SLOW, attend, heading_of, length, pair_features, turned
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
@@ -37,15 +38,11 @@ ROUGHNESS = 0.003
 
 
 @dataclasses.dataclass(frozen=True)
-class AnchorTableConfig(Checked):
+class AnchorTableConfig(Lengths):
     """Lengths and number of samples of an anchor table or network."""
 
     obs_len: Annotated[Count, Rule("be at least 4", lambda steps: steps >= 4)] = 8
     """Observed time steps."""
-    pred_len: Count = 8
-    """Time steps to forecast."""
-    period: Positive = 0.4
-    """Seconds between time steps, in training."""
     samples: Count = 20
     """Number of joint forecasts, k."""
 

@@ -8,11 +8,9 @@ from typing import Annotated, Literal
 
 from neurosym_jax.configuration import Checked, Count, Positive, Whole
 from neurosym_jax.errors import InputError
-from neurosym_jax.models.encounter import Encounter
 from neurosym_jax.models.layers import CELLS, LSTM, Cell
-from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
-from neurosym_jax.models.pool_net import PoolNet
-from neurosym_jax.models.pooling import NoPooling, Pooling, Social
+from neurosym_jax.models.neurosym import AsDescribed, Encounter, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.models.pooling import NoPooling, Pooling, PoolNet, Social
 from neurosym_jax.plugins import Registry
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS, Cnd
@@ -21,7 +19,7 @@ __all__ = [
     "POOLINGS",
     "DiscriminatorConfig",
     "GeneratorConfig",
-    "pooling_names",
+    "Lengths",
     "register_pooling",
 ]
 
@@ -41,26 +39,22 @@ POOLINGS: Registry[type[Pooling]] = Registry(
 register_pooling = POOLINGS.register
 
 
-def pooling_names(*, symbolic: bool) -> tuple[str, ...]:
-    """Names of the poolings that can be trained: NeuroSyM's, which take alpha, or the others."""
-    return tuple(
-        name
-        for name, pooling in POOLINGS.items()
-        if ("alpha" in pooling.inputs) == symbolic and "alpha_rows" not in pooling.inputs
-    )
+@dataclasses.dataclass(frozen=True)
+class Lengths(Checked):
+    """The configuration of a forecaster that needs nothing else, and a part of all others."""
+
+    obs_len: Count = 8
+    """Observed time steps."""
+    pred_len: Count = 8
+    """Time steps to forecast."""
+    period: Positive = 0.4
+    """Seconds between time steps, in training."""
 
 
 @dataclasses.dataclass(frozen=True)
-class GeneratorConfig(Checked):
-    """Architecture of a trajectory generator.
+class GeneratorConfig(Lengths):
+    """Architecture of a trajectory generator; numbers count units unless they say otherwise."""
 
-    Lengths are in time steps; everything else counts units unless it says otherwise.
-    """
-
-    obs_len: Count = 8
-    pred_len: Count = 8
-    period: Positive = 0.4
-    """Seconds between time steps, in training."""
     embedding_dim: Count = 16
     encoder_h_dim: Count = 32
     decoder_h_dim: Count = 32

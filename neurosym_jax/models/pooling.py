@@ -1,17 +1,25 @@
-"""What a pooling is, and the two short ones: none, and Social LSTM's."""
+"""What a pooling is, and those of SGAN: none, Social LSTM's and its own.
+
+Its own is a perceptron of every pair, the maximum over neighbours, a ReLU. An agent is among its
+own neighbours, as in SGAN, so the maximum is never over nothing.
+"""
 
 import abc
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 from flax import linen as nn
 from jax import Array
 
 from neurosym_jax.configuration import Checked, Count, Positive
-from neurosym_jax.models.layers import Perceptron
+from neurosym_jax.models.layers import Affine, Perceptron
 
-__all__ = ["NO_FORECAST", "NoPooling", "Pooling", "Social"]
+__all__ = ["NO_FORECAST", "NoPooling", "PoolNet", "PoolNetwork", "Pooling", "Social"]
+__all__ += ["bottleneck_relu", "max_over_neighbours"]
 
 NO_FORECAST = (
     "does not weight pairs: it takes one row of alpha an agent, picked by the released collation "
@@ -107,3 +115,151 @@ class _GridNetwork(nn.Module):
         cell = jnp.where(inside, column + self.grid_size * row, -1)
         occupied = (cell[..., None] == jnp.arange(self.grid_size**2)).astype(hidden.dtype)
         return self.mlp(jnp.einsum("ijc,jh->ich", occupied, hidden).reshape(len(valid), -1))
+
+
+@dataclasses.dataclass(frozen=True)
+class PoolNet(Pooling):
+    """SGAN's pooling (Gupta et al., CVPR 2018), see `PoolNetwork`."""
+
+    title: ClassVar[str] = "SGAN"
+    bottleneck_dim: Count = 8
+    hidden_dim: Count = 512
+
+    def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
+        """See `Pooling.network`."""
+        return PoolNetwork(embedding_dim, h_dim, self.hidden_dim, self.bottleneck_dim)
+
+
+class PoolNetwork(nn.Module):
+    """SGAN's pooling module: a perceptron of `[Dense(p_j - p_i); h_j]`, maximum over j.
+
+    The first layer is linear in the pair, so it splits into per-agent parts,
+    `W [S (p_j - p_i) + s; h_j] + b = u_j - v_i`; only its ReLU and the small second layer are
+    computed per pair.
+    """
+
+    embedding_dim: int
+    h_dim: int
+    hidden_dim: int
+    bottleneck_dim: int
+
+    def setup(self):
+        """Declare the embedding of relative positions and the pair perceptron."""
+        self.spatial_embedding = Affine(2, self.embedding_dim)
+        self.mlp = Perceptron(
+            (self.embedding_dim + self.h_dim, self.hidden_dim, self.bottleneck_dim)
+        )
+
+    def __call__(self, hidden: Array, position: Array, valid: Array) -> Array:
+        """`hidden [N, H]`, `position [N, 2]`, `valid [N]` to `[N, bottleneck_dim]`."""
+        first, second = self.mlp.layers
+        of_embedding, of_hidden = jnp.split(first.kernel, [self.embedding_dim])
+        v = position @ (self.spatial_embedding.kernel @ of_embedding)
+        u = v + hidden @ of_hidden + (self.spatial_embedding.bias @ of_embedding + first.bias)
+        highest = max_over_neighbours(lambda _, v, u, __: u - v, (), v, u, (), second, valid)
+        return bottleneck_relu(self, highest)
+
+
+def max_over_neighbours(
+    first_layer: Callable[..., Array],
+    shared: Any,
+    agents: Any,
+    neighbours: Any,
+    pairs: Any,
+    second: Affine,
+    valid: Array,
+) -> Array:
+    """`max_j W relu(first_layer of i and j) + b` over valid j, for every agent i.
+
+    `first_layer(shared, own, theirs, of_pair)` gives the [hidden] of one pair before its ReLU, from
+    parameters and from slices of `agents` and `neighbours` [N, ...] and `pairs` [N, N, ...]; W and
+    b are `second`'s. The result is [N, B], finite for every slot, 0 if nobody is `valid [N]`.
+
+    Agents are processed one by one, so the widest array is `[N, hidden]`, which stays in the cache
+    where `[N, N, hidden]` does not. Only the neighbour who wins the maximum of an output (of
+    equals, the first) has a gradient, so the backward pass computes no other pair. It is written by
+    hand: there is no forward-mode derivative.
+    """
+    layer = jax.vmap(first_layer, in_axes=(None, None, 0, 0))
+    given = (shared, agents, neighbours, pairs, second.kernel, second.bias, valid)
+    highest: Any = _maximum(layer, *given)
+    return jnp.where(valid.any(), highest, 0)
+
+
+@functools.partial(jax.custom_vjp, nondiff_argnums=(0,))
+def _maximum(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
+    def of_agent(agent):
+        return _candidates(layer, shared, neighbours, kernel, bias, valid, *agent).max(axis=0)
+
+    return jax.lax.map(of_agent, (agents, pairs))
+
+
+def _candidates(layer, shared, neighbours, kernel, bias, valid, own, of_pairs) -> Array:
+    """[N, B] candidates of one agent; -inf where not valid."""
+    hidden = nn.relu(layer(shared, own, neighbours, of_pairs))
+    return jnp.where(valid[:, None], hidden @ kernel + bias, -jnp.inf)
+
+
+def _forward(layer, shared, agents, neighbours, pairs, kernel, bias, valid):
+    slots = jnp.arange(valid.shape[0])[:, None]
+
+    def of_agent(agent):
+        values = _candidates(layer, shared, neighbours, kernel, bias, valid, *agent)
+        highest = values.max(axis=0)
+        # `argmax` is several times slower on a CPU than these two reductions.
+        return highest, jnp.where(values == highest, slots, valid.shape[0] - 1).min(axis=0)
+
+    highest, winner = jax.lax.map(of_agent, (agents, pairs))
+    return highest, (shared, agents, neighbours, pairs, kernel, winner)
+
+
+def _backward(layer, saved, cotangent):
+    shared, agents, neighbours, pairs, kernel, winner = saved
+    weight = kernel.T
+
+    def of_agent(sums, agent):
+        of_shared, of_neighbours, of_weight = sums
+        own, of_pairs, winner, cotangent = agent
+        theirs, chosen = jax.tree.map(
+            lambda rows: jnp.take(rows, winner, axis=0), (neighbours, of_pairs)
+        )
+        before, pull = jax.vjp(layer, shared, own, theirs, chosen)
+        active = jnp.where(before > 0, cotangent[:, None], 0)
+        more, of_own, of_theirs, of_chosen = pull(active * weight)
+        sums = (
+            jax.tree.map(jnp.add, of_shared, more),
+            _add_rows(of_neighbours, winner, of_theirs),
+            of_weight + active * before,
+        )
+        return sums, (of_own, _add_rows(jax.tree.map(jnp.zeros_like, of_pairs), winner, of_chosen))
+
+    zeros = jax.tree.map(jnp.zeros_like, (shared, neighbours, weight))
+    sums, (of_agents, of_pairs) = jax.lax.scan(of_agent, zeros, (agents, pairs, winner, cotangent))
+    of_shared, of_neighbours, of_weight = sums
+    return of_shared, of_agents, of_neighbours, of_pairs, of_weight.T, cotangent.sum(axis=0), None
+
+
+def _add_rows(arrays: Any, rows: Array, values: Any) -> Any:
+    return jax.tree.map(lambda array, value: array.at[rows].add(value), arrays, values)
+
+
+_maximum.defvjp(_forward, _backward)
+
+
+def bottleneck_relu(module: nn.Module, x: Array) -> Array:
+    """`relu(x [..., F])`, the end of the pooling `module`.
+
+    Its gradient at `x <= 0` is 0, or, where the module has the variable `leak` of the collection
+    `training`, that share of the gradients which raise `x` (see `training.step`).
+    """
+    if not module.has_variable("training", "leak"):
+        return nn.relu(x)
+    return _leaking_relu(x, module.get_variable("training", "leak"))
+
+
+@jax.custom_gradient
+def _leaking_relu(x: Array, leak: Array) -> Any:
+    def pull(cotangent: Array) -> tuple[Array, Array]:
+        return jnp.where(x > 0, cotangent, leak * jnp.minimum(cotangent, 0)), jnp.zeros_like(leak)
+
+    return nn.relu(x), pull

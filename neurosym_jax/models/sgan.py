@@ -15,8 +15,7 @@ from jax import Array
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.config import DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.layers import LSTM, Affine, Encoder, Perceptron, embed
-from neurosym_jax.models.pool_net import PoolNetwork
-from neurosym_jax.models.pooling import Pooling
+from neurosym_jax.models.pooling import Pooling, PoolNetwork
 from neurosym_jax.scene import Scene
 
 __all__ = ["Decoder", "Discriminator", "Generator", "Weigh", "pool", "pooling_network"]

@@ -3,11 +3,11 @@ from .gradients import generator_gradient as generator_gradient
 from .gradients import warn_if_no_gradient as warn_if_no_gradient
 from .loop import train as train
 from .loop import train_run as train_run
-from .network import named_network as named_network
 from .recipe import RECIPES as RECIPES
 from .recipe import AnchorRecipe as AnchorRecipe
 from .recipe import TrainConfig as TrainConfig
 from .recipe import make_recipe as make_recipe
+from .recipe import named_network as named_network
 from .run import Run as Run
 from .step import TrainState as TrainState
 from .step import initial_state as initial_state

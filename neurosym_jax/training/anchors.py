@@ -16,10 +16,9 @@ from jax import Array
 from neurosym_jax.data.windows import Windows
 from neurosym_jax.forecasting.anchors import apply_anchors
 from neurosym_jax.scene import Scene
-from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.recipe import AnchorRecipe
 from neurosym_jax.training.step import TrainState, update
-from neurosym_jax.training.stream import gather_cropped
+from neurosym_jax.training.stream import augment, gather_cropped
 
 __all__ = ["CLASSES", "AnchorStream", "anchor_loss", "anchor_step", "company", "overlap"]
 

@@ -29,10 +29,9 @@ from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import append_text, write_json, write_text
 from neurosym_jax.runtime.process import code_version
-from neurosym_jax.training.card import model_card
 from neurosym_jax.training.checkpoints import restore_state, save_state, sole_writer
 from neurosym_jax.training.recipe import RECIPES, Recipe, usual_recipe
-from neurosym_jax.training.run import ROUND, Run, record_of, rounds_of, start_of
+from neurosym_jax.training.run import ROUND, Run, model_card, record_of, rounds_of, start_of
 from neurosym_jax.training.step import TrainState
 
 __all__ = ["train", "train_run"]
@@ -118,12 +117,14 @@ def train_run(
             state, metrics = advance(state, done, count)
             row: Row = {"step": done + count}
             row |= {name: float(np.mean(value)) for name, value in metrics.items()}
-            _refuse_not_finite(row, folder, done)
             due = count == to_validation or row["step"] == recipe.steps
-            if due:
+            if due and np.isfinite([*row.values()]).all():
                 row |= _validate(run, state, batches)
-                _refuse_not_finite(row, folder, done)
-                _warn_if_dead(row)
+            if bad := [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]:
+                raise TrainingError(
+                    f"{folder}: between step {done} and step {row['step']} training came to "
+                    f"numbers that are not finite: {', '.join(bad)}; what was saved before is kept"
+                )
             rows.append(row)
             if _best(rows) is row:
                 best = _kept(run, state)
@@ -225,17 +226,11 @@ def _line(row: Row) -> str:
     return json.dumps(row, allow_nan=False) + "\n"
 
 
-def _refuse_not_finite(row: Row, folder: Path, done: int) -> None:
-    bad = [f"{name} {value}" for name, value in row.items() if not np.isfinite(value)]
-    if bad:
-        raise TrainingError(
-            f"{folder}: between step {done} and step {row['step']} training came to numbers that "
-            f"are not finite: {', '.join(bad)}; what was saved before is kept"
-        )
-
-
 def _validate(run: Run, state: TrainState, batches: list[Batch]) -> Row:
-    """Joint best-of-k errors on the validation windows; `val_score` chooses the best state."""
+    """Joint best-of-k errors on the validation windows; `val_score` chooses the best state.
+
+    Warns of a dead pooling.
+    """
     forecaster = FORECASTERS[run.kind](run.network)
     result = score_forecaster(
         forecaster,
@@ -247,16 +242,12 @@ def _validate(run: Run, state: TrainState, batches: list[Batch]) -> Row:
     )
     ade, fde = result.mean("joint_ade"), result.mean("joint_fde")
     score = ade + fde if run.recipe.select_by == "ade_fde" else ade
-    effect = {f"val_{name}": result.mean(name) for name in EFFECT if name in result.scores}
-    row = {"val_ade": ade, "val_fde": fde, "val_score": score}
-    return row | {name: value for name, value in effect.items() if np.isfinite(value)}
-
-
-def _warn_if_dead(row: Row) -> None:
-    if row.get("val_neighbour_near", 1.0) < LEAST:
-        share = 100 * row["val_neighbour_share"]
+    effect = {name: result.mean(name) for name in EFFECT if name in result.scores}
+    if effect.get("neighbour_near", 1.0) < LEAST:
         print(
-            f"warning: dead pooling at step {row['step']}: {share:.0f} % of people are changed by "
-            "their neighbours",
+            f"warning: dead pooling at step {state.step}: {effect['neighbour_share']:.0%} of "
+            "people are changed by their neighbours",
             file=sys.stderr,
         )
+    row = {"val_ade": ade, "val_fde": fde, "val_score": score}
+    return row | {f"val_{name}": value for name, value in effect.items() if np.isfinite(value)}

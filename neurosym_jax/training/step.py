@@ -1,6 +1,15 @@
-"""One training step as a pure function `(state, batch, key) -> (state, metrics)`."""
+"""One training step as a pure function `(state, batch, key) -> (state, metrics)`.
+
+Gentle pooling keeps the units of SGAN's and NeuroSyM's poolings alive. Such a pooling ends in a
+layer of 512 inputs, a maximum over neighbours and a ReLU. A unit that is never above 0 has no
+gradient and stays so. The layer's first values are large (positions are in metres), so a loss shuts
+units at once, and one Adam step of size r moves a unit by up to 512 r times its inputs. So the
+layer starts small and above 0, learns slowly, and a unit below 0 gets a share of the gradients that
+raise it (`gradients.with_leak`). Forecasts of given parameters do not change.
+"""
 
 import functools
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -8,12 +17,9 @@ import jax.numpy as jnp
 import optax
 from jax import Array
 
-from neurosym_jax.forecasting.networks import initial_generator
+from neurosym_jax.forecasting.forecasters import GeneratorForecaster
 from neurosym_jax.models import Discriminator
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.symbolic.weighting import initial_parameters
-from neurosym_jax.training.augmentation import augment
-from neurosym_jax.training.gentle_pooling import slowed, started
 from neurosym_jax.training.gradients import (
     Metrics,
     discriminator_gradient,
@@ -21,10 +27,18 @@ from neurosym_jax.training.gradients import (
     generator_gradient,
 )
 from neurosym_jax.training.recipe import Recipe, TrainConfig
-from neurosym_jax.training.stream import Groups
+from neurosym_jax.training.stream import Groups, augment
 
-__all__ = ["TrainState", "clipping", "initial_state", "new_state", "train_step", "train_steps"]
-__all__ += ["update", "update_discriminator"]
+__all__ = ["TrainState", "clipping", "initial_state", "learn", "new_state", "slowed", "started"]
+__all__ += ["train_step", "train_steps", "update"]
+
+SCALE, BIAS = 0.3, 0.5
+"""Gentle pooling's factor of the initial weights of the last layer, and its initial biases."""
+RATE = 0.05
+"""Its factor of the learning rate of the pooling's parameters."""
+
+Drawn = tuple[Groups, Sequence[Array]]
+"""A batch, augmented, and noises for it."""
 
 
 class TrainState(NamedTuple):
@@ -45,27 +59,26 @@ class TrainState(NamedTuple):
 def initial_state(generator_config: GeneratorConfig, recipe: TrainConfig, key: Array) -> TrainState:
     """Parameters as SGAN initialises them, and new optimisers; consumes `key`."""
     of_generator, of_discriminator = jax.random.split(key)
-    params = initial_generator(generator_config, of_generator)
-    if weighting := initial_parameters(generator_config.weighting):
-        params = {**params, "weighting": jax.tree.map(jnp.asarray, weighting)}
+    params = GeneratorForecaster(generator_config).initial(of_generator)
     if recipe.gentle_pooling:
         params = started(params)
-    state = new_state(recipe, params)
     if not recipe.adversarial_weight:
-        return state
-    observed = jnp.zeros((1, generator_config.obs_len, 2))
-    discriminator = Discriminator(recipe.discriminator).init(
-        of_discriminator, observed, observed, jnp.ones(1, bool)
+        return new_state(recipe, params)
+    network, observed = Discriminator(recipe.discriminator), jnp.zeros((1, 1, 2))
+    return new_state(
+        recipe, params, network.init(of_discriminator, observed, observed, jnp.ones(1, bool))
     )
-    optimizer = optax.adam(recipe.d_learning_rate).init(discriminator)
-    return state._replace(discriminator=discriminator, discriminator_optimizer=optimizer)
 
 
-def new_state(recipe: Recipe, params: Any) -> TrainState:
-    """The state before the first step, without discriminator."""
+def new_state(recipe: Recipe, params: Any, discriminator: Any = ()) -> TrainState:
+    """The state before the first step; `discriminator` has the parameters of one, if any."""
     # A copy: the loop donates the state's buffers, each of them once.
     average = jax.tree.map(jnp.copy, params) if recipe.ema else ()
-    return TrainState(jnp.zeros((), jnp.int32), params, _optimizer(recipe).init(params), average)
+    state = TrainState(jnp.zeros((), jnp.int32), params, _optimizer(recipe).init(params), average)
+    if not discriminator:
+        return state
+    optimizer = optax.adam(recipe.d_learning_rate).init(discriminator)
+    return state._replace(discriminator=discriminator, discriminator_optimizer=optimizer)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)
@@ -104,43 +117,61 @@ def train_step(
     """
     keys = jax.random.split(key, 7)
 
-    def drawn(batch: int, keys: Array, samples: int) -> tuple[Groups, list[Array]]:
+    def drawn(batch: int, keys: Array, samples: int) -> Drawn:
         groups = augment(jax.tree.map(lambda leaf: leaf[batch], batches), keys[0], recipe)
         return groups, draw_group_noise(generator_config, groups, keys[1], samples)
 
     def label(key: Array, between: tuple[float, float]) -> Array:
         return jax.random.uniform(key, (), minval=between[0], maxval=between[1])
 
-    metrics: Metrics = {}
-    if recipe.adversarial_weight:
-        gradient, metrics = discriminator_gradient(
+    state, metrics, _ = learn(
+        generator_config,
+        recipe,
+        state,
+        drawn(0, keys[:2], 1) if recipe.adversarial_weight else None,
+        drawn(-1, keys[3:5], recipe.best_k),
+        real=(label(keys[2], recipe.label_real), label(keys[5], recipe.label_real)),
+        fake=label(keys[6], recipe.label_fake),
+    )
+    return state, metrics
+
+
+def learn(
+    generator_config: GeneratorConfig,
+    recipe: TrainConfig,
+    state: TrainState,
+    first: Drawn | None,
+    second: Drawn,
+    *,
+    real: tuple[Array | float, Array | float],
+    fake: Array | float,
+) -> tuple[TrainState, Metrics, tuple[Any, Any]]:
+    """An Adam step of the discriminator on `first`, if any, then of the generator on `second`.
+
+    `real` are the two steps' labels [] of real trajectories, `fake` [] the discriminator's of
+    forecasts.
+    The last value are both gradients, not clipped.
+    """
+    of_discriminator, metrics = (), {}
+    if first is not None:
+        of_discriminator, metrics = discriminator_gradient(
             generator_config,
             recipe,
             state.params,
             state.discriminator,
-            *drawn(0, keys[:2], 1),
-            label_real=label(keys[2], recipe.label_real),
-            label_fake=label(keys[6], recipe.label_fake),
+            *first,
+            label_real=real[0],
+            label_fake=fake,
         )
-        state = update_discriminator(recipe, state, gradient)
+        moves, optimizer = optax.adam(recipe.d_learning_rate).update(
+            of_discriminator, state.discriminator_optimizer, state.discriminator
+        )
+        params = optax.apply_updates(state.discriminator, moves)
+        state = state._replace(discriminator=params, discriminator_optimizer=optimizer)
     gradient, more = generator_gradient(
-        generator_config,
-        recipe,
-        state.params,
-        state.discriminator,
-        *drawn(-1, keys[3:5], recipe.best_k),
-        label=label(keys[5], recipe.label_real),
+        generator_config, recipe, state.params, state.discriminator, *second, label=real[1]
     )
-    return update(recipe, state, gradient), metrics | more
-
-
-def update_discriminator(recipe: TrainConfig, state: TrainState, gradient: Any) -> TrainState:
-    """The state after one Adam step of the discriminator."""
-    moves, optimizer = optax.adam(recipe.d_learning_rate).update(
-        gradient, state.discriminator_optimizer, state.discriminator
-    )
-    params = optax.apply_updates(state.discriminator, moves)
-    return state._replace(discriminator=params, discriminator_optimizer=optimizer)
+    return update(recipe, state, gradient), metrics | more, (of_discriminator, gradient)
 
 
 def update(recipe: Recipe, state: TrainState, gradient: Any) -> TrainState:
@@ -157,6 +188,34 @@ def update(recipe: Recipe, state: TrainState, gradient: Any) -> TrainState:
         decay = jnp.minimum(recipe.ema, (1.0 + state.step) / (10.0 + state.step))
         average = jax.tree.map(lambda a, p: decay * a + (1 - decay) * p, average, params)
     return state._replace(step=state.step + 1, params=params, optimizer=optimizer, average=average)
+
+
+def started(generator: Any) -> Any:
+    """The variables `generator` with a small layer above 0 at the end of each pooling."""
+
+    def start(pooling: Any) -> Any:
+        layer = pooling["mlp"]["layer_1"]
+        layer = {"kernel": SCALE * layer["kernel"], "bias": jnp.full_like(layer["bias"], BIAS)}
+        return {**pooling, "mlp": {**pooling["mlp"], "layer_1": layer}}
+
+    return _changed(generator, start)
+
+
+def slowed(update: Any) -> Any:
+    """Adam's `update` of the generator with the poolings' part at their own learning rate."""
+    return _changed(update, lambda pooling: jax.tree.map(lambda leaf: RATE * leaf, pooling))
+
+
+def _changed(tree: Any, change: Callable[[Any], Any]) -> Any:
+    """`tree` with `change` of the parameters of each pooling that ends in such a layer."""
+    if not isinstance(tree, dict):
+        return tree
+    return {
+        name: change(part)
+        if name == "pooling" and "layer_1" in part.get("mlp", ())
+        else _changed(part, change)
+        for name, part in tree.items()
+    }
 
 
 def clipping(recipe: Recipe) -> optax.GradientTransformation:

@@ -28,15 +28,14 @@ from neurosym_jax.evaluation.tables import format_table
 from neurosym_jax.forecasting.model_folder import load_model, replace_card
 from neurosym_jax.runtime.files import new_file, refuse_unwritable, write_text
 from neurosym_jax.runtime.process import cpu_cores, progress_of, provenance
-from neurosym_jax.training.card import model_card
+from neurosym_jax.training.run import model_card
 
 __all__ = ["SweepRun", "compare_sweep", "run_sweep", "unfinished", "write_errors"]
 
 RECIPE = "recipe.yaml"
 ERRORS = "scenes.npz"
-"""Beside `sweep.json`: each row's errors, scene by scene."""
-FIELDS = ("metrics", "totals", "counts", "identity")
-"""In that file for each row: names of M metrics, [S, M] totals and counts, [S, 2] scenes."""
+"""Beside `sweep.json`, each row's errors by its number: `7/` are the scenes [S, 2], `7/joint_ade`
+totals and counts [2, S]."""
 MEAN = "mean over test sets"
 ENOUGH = 3
 """Least number of seeds that tell how much trainings differ."""
@@ -162,8 +161,8 @@ def write_errors(folder: Path, errors: Sequence[ErrorsByScene]) -> None:
     """Write the errors of all rows of a sweep, scene by scene."""
     arrays: dict[str, Any] = {}
     for at, of_row in enumerate(errors):
-        columns = (list(of_row.scores), *of_row.sums, of_row.identity)
-        arrays |= {f"{name}_{at}": np.asarray(of) for name, of in zip(FIELDS, columns)}
+        arrays |= {f"{at}/{name}": np.array([*of]) for name, of in of_row.scores.items()}
+        arrays[f"{at}/"] = of_row.identity
     with new_file(folder / ERRORS) as beside:
         np.savez_compressed(beside, **arrays)
 
@@ -232,10 +231,9 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     try:
         with np.load(folder / ERRORS) as arrays:
             for at, model, dataset, seed in columns.iter_rows():
-                names, totals, counts, identity = (arrays[f"{name}_{at}"] for name in FIELDS)
-                scores = map(Score, totals.T, counts.T)
-                of_metrics = dict(zip(names.tolist(), scores, strict=True))
-                errors = ErrorsByScene(of_metrics, identity, steps=sum(horizons[0]))
+                *names, scenes = (name for name in arrays if name.startswith(f"{at}/"))
+                scores = {name.split("/")[1]: Score(*arrays[name]) for name in names}
+                errors = ErrorsByScene(scores, arrays[scenes], steps=sum(horizons[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None
@@ -244,17 +242,13 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
 
 def _reference(against: str | None, models: Sequence[str]) -> str:
     """The model of this title, or whose title ends in `, NAME`; else the first of two."""
-    there = f"there are {'; '.join(models)}"
-    if len(models) < 2:
-        raise InputError(f"a report compares two models or more: {there}")
-    if against is None and len(models) > 2:
-        raise InputError(f"--against names the model to compare with: {there}")
-    name = against or models[0]
+    name = models[0] if against is None and len(models) == 2 else against
     found = [each for each in models if each == name]
     found = found or [each for each in models if each.endswith(f", {name}")]
-    if len(found) != 1:
-        what = f"several models are {name!r}" if found else f"no {name!r} to compare with"
-        raise InputError(f"--against: {what}: {there}")
+    if len(models) < 2 or len(found) != 1:
+        one = "--against names the one that others are compared with, by its title or weighting"
+        what = one if len(models) > 1 else "a report compares two models or more"
+        raise InputError(f"{what}: there are {'; '.join(models)}")
     return found[0]
 
 

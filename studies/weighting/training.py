@@ -11,7 +11,7 @@ from typing import Any
 import jax
 
 from neurosym_jax.data.windows import Windows
-from neurosym_jax.forecasting.anchors import initial_anchors
+from neurosym_jax.forecasting.anchors import AnchorsForecaster
 from neurosym_jax.training.anchors import AnchorStream, anchor_step
 from neurosym_jax.training.recipe import AnchorRecipe, Recipe, TrainConfig
 from neurosym_jax.training.run import ROUND
@@ -34,7 +34,7 @@ def train(network: Any, recipe: Recipe, windows: Windows, seed: int) -> Any:
     shared = dataclasses.replace(recipe, seed=0)  # So that seeds share a program.
     if isinstance(shared, AnchorRecipe):
         anchors = AnchorStream(windows, dataclasses.replace(shared, seed=seed))
-        state = new_state(shared, initial_anchors(network, start))
+        state = new_state(shared, AnchorsForecaster(network).initial(start))
         for step in range(shared.steps):
             state, _ = anchor_step(network, shared, steps, state, *anchors.batch(step))
         return state.average

@@ -9,26 +9,23 @@ from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.forecasting import anchors
-from neurosym_jax.forecasting.anchors import initial_anchors, spread_of
+from neurosym_jax.forecasting.anchors import spread_of
 from neurosym_jax.forecasting.batched import forecast_windows, predict_scenes
-from neurosym_jax.forecasting.differentiable import forecast
-from neurosym_jax.forecasting.model import Model, SceneForecaster, predict, predict_distribution
+from neurosym_jax.forecasting.model import (
+    SceneForecaster,
+    forecast,
+    predict,
+    predict_distribution,
+)
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.scene import make_scene
-
-METRICS = ("energy_score", "crps", "coverage_50", "central_ade", "joint_ade")
+from tests.networks import random_model
 
 
 @pytest.fixture(scope="module")
 def model():
-    config = AnchorConfig(pred_len=4, samples=5, hidden=8, weighting="learned")
-    rng = np.random.default_rng(0)
-    params = jax.jit(initial_anchors, static_argnums=0)(config, jax.random.key(0))
-    network = jax.tree.map(
-        lambda leaf: rng.normal(size=leaf.shape).astype(np.float32) * 0.3, params["params"]
-    )
-    return Model(config, jax.tree.map(np.asarray, {**params, "params": network}), kind="anchors")
+    return random_model(AnchorConfig(pred_len=4, samples=5, hidden=8, weighting="learned"), std=0.3)
 
 
 @pytest.fixture(scope="module")
@@ -54,19 +51,16 @@ def test_every_way_gives_the_same_samples_and_probabilities(model, windows):
     np.testing.assert_allclose(np.concatenate(many, axis=1), futures, atol=1e-5)
 
 
-def test_fewer_samples_begin_with_the_most_probable_one(model, windows):
+def test_fewer_samples_have_the_probabilities_given_that_they_are_all(model, windows):
+    """`test_shipped` has which samples these are."""
     observed = windows.position[:3, :8]
     futures, probability = predict_distribution(model, observed, samples=5)
-    one = predict(model, observed, samples=1)
-    np.testing.assert_allclose(one[0], futures[probability.argmax()], atol=1e-6)
     three, given = predict_distribution(model, observed, samples=3)
-    np.testing.assert_allclose(three[0], one[0], atol=1e-6)
-    places = [int(np.abs(futures - each).sum(axis=(1, 2, 3)).argmin()) for each in three]
-    assert len(set(places)) == 3
+    places = np.abs(futures - three[:, None]).sum(axis=(2, 3, 4)).argmin(axis=1)
+    assert places[0] == probability.argmax()
     np.testing.assert_allclose(given, probability[places] / probability[places].sum(), rtol=1e-4)
-    for call in (predict, lambda *a, **k: predict_scenes(a[0], [a[1]], **k)):
-        with pytest.raises(InputError, match="has 5 samples, not 6: ask for --samples 5 or fewer"):
-            call(model, observed, samples=6)
+    with pytest.raises(InputError, match="has 5 samples, not 6: ask for --samples 5 or fewer"):
+        predict_scenes(model, [observed], samples=6)
 
 
 def test_the_spread_serves_the_probable_samples_first():
@@ -82,29 +76,24 @@ def test_probabilities_count_in_scores(model, windows):
     rng = np.random.default_rng(2)
     forecast, future = rng.normal(size=(3, 2, 4, 2)), rng.normal(size=(2, 4, 2))
     repeated = np.repeat(forecast, [3, 1, 2], axis=0)
-    metrics = ("energy_score", "crps")
-    weighted = score(forecast, future, probability=[1 / 2, 1 / 6, 1 / 3], metrics=metrics)
-    plain = score(repeated, future, metrics=metrics)
-    for name in metrics:
-        assert weighted[name].mean == pytest.approx(plain[name].mean, rel=1e-4)
-    equal = score(forecast, future, probability=[1 / 3] * 3, metrics=METRICS[:3])
-    for name, of in score(forecast, future, metrics=METRICS[:3]).items():
-        assert equal[name].mean == pytest.approx(of.mean, rel=1e-4)
+    for metrics, probability, same in (
+        (["energy_score", "crps"], [1 / 2, 1 / 6, 1 / 3], repeated),
+        (["energy_score", "crps", "coverage_50"], [1 / 3] * 3, forecast),
+    ):
+        weighted = score(forecast, future, probability=probability, metrics=metrics)
+        for name, of in score(same, future, metrics=metrics).items():
+            assert weighted[name].mean == pytest.approx(of.mean, rel=1e-4)
     # All probability on samples far from the truth covers nothing.
     moved = forecast + np.array([9.0, 9.0, 0.0])[:, None, None, None]
     far = score(moved, future, probability=[0.5, 0.5, 0.0], metrics=["coverage_50"])
     assert far["coverage_50"].mean == 0
-
-    batches = make_batches(windows)
-    found = score_forecaster(
-        model.forecaster, model.params, batches, samples=5, seed=0, metrics=METRICS
-    )
-    one = score_forecaster(
-        model.forecaster, model.params, batches, samples=1, seed=0, metrics=("joint_ade",)
-    )
-    assert found.samples == 5
-    assert found.mean("central_ade") == pytest.approx(one.mean("joint_ade"), rel=1e-4)
-    assert found.mean("joint_ade") < one.mean("joint_ade")
+    names, found = ("central_ade", "joint_ade"), {}
+    for samples in (1, 5):
+        how = {"samples": samples, "seed": 0, "metrics": names}
+        done = score_forecaster(model.forecaster, model.params, make_batches(windows), **how)
+        found[samples] = [done.mean(name) for name in names]
+    assert found[5][0] == pytest.approx(found[1][1], rel=1e-4)
+    assert found[5][1] < found[1][1]
 
 
 def test_alpha_and_the_weightings_parameters_have_gradients(model, windows):
@@ -144,9 +133,7 @@ def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, apart):
 
 
 def test_the_table_has_equal_probabilities():
-    config = AnchorTableConfig(pred_len=4, samples=5)
-    params = jax.jit(initial_anchors, static_argnums=0)(config, jax.random.key(0))
-    table = Model(config, params, kind="anchor_table")
+    table = random_model(AnchorTableConfig(pred_len=4, samples=5), std=0.1)
     _, probability = predict_distribution(table, np.zeros((2, 8, 2)), samples=5)
     np.testing.assert_allclose(probability, 0.2, rtol=1e-5)
     assert table.name == "anchor table"

@@ -1,5 +1,7 @@
 """`forecast` is `predict`, and its gradients are those of finite differences."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,14 +9,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.differentiable import forecast
-from neurosym_jax.forecasting.forecaster import NoiseSpec, draw_noise
-from neurosym_jax.forecasting.model import Model, predict
-from neurosym_jax.models import Generator
+from neurosym_jax.forecasting.forecaster import NoiseSpec, draw_noise, with_weighting
+from neurosym_jax.forecasting.model import forecast, predict
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.scene import make_scene, scene_identity
-from neurosym_jax.symbolic import Cnd, Soft, initial_parameters
-from tests.networks import random_params
+from neurosym_jax.scene import scene_identity
+from neurosym_jax.symbolic import Soft
+from tests.networks import random_model
 
 LENGTHS = {"obs_len": 5, "pred_len": 3}
 OBSERVED = 5.0 + np.random.default_rng(0).normal(0, 0.4, (3, 5, 2)).cumsum(axis=1)
@@ -26,10 +26,8 @@ FORECAST = jax.jit(forecast, static_argnums=0)
 def model_of(weighting):
     pooling = "as_described" if weighting else "pool_net"
     config = GeneratorConfig(pooling=f"{pooling},hidden_dim=16", weighting=weighting, **LENGTHS)
-    params = random_params(
-        Generator(config), make_scene(OBSERVED), np.zeros(8), np.zeros((3, 3, 5))
-    )
-    return Model(config, {**params, "weighting": initial_parameters(config.weighting)})
+    model = random_model(config, std=0.3)
+    return dataclasses.replace(model, params=with_weighting(model.params, config.weighting))
 
 
 @pytest.fixture(scope="module")
@@ -40,23 +38,16 @@ def soft():
 NOISE = draw_noise(NoiseSpec(8), 0, scene_identity("", 0)[None], 4, 1)[:, 0]
 
 
-@pytest.mark.parametrize("weighting", [None, Cnd(), Soft()])
-def test_it_is_predict(weighting):
+@pytest.mark.parametrize("weighting", [None, Soft(learned=True)])
+def test_it_is_predict_and_padding_and_a_batch_change_nothing(weighting):
     model = model_of(weighting)
-    found = FORECAST(model.config, model.params, OBSERVED, NOISE)
+    given = model.config, model.params
+    found = FORECAST(*given, OBSERVED, NOISE)
     assert_allclose(found, predict(model, OBSERVED, samples=4), atol=1e-5)
-
-
-def test_padding_and_a_batch_change_nothing(soft):
-    padded = np.concatenate([OBSERVED, np.zeros((2, 5, 2))])
-    valid = np.arange(5) < 3
-    found = FORECAST(soft.config, soft.params, OBSERVED, NOISE)
-    assert_allclose(
-        FORECAST(soft.config, soft.params, padded, NOISE, valid=valid)[:, :3], found, atol=1e-5
-    )
-    batch = jax.vmap(lambda observed: FORECAST(soft.config, soft.params, observed, NOISE))(
-        np.stack([OBSERVED, OBSERVED + 2.0])
-    )
+    padded, valid = np.concatenate([OBSERVED, np.zeros((2, 5, 2))]), np.arange(5) < 3
+    assert_allclose(FORECAST(*given, padded, NOISE, valid=valid)[:, :3], found, atol=1e-5)
+    both = np.stack([OBSERVED, OBSERVED + 2.0])
+    batch = jax.vmap(lambda observed: FORECAST(*given, observed, NOISE))(both)
     assert_allclose(batch, np.stack([found, found + 2.0]), atol=1e-5)
 
 

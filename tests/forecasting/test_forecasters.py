@@ -6,14 +6,12 @@ from unittest import mock
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.forecasting.forecaster import Forecaster, Lengths, NoiseSpec
 from neurosym_jax.forecasting.forecasters import (
     FORECASTERS,
     HEADING_STD,
-    ConstantVelocity,
     ConstantVelocitySampled,
     register_forecaster,
 )
@@ -61,21 +59,13 @@ def test_a_model_of_ones_own_forecasts_and_is_saved(tmp_path):
     assert model.weighting is None
 
 
-@pytest.mark.parametrize("kind", ["constant_velocity", "constant_velocity_sampled"])
-def test_the_baselines_are_models_without_parameters(tmp_path, kind):
-    save_model(tmp_path / "model", Model(Lengths(pred_len=5), {}, kind=kind))
+def test_constant_velocity_repeats_the_last_step(tmp_path):
+    save_model(tmp_path / "model", Model(Lengths(pred_len=5), {}, kind="constant_velocity"))
     model = load_model(tmp_path / "model")
-    assert predict(model, OBSERVED, samples=3).shape[1:] == (3, 5, 2)
-    assert model.name.startswith("constant velocity")
-
-
-def test_constant_velocity_repeats_the_last_step():
-    forecaster = ConstantVelocity(Lengths(pred_len=5))
-    assert forecaster.noise == NoiseSpec()
-    forecast = forecaster.forecast((), SCENE, np.zeros((1, 0)))
+    assert model.forecaster.noise == NoiseSpec()
     step = OBSERVED[:, -1] - OBSERVED[:, -2]
-    wanted = SCENE.observed[:, None, -1] + step[:, None] * np.arange(1, 6)[:, None]
-    assert_allclose(forecast, wanted[None], atol=1e-5)
+    wanted = OBSERVED[:, None, -1] + step[:, None] * np.arange(1, 6)[:, None]
+    assert_allclose(predict(model, OBSERVED), wanted[None], atol=1e-5)
 
 
 def test_sampled_heading():

@@ -10,11 +10,10 @@ import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-import numpy as np
 import pytest
 import yaml
 
-from neurosym_jax import InputError, Model, load_model, predict
+from neurosym_jax import InputError, Model, load_model
 from neurosym_jax.data.sources import licences_of
 
 COMMIT = "c" * 40
@@ -77,36 +76,29 @@ def hub():
         server.shutdown()
 
 
-def header_of(model, folder, card=None):
-    """What the Hub reads at the top of the card, once the model is saved."""
-    model.save_pretrained(folder, card)
-    (header,) = re.findall(r"\A---\n(.*?)---\n\n# ", (folder / "README.md").read_text(), re.DOTALL)
-    return yaml.safe_load(header)
-
-
 @pytest.mark.parametrize(
-    ("name", "licence", "datasets"),
-    [("sgan_simulations_8", "mit", ["simulations"]), ("sgan_zara1_8", "unknown", ["eth-ucy"])],
+    ("data", "licence"),
+    [
+        ({}, "unknown"),
+        ({"simulations": "MIT"}, "mit"),
+        ({"ETH/UCY": "unstated"}, "unknown"),
+        (licences_of(["Stanford"]), "cc-by-nc-sa-3.0"),  # As training names a folder of SDD.
+        ({"SDD": "CC BY-NC-SA 3.0, restricted", "ETH/UCY": "unstated"}, "other"),
+    ],
 )
-def test_folders_have_the_header_of_the_hub(tmp_path, name, licence, datasets):
-    model = Model.from_pretrained(name)
-    header = header_of(model, tmp_path / "model")
-    assert (header["license"], header["datasets"]) == (licence, datasets)
-    assert (header["library_name"], header["metrics"]) == ("neurosym_jax", ["ade", "fde"])
-    observed = np.cumsum(np.full((3, 8, 2), 0.3), axis=1)
-    again = Model.from_pretrained(tmp_path / "model")
-    np.testing.assert_array_equal(predict(again, observed), predict(model, observed))
-    own = header_of(model, tmp_path / "own", "---\nlicense: mit\n---\n\n# Mine\n")
-    assert own == {"license": "mit"}
-
-
-def test_a_licence_that_forbids_commerce_is_the_models(model, tmp_path):
-    data = licences_of(["Stanford"])  # As training names a folder of it.
-    assert data == {"SDD": "CC BY-NC-SA 3.0, restricted"}
-    made = dataclasses.replace(model("none"), data=data)
-    assert header_of(made, tmp_path / "sdd")["license"] == "cc-by-nc-sa-3.0"
-    both = dataclasses.replace(made, data={**data, "ETH/UCY": "unstated"})
-    assert header_of(both, tmp_path / "both")["license"] == "other"
+def test_folders_have_the_header_of_the_hub(model, tmp_path, data, licence):
+    for card, facts in (
+        (None, (licence, [name.lower().replace("/", "-") for name in data], "neurosym_jax")),
+        ("---\nlicense: mit\n---\n\n# Mine\n", ("mit", None, None)),
+    ):
+        folder = tmp_path / str(facts[2])
+        dataclasses.replace(model("none"), data=data).save_pretrained(folder, card)
+        text = (folder / "README.md").read_text()
+        (head,) = re.findall(r"\A---\n(.*?)---\n\n# ", text, re.DOTALL)
+        header = yaml.safe_load(head)
+        found = tuple(header.get(name) for name in ("license", "datasets", "library_name"))
+        assert found == facts
+        assert Model.from_pretrained(folder).data == data
 
 
 def run(code, tmp_path, endpoint):

@@ -8,11 +8,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.commands.evaluate import Options, run
-from neurosym_jax.data.tracks import Tracks, make_tracks
-from neurosym_jax.data.windows import Windows, cut_windows, make_batches
+from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
-from neurosym_jax.forecasting.batched import forecast_batch, predict_scenes, unpacked
-from neurosym_jax.forecasting.forecaster import draw_noise
+from neurosym_jax.forecasting.batched import (
+    batch_noise,
+    forecast_batch,
+    predict_scenes,
+    unpacked,
+)
 from neurosym_jax.forecasting.model import Model, predict
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.config import GeneratorConfig
@@ -35,10 +39,6 @@ CONFIGS = {
     # Symbols of predicted steps, too.
     "symbols, every step": {**DESCRIBED, "pool_every_timestep": True, "weighting": "quantised"},
 }
-EACH = pytest.mark.parametrize("name", list(CONFIGS))
-SOME = pytest.mark.parametrize(
-    "name", ["pool_net", "noise of agents", "ros", "symbols, every step"]
-)
 K = 3
 
 
@@ -47,107 +47,56 @@ def model_of(name: str) -> Model:
     return random_model(GeneratorConfig(obs_len=4, pred_len=4, **CONFIGS[name]))
 
 
-@functools.cache
-def crowd(recording: str, shift: tuple[float, float] = (0.0, 0.0)) -> Tracks:
+def windows_of(recording: str, shift: np.ndarray | float = 0.0) -> Windows:
     """Fourteen frames of up to nine people who come and go; coordinates have 4 decimals."""
     rng = np.random.default_rng(len(recording))
     walks = rng.uniform(-2, 2, (9, 1, 2)) + rng.normal(0, 0.3, (9, 14, 2)).cumsum(axis=1)
     # On a coarse grid, so that neighbours lie on the social grid's lines.
     walks[:4] = np.round(walks[:4] * 4) / 4
-    walks = np.round(walks, 4) + np.array(shift)
     first, last = rng.integers(0, 4, 9), rng.integers(9, 15, 9)
-    first[0], last[0] = 0, 14
-    present = (np.arange(14) >= first[:, None]) & (np.arange(14) < last[:, None])
-    agent, frame = np.nonzero(present)
-    return make_tracks(recording, frame * 0.4, agent, walks[agent, frame])
+    agent, frame = np.nonzero((np.arange(14) >= first[:, None]) & (np.arange(14) < last[:, None]))
+    position = np.round(walks, 4)[agent, frame] + shift
+    return cut_windows([make_tracks(recording, frame * 0.4, agent, position)], 4, 4, min_agents=1)
 
 
-def cut(*recordings: Tracks) -> Windows:
-    return cut_windows(recordings, 4, 4, min_agents=1)
-
-
-def of_batch(model: Model, scenes):
-    """`[k, B, A, pred_len, 2]` by the evaluation's own path."""
-    noise = draw_noise(model.forecaster.noise, 0, scenes.identity, K, scenes.valid.shape[1])
-    futures, _ = forecast_batch(model.forecaster, model.params, scenes, noise)
-    forecast = unpacked(futures, scenes.valid)
-    assert np.isfinite(forecast).all()
-    return forecast
-
-
-@functools.cache
-def forecasts(name: str, *recordings: str):
-    """Scene identity to `[k, N, pred_len, 2]` of its agents."""
-    windows = cut(*map(crowd, recordings))
-    found = {}
-    for batch in make_batches(windows):
-        forecast = of_batch(model_of(name), batch.scene.bare())
-        for row, number in enumerate(batch.index):
-            if number >= 0:
-                agents = windows.sizes[number]
-                found[tuple(windows.identity[number])] = forecast[:, row, :agents]
-    assert len(found) == windows.scenes
-    return found
-
-
-@EACH
-def test_order_of_scenes_and_company(name):
-    """Another recording before it puts every scene elsewhere in its batch."""
-    sizes = cut(crowd("crowd")).sizes
-    assert {sizes.min(), sizes.max()} == {1, 6}  # Two buckets.
-    among_others, alone = forecasts(name, "others", "crowd"), forecasts(name, "crowd")
-    for identity, forecast in alone.items():
-        assert_allclose(among_others[identity], forecast, rtol=0, atol=1e-5)
-        assert np.abs(forecast[0] - forecast[1]).max() > 1e-3
-
-
-@SOME
-def test_predict_is_the_evaluation_of_one_scene(name):
-    windows, model = cut(crowd("crowd")), model_of(name)
-    for number in (0, windows.scenes - 1):
-        part = slice(*windows.bounds[number : number + 2])
-        observed = windows.position[part, :4]
-        identity = windows.identity[number]
-        arguments = {"samples": K, "recording": "crowd", "frame": int(identity[1])}
-        forecast = predict(model, observed, **arguments)
-        origin = make_scene(observed).origin
-        assert forecast.dtype == np.float64
-        wanted = forecasts(name, "crowd")[tuple(identity)]
-        assert_allclose(forecast - origin, wanted, rtol=0, atol=1e-5)
-        away = predict(model, observed + UTM, **arguments)
-        assert_allclose(away - UTM - origin, wanted, rtol=0, atol=1e-5)
-    for change in ({"seed": 1}, {"recording": "a"}, {"frame": 1}):
-        other = predict(model, observed, **{**arguments, **change})
-        assert np.abs(other - forecast).max() > 1e-3
-
-
-@SOME
+@pytest.mark.parametrize("name", CONFIGS)
 def test_many_scenes_are_forecast_as_each_alone(name):
-    windows, model = cut(crowd("crowd", tuple(UTM))), model_of(name)
-    scenes = [part[:, :4] for part in np.split(windows.position, windows.bounds[1:-1])]
+    """Other scenes, another recording before them, another origin: nothing changes a forecast."""
+    model, parts = model_of(name), (windows_of("crowd", UTM), windows_of("others"))
+    scenes = [s for w in parts for s in np.split(w.position[:, :4], w.bounds[1:-1])]
     assert len({len(scene) for scene in scenes}) > 2
-    frames = windows.identity[:, 1].astype(int)
+    frames = np.concatenate([windows.identity[:, 1].astype(int) for windows in parts])
     found = predict_scenes(model, scenes, samples=K, seed=5, recording="crowd", frames=frames)
     assert len(found) == len(scenes)
-    for forecast, scene, frame in zip(found, scenes, frames):
-        alone = predict(model, scene, samples=K, seed=5, recording="crowd", frame=frame)
-        assert_allclose(forecast, alone, rtol=0, atol=1e-5)
-    assert predict_scenes(model, []) == []
+    for number in (0, len(scenes) // 3, len(scenes) - 1):
+        how = {"samples": K, "seed": 5, "recording": "crowd", "frame": frames[number]}
+        alone = predict(model, scenes[number], **how)
+        assert alone.dtype == np.float64
+        assert_allclose(found[number], alone, rtol=0, atol=1e-5)
+        assert_allclose(predict(model, scenes[number] - UTM, **how) + UTM, alone, rtol=0, atol=1e-5)
+    for change in ({"seed": 1}, {"recording": "a"}, {"frame": 1}):
+        other = predict(model, scenes[-1], **{**how, **change})
+        assert np.abs(other - alone).max() > 1e-3
+    assert np.abs(alone[0] - alone[1]).max() > 1e-3
     # By default they are those of the first frames.
     found, alone = predict_scenes(model, scenes[:2], samples=K), scenes[1]
     assert_allclose(found[1], predict(model, alone, samples=K, frame=1), atol=1e-5)
+    assert predict_scenes(model, []) == []
 
 
 @pytest.mark.parametrize("name", [name for name in CONFIGS if name != "uniform noise"])
 def test_padding_and_permutation(name):
     """Order of agents: the noise of an agent goes with its slot, so only global noise permutes."""
     model = model_of(name)
-    observed = cut(crowd("crowd")).position[:3, :4]
+    observed = windows_of("crowd").position[:3, :4]
     order = np.array([2, 0, 1])
 
     def forecast(positions, slots=3):
-        scene = pad_scene(make_scene(positions, recording="r"), slots).replace(origin=None)
-        return of_batch(model, jax.tree.map(lambda array: array[None], scene))[:, 0, :3]
+        scene = pad_scene(make_scene(positions, recording="r"), slots).bare()
+        scene = jax.tree.map(lambda array: array[None], scene)
+        noise = batch_noise(model.forecaster, scene, K, 0)
+        futures, _ = forecast_batch(model.forecaster, model.params, scene, noise)
+        return unpacked(futures, scene.valid)[:, 0, :3]
 
     plain = forecast(observed)
     assert_allclose(forecast(observed, 64), plain, rtol=0, atol=1e-5)

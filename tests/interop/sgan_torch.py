@@ -10,22 +10,19 @@ import torch
 from torch import nn
 
 
-def make_mlp(sizes, activation="relu", batch_norm=False, dropout=0.0):
+def make_mlp(sizes, dropout=0.0):
     layers = []
     for inputs, outputs in pairwise(sizes):
-        layers.append(nn.Linear(inputs, outputs))
-        if batch_norm:
-            layers.append(nn.BatchNorm1d(outputs))
-        layers.append({"relu": nn.ReLU, "leakyrelu": nn.LeakyReLU}[activation]())
+        layers += [nn.Linear(inputs, outputs), nn.ReLU()]
         if dropout > 0:
             layers.append(nn.Dropout(dropout))
     return nn.Sequential(*layers)
 
 
 class Encoder(nn.Module):
-    def __init__(self, embedding_dim, h_dim, num_layers, dropout):
+    def __init__(self, embedding_dim, h_dim):
         super().__init__()
-        self.encoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)
+        self.encoder = nn.LSTM(embedding_dim, h_dim)
         self.spatial_embedding = nn.Linear(2, embedding_dim)
 
     def forward(self, moves):
@@ -34,10 +31,10 @@ class Encoder(nn.Module):
 
 
 class PoolHiddenNet(nn.Module):
-    def __init__(self, embedding_dim, h_dim, bottleneck_dim, **options):
+    def __init__(self, embedding_dim, h_dim, bottleneck_dim, dropout):
         super().__init__()
         self.spatial_embedding = nn.Linear(2, embedding_dim)
-        self.mlp_pre_pool = make_mlp([embedding_dim + h_dim, 512, bottleneck_dim], **options)
+        self.mlp_pre_pool = make_mlp([embedding_dim + h_dim, 512, bottleneck_dim], dropout)
 
     def forward(self, hidden, bounds, position):
         hidden, pooled = hidden.reshape(-1, hidden.shape[-1]), []
@@ -50,13 +47,11 @@ class PoolHiddenNet(nn.Module):
 
 
 class Decoder(nn.Module):
-    def __init__(self, pred_len, embedding_dim, h_dim, num_layers, dropout, pool_net, mlp):
+    def __init__(self, pred_len, embedding_dim, h_dim, pool_net, mlp):
         super().__init__()
         self.pred_len = pred_len
-        self.decoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)
-        if pool_net is not None:
-            self.pool_net, self.mlp = pool_net, mlp
-        self.pools = pool_net is not None
+        self.decoder = nn.LSTM(embedding_dim, h_dim)
+        self.pool_net, self.mlp = pool_net, mlp
         self.spatial_embedding = nn.Linear(2, embedding_dim)
         self.hidden2pos = nn.Linear(h_dim, 2)
 
@@ -66,7 +61,7 @@ class Decoder(nn.Module):
             _, state = self.decoder(self.spatial_embedding(move)[None], state)
             move = self.hidden2pos(state[0][0])
             position = position + move
-            if self.pools:
+            if self.pool_net is not None:
                 pooled = self.pool_net(state[0], bounds, position)
                 state = (self.mlp(torch.cat([state[0][0], pooled], dim=1))[None], state[1])
             moves.append(move)
@@ -79,37 +74,34 @@ class TrajectoryGenerator(nn.Module):
         decoder_h_dim=128, mlp_dim=1024, num_layers=1, noise_dim=(0,),
         noise_type="gaussian", noise_mix_type="ped", pooling_type=None,
         pool_every_timestep=True, dropout=0.0, bottleneck_dim=1024,
-        activation="relu", batch_norm=False, neighborhood_size=2.0, grid_size=8,
+        neighborhood_size=2.0, grid_size=8,
     ):  # fmt: skip
         super().__init__()
         self.obs_len, self.pred_len = obs_len, pred_len
         self.noise_mix_type, self.noise_dim = noise_mix_type, noise_dim[0]
         pooling_type = None if pooling_type == "none" else pooling_type
-        options = {"activation": activation, "batch_norm": batch_norm, "dropout": dropout}
-        self.encoder = Encoder(embedding_dim, encoder_h_dim, num_layers, dropout)
+        self.encoder = Encoder(embedding_dim, encoder_h_dim)
         pooling = functools.partial(
-            PoolHiddenNet, embedding_dim, bottleneck_dim=bottleneck_dim, **options
+            PoolHiddenNet, embedding_dim, bottleneck_dim=bottleneck_dim, dropout=dropout
         )
         always = pooling_type is not None and pool_every_timestep
         widths = [decoder_h_dim + bottleneck_dim, mlp_dim, decoder_h_dim]
         self.decoder = Decoder(
-            pred_len, embedding_dim, decoder_h_dim, num_layers, dropout,
+            pred_len, embedding_dim, decoder_h_dim,
             pooling(decoder_h_dim) if always else None,
-            make_mlp(widths, **options) if always else None,
+            make_mlp(widths, dropout) if always else None,
         )  # fmt: skip
         self.pool_net = pooling(encoder_h_dim) if pooling_type else None
         pooled = bottleneck_dim if pooling_type else 0
         self.needs_mlp = bool(self.noise_dim or pooled or encoder_h_dim != decoder_h_dim)
         if self.needs_mlp:
             widths = [encoder_h_dim + pooled, mlp_dim, decoder_h_dim - self.noise_dim]
-            self.mlp_decoder_context = make_mlp(widths, **options)
+            self.mlp_decoder_context = make_mlp(widths, dropout)
 
     def add_noise(self, context, bounds, noise):
-        if not self.noise_dim:
-            return context
-        if self.noise_mix_type == "global":
+        if self.noise_dim and self.noise_mix_type == "global":
             noise = torch.repeat_interleave(noise, bounds[:, 1] - bounds[:, 0], dim=0)
-        return torch.cat([context, noise], dim=1)
+        return torch.cat([context, noise], dim=1) if self.noise_dim else context
 
     def forward(self, obs_traj, obs_traj_rel, seq_start_end, user_noise=None):
         hidden = self.encoder(obs_traj_rel)
@@ -120,6 +112,5 @@ class TrajectoryGenerator(nn.Module):
         if self.needs_mlp:
             context = self.mlp_decoder_context(context)
         start = self.add_noise(context, seq_start_end, user_noise)[None]
-        layers = self.decoder.decoder.num_layers
-        state = (start.repeat(layers, 1, 1), torch.zeros_like(start).repeat(layers, 1, 1))
+        state = start, torch.zeros_like(start)
         return self.decoder(obs_traj[-1], obs_traj_rel[-1], state, seq_start_end)

@@ -115,6 +115,14 @@ def test_tensors_and_arguments_that_do_not_fit(name, value, message):
 
 
 @pytest.mark.parametrize(
+    ("contents", "part"), [({"g_state": {}}, "args"), ({"args": {}}, "g_state"), ([], "g_state")]
+)
+def test_what_is_no_checkpoint(contents, part):
+    with pytest.raises(InputError, match=f"has no {part}: not a checkpoint of SGAN"):
+        model_from_torch(contents)
+
+
+@pytest.mark.parametrize(
     ("name", "value"),
     [("pooling_type", None), ("num_layers", DROP), ("noise_dim", 1), ("g_steps", 3)],
 )
@@ -144,12 +152,6 @@ def test_what_is_assumed_is_said(tmp_path, torch):
         convert.run(tmp_path / "a.pt", tmp_path / "a")
     convert.run(tmp_path / "a.pt", tmp_path / "a", ignore_arg=("heads",))
     assert "activation relu; the unknown" in (tmp_path / "a" / "README.md").read_text()
-
-
-def test_what_is_no_checkpoint():
-    for contents, part in (({"g_state": {}}, "args"), ({"args": {}}, "g_state"), ([], "g_state")):
-        with pytest.raises(InputError, match=f"has no {part}: not a checkpoint of SGAN"):
-            model_from_torch(contents)
 
 
 def test_a_released_file_says_neither_network_nor_weighting():

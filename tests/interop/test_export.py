@@ -12,10 +12,9 @@ from neurosym_jax import GeneratorConfig, load_model, predict_distribution
 from neurosym_jax.commands.export import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import scene_noise
-from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.networks import initial_generator
 from neurosym_jax.interop.export import export_model
 from neurosym_jax.scene import make_scene
+from tests.networks import random_model
 
 pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")
 EXAMPLE = Path(__file__).parents[2] / "examples" / "run_exported.py"
@@ -75,4 +74,4 @@ def test_the_command_and_what_is_refused(model, tmp_path, capsys):
         export_model(model("pool_net"), 0)
     paired = GeneratorConfig(pooling="neurosym_ijcnn")
     with pytest.raises(InputError, match="forecasts in parity cases only"):
-        export_model(Model(paired, initial_generator(paired, jax.random.key(0))))
+        export_model(random_model(paired))

@@ -1,7 +1,6 @@
 """A user's torch module: loaded and equal, or refused or told apart with the reason named."""
 
-import subprocess
-import sys
+import ast
 from collections import defaultdict
 from pathlib import Path
 
@@ -24,7 +23,8 @@ ARGUMENTS = {
     "neighborhood_size": 2.0, "grid_size": 4,
 }  # fmt: skip
 EQUAL = "equal"
-RELU = ("nn.ReLU,", "nn.LeakyReLU,")
+OTHER_SIZES = {"mlp_dim": 20, "bottleneck_dim": 9, "embedding_dim": 3, "encoder_h_dim": 5}
+RELU = ("nn.ReLU()", "nn.LeakyReLU()")
 ANOTHER_WAY = "its layers agree alone, the module's forward puts them together in another way"
 
 
@@ -42,9 +42,9 @@ def network_of(torch, arguments, change=None):
     return network
 
 
-def verdict(torch, arguments, change=None, dtype="float32"):
+def verdict(torch, arguments, change=None):
     """What loading and comparing such a network says: equal, refused, or the first difference."""
-    network = network_of(torch, arguments, change).to(getattr(torch, dtype))
+    network = network_of(torch, arguments, change)
     state = {name: value.numpy() for name, value in network.state_dict().items()}
     try:
         parity = compare(network, model_from_torch({"args": arguments, "g_state": state}))
@@ -57,9 +57,8 @@ def verdict(torch, arguments, change=None, dtype="float32"):
 
 
 HEAD = "nn.Linear(h_dim, 2)\n", "nn.Linear(h_dim, 2)\n        self.head = nn.Linear(1, 3)\n"
-FIRST = "        self.encoder = nn.LSTM(embedding_dim, h_dim, num_layers, dropout=dropout)\n"
+FIRST = "        self.encoder = nn.LSTM(embedding_dim, h_dim)\n"
 SECOND = "        self.spatial_embedding = nn.Linear(2, embedding_dim)\n"
-NORM = "batch_norm=False", "batch_norm=True"
 CONTEXT = "torch.cat([context, pooled]", "torch.cat([pooled, context]"
 NOISE = "torch.cat([context, noise]", "torch.cat([noise, context]"
 NO_LAST_RELU = "nn.Sequential(*layers)", "nn.Sequential(*layers[:-1])"
@@ -71,18 +70,11 @@ UNCALLED = "self.spatial_embedding(move)[None]", "move.new_zeros(1, len(move), 6
 @pytest.mark.parametrize(
     ("change", "arguments", "wanted"),
     [
-        (None, {}, EQUAL),
-        (None, {"activation": "leakyrelu"}, "refused: args: activation is 'leakyrelu'"),
         (RELU, {}, "pool_net.mlp_pre_pool (alone): activation LeakyReLU, ours is ReLU"),
-        (("512", "300"), {}, EQUAL),
-        (None, {"mlp_dim": 20, "bottleneck_dim": 9, "embedding_dim": 3}, EQUAL),
-        (None, {"encoder_h_dim": 5, "decoder_h_dim": 18}, EQUAL),
-        (None, {"batch_norm": True}, "refused: args: batch_norm is True"),
-        (NORM, {}, "refused: pool_net.mlp_pre_pool.1.running_mean: our networks have no"),
-        (None, {"num_layers": 2}, "refused: args: num_layers is 2"),
-        (("h_dim, num_layers, dropout=", "h_dim, 2, dropout="), {}, "refused: the generator's"),
-        (None, {"dropout": 0.5}, EQUAL),
-        (None, {"noise_dim": (0,)}, EQUAL),
+        (("512", "300"), OTHER_SIZES, EQUAL),
+        ((FIRST + SECOND, SECOND + FIRST), {}, EQUAL),
+        (("LSTM(embedding_dim, h_dim", "LSTM(embedding_dim, h_dim, 2"), {}, "refused: the gene"),
+        (None, {"dropout": 0.5, "noise_dim": (0,)}, EQUAL),
         (None, {"noise_mix_type": "ped", "pooling_type": None}, EQUAL),
         (None, {"obs_len": 5, "pred_len": 3, "pool_every_timestep": True}, EQUAL),
         (HEAD, {}, "refused: the generator's parameters do not fit its configuration: 'decoder.he"),
@@ -99,13 +91,8 @@ def test_a_changed_module_is_equal_refused_or_told_apart(torch, change, argument
     assert "\n" not in found
 
 
-def test_a_module_in_float64_and_one_of_another_order_are_equal(torch):
-    assert verdict(torch, ARGUMENTS, dtype="float64") == EQUAL
-    assert verdict(torch, ARGUMENTS, (FIRST + SECOND, SECOND + FIRST)) == EQUAL
-
-
 def test_modules_are_compared_on_scenes_of_ones_own_and_left_as_they_are(torch):
-    network, cuda = network_of(torch, ARGUMENTS).train(), torch.Tensor.cuda
+    network, cuda = network_of(torch, ARGUMENTS).double().train(), torch.Tensor.cuda
     state = {name: value.numpy() for name, value in network.state_dict().items()}
     model = model_from_torch({"args": ARGUMENTS, "g_state": state})
     walk = np.cumsum(np.random.default_rng(0).normal(0, 0.3, (9, 8, 2)), axis=1) + 40
@@ -179,6 +166,6 @@ def test_people_of_the_default_scenes_are_in_each_others_grid_of_social_pooling(
 
 
 def test_the_script_is_of_an_old_python_too():
-    code = f"import ast; ast.parse(open({torch_side.__file__!r}).read(), feature_version=(3, 7))"
-    subprocess.run([sys.executable, "-c", code], check=True)
-    assert "neurosym_jax" not in Path(torch_side.__file__).read_text()
+    text = Path(torch_side.__file__).read_text()
+    ast.parse(text, feature_version=(3, 7))
+    assert "neurosym_jax" not in text

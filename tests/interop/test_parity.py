@@ -118,24 +118,19 @@ OF_CRITIC = {"d_scores_fake"}
     ("file", "change", "missed"),
     [
         (POOLED, altered("g_state/decoder.decoder.weight_hh_l0", ..., 1e-2), OF_FORECAST),
-        (POOLED, altered("g_state/pool_net.mlp_pre_pool.2.bias", ..., 1e-2), OF_FORECAST),
         (POOLED, altered("d_state/real_classifier.0.bias", ..., 1e-2), OF_CRITIC),
         # Torch's displacements are also what the discriminator is given.
         (POOLED, altered("pred_rel", ..., 1e-2), {"pred_rel", *OF_CRITIC}),
-        (POOLED, altered("d_scores_fake", ..., 1e-2), OF_CRITIC),
         (POOLED, altered("noise", ..., 1e-2), OF_FORECAST),
         (POOLED, altered("traj_rel", ..., 1e-2), OF_FORECAST),
         ("qtc.npz", altered("qtc_signed", (3, 1, 2), 1), {"qtc_signed"}),
-        ("qtc.npz", altered("qtc_reference", (0, 0, 0), 1), {"qtc_reference"}),
         ("qtc.npz", altered("alpha_reference", (0, 0), 0.01), {"alpha_reference"}),
         ("neurosym_ros_0.npz", altered("alpha", (1, 3), 0.5), {"alpha", "pred_rel"}),
-        ("neurosym_ros_0.npz", altered("pred_rel", (4, 1, 0), 1e-3), {"pred_rel"}),
         ("neurosym_ijcnn_0.npz", altered("alpha", (1, 3), 0.5), {"alpha_rows_used", "pred_rel"}),
         ("neurosym_ijcnn_0.npz", altered("alpha", (30, 3), 0.5), set()),
         ("neurosym_ijcnn_0.npz", altered(f"g_state/pool_net_g.{BIAS}", ..., 0.1), {"pred_rel"}),
         ("train_step.npz", altered("d_loss", ..., 0.1), {"d_loss"}),
         ("train_step.npz", altered("g1/decoder.hidden2pos.bias", ..., 0.1), {"g1"}),
-        ("train_step.npz", altered(f"{CLIPPED}/encoder.encoder.bias_hh_l0", ..., 0.1), {CLIPPED}),
         # A discriminator that has learned nothing hardly tells one forecast from another.
         ("train_step.npz", replaced("noise_d", np.negative), {"d_grad", "d1"}),
         ("train_step.npz", replaced("noise_g", np.negative), {"g_l2_loss", CLIPPED, "g1"}),
@@ -150,18 +145,15 @@ def test_a_planted_difference_is_found(request, tmp_path, file, change, missed):
     assert ("MISS" in str(parity)) == (not parity.ok) == bool(missed)
 
 
-def test_nothing_compared_proves_nothing(tmp_path):
-    (tmp_path / "manifest.json").write_text("[]")
-    assert run(tmp_path) == 1
-
-
-def test_one_element_decides_and_tolerance_is_inclusive(tmp_path):
+def test_one_element_decides_tolerance_is_inclusive_and_nothing_compared_is_no_proof(tmp_path):
     copied(tmp_path, GOLDEN / "fresh", NONE, altered("pred_abs", (3, 1, 0), 1e-3))
     row = next(r for r in run_parity(tmp_path).rows if r.output == "pred_abs")
     assert not row.ok
     assert row.max_abs == pytest.approx(1e-3, abs=1e-5)
     again = {r.output: r for r in run_parity(tmp_path, row.max_abs).rows}
     assert again["pred_abs"].ok
+    (tmp_path / "manifest.json").write_text("[]")
+    assert run(tmp_path) == 1
 
 
 @pytest.mark.filterwarnings("ignore:overflow")

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors import (
     AnchorConfig,
     AnchorNetwork,
@@ -110,17 +109,3 @@ def test_gradients_are_finite_where_people_stand_on_one_spot(network):
     gradients = jax.jit(jax.grad(loss, (0, 1)))(params, observed)
     assert all(jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
     assert jnp.abs(gradients[1][:2]).max() > 0
-
-
-@pytest.mark.parametrize(
-    ("config", "options", "message"),
-    [
-        (AnchorConfig, {"obs_len": 3}, "obs_len must be at least 4"),
-        (AnchorTableConfig, {"obs_len": 3}, "obs_len must be at least 4"),
-        (AnchorConfig, {"geometry": False, "weighting": "cnd"}, "no pairs to weight"),
-        (AnchorConfig, {"samples": 0}, "samples must be at least 1"),
-    ],
-)
-def test_refusals(config, options, message):
-    with pytest.raises(InputError, match=message):
-        config(**options)

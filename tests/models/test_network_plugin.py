@@ -9,10 +9,10 @@ import pytest
 from neurosym_jax.__main__ import main
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model_folder import load_model
-from neurosym_jax.models.config import POOLINGS, pooling_names
+from neurosym_jax.models.config import POOLINGS
 from neurosym_jax.models.layers import CELLS
 from neurosym_jax.plugins import load_plugin
-from neurosym_jax.training.network import named_network
+from neurosym_jax.training.recipe import named_network
 
 PLUGIN = str(Path(__file__).with_name("network_plugin.py"))
 
@@ -48,7 +48,7 @@ def test_they_are_trained_saved_loaded_and_evaluated(tmp_path, monkeypatch, caps
 
 
 def test_what_is_refused():
-    assert pooling_names(symbolic=False) == ("none", "pool_net", "social", "nearest")
-    assert pooling_names(symbolic=True) == ("as_described", "neurosym_ros", "encounter")
-    with pytest.raises(InputError, match="sgan has none, pool_net, social, nearest"):
+    with pytest.raises(InputError, match=r"sgan has none, pool_net, social, nearest$"):
         named_network(pooling="neurosym_ros")
+    with pytest.raises(InputError, match=r"neurosym has as_described, neurosym_ros, encounter$"):
+        named_network("neurosym", pooling="nearest")

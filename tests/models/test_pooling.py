@@ -9,10 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.encounter import _EncounterNetwork
-from neurosym_jax.models.neurosym import _DescribedNetwork, _RosNetwork
-from neurosym_jax.models.pool_net import PoolNetwork
-from neurosym_jax.models.pooling import _GridNetwork
+from neurosym_jax.models.neurosym import _DescribedNetwork, _EncounterNetwork, _RosNetwork
+from neurosym_jax.models.pooling import PoolNetwork, _GridNetwork
 from neurosym_jax.scene import make_scene
 from tests.networks import random_params
 
@@ -42,52 +40,39 @@ def dense(x, layer):
     return x @ layer["kernel"] + layer["bias"]
 
 
-def assert_maximum_over_pairs(module, position, embed, *alpha):
+def paper(layer, i, j):
+    """Each step's embedding, by its alpha."""
+    return ALPHA[i, j][:, None] * dense(OBSERVED[j] - OBSERVED[i], layer)
+
+
+def robot(layer, i, j):
+    """The whole history embedded at once, time-major: x0, y0, x1, y1, ..."""
+    history = (OBSERVED[j] - OBSERVED[i]).reshape(-1)
+    return dense(history, layer).reshape(T, E) * ALPHA[i, j][:, None]
+
+
+@pytest.mark.parametrize(
+    ("module", "given", "embed", "kernel"),
+    [
+        (HIDDEN_POOLING, (POSITIONS,), lambda of, i, j: dense(POSITIONS[j] - POSITIONS[i], of), 2),
+        (DESCRIBED, (OBSERVED, ALPHA), paper, 2),
+        (ROS, (OBSERVED, ALPHA), robot, 2 * T),
+    ],
+)
+def test_the_maximum_over_pairs_of_a_perceptron(module, given, embed, kernel):
     """The module is `MLP [embed(i, j); h_j]`, of which the maximum over j is taken."""
-    params = random_params(module, HIDDEN, position, ALL, *alpha, std=0.5)
+    inputs = HIDDEN, given[0], ALL, *given[1:]
+    params = random_params(module, *inputs, std=0.5)
     layer, mlp = params["params"]["spatial_embedding"], params["params"]["mlp"]
-    wanted = np.array(
-        [
-            np.max(
-                [
-                    relu_layers(np.concatenate([embed(layer, i, j).ravel(), HIDDEN[j]]), mlp)
-                    for j in range(N)
-                ],
-                axis=0,
-            )
-            for i in range(N)
-        ]
-    )
-    found = jax.jit(module.apply)(params, HIDDEN, position, ALL, *alpha)
-    assert_allclose(found, wanted, atol=1e-5)
+    assert layer["kernel"].shape[0] == kernel
+
+    def of_pair(i, j):
+        return relu_layers(np.concatenate([embed(layer, i, j).ravel(), HIDDEN[j]]), mlp)
+
+    wanted = np.array([np.max([of_pair(i, j) for j in range(N)], axis=0) for i in range(N)])
+    assert_allclose(jax.jit(module.apply)(params, *inputs), wanted, atol=1e-5)
     # Nothing is compared where the last ReLU has shut everything, or where everybody is the same.
     assert np.ptp(wanted, axis=0).max() > 0.1
-    return layer, wanted
-
-
-def test_hidden_pooling_is_that_of_sgans_code():
-    def embed(layer, i, j):
-        return dense(POSITIONS[j] - POSITIONS[i], layer)
-
-    assert_maximum_over_pairs(HIDDEN_POOLING, POSITIONS, embed)
-
-
-def test_as_described_is_the_papers_formula():
-    def embed(layer, i, j):
-        return ALPHA[i, j][:, None] * dense(OBSERVED[j] - OBSERVED[i], layer)
-
-    layer, wanted = assert_maximum_over_pairs(DESCRIBED, OBSERVED, embed, ALPHA)
-    assert (wanted > 0.1).mean() > 0.5
-    assert layer["kernel"].shape == (2, E)
-
-
-def test_ros_embeds_the_whole_history_at_once():
-    def embed(layer, i, j):
-        history = (OBSERVED[j] - OBSERVED[i]).reshape(-1)  # Time-major: x0, y0, x1, y1, ...
-        return dense(history, layer).reshape(T, E) * ALPHA[i, j][:, None]
-
-    layer, _ = assert_maximum_over_pairs(ROS, OBSERVED, embed, ALPHA)
-    assert layer["kernel"].shape == (2 * T, E * T)
 
 
 def test_social_pooling_sums_hidden_states_where_others_stand():
@@ -154,14 +139,11 @@ def encounter():
     return pool
 
 
-def test_encounter_pooling_has_no_order_of_agents(encounter):
+def test_encounter_pooling_has_no_order_and_somebody_alone_hears_nothing(encounter):
     order = np.array([3, 0, 5, 1, 4, 2])
     permuted = encounter(APART[order], ALL, ALPHA[np.ix_(order, order)])
     assert_allclose(permuted, encounter()[order], atol=1e-6)
     assert np.ptp(encounter(), axis=0).min() > 0.01
-
-
-def test_somebody_alone_hears_nothing(encounter):
     assert_array_equal(encounter(valid=np.arange(N) == 2)[2], 0)
 
 

@@ -81,6 +81,23 @@ def run(windows) -> Run:
     return Run(GENERATOR, RECIPE, windows, random_walks([2, 3, 5], seed=1), "zara1", ("walks",))
 
 
+@pytest.fixture(scope="session")
+def files(tmp_path_factory):
+    """Two recordings of people who walk about."""
+    folder = tmp_path_factory.mktemp("data")
+    rng = np.random.default_rng(0)
+    for name, frames in (("walk", 60), ("check", 30)):
+        position = rng.uniform(-3, 3, (5, 1, 2)) + rng.normal(0.1, 0.2, (5, frames, 2)).cumsum(1)
+        (folder / f"{name}.txt").write_text(
+            "".join(
+                f"{10 * frame}\t{person}\t{x:.3f}\t{y:.3f}\n"
+                for frame in range(frames)
+                for person, (x, y) in enumerate(position[:, frame])
+            )
+        )
+    return folder
+
+
 @pytest.fixture
 def with_recipe(run):
     """The run with changes to its recipe."""

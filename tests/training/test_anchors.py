@@ -12,9 +12,9 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.training import anchors
 from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company, overlap
-from neurosym_jax.training.augmentation import augment
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.recipe import AnchorRecipe
+from neurosym_jax.training.stream import augment
 
 RECIPE = AnchorRecipe(
     steps=40, batch_people=48, validate_every=20, warmup_steps=5, learning_rate=0.01, ema=0.8
@@ -42,20 +42,6 @@ def test_overlapping_people_cost_by_their_distance():
         return anchor_loss(forecast, probability, target, valid, jnp.zeros(1, int), recipe)
 
     assert float(loss(2.0) - loss(0.0)) == pytest.approx(2 * (0.75 + 0.75) / 3, abs=1e-5)
-
-
-@pytest.fixture(scope="module")
-def anchors_run(run):
-    windows = run.training
-    network = AnchorConfig(obs_len=windows.obs_len, pred_len=run.network.pred_len, hidden=8)
-    return dataclasses.replace(run, network=network, recipe=RECIPE)
-
-
-@pytest.fixture(scope="module")
-def done(anchors_run, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("run") / "run"
-    train_run(anchors_run, folder)
-    return folder
 
 
 def test_scenes_of_a_crowd_share_their_best_sample():
@@ -111,34 +97,24 @@ def test_some_scenes_are_observed_without_noise_and_all_are_stretched(run):
     assert 0.35 < clean.mean() < 0.65
 
 
-def rows_of(folder):
-    return [json.loads(line) for line in (folder / "metrics.jsonl").open()]
-
-
-def test_training_lowers_the_loss_and_learns_probabilities(done, anchors_run):
-    rows = rows_of(done)
+@pytest.mark.parametrize(
+    ("network", "kind"),
+    [(AnchorConfig(4, 3, hidden=8), "anchors"), (AnchorTableConfig(4, 3), "anchor_table")],
+)
+def test_training_learns_and_a_resumed_run_ends_with_the_same_bits(
+    run, network, kind, tmp_path, stop_at, final
+):
+    run, rows = dataclasses.replace(run, network=network, recipe=RECIPE), []
+    train_run(run, tmp_path / "alone", on_row=rows.append)
     assert rows[-1]["loss"] < 0.9 * rows[0]["loss"]
-    model = load_model(done / "model")
-    assert (model.kind, model.config) == ("anchors", anchors_run.network)
-    assert np.ptp(model.params["params"]["prior"]) > 0
-    facts = json.loads((done / "run.json").read_text())
-    assert (facts["forecaster"], facts["samples"]) == ("anchors", 20)
-
-
-def test_the_table_learns(anchors_run, tmp_path):
-    lengths = (anchors_run.network.obs_len, anchors_run.network.pred_len)
-    model = train_run(
-        dataclasses.replace(anchors_run, network=AnchorTableConfig(*lengths)), tmp_path
-    )
-    rows = rows_of(tmp_path)
-    assert rows[-1]["loss"] < 0.9 * rows[0]["loss"]
-    assert model.name == "anchor table"
-
-
-def test_a_resumed_run_ends_with_the_same_bits(anchors_run, done, tmp_path, stop_at, final):
     with pytest.MonkeyPatch.context() as patched:
         stop_at(patched, AnchorStream, "batch", 20)
         with pytest.raises(KeyboardInterrupt):
-            train_run(anchors_run, tmp_path)
-    train_run(anchors_run, tmp_path, resume=True)
-    assert final(tmp_path) == final(done)
+            train_run(run, tmp_path / "run")
+    train_run(run, tmp_path / "run", resume=True)
+    assert final(tmp_path / "run") == final(tmp_path / "alone")
+    model = load_model(tmp_path / "run" / "model")
+    assert (model.kind, model.config) == (kind, network)
+    assert kind == "anchor_table" or np.ptp(model.params["params"]["prior"]) > 0
+    facts = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert (facts["forecaster"], facts["samples"]) == (kind, 20)

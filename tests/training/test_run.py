@@ -18,23 +18,6 @@ SCRIPT = Path(__file__).resolve().parents[2] / "train.py"
 LENGTHS = {"obs_len": 4, "pred_len": 4}
 
 
-@pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """Two recordings of people who walk about."""
-    folder = tmp_path_factory.mktemp("data")
-    rng = np.random.default_rng(0)
-    for name, frames in (("walk", 60), ("check", 30)):
-        position = rng.uniform(-3, 3, (5, 1, 2)) + rng.normal(0.1, 0.2, (5, frames, 2)).cumsum(1)
-        (folder / f"{name}.txt").write_text(
-            "".join(
-                f"{10 * frame}\t{person}\t{x:.3f}\t{y:.3f}\n"
-                for frame in range(frames)
-                for person, (x, y) in enumerate(position[:, frame])
-            )
-        )
-    return folder
-
-
 def begin(files, out, *more):
     """Start the training of a small model, on one thread."""
     data = ("--train-on", files / "walk.txt", "--validate-on", files / "check.txt", "--out", out)
@@ -111,7 +94,8 @@ def test_one_recording_of_thor_left_out(shared):
     assert counts == [(2237, 7656), (496, 1699)]
 
 
-def test_recordings_besides(files, tmp_path):
+def test_recordings_besides_and_what_is_tested_on_is_not_learned(files, tmp_path):
+    """Whatever its file is called."""
     (more := tmp_path / "more").mkdir()
     rows = np.loadtxt(files / "walk.txt")
     np.savetxt(more / "other.txt", rows[:, [0, 1, 3, 2]], fmt="%g")
@@ -125,10 +109,6 @@ def test_recordings_besides(files, tmp_path):
     everybody = make_run(Options(data=files, dataset="general", **LENGTHS))
     assert everybody.dataset == "general"
     assert everybody.training.scenes > alone.training.scenes
-
-
-def test_refusals(files, tmp_path):
-    """What is tested or validated on is not learned, whatever its file is called."""
     (renamed := tmp_path / "part.txt").write_text(
         "".join((files / "check.txt").read_text().splitlines(keepends=True)[:40])
     )

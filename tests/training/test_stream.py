@@ -1,3 +1,5 @@
+"""Batches: which scenes they have, how they are cropped and augmented, and their noise."""
+
 import dataclasses
 
 import jax
@@ -5,7 +7,8 @@ import numpy as np
 import pytest
 
 from neurosym_jax.training.gradients import draw_group_noise
-from neurosym_jax.training.stream import SceneStream
+from neurosym_jax.training.recipe import TrainConfig
+from neurosym_jax.training.stream import SceneStream, augment
 
 
 def sums(scene):
@@ -71,3 +74,73 @@ def test_noise_has_the_kind_and_shape_asked_for(batch, run):
         flat = np.concatenate([np.ravel(noise) for noise in noises])
         assert len(np.unique(flat)) == len(flat)
         assert (np.abs(flat).max() > 1) == (config is run.network)
+
+
+def augmented(groups, **recipe):
+    """(before, after) of each group, on the host."""
+    recipe = TrainConfig(**{"rotate": 0.0, **recipe})
+    return list(zip(groups, jax.tree.map(np.asarray, augment(groups, jax.random.key(0), recipe))))
+
+
+def test_scenes_are_turned_and_mirrored(batch):
+    mirrored = []
+    for before, after in augmented(batch(20), rotate=1.0):
+        np.testing.assert_array_equal(before.valid, after.valid)
+        assert np.abs(before.displacement - after.displacement).max() > 0.1
+        # Distances stay, between agents too, and from what was observed to what followed.
+        track = [np.concatenate([s.observed, s.future], axis=2) for s in (before, after)]
+        flat = [t.reshape(len(t), -1, 2) for t in track]
+        apart = [np.linalg.norm(f[:, :, None] - f[:, None], axis=-1) for f in flat]
+        np.testing.assert_allclose(*apart, atol=1e-5)
+        moves = np.diff(after.observed, axis=2, prepend=after.observed[:, :, :1])
+        np.testing.assert_allclose(after.displacement, moves, atol=1e-5)
+        cross = [f[:, :-1, 0] * f[:, 1:, 1] - f[:, :-1, 1] * f[:, 1:, 0] for f in flat]
+        ratio = (cross[0] * cross[1]).sum(axis=1) / (cross[0] ** 2).sum(axis=1)
+        np.testing.assert_allclose(np.abs(ratio), 1, atol=1e-4)
+        mirrored += list(ratio < 0)
+    assert 0 < sum(mirrored) < len(mirrored)
+
+
+def test_a_share_of_the_scenes_is_turned_and_all_are_scaled(batch):
+    groups = batch(20)
+    assert augment(groups, jax.random.key(0), TrainConfig(rotate=0.0)) is groups
+    turned = augmented(groups, rotate=0.5)
+    same = [(before.future == after.future).all(axis=(1, 2, 3)) for before, after in turned]
+    assert 0.25 < np.concatenate(same).mean() < 0.75
+    for before, after in augmented(groups, scale=0.2):
+        size = [(s.observed**2).sum(axis=(1, 2, 3)) for s in (before, after)]
+        factor = np.sqrt(size[1] / size[0])[:, None, None, None]
+        assert 0.8 < factor.min() < factor.max() < 1.2
+        np.testing.assert_allclose(after.observed, factor * before.observed, atol=1e-5)
+
+
+def test_observed_positions_err_by_as_much_as_their_scene_does(batch):
+    deviations = []
+    for before, after in augmented(batch(20), jitter=0.1):
+        for name in ("future", "valid"):
+            np.testing.assert_array_equal(getattr(before, name), getattr(after, name))
+        steps = np.diff(after.observed, axis=2, prepend=after.observed[:, :, :1])
+        np.testing.assert_allclose(after.displacement, steps, atol=1e-6)
+        error = after.observed - before.observed
+        assert np.abs(error[before.valid].mean()) < 0.05
+        deviations += list(error.std(axis=(1, 2, 3)))
+    # Uniform in [0, jitter], so far from equal; each estimated from a few dozen draws.
+    assert 0.03 < np.mean(deviations) < 0.07
+    assert np.std(deviations) > 0.015
+    assert max(deviations) < 0.13
+
+
+def test_a_share_of_the_scenes_is_one_persons(batch):
+    groups, one = batch(20), []
+    for before, after in augmented(groups, single_agent_share=0.5):
+        np.testing.assert_array_equal(before.observed, after.observed)
+        assert not (after.valid & ~before.valid).any()
+        single = after.valid.sum(axis=1) == 1
+        np.testing.assert_array_equal(after.valid[~single], before.valid[~single])
+        one += [(kept, kept and first) for kept, first in zip(single, after.valid[:, 0])]
+    share, first = np.mean(one, axis=0)
+    assert 0.25 < share < 0.75
+    assert 0 < first < share  # It is not always the same person.
+    empty = tuple(scene.replace(valid=np.zeros_like(scene.valid)) for scene in groups)
+    for _, after in augmented(empty, single_agent_share=1.0):
+        assert not after.valid.any()
