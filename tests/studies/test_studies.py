@@ -1,21 +1,27 @@
 """Studies that are short: their pages are what they print, and their mistakes are noticed."""
 
 import ast
+import contextlib
+import io
+import json
 import re
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from neurosym_jax.data.formats import read_any
+from neurosym_jax.symbolic.weightings import WEIGHTINGS
 from neurosym_robot.tracking.stitching import LinkOptions, idf1
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
 from studies.more_data import HERMES, KEPT_BACK, STANFORD, STANFORD_TESTED, write
 from studies.mutants import _replaced, mutations
-from studies.notebooks import FOLDER, execute
+from studies.notebooks import FOLDER
 from studies.stitching.__main__ import greedy, offline, online
 from studies.stitching.situations import SITUATIONS
 from studies.weighting.data import LEARNED, TESTED
@@ -98,24 +104,34 @@ def test_every_kind_of_mistake_is_planted_in_its_place():
         assert "é(c)" in text
 
 
-def kinds(notebook):
-    """Of the outputs, cell by cell: pictures and text."""
-    return [
-        ["image" if "image/png" in one.get("data", {}) else "text" for one in cell.outputs]
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-    ]
+def shown(code, names):
+    """Kinds of what a cell shows: text, and a picture of each of pyplot's figures."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, names)
+    kinds = ["text"] * bool(printed.getvalue()) + ["image"] * len(plt.get_fignums())
+    plt.close("all")
+    return kinds
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.ipynb")))
 def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, monkeypatch):
-    nbformat = pytest.importorskip("nbformat", reason="notebooks need the extra test")
-    pytest.importorskip("ipykernel", reason="notebooks need the extra test")
+    """In this process, where most of its programs are compiled already."""
     if collection := DOWNLOADED.get(name):
         data = request.getfixturevalue("shared") / "data" / collection.replace("-", "_")
         (tmp_path / collection).symlink_to(data)
         monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path))
-    kept = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
-    assert ["image"] in kinds(kept)
-    assert kinds(execute(FOLDER / f"{name}.ipynb")) == kinds(kept)
+    monkeypatch.chdir(FOLDER)
+    cells = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
+    kinds, names = {"stream": "text", "display_data": "image"}, {"__name__": "__main__"}
+    kept = [
+        ("".join(cell["source"]), [kinds.get(one["output_type"]) for one in cell["outputs"]])
+        for cell in cells
+        if cell["cell_type"] == "code"
+    ]
+    assert ["image"] in [outputs for _, outputs in kept]
+    with mock.patch.dict(WEIGHTINGS):
+        for code, outputs in kept:
+            # A last line's value is shown by a notebook alone.
+            assert shown(code, names) == list(filter(None, outputs))
