@@ -110,7 +110,7 @@ def options_text(options: Any) -> str:
     return f"# neurosym-jax {version}\n{yaml.safe_dump(values, sort_keys=False)}"
 
 
-def with_file(options: type, arguments: Sequence[str]) -> list[str]:
+def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str]:
     """`arguments`, of which the first may name a file of options; those after it override it.
 
     Raises:

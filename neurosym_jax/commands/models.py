@@ -16,7 +16,7 @@ def run() -> None:
     neighbours has the share of people with somebody within 2 m whose forecast they change.
     `recommended` is the anchors model for the data set and horizon that are asked for.
     """
-    table = [HEAD]
+    table: list[tuple[str, ...]] = [HEAD]
     for name, path in models_at_hand():
         model = load_model(path)
         config = model.config

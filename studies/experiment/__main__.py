@@ -149,8 +149,8 @@ def _latency(
     latencies = {}
     for name, model in models.items():
         predictor = Predictor({name: model}, samples=samples, max_people=MAX_PEOPLE)
-        how = {"stitcher": OnlineStitcher()}
-        events = replay(recording.frames, predictor, Analytics(predictor), **how)
+        analytics, stitcher = Analytics(predictor), OnlineStitcher()
+        events = replay(recording.frames, predictor, analytics, stitcher=stitcher)
         took = [1e3 * event.forecast.latency for event in events if event.forecast is not None]
         latencies[name] = {f"p{p}": float(np.percentile(took, p)) for p in (50, 90, 99)}
     return latencies
