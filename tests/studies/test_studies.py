@@ -123,6 +123,7 @@ def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, m
         (tmp_path / collection).symlink_to(data)
         monkeypatch.setenv("NEUROSYM_DATA", str(tmp_path))
     monkeypatch.chdir(FOLDER)
+    plt.switch_backend("Agg")
     cells = json.loads((FOLDER / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     kinds, names = {"stream": "text", "display_data": "image"}, {"__name__": "__main__"}
     kept = [
