@@ -2,7 +2,6 @@
 
 import collections
 import contextlib
-import itertools
 import socket
 import socketserver
 import threading
@@ -67,9 +66,8 @@ class Ring:
             self._changed.wait_for(lambda: self.ended or self.newest > number, timeout)
             oldest = self.newest + 1 - len(self._blocks)
             first = max(number + 1, oldest)
-            return first, list(
-                itertools.islice(self._blocks, first - oldest, first - oldest + most)
-            )
+            last = min(first + most, self.newest + 1)
+            return first, [self._blocks[each - oldest] for each in range(first, last)]
 
 
 class BoundedServer(socketserver.ThreadingMixIn, socketserver.TCPServer):

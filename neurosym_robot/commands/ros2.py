@@ -39,6 +39,8 @@ class Options(NodeOptions):
     """Topic of the people."""
     message: Message = "People"
     """Type of their messages."""
+    autostart: bool = True
+    """Activate the node at once; without it, a lifecycle manager does."""
     ros_args: str = ""
     """What stands between --ros-args and -- on the command line of a launch file."""
 
@@ -51,5 +53,11 @@ def run(options: Options) -> None:
     predictor = options.predictor()
     rclpy.init(args=["--ros-args", *shlex.split(options.ros_args)])
     warn = rclpy.logging.get_logger(options.name).warning
-    node = ForecastNode(predictor, topic=options.topic, kind=kind, **options.node_options(warn))
+    node = ForecastNode(
+        predictor,
+        topic=options.topic,
+        kind=kind,
+        autostart=options.autostart,
+        **options.node_options(warn),
+    )
     options.forecast(node)

@@ -9,6 +9,7 @@ import numpy as np
 import tyro
 
 from neurosym_jax.commands._options import refuse_unused
+from neurosym_jax.configuration import Positive, refuse
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Tracks
@@ -42,8 +43,7 @@ def run(options: Options) -> None:
         raise InputError(f"{options.out}: already there, and nothing is overwritten")
     refuse_unused(options.read, ["max_gap"], "here: --fill and --links.max-gap say it")
     files.refuse_unwritable(options.out)
-    if not 0 < options.period < float("inf"):
-        raise InputError(f"period must be positive, not {options.period}")
+    refuse(Positive, {"period": options.period})
     recordings = read_any(options.tracks, options.read, options.period)
     if len(recordings) != 1:
         raise InputError(f"{options.tracks}: holds {len(recordings)} recordings: one is stitched")

@@ -3,6 +3,7 @@
 # pyright: reportMissingImports=false
 # ROS 2 has its own installer and is absent where the linters run.
 
+import functools
 import importlib
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -57,7 +58,10 @@ def node_parameters(arguments: Sequence[str], name: str) -> dict[str, Any]:
 
 
 class ForecastNode(ForecastingNode):
-    """A predictor in a ROS 2 graph; rclpy must have been initialised. `run` it."""
+    """A predictor in a ROS 2 graph; rclpy must have been initialised. `run` it.
+
+    A lifecycle node: its models are loaded when it is made, and it hears people while it is active.
+    """
 
     def __init__(
         self,
@@ -66,22 +70,32 @@ class ForecastNode(ForecastingNode):
         topic: str = PEOPLE_TOPICS[0],
         kind: str = PEOPLE,
         name: str = "neurosym_jax",
+        autostart: bool = True,
         **options: Any,
     ):
         """Join the graph; further arguments as of `ForecastingNode`.
 
         People come on `topic` in messages of the type `kind`, a key of `people.KINDS`; InputError
-        if ROS 2 has no such message.
+        if ROS 2 has no such message. Without `autostart`, a lifecycle manager activates the node.
         """
-        rclpy, people = import_rclpy(), message_type(kind)
+        people = message_type(kind)
+        from rclpy.lifecycle import LifecycleNode, ManagedEntity
         from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-        self.kind, self.node = kind, rclpy.create_node(name)
+        self.kind, self.node, self._active = kind, LifecycleNode(name), threading.Event()
         report, name = self.node.get_logger().info, self.node.get_fully_qualified_name()
         super().__init__(predictor, report, name=name, **options)
         # A best-effort subscription receives from reliable publishers, too.
         quality = QoSProfile(depth=WAITING, reliability=ReliabilityPolicy.BEST_EFFORT)
         listening = self.node.create_subscription(people, topic, self.hear, quality)
+        managed = ManagedEntity()
+        managed.on_activate = functools.partial(self._turn, self._active.set)
+        managed.on_deactivate = functools.partial(self._turn, self._active.clear)
+        managed.on_shutdown = functools.partial(self._turn, self.stopped.set)
+        self.node.add_managed_entity(managed)
+        if autostart:
+            self.node.trigger_configure()
+            self.node.trigger_activate()
         report(f"listening to {listening.topic_name}")
 
     def run(self) -> None:
@@ -110,9 +124,16 @@ class ForecastNode(ForecastingNode):
         import_rclpy().try_shutdown()
 
     def hear(self, message: Any, info: Mapping[str, Any]) -> None:
-        """Let people wait."""
+        """Let people wait, while the node is active."""
         publisher = bytes((info.get("publisher_gid") or {}).get("data", b"")).hex()
-        self.put(self.kind, message, publisher)
+        if self._active.is_set():
+            self.put(self.kind, message, publisher)
+
+    def _turn(self, turn: Callable[[], None], before: Any) -> Any:
+        from rclpy.lifecycle import TransitionCallbackReturn
+
+        turn()
+        return TransitionCallbackReturn.SUCCESS
 
     def _now(self) -> float:
         return 1e-9 * self.node.get_clock().now().nanoseconds

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
+from neurosym_jax.configuration import Checked, NotNegative
 from neurosym_jax.data.tracks import SNAP, Tracks, resample
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import (
@@ -38,27 +39,21 @@ BRIEF = 1.0  # seconds: who is seen for less in a whole recording is a ghost
 
 
 @dataclasses.dataclass(frozen=True)
-class LinkOptions:
+class LinkOptions(Checked):
     """When two tracks may belong to one person."""
 
-    max_gap: float = 6.0
+    max_gap: NotNegative = 6.0
     """Maximum seconds between the end of one track and the start of the other."""
-    reach: float = 0.6
+    reach: NotNegative = 0.6
     """Maximum distance in metres of the start from its expected position, for a gap of 0 s."""
-    drift: float = 0.8
+    drift: NotNegative = 0.8
     """Metres added to --reach for each second of the gap."""
-    turn: float = 0.2
+    turn: NotNegative = 0.2
     """Metres of distance that count as much as a velocity difference of 1 m/s."""
-    memory: float = 1.0
+    memory: NotNegative = 1.0
     """Seconds at an end or a start over which its velocity is estimated."""
-    least: float = 0.3
+    least: NotNegative = 0.3
     """Minimum duration of a track in seconds; shorter ones are a tracker's ghosts and left out."""
-
-    def __post_init__(self):
-        """Refuse negative and infinite values."""
-        for name, value in dataclasses.asdict(self).items():
-            if not 0 <= value < float("inf"):
-                raise InputError(f"{name} must not be negative, not {value}")
 
 
 class OnlineStitcher:

@@ -83,7 +83,9 @@ CASES = {
     }
     | reading("replay"),
     "ros1": node(NODE) | {"--master": "--master http://there:1", "--remap": "--remap a:=b"},
-    "ros2": node(NODE) | {"--message": "--message Humans", "--ros-args": "--ros-args=-r"},
+    "ros2": node(NODE)
+    | {"--message": "--message Humans", "--ros-args": "--ros-args=-r"}
+    | {"--autostart": "--no-autostart"},
     "stitch": {
         "TRACKS": (BASE["stitch"], "{d}/b/walk.txt --out o --period 0.4"),
         "--out": "--out here.txt",

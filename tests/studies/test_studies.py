@@ -17,6 +17,7 @@ import pytest
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 from neurosym_robot.tracking.stitching import LinkOptions, idf1
+from studies.driving import CONTACT, STEPS, drive
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
 from studies.more_data import HERMES, KEPT_BACK, STANFORD, STANFORD_TESTED, write
@@ -62,6 +63,16 @@ def test_stitching_is_not_behind(name):
         assert idf1(person, ids_of(tracks)) > max(raw, peer - 0.05)
     assert (person == -1).any() == (name == "ghosts")
     assert len(np.unique(tracks.id)) > len(np.unique(person)) or name == "swaps"
+
+
+def test_a_robot_goes_round_whom_it_believes_in():
+    people = np.full((301, 1, 2), [6.0, 7.5])  # in its way
+    beliefs = [(np.full((1, n, STEPS, 2), [6.0, 7.5]), np.ones(1)) for n in (1, 0)]
+    (hit, least, way, _), (blind, *_, time) = (drive(people, [each] * 75) for each in beliefs)
+    assert (hit, blind) == (0, 1)
+    assert least > CONTACT
+    assert 14.5 < way < 16
+    assert time < 16
 
 
 def test_what_is_kept_back_is_not_read_and_tests_are_not_trained_on(tmp_path):

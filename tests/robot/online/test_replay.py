@@ -97,8 +97,13 @@ def test_the_whole_way_and_back(folder, replayed):
             assert_allclose(way, futures[model["central"]], atol=1e-6)
             if name == "NeuroSyM":
                 ids = [int(id) for id in step["ids"]]
-                kinds = {(each[0], ids[each[1]], ids[each[2]]) for each in step["likely"]}
-                assert kinds <= {(each.name, each.k, each.l) for each in events.events}
+                told = {
+                    (e.name, e.k, e.l): (e.probability, e.seconds, e.words) for e in events.events
+                }
+                for kind, k, other, *numbers in step["likely"]:
+                    *wanted, words = told[kind, ids[k], ids[other]]
+                    assert_allclose(numbers, wanted, atol=6e-4)
+                    assert words.endswith(f": {100 * wanted[0]:.0f} %, in {wanted[1]:.1f} s")
 
 
 def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, capsys):

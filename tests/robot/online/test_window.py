@@ -56,6 +56,12 @@ def test_stamps_that_are_refused_change_nothing_and_a_clock_set_back_begins_anew
     health = window.health
     stamps = "duplicate_stamps", "backward_stamps", "bad_stamps"
     assert [health[name] for name in stamps] == [1, 2, 3]
+    odd = [[np.nan, 0], [1, 1], [1, 1], [1e30, 0], [-3000.0, -3000.0]]
+    other = Window(1, 0.4)
+    assert other.push(0.0, [2, 3, 3, 4, 5], odd)
+    people = "bad_positions", "duplicate_ids", "far_positions"
+    assert [other.health[name] for name in people] == [1, 1, 2]
+    assert other.complete()[0].tolist() == [3]
     for one, two in zip(before, window.complete()):
         assert_array_equal(one, two)
     assert window.push(5.0, [1], [[6.0, 1.0]])
@@ -79,16 +85,6 @@ def test_a_pause_breaks_windows_and_a_short_gap_does_not():
     frames(window, [1000.0])
     assert window.incomplete(nobody) == {1: "short"}
     assert window.health["forgotten"] == 1
-
-
-def test_who_cannot_be_used_is_left_out_and_counted():
-    window = Window(2, 0.4)
-    window.push(0.0, [1, 2, 2, 3, 4], [[0, 0], [np.nan, 0], [1, 1], [1e30, 0], [-3000.0, -3000.0]])
-    window.push(0.4, [1, 5, 5], np.zeros((3, 2)))
-    health = window.health
-    assert (health["bad_positions"], health["duplicate_ids"]) == (1, 1)
-    assert health["far_positions"] == 2
-    assert window.complete()[0].tolist() == [1]
 
 
 def test_floods_of_ids_are_bounded_and_the_nearest_are_followed():

@@ -2,8 +2,9 @@
 
     python rclpy_peer.py FRAMES SECONDS TOPIC
 
-publishes the frames of a JSON file `[[stamp, [[x, y], ...]], ...]`, one every SECONDS on
-TOPIC, once our node is there, and prints what it hears as a JSON object.
+publishes the frames of a JSON file `[[stamp, [[x, y], ...], active], ...]`, one every SECONDS on
+TOPIC, once our node is there, and prints what it hears as a JSON object. The node `/mine` is
+activated and deactivated as the frames say.
 """
 
 import json
@@ -12,6 +13,8 @@ import time
 
 import rclpy
 from geometry_msgs.msg import Pose, PoseArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from visualization_msgs.msg import MarkerArray
 
 MARKERS = "/hri/human_poses_prediction_neurosym/markers"
@@ -43,7 +46,20 @@ def main() -> None:
     wait(node, 300, lambda: people.get_subscription_count() and node.count_publishers(MARKERS))
     # We know of the other side before it knows of us, and best effort sends nothing again.
     wait(node, 1.0, lambda: False)
-    for stamp, positions in frames:
+    change = node.create_client(ChangeState, "/mine/change_state")
+
+    def turn(transition: int) -> None:
+        wait(node, 0.5, lambda: False)
+        done = change.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        wait(node, 30, done.done)
+        assert done.result().success
+
+    turn(Transition.TRANSITION_CONFIGURE)
+    was_active = False
+    for stamp, positions, active in frames:
+        if active != was_active:
+            turn(Transition.TRANSITION_ACTIVATE if active else Transition.TRANSITION_DEACTIVATE)
+        was_active = active
         message = PoseArray()
         message.header.frame_id = "odom"
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(round(stamp * 1e9), 10**9)

@@ -107,38 +107,30 @@ def test_a_bag_that_takes_much_memory_is_refused(tmp_path, monkeypatch, kind):
         next(read_people(large))
 
 
-@pytest.fixture
-def topics(tmp_path):
-    """A bag of text, of people on three topics, and of humans, each once."""
+def test_which_topic_has_the_people(tmp_path):
     frame = frames()[0]
-    with BagWriter(tmp_path / "run.bag") as bag:
-        for n, topic in enumerate((*PEOPLE_TOPICS[::-1], "/two")):
-            moved = frame._replace(xy=frame.xy + n)
-            bag.write(topic, 1.0, messages.make_people(bag.new, moved))
-        bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
-        humans = make_trajectories(bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
-        bag.write("/humans", 1.0, humans.trajs[0])
-    return bag.path
-
-
-def test_the_filtered_topic_is_preferred_and_humans_are_people_too(topics):
-    frame = frames()[0]
+    odd = Frame(2.0, np.array([7, 7, 8]), np.array([[1.0, 0.0], [1, 1], [-3000, -3000]]))
+    for name, named in (("run", PEOPLE_TOPICS[::-1]), ("two", ())):
+        with BagWriter(tmp_path / f"{name}.bag") as bag:
+            for n, topic in enumerate(named):
+                moved = frame._replace(xy=frame.xy + n)
+                bag.write(topic, 1.0, messages.make_people(bag.new, moved))
+            for topic in ("/one", "/two"):
+                bag.write(topic, 1.0, messages.make_people(bag.new, odd))
+            bag.write("/chatter", 1.0, bag.new("std_msgs/msg/String"))
+            humans = make_trajectories(bag.new, [2.0], np.array([-5, 6]), np.ones((2, 1, 2)))
+            bag.write("/humans", 1.0, humans.trajs[0])
+    run, two = tmp_path / "run.bag", tmp_path / "two.bag"
+    # The filtered one is preferred, and humans are people, too.
     assert PEOPLE_TOPICS[::-1].index(TOPIC) == 1
-    assert_array_equal(next(read_people(topics)).xy, frame.xy + 1)
-    assert_array_equal(next(read_people(topics, "/two")).xy, frame.xy + 2)
-    assert_array_equal(next(read_people(topics, "/humans")).ids, [-5, 6])
-
-
-def test_which_topic_is_said_by_an_option(tmp_path):
-    ids, xy = np.array([7, 7, 8]), np.array([[1.0, 0.0], [1, 1], [-3000, -3000]])
-    with BagWriter(tmp_path / "run.bag") as bag:
-        for topic in ("/one", "/two"):
-            bag.write(topic, 1.0, messages.make_people(bag.new, Frame(2.0, ids, xy)))
+    assert_array_equal(next(read_people(run)).xy, frame.xy + 1)
+    assert_array_equal(next(read_people(run, PEOPLE_TOPICS[1])).xy, frame.xy)
+    assert_array_equal(next(read_people(run, "/humans")).ids, [-5, 6])
     with pytest.raises(InputError, match=r"which topic has the people.*/one.*/two.*bag,topic="):
-        read_any(bag.path)
+        read_any(two)
     far = pytest.warns(InputWarning, match="people more than 60 m")
     with far, pytest.warns(InputWarning, match="1 positions are left out"):
-        (tracks,) = read_any(bag.path, ReadOptions(format="bag,topic=/two"))
+        (tracks,) = read_any(two, ReadOptions(format="bag,topic=/two"))
     assert_array_equal(tracks.position, [[1, 0]])
 
 

@@ -12,7 +12,6 @@ import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_robot.commands.ros1 import Options
-from neurosym_robot.online.pairs import likely_events
 from neurosym_robot.online.predictor import Forecast, ModelForecast
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.definitions import (
@@ -121,17 +120,6 @@ def test_all_samples_compactly(store, new, forecast):
     walked = (forecast.observed[:, -1] - forecast.observed[:, -2]) / 0.4
     assert_allclose(message.velocity.reshape(2, 2), walked, rtol=1e-5)
     assert message.weights.sum() == pytest.approx(1)
-
-
-def test_events_in_words_and_numbers(store, new, forecast):
-    message = received(store, messages.events_message(new, forecast, "SGAN", 0.4, "map", 0.05))
-    told = likely_events(forecast, "SGAN", 0.4, 0.05)
-    assert (message.model, message.header.frame_id) == ("SGAN", "map")
-    assert len(message.events) == len(told) > 0
-    for event, each in zip(message.events, told):
-        assert (event.name, event.words) == (each.name, each.words(forecast.ids))
-        assert (event.k, event.l) == (forecast.ids[each.k], forecast.ids[each.l])
-        assert_allclose([event.probability, event.seconds], each[3:], rtol=1e-6)
 
 
 def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, forecast):

@@ -7,6 +7,7 @@ ROS 2 is looked for in the Python that `$NEUROSYM_ROS2` names, else in this one.
     NEUROSYM_ROS2=ros2/bin/python pytest tests/robot/ros/test_ros2.py
 """
 
+import itertools
 import json
 import os
 import signal
@@ -58,9 +59,14 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
         for frame in frames_of_tracks(simulate("cross-path", 1, 8.0))
     ]
     path = tmp_path / "frames.json"
-    path.write_text(json.dumps([[frame.stamp, frame.xy.tolist()] for frame in frames]))
+    # The node sleeps for half a second.
+    awake = [not 40 <= n < 45 for n in range(len(frames))]
+    told = [[frame.stamp, frame.xy.tolist(), on] for frame, on in zip(frames, awake)]
+    path.write_text(json.dumps(told))
+    frames = list(itertools.compress(frames, awake))
     parameters = tmp_path / "forecast.yaml"
-    parameters.write_text("/**: {ros__parameters: {message: PoseArray, samples: 9, max_people: 4}}")
+    said = "message: PoseArray, autostart: false, samples: 9, max_people: 4"
+    parameters.write_text(f"/**: {{ros__parameters: {{{said}}}}}")
     options = ["--ros-args", "-r", "__node:=mine", "-r", "/people_tracker/people_filtered:=/seen"]
     options += ["--params-file", parameters, "-p", "samples:=4", "-p", "use_sim_time:=true"]
     log = tmp_path / "log"
@@ -75,6 +81,7 @@ def test_poses_in_forecasts_and_markers_out(ros2, tmp_path):
     try:
         end = time.monotonic() + 300
         while "everything is compiled" not in log.read_text() and time.monotonic() < end:
+            assert node.poll() is None, log.read_text()
             time.sleep(0.2)
         peer = subprocess.run(
             [python, Path(__file__).with_name("rclpy_peer.py"), path, "0.03", "/seen"],

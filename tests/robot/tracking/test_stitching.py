@@ -129,15 +129,12 @@ def test_ghosts_and_sentinels_are_nobody():
         stitch(tracks.take(tracks.id != 1))
 
 
-def test_a_tracker_without_ghosts_has_its_newcomers_published_at_once():
+def test_newcomers_are_published_at_once_or_where_a_tracker_has_ghosts_after_a_second():
     stitcher = OnlineStitcher()
     for n in range(20):  # People who come one after the other, twenty metres apart.
         ids = [stitcher.push(3 * n + t / 10, [n], [[20.0 * n, t / 10]]).item() for t in range(20)]
         assert ids[-1] == n
         assert (ids[0] == n) == (n >= 10), n
-
-
-def test_a_tracker_with_ghosts_has_its_newcomers_published_after_a_second():
     stitcher = OnlineStitcher()
     for n in range(20):  # Each is seen twice.
         assert stitcher.push(n, [n], [[20.0 * n, 0.0]]).item() == NOBODY
