@@ -9,31 +9,112 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.data import ReadOptions, read_any, single_scene, windows_from
 from neurosym_jax.data.readers.eth_ucy import SCENES, split_files
 from neurosym_jax.data.readers.thor import Qtm
+from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 
+# (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
+ROWS = [(0, 7, 1.5, -2.0), (0, 3, 0.25, 4.0), (1, 3, 0.5, 4.125), (1, 7, 1.75, -2.0), (2, 3, 1, 4)]
+UNTIDY = (
+    [3, 3, 3, 7, 7],
+    [0, 0.4, 0.8, 0, 0.4],
+    [[0.25, 4], [0.5, 4.125], [1, 4], [1.5, -2], [1.75, -2]],
+)
+"""What they say: ids, seconds and metres."""
+
+
+def lines(template, scale=1, end="\n"):
+    return end.join(template.format(scale * frame, *rest) for frame, *rest in ROWS) + end
+
+
+def qtm(*rows, separator="\t"):
+    preamble = [["NO_OF_FRAMES", "3"], ["FREQUENCY", "50"], ["DESCRIPTION", "--"]] * 3 + [["X"]]
+    return "".join(separator.join(map(str, row)) + "\n" for row in [*preamble, *rows])
+
+
+def body(name):
+    rest = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)], ""]
+    return [f"{name} X", *rest]
+
+
 NAMED = ReadOptions(columns=("time=t0", "id=who", "x=px", "y=py"))
+USUAL = "Frame,ped_id,X,y\n10,4,1,2\n20,4,1.5,2"
+HEADER = ["Frame", "Time", *body("Helmet_2"), *body("Citi_1"), *body("Helmet_10")]
+ZERO, PAD = [0.0] * 16 + [""], [9.0] * 13 + [""]
+BODIES = [
+    [1, 0.0, 1000, 2000, 1700, *PAD, 5, 5, 5, *PAD, 4000, -500, 1700, *PAD],
+    [2, 0.02, *ZERO, 6, 5, 5, *PAD, 4100, -500, 1700, *PAD],
+    [3, 0.04, 1200, 0, 0, *PAD, 7, 5, 5, *PAD, *[""] * 17],
+]
+SEEN = ([2, 2, 10, 10], [0, 0.04, 0, 0.02], [[1, 2], [1.2, 0], [4, -0.5], [4.1, -0.5]])
+PARTS = ("Helmet_7 - 1 ", "Helmet_7 Centroid_", "DARKO_Robot Centroid_")
+MARKERS = ["Frame", "Time", *[part + axis for part in PARTS for axis in "XYZ"]]
+FILES = {
+    # text, options, and what is read
+    "named": (
+        "who;px;note;py;t0\nAnn;1000;a;2000;0.5\nBob;-3;b;4;0.5\nAnn;1500;c;2000;1\n",
+        NAMED,
+        ([0, 0, 1], [0.5, 1, 0.5], [[1000, 2000], [1500, 2000], [-3, 4]]),
+    ),
+    "quoted": (
+        '"t","id","x","y"\n0,"7, junior","1.5",2\n0.4,"7, junior",1.75, "2"\n',
+        AS_IT_SAYS,
+        ([0, 0], [0, 0.4], [[1.5, 2], [1.75, 2]]),
+    ),
+    **{
+        f"usual names, {mark!r}": (
+            USUAL.replace(",", mark),
+            AS_IT_SAYS,
+            ([4, 4], [0.4, 0.8], [[1, 2], [1.5, 2]]),
+        )
+        for mark in (",", "\t", "; ", " ")
+    },
+    "usual names and a rate": (
+        USUAL,
+        ReadOptions(fps=12.5),
+        ([4, 4], [0.8, 1.6], [[1, 2], [1.5, 2]]),
+    ),
+    "blanks": (lines("{} {} {} {}", 6), AS_IT_SAYS, UNTIDY),
+    "tabs": (lines("{}\t{}\t{}\t{}\t", end="\r\n"), AS_IT_SAYS, UNTIDY),
+    "commas": ("\ufeff# frame ped x y\n\n" + lines("{}, {}, {}, {}"), AS_IT_SAYS, UNTIDY),
+    "semicolons": (lines("{};{};{};{}") + "\n\n   \n# the end", AS_IT_SAYS, UNTIDY),
+    "more blanks": (lines("  {}   {}  {} {}  ", 10), AS_IT_SAYS, UNTIDY),
+    "fractions": (lines("{}.0\t{}.0\t{}\t{}", 10), AS_IT_SAYS, UNTIDY),
+    "exponents": (lines("{:.8e} {:.8e} {:.8e} {:.8e}", 10), AS_IT_SAYS, UNTIDY),
+    "rounded as SGAN does": (
+        "0 1 1.23456789 499999.99996\n",
+        AS_IT_SAYS,
+        ([1], [0], [[1.2346, 500000.0]]),
+    ),
+    "from another frame on": (
+        "".join(f"{780 + 10 * n} 1 {n} 0\n" for n in (0, 1, 2, 5)),
+        AS_IT_SAYS,
+        ([1] * 4, [31.2, 31.6, 32, 33.2], [[0, 0], [1, 0], [2, 0], [5, 0]]),
+    ),
+    "6D": (qtm(HEADER, *BODIES), AS_IT_SAYS, SEEN),
+    "6D, without a tab after the header": (qtm(HEADER[:-1], *BODIES), AS_IT_SAYS, SEEN),
+    "centroids beside markers": (
+        qtm(
+            MARKERS,
+            [1, 0.01, 9, 9, 9, 100, 200, 300, 1, 2, 3],
+            [2, 0.02, 9, 9, 9, "", "", "", 1, 2, 3],
+            separator=",",
+        ),
+        AS_IT_SAYS,
+        ([7], [0.01], [[0.1, 0.2]]),
+    ),
+}
 
 
-def test_named_columns(tmp_path):
-    path = tmp_path / "mine.csv"
-    path.write_text("who;px;note;py;t0\nAnn;1000;a;2000;0.5\nBob;-3;b;4;0.5\nAnn;1500;c;2000;1\n")
-    (tracks,) = read_any(path, NAMED)
-    assert_array_equal(tracks.id, [0, 0, 1])
-    assert_array_equal(tracks.stamp, [0.5, 1, 0.5])
-    assert_array_equal(tracks.position, [[1000, 2000], [1500, 2000], [-3, 4]])
-    path.write_text('"t","id","x","y"\n0,"7, junior","1.5",2\n0.4,"7, junior",1.75, "2"\n')
-    assert_array_equal(read_any(path)[0].position, [[1.5, 2], [1.75, 2]])
-
-
-@pytest.mark.parametrize("separator", [",", "\t", "; ", " "])
-def test_usual_names_and_frames(tmp_path, separator):
-    rows = [["Frame", "ped_id", "X", "y"], ["10", "4", "1", "2"], ["20", "4", "1.5", "2"]]
-    (tmp_path / "a.csv").write_text("\n".join(separator.join(row) for row in rows))
-    (tracks,) = read_any(tmp_path / "a.csv")
-    assert_allclose(tracks.stamp, [0.4, 0.8])
-    assert_array_equal(tracks.id, [4, 4])
-    assert_allclose(read_any(tmp_path / "a.csv", ReadOptions(fps=12.5))[0].stamp, [0.8, 1.6])
+@pytest.mark.parametrize("name", FILES)
+def test_files_are_read(tmp_path, name):
+    text, options, truth = FILES[name]
+    (tmp_path / "Exp_1_run_1_6D.tsv").write_bytes(text.encode())
+    (tracks,) = read_any(tmp_path / "Exp_1_run_1_6D.tsv", options)
+    assert tracks.recording == "Exp_1_run_1_6D"
+    assert_array_equal(tracks.id, truth[0])
+    assert_allclose(tracks.stamp, truth[1], atol=1e-12)
+    assert_array_equal(tracks.position, truth[2])
 
 
 def test_dates_texts_and_extras(tmp_path):
@@ -56,44 +137,6 @@ def test_dates_texts_and_extras(tmp_path):
     assert single_scene(windows, 0).extras["group"].tolist() == [7, 0, 0, 0]
     path.write_text(path.read_text().replace("child,A", "child,B"))
     assert [tracks.recording for tracks in read_any(path, options)] == ["walk_A", "walk_B"]
-
-
-# (frame, ped, x, y) with ids, coordinates and order as untidy as they come.
-ROWS = [(0, 7, 1.5, -2.0), (0, 3, 0.25, 4.0), (1, 3, 0.5, 4.125), (1, 7, 1.75, -2.0), (2, 3, 1, 4)]
-
-
-def written(path, template="{} {} {} {}", scale=1, end="\n", before="", after=""):
-    lines = [template.format(scale * frame, *rest) for frame, *rest in ROWS]
-    path.write_bytes((before + end.join(lines) + end + after).encode())
-    return path
-
-
-@pytest.mark.parametrize(
-    ("template", "around"),
-    [
-        ("{} {} {} {}", {"scale": 6}),
-        ("{}\t{}\t{}\t{}\t", {"end": "\r\n"}),
-        ("{}, {}, {}, {}", {"before": "\ufeff# frame ped x y\n\n"}),
-        ("{};{};{};{}", {"after": "\n\n   \n# the end"}),
-        ("  {}   {}  {} {}  ", {"scale": 10}),
-        ("{}.0\t{}.0\t{}\t{}", {"scale": 10}),
-        ("{:.8e} {:.8e} {:.8e} {:.8e}", {"scale": 10}),
-    ],
-)
-def test_dialects(tmp_path, template, around):
-    (tracks,) = read_any(written(tmp_path / "mine.txt", template, **around))
-    assert tracks.recording == "mine"
-    assert_array_equal(tracks.id, [3, 3, 3, 7, 7])
-    assert_allclose(tracks.stamp, [0, 0.4, 0.8, 0, 0.4], atol=1e-12)
-    assert_array_equal(tracks.position, [[0.25, 4], [0.5, 4.125], [1, 4], [1.5, -2], [1.75, -2]])
-
-
-def test_coordinates_are_rounded_as_sgan_does_and_frames_begin_anywhere(tmp_path):
-    path = tmp_path / "a.txt"
-    path.write_text("0 1 1.23456789 499999.99996\n")
-    assert_array_equal(read_any(path)[0].position, [[1.2346, 500000.0]])
-    path.write_text("\n".join(f"{780 + 10 * n} 1 {n} 0" for n in (0, 1, 2, 5)))
-    assert_allclose(np.diff(read_any(path)[0].stamp), [0.4, 0.4, 1.2])
 
 
 def test_splits_leave_one_out(tmp_path):
@@ -119,51 +162,12 @@ def test_splits_leave_one_out(tmp_path):
             split_files(folder, scene, split)
 
 
-def qtm(path, header, rows, separator="\t"):
-    preamble = [["NO_OF_FRAMES", "3"], ["FREQUENCY", "50"], ["DESCRIPTION", "--"]] * 3 + [["X"]]
-    lines = (separator.join(map(str, line)) for line in [*preamble, header, *rows])
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
-def body(name):
-    rest = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)], ""]
-    return [f"{name} X", *rest]
-
-
-def test_6d(tmp_path):
-    header = ["Frame", "Time", *body("Helmet_2"), *body("Citi_1"), *body("Helmet_10")]
-    zero, pad = [0.0] * 16 + [""], [9.0] * 13 + [""]
-    rows = [
-        [1, 0.0, 1000, 2000, 1700, *pad, 5, 5, 5, *pad, 4000, -500, 1700, *pad],
-        [2, 0.02, *zero, 6, 5, 5, *pad, 4100, -500, 1700, *pad],
-        [3, 0.04, 1200, 0, 0, *pad, 7, 5, 5, *pad, *[""] * 17],
-    ]
-    for wide in (header, header[:-1]):  # The header may lack the separator at its end.
-        (tracks,) = read_any(qtm(tmp_path / "Exp_1_run_1_6D.tsv", wide, rows))
-        assert tracks.recording == "Exp_1_run_1_6D"
-        assert_array_equal(tracks.id, [2, 2, 10, 10])
-        assert_array_equal(tracks.stamp, [0, 0.04, 0, 0.02])
-        assert_array_equal(tracks.position, [[1, 2], [1.2, 0], [4, -0.5], [4.1, -0.5]])
-
-
-def test_magni_centroids_beside_markers(tmp_path):
-    header = ["Frame", "Time"]
-    for part in ("- 1 ", "Centroid_"):
-        header += [f"Helmet_7 {part}{axis}" for axis in "XYZ"]
-    header += [f"DARKO_Robot Centroid_{axis}" for axis in "XYZ"]
-    rows = [[1, 0.01, 9, 9, 9, 100, 200, 300, 1, 2, 3], [2, 0.02, 9, 9, 9, "", "", "", 1, 2, 3]]
-    (tracks,) = read_any(qtm(tmp_path / "magni.csv", header, rows, ","))
-    assert_array_equal(tracks.id, [7])
-    assert_array_equal(tracks.position, [[0.1, 0.2]])
-
-
 @pytest.mark.slow
 def test_a_whole_run_is_read_in_time(tmp_path):
     header = ["Frame", "Time", *[name for k in range(1, 14) for name in body(f"Helmet_{k}")]]
     row = "\t".join("\t".join(["1234.567"] * 16) + "\t" for _ in range(13))
     rows = [(frame, frame / 100, row) for frame in range(25_000)]
-    path = qtm(tmp_path / "long_6D.tsv", header, rows)
+    (path := tmp_path / "long_6D.tsv").write_text(qtm(header, *rows))
     start = time.process_time()
     (tracks,) = Qtm().read(path, ReadOptions(), 0.4)
     assert time.process_time() - start < 2
