@@ -98,29 +98,58 @@ def test_of_samples_the_one_of_least_joint_error_is_drawn():
     np.testing.assert_allclose(mean[:, 1:], truth + np.array([0.25, 0]), atol=1e-9)
 
 
-def test_horizon_errors_and_their_bands_are_against_seconds_with_the_worst_first():
-    errors = {"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.4, 0.7]], "cv": [0.2, 0.8]}
-    figure = plot_horizon_errors(errors, 0.5, "errors")
-    (axes,) = figure.axes
-    np.testing.assert_allclose(labelled(axes, "SGAN"), [[[0.5, 0.2], [1.0, 0.4]]])
-    assert legend_texts(figure) == ["cv", "SGAN"]
-    looks = [of["color"] for of in model_looks(["cv", "SGAN"]).values()]
-    assert [line.get_color() for line in axes.lines] == looks
-    (band,) = axes.collections
+ERRORS = {"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.4, 0.7]], "cv": [0.2, 0.8]}
+STEPS = np.arange(400)
+LOSSES = {"generator": (STEPS, 2.0 - STEPS / 400), "discriminator": ([0, 10], [1.4, np.nan])}
+DRAWN = {
+    # a figure, points of its lines, and its legend
+    "errors by horizon": (
+        lambda: plot_horizon_errors(ERRORS, 0.5, "errors"),
+        {"SGAN": [[0.5, 0.2], [1.0, 0.4]], "cv": [[0.5, 0.2], [1.0, 0.8]]},
+        ["cv", "SGAN"],  # The worst first.
+    ),
+    "errors by event": (
+        lambda: plotting.plot_event_errors(["crossing (3)", "passing (4)"], ERRORS),
+        {"SGAN": [[0.2, -0.08], [0.4, 0.92]], "cv": [[0.2, 0.08], [0.8, 1.08]]},
+        ["SGAN", "cv"],
+    ),
+    "calibration": (
+        lambda: plotting.plot_calibration([0.5, 0.9], {"SGAN": [0.4, 0.7]}),
+        {"SGAN": [[0.5, 0.4], [0.9, 0.7]], "calibrated": [[0, 0], [1, 1]]},
+        ["calibrated", "SGAN"],
+    ),
+    "training": (
+        lambda: plotting.plot_training(LOSSES, {"ADE": ([0, 100], [0.8, 0.5])}, "run"),
+        # The running mean of a straight line is that line, centred, without its ends.
+        {"generator": np.stack([STEPS, 2.0 - STEPS / 400], 1)[10:-10]},
+        ["generator", "discriminator", "ADE"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_curves(name):
+    make, curves, legend = DRAWN[name]
+    figure = make()
+    for label, points in curves.items():
+        np.testing.assert_allclose(labelled(figure.axes[0], label), [points])
+    assert legend_texts(figure) == legend
+    assert_neat(figure)
+
+
+def test_intervals_are_bands_by_horizon_and_lines_by_event():
+    by_horizon, by_event = (
+        DRAWN[f"errors by {what}"][0]().axes[0] for what in ("horizon", "event")
+    )
+    (band,) = by_horizon.collections
     corners = {tuple(np.round(corner, 6)) for corner in band.get_paths()[0].vertices}
     assert corners == {(0.5, 0.1), (0.5, 0.4), (1.0, 0.3), (1.0, 0.7)}
-    assert_neat(figure)
-
-
-def test_training_has_a_panel_for_losses_and_one_for_validation():
-    steps = np.arange(400)
-    losses = {"generator": (steps, 2.0 - steps / 400), "discriminator": ([0, 10], [1.4, np.nan])}
-    figure = plotting.plot_training(losses, {"ADE": ([0, 100], [0.8, 0.5])}, "run")
-    assert legend_texts(figure) == ["generator", "discriminator", "ADE"]
-    # The running mean of a straight line is that line, centred, without its ends.
-    (mean,) = labelled(figure.axes[0], "generator")
-    np.testing.assert_allclose(mean, np.stack([steps, 2.0 - steps / 400], 1)[10:-10])
-    assert_neat(figure)
+    looks = [of["color"] for of in model_looks(["cv", "SGAN"]).values()]
+    assert [line.get_color() for line in by_horizon.lines] == looks
+    ends = np.array(by_event.collections[0].get_segments())[..., 0]
+    np.testing.assert_allclose(ends, [[0.1, 0.4], [0.3, 0.7]])
+    assert [of.get_text() for of in by_event.get_yticklabels()] == ["crossing (3)", "passing (4)"]
+    assert by_event.get_ylim()[0] > by_event.get_ylim()[1]
 
 
 def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
@@ -154,13 +183,6 @@ def test_files_have_the_kind_of_their_name_and_the_style(tmp_path):
 def test_checkpoints_where_they_tell_models_apart(paths, shown):
     given = [("cv", None), *(("SGAN", path) for path in paths)]
     assert labels(given) == ["cv", *(f"SGAN {name}".strip() for name in shown)]
-
-
-def test_calibration_is_drawn_against_the_diagonal():
-    figure = plotting.plot_calibration([0.5, 0.9], {"SGAN": [0.4, 0.7]})
-    np.testing.assert_allclose(labelled(figure.axes[0], "SGAN"), [[[0.5, 0.4], [0.9, 0.7]]])
-    np.testing.assert_allclose(labelled(figure.axes[0], "calibrated"), [[[0, 0], [1, 1]]])
-    assert_neat(figure)
 
 
 def test_occupancy_is_the_probability_that_somebody_is_near():
@@ -204,18 +226,6 @@ def test_alpha_is_an_arrow_from_who_looks():
     # From 2 to 0 by half of the largest, from 0 to 1; 0.04 is too little.
     np.testing.assert_allclose(drawn, [[0, 3, 0, 0, 1.3], [0, 0, 4, 0, 2.2]])
     assert bar.get_ylim() == (0, 0.5)
-
-
-def test_events_have_a_row_and_models_a_dot_with_an_interval():
-    errors = {"SGAN": [[0.2, 0.4], [0.1, 0.3], [0.3, 0.6]], "anchors": [0.1, 0.2]}
-    figure = plotting.plot_event_errors(["crossing (3)", "passing (4)"], errors)
-    (axes,) = figure.axes
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["crossing (3)", "passing (4)"]
-    np.testing.assert_allclose(labelled(axes, "SGAN"), [[[0.2, -0.08], [0.4, 0.92]]])
-    ends = np.array(axes.collections[0].get_segments())[..., 0]
-    np.testing.assert_allclose(ends, [[0.1, 0.3], [0.3, 0.6]])
-    assert axes.get_ylim()[0] > axes.get_ylim()[1]
-    assert_neat(figure)
 
 
 @pytest.mark.parametrize("horizon", [0.02, -0.02])
