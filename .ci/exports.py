@@ -46,7 +46,7 @@ def _names(stub: Path, package: str) -> list[str]:
 
 
 def _table(name: str) -> str:
-    """A CSV file of docs/ as a table that assets/tables.js filters and sorts."""
+    """A CSV file of docs/ as a table that assets/site.js filters and sorts."""
     with (ROOT / "docs" / name).open(encoding="utf-8", newline="") as file:
         head, *rows = csv.reader(file)
     lines = [
@@ -72,6 +72,6 @@ def _commands() -> str:
             f"| `{flag.replace('|', '&#124;')}` | {html.escape(meaning).replace('|', '&#124;')} |"
             for _, flag, meaning in every_option(getattr(command, "Options", command.run))
         ]
-        table = "\n".join(["| option | |", "|---|---|", *rows]) if rows else ""
+        table = "\n".join(["| option | meaning |", "|---|---|", *rows]) if rows else ""
         parts.append(f"## neurosym {name}\n\n{text}\n\n{table}\n")
     return "\n".join(parts)

@@ -91,7 +91,7 @@ METRICS: Registry[Metric] = Registry(
         "joint_fde": Metric("joint FDE", formulas.joint_fde, "m", _JOINT),
         "marginal_ade": Metric("marginal ADE", formulas.marginal_ade, "m", _MARGINAL),
         "marginal_fde": Metric("marginal FDE", formulas.marginal_fde, "m", _MARGINAL),
-        "horizon": Metric("mean displacement error", formulas.horizon),
+        "horizon": Metric("mean error", formulas.horizon),
         "collision_rate": Metric(
             "people in collision", formulas.collision_rate, "share", on_host=True
         ),

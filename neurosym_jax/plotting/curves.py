@@ -21,7 +21,7 @@ def plot_horizon_errors(
     errors: Mapping[str, ArrayLike],
     period: float = 0.4,
     title: str | None = None,
-    label: str = "mean displacement error [m]",
+    label: str = "mean error [m]",
 ) -> Figure:
     """A mean error against the horizon, one line a model, the largest first in the legend.
 

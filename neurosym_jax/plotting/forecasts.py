@@ -75,7 +75,7 @@ def draw_scene(
             if name == list(samples)[-1]:
                 faint = {"linewidth": 0.5, "alpha": 0.35, "zorder": 2.5, "color": look["color"]}
                 for sample in path:
-                    draw_paths(axes, sample, past, **faint)
+                    draw_paths(axes, sample, past, **faint, label=f"{name}, all {len(path)}")
             kind = "mean" if future is None else "best"
             label = f"{name}, {kind} of {len(path)}" if len(path) > 1 else f"{name}, one guess"
             if future is None:
@@ -138,7 +138,7 @@ def plot_anchors(observed: ArrayLike, samples: ArrayLike, probability: ArrayLike
         draw_paths(where, sample, past, color=colour, linewidth=1.2)
     style.dress_floor(where)
     bars.bar(range(len(share), 0, -1), share[order], color=colours)
-    even = {"linewidth": 0.8, "linestyle": "--", "label": "all the same"}
+    even = {"linewidth": 0.8, "linestyle": "--", "label": "all equally probable"}
     bars.axhline(1 / len(share), color=style.INK, **even)
     style.dress(bars, "sample, by rank", "probability")
     return style.add_legend(figure, bars)

@@ -120,7 +120,7 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     rows = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
     rows = rows[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
-    figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2.7))
+    figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2))
     for path, person, colour in zip(scene.position, people, style.PALETTE * count):
         draw_paths(where, path[None], color=colour, lw=1.2)
         draw_paths(where, path[None, -1:], color=colour, marker="o", ms=4)
@@ -133,7 +133,7 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     lowest = min(0.0, values.min(initial=0.0))
     image = when.imshow(values, aspect="auto", cmap=PALE, vmin=lowest, vmax=highest)
     # A letter is 0.6 of its size wide; four and a margin fit into a step.
-    size = min(style.SMALL, 0.58 * figure.get_figwidth() * 72 / steps / 3)
+    size = min(style.SMALL, 0.52 * figure.get_figwidth() * 72 / steps / 3)
     for place, row in enumerate(rows):
         for step, code in enumerate(codes[row], 1):
             when.text(step, place, texts[code], fontsize=size, va="center", **LETTERS)
@@ -142,7 +142,7 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     ticks = range(0, steps, 2)
     when.set_xticks(ticks, [f"{scene.period * step:.1f}" for step in ticks])
     when.grid(visible=False)
-    style.dress(when, "time [s]", "", f"alpha and QTC state: {title}")
+    style.dress(when, "time [s]", "", f"QTC and alpha: {title}")
     if is_constant(alpha):
         image.set_visible(False)  # One colour would show nothing: the title says so.
         return figure

@@ -30,3 +30,19 @@ document.querySelectorAll("table.filtered").forEach((table) => {
     });
   });
 });
+
+// What the theme leaves without a name or out of reach of the keyboard.
+document.querySelector(".md-search").setAttribute("aria-label", "Search");
+document.querySelectorAll("th:empty").forEach((head) => {
+  head.replaceWith(document.createElement("td"));
+});
+const complete = () => {
+  document.querySelectorAll(".md-code__nav:not([aria-label])").forEach((nav) => {
+    nav.setAttribute("aria-label", `Code ${nav.parentElement.id.replace(/\D/g, "")}`);
+  });
+  document.querySelectorAll(".md-typeset__scrollwrap:not([tabindex])").forEach((table) => {
+    if (table.scrollWidth > table.clientWidth) table.tabIndex = 0;
+  });
+};
+complete();
+new MutationObserver(complete).observe(document.body, { childList: true, subtree: true });
