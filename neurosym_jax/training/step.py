@@ -75,10 +75,10 @@ def new_state(recipe: Recipe, params: Any, discriminator: Any = ()) -> TrainStat
     # A copy: the loop donates the state's buffers, each of them once.
     average = jax.tree.map(jnp.copy, params) if recipe.ema else ()
     state = TrainState(jnp.zeros((), jnp.int32), params, _optimizer(recipe).init(params), average)
-    if not discriminator:
-        return state
-    optimizer = optax.adam(recipe.d_learning_rate).init(discriminator)
-    return state._replace(discriminator=discriminator, discriminator_optimizer=optimizer)
+    if isinstance(recipe, TrainConfig) and discriminator:
+        optimizer = optax.adam(recipe.d_learning_rate).init(discriminator)
+        state = state._replace(discriminator=discriminator, discriminator_optimizer=optimizer)
+    return state
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1), donate_argnums=3)

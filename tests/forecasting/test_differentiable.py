@@ -27,6 +27,7 @@ def model_of(weighting):
     pooling = "as_described" if weighting else "pool_net"
     config = GeneratorConfig(pooling=f"{pooling},hidden_dim=16", weighting=weighting, **LENGTHS)
     model = random_model(config, std=0.3)
+    assert ("weighting" in model.params) == bool(weighting)
     return dataclasses.replace(model, params=with_weighting(model.params, config.weighting))
 
 

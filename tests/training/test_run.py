@@ -53,7 +53,9 @@ def test_a_kill_changes_nothing(files, tmp_path, final):
 
 def events(folder):
     """(step, name, value) of all scalars in the event files of a folder, the first file first."""
-    found, event_pb2 = [], pytest.importorskip("tensorboardX.proto.event_pb2")
+    from tensorboardX.proto import event_pb2  # pyright: ignore[reportMissingImports]
+
+    found = []
     for path in sorted(folder.glob("events.*")):
         content = path.read_bytes()
         while content:
@@ -66,6 +68,7 @@ def events(folder):
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_tensorboard_has_the_rows(files, tmp_path, monkeypatch):
+    pytest.importorskip("tensorboardX", reason="tensorboardX is not installed")
     rows = [{"step": 25, "g_loss": 2.0}, {"step": 50, "g_loss": 1.0, "val_ade": 0.5}]
     options = train.Options(
         data=files, train_on=("walk",), validate_on=("check",), out=tmp_path, log="tensorboard"

@@ -25,6 +25,7 @@ from neurosym_jax.training.step import (
     TrainState,
     clipping,
     initial_state,
+    new_state,
     slowed,
     started,
     train_step,
@@ -48,28 +49,16 @@ def groups(batch):
 
 
 def start(run, groups, **changes) -> tuple[Any, TrainState, list[jax.Array]]:
-    """The state before the first step, with parameters that numpy draws: it compiles nothing."""
+    """The state before the first step, with parameters that numpy draws."""
     recipe = dataclasses.replace(run.recipe, **changes)
     shapes = jax.eval_shape(lambda: initial_state(run.network, recipe, jax.random.key(0)))
     draw = drawing(seed=0)
-
-    state = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     params, discriminator = (
         jax.tree.map(lambda leaf: jnp.asarray(draw(leaf.shape)), part)
         for part in (shapes.params, shapes.discriminator)
     )
-    average = params if recipe.ema else ()
-    state = state._replace(params=params, average=average, discriminator=discriminator)
-    return recipe, state, draw_group_noise(run.network, groups, jax.random.key(1), recipe.best_k)
-
-
-def with_positions(groups, change):
-    """The groups with `change(scene, values)` of all positions and moves."""
-    names = ("observed", "displacement", "future")
-    return tuple(
-        scene.replace(**{name: change(scene, getattr(scene, name)) for name in names})
-        for scene in groups
-    )
+    noise = draw_group_noise(run.network, groups, jax.random.key(1), recipe.best_k)
+    return recipe, new_state(recipe, params, discriminator), noise
 
 
 def test_adversarial_loss_is_binary_cross_entropy():
@@ -143,9 +132,12 @@ def test_the_gradient_is_that_of_the_minimum_over_all_samples(run, groups, crite
 def test_padding_and_empty_scenes_change_no_gradient(run, groups):
     config, state, noises = start(run, groups, **ALL_TERMS)
     groups, noises = (groups[0], groups[2]), [noises[0], noises[2]]
-    wild = with_positions(
-        groups, lambda scene, values: np.where(scene.valid[..., None, None], values, 50.0)
-    )
+
+    def far(scene, name):
+        return np.where(scene.valid[..., None, None], getattr(scene, name), 50.0)
+
+    names = ("observed", "displacement", "future")
+    wild = tuple(scene.replace(**{name: far(scene, name) for name in names}) for scene in groups)
     both = state.params, state.discriminator
 
     @jax.jit
