@@ -131,8 +131,7 @@ def run(options: Options) -> list[Row]:
     """Evaluate, print and write as `options` say; returns the rows of the report."""
     _validate(options)
     chosen = bool(options.checkpoint) or options.all
-    source, models = _models(options)
-    tests = _tests(options, source, models)
+    source, models, tests = _read(options)
     further = (*options.metrics, *(metrics.SYMBOLS if options.symbols else ()))
     settings = Settings(
         options.samples,
@@ -168,23 +167,45 @@ def run(options: Options) -> list[Row]:
     return rows
 
 
-def _models(options: Options) -> tuple[Source, list[tuple[str, Model]]]:
-    """The source of recordings, and the models: as given, all that ship, or one or two."""
+def _read(options: Options) -> tuple[Source, list[tuple[str, Model]], list[plan.Test]]:
+    """The source of recordings, the models (as given, all that ship, or one or two), the tests."""
+    protocol, baselines, least = PROTOCOLS[options.protocol], options.baselines, options.min_agents
+    lengths = {"obs_len": options.obs_len, "pred_len": options.pred_len}
+    for name, has in protocol.lengths.items():
+        if lengths[name] not in (None, has):
+            option = f"--{name.replace('_', '-')} {lengths[name]}"
+            raise InputError(f"{option}: the protocol has {has} (--protocol sgan has any)")
+    lengths |= protocol.lengths
     asked = options.data, options.read, options.dataset, options.test_on
-    source, pred_len = open_data(*asked, period=options.period), _lengths(options)["pred_len"]
-    names = options.checkpoint
+    source, names = open_data(*asked, period=options.period), options.checkpoint
     if options.all:
         # Baselines are tested beside every model.
         shipped = (path.name for path in shipped_models())
         names = [name for name in shipped if not name.startswith(plan.TABLE)]
-    names = names or default_models(source, options.dataset, pred_len)
+    names = names or default_models(source, options.dataset, lengths["pred_len"])
     # Of ETH/UCY, `recommended` is the model of each data set.
     several = options.dataset is None and isinstance(source, EthUcy)
-    paths = find_checkpoints(names, source.scenes if several else (options.dataset,), pred_len)
+    datasets = source.scenes if several else (options.dataset,)
+    paths = find_checkpoints(names, datasets, lengths["pred_len"])
     models = [(path, load_model(path)) for path in paths]
     if options.checkpoint:
         source = open_data(*asked, model_scene=models[0][1].dataset, period=options.period)
-    return source, models
+    elif baselines is None and isinstance(source, Synthetic) and not options.all:
+        baselines = plan.BASELINES[:1]
+    entries = plan.make_plan(
+        source,
+        models,
+        dataset=options.dataset,
+        test_on=options.test_on,
+        **lengths,
+        baselines=baselines,
+        samples=options.samples,
+        # A folder of models, or what ships, is not named model by model.
+        only_matching=len(models) != len(options.checkpoint),
+    )
+    least = protocol.min_agents if least is None else least
+    tests = plan.load_tests(source, entries, test_on=options.test_on, min_agents=least)
+    return source, models, tests
 
 
 def default_models(source: Source, dataset: str | None, pred_len: int | None) -> list[str]:
@@ -198,38 +219,6 @@ def default_models(source: Source, dataset: str | None, pred_len: int | None) ->
     if isinstance(source, Synthetic):
         names = [f"{kind}_{source.name}_{pred_len or 8}" for kind in ("sgan", "neurosym")]
     return [name for name in dict.fromkeys(names) if find_model(name).is_dir()]
-
-
-def _lengths(options: Options) -> dict[str, int | None]:
-    """`obs_len` and `pred_len` as asked for, or as the protocol fixes them."""
-    asked = {name: getattr(options, name) for name in ("obs_len", "pred_len")}
-    fixed = PROTOCOLS[options.protocol].lengths
-    for name, has in fixed.items():
-        if asked[name] not in (None, has):
-            option = f"--{name.replace('_', '-')} {asked[name]}"
-            raise InputError(f"{option}: the protocol has {has} (--protocol sgan has any)")
-    return asked | fixed
-
-
-def _tests(options: Options, source: Source, models: list[tuple[str, Model]]) -> list[plan.Test]:
-    """The test sets, read, and what is tested on each."""
-    baselines, least = options.baselines, options.min_agents
-    chosen = options.checkpoint or options.all
-    if baselines is None and isinstance(source, Synthetic) and not chosen:
-        baselines = plan.BASELINES[:1]
-    entries = plan.make_plan(
-        source,
-        models,
-        dataset=options.dataset,
-        test_on=options.test_on,
-        **_lengths(options),
-        baselines=baselines,
-        samples=options.samples,
-        # A folder of models, or what ships, is not named model by model.
-        only_matching=len(models) != len(options.checkpoint),
-    )
-    least = PROTOCOLS[options.protocol].min_agents if least is None else least
-    return plan.load_tests(source, entries, test_on=options.test_on, min_agents=least)
 
 
 def _assumptions(models: list[tuple[str, Model]]) -> list[str]:
