@@ -24,9 +24,18 @@ from neurosym_jax.runtime.process import cpu_cores, run_environment
 FORMAT = 1
 
 Name = Literal[
-    "zoo", "training", "symbols", "online", "age", "start", "reading", "crowds", "numeric"
+    "zoo",
+    "training",
+    "symbols",
+    "online",
+    "age",
+    "start",
+    "reading",
+    "crowds",
+    "numeric",
+    "trainings",
 ]
-NAMES: tuple[Name, ...] = get_args(Name)[:-1]
+NAMES: tuple[Name, ...] = get_args(Name)[:-2]
 ON_GPU: tuple[Name, ...] = ("numeric", "crowds", "training", "zoo")
 
 
@@ -37,7 +46,8 @@ class BenchmarkOptions:
     names: tyro.conf.Positional[tuple[Name, ...]] = NAMES
     """What to measure: the evaluation of the published checkpoints, training iterations, QTC and
     alpha of all pairs, online latency, the age of a forecast, whole processes, reading and
-    windowing, crowds; and numeric, the tests of numbers, which runs where it is named."""
+    windowing, crowds. Two run where they are named: numeric, the tests of numbers, and trainings,
+    whole ones."""
     gpu: bool = False
     """Measure what depends on an accelerator: numeric, crowds, training, and zoo where there are
     --data and --checkpoints. Without a GPU it runs on the CPU."""
@@ -84,7 +94,7 @@ def run(options: BenchmarkOptions) -> None:
     if options.gpu and not (options.data and options.checkpoints):
         names = ON_GPU[:-1]
         print("zoo is left out: it needs --data and --checkpoints")
-    needs = {"zoo": ("data", "checkpoints"), "reading": ("data",)}
+    needs = {"zoo": ("data", "checkpoints"), "reading": ("data",), "trainings": ("data",)}
     for name in names:
         if absent := [need for need in needs.get(name, ()) if getattr(options, need) is None]:
             raise InputError(f"--{absent[0]} is needed for {name}")

@@ -45,6 +45,7 @@ HIDDEN = (
 TITLES = {
     "zoo": "evaluation",
     "training": "training step",
+    "trainings": "whole training, zara1, 8 + 12",
     "symbols": "QTC and alpha",
     "online": "from a frame to 20 forecasts",
     "age": "from a frame's stamp to its forecast at a listener",

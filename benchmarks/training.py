@@ -4,12 +4,10 @@ An iteration of `sgan` is a discriminator and a generator step on the same 64 sc
 training split (about 780 agents), best of 20, 8 + 8 steps, with the published sizes. The opponents
 are `torch_peer` and, with `--reference`, the original code, whose own step functions and networks
 are run on the CPU. The opponent of `anchors` is `torch_anchors`, on the same batch. Without
-`--data` the scenes are simulated. With it, anchors are trained once as they ship, too.
+`--data` the scenes are simulated.
 """
 
 import argparse
-import tempfile
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,8 +22,6 @@ def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.sources import open_source
     from neurosym_jax.data.windows import cut_windows
-    from neurosym_jax.models.anchors import AnchorConfig
-    from neurosym_jax.training.loop import train
     from neurosym_jax.training.recipe import RECIPES
     from neurosym_jax.training.stream import SceneStream
 
@@ -49,13 +45,6 @@ def measure(options: Any) -> dict[str, Any]:
     table.append(row("recipe ours", OURS, found, peak_mb=peak_mb()))
     seconds = alternate(anchor_steps(windows, options.torch), 9 * options.repeats, warm=3)
     table += rows("recipe anchors", seconds)
-    if options.data:
-        parts = [source.recordings(scene, part) for part in ("train", "val")]
-        with tempfile.TemporaryDirectory() as folder:
-            start = time.perf_counter()
-            train(*parts, Path(folder, "run"), network=AnchorConfig(pred_len=12))
-            found = [time.perf_counter() - start]
-        table.append(row("a whole training of anchors, zara1, 8 + 12", OURS, found))
     return {"title": "a training iteration", "rows": table, "light": light}
 
 

@@ -1,0 +1,91 @@
+"""Seconds of whole trainings as models ship, and the figure of errors against them.
+
+    python -m benchmarks trainings --data DATA --json docs/benchmarks.json
+    python -m benchmarks.trainings docs/figures/seconds.png
+
+The trainings are for zara1, 8 + 12, one each. That of the released code is its 8,400 iterations
+times what one takes here (`python -m benchmarks training --reference SGAN`). The errors are those
+of docs/results.json, means over the five data sets.
+"""
+
+import dataclasses
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from benchmarks.timing import OURS, row
+
+MODELS = {"anchor_table": "anchor table", "anchors": "anchors", "sgan": "SGAN"}
+RELEASED, ITERATIONS = "SGAN-20V, released code", 8400
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def measure(options: Any) -> dict[str, Any]:
+    """See the module."""
+    from neurosym_jax.data.sources import open_source
+    from neurosym_jax.training.loop import train
+    from neurosym_jax.training.network import named_network
+    from neurosym_jax.training.recipe import RECIPES, usual_recipe
+
+    source, table = open_source(options.data), []
+    parts = [source.recordings("zara1", part) for part in ("train", "val")]
+    for model, title in MODELS.items():
+        network = named_network(model, pred_len=12)
+        recipe = RECIPES[usual_recipe(network)]
+        if model == "sgan":
+            recipe = dataclasses.replace(recipe, steps=5000)
+        with tempfile.TemporaryDirectory() as folder:
+            start = time.perf_counter()
+            train(*parts, Path(folder, "run"), network=network, recipe=recipe)
+            table.append(row(title, OURS, [time.perf_counter() - start]))
+    return {"title": "whole trainings, zara1, 8 + 12", "rows": table}
+
+
+def draw(path: Path) -> None:
+    """Draw errors against seconds, each network a point."""
+    from neurosym_jax.evaluation.report import read_report
+    from neurosym_jax.plotting.style import (
+        SMALL,
+        WIDTH,
+        dress,
+        model_looks,
+        new_figure,
+        save_figure,
+    )
+
+    found = json.loads((DOCS / "benchmarks.json").read_text())["benchmarks"]
+    seconds = {each["case"]: each["median"] for each in found["trainings"]["rows"]}
+    step = next(each["median"] for each in found["training"]["rows"] if each["who"] == "original")
+    seconds[RELEASED] = ITERATIONS * step
+    rows = read_report(DOCS / "results.json").filter(pred_len=12)
+    checkpoint = pl.col("checkpoint").fill_null("")
+    rows = rows.filter(~checkpoint.str.contains("sgan-20vp")).with_columns(
+        model=pl.when(checkpoint.str.contains("sgan-20v")).then(pl.lit(RELEASED)).otherwise("model")
+    )
+    kinds = ("joint_ade", "marginal_ade")
+    # Five trainings of a data set count as one.
+    means = rows.group_by("model", "dataset").mean().group_by("model").agg(pl.col(kinds).mean())
+    figure, grid = new_figure(WIDTH, 2.4, columns=2, sharex=True)
+    looks = model_looks([*seconds, "constant velocity"])
+    for axes, kind in zip(grid[0], kinds):
+        errors = {name: means.filter(model=name)[kind].item() for name in looks}
+        for name, took in seconds.items():
+            axes.plot(took, errors[name], "o", color=looks[name]["color"])
+            words: dict[str, Any] = {"textcoords": "offset points", "size": SMALL}
+            at, side = ((0, 6), "right") if name == RELEASED else ((7, -3), "left")
+            axes.annotate(name, (took, errors[name]), at, ha=side, **words)
+        still = errors["constant velocity"]
+        axes.axhline(still, **looks["constant velocity"], linewidth=0.8)
+        axes.annotate("constant velocity", (5, still), (0, -8), **words)
+        axes.set(xscale="log", xlim=(4, 1e5), ylim=(0.15, 0.57))
+        dress(axes, "seconds of training on two cores", f"{kind.split('_')[0]} ADE, m")
+    save_figure(figure, path)
+
+
+if __name__ == "__main__":
+    draw(Path(sys.argv[1]))
