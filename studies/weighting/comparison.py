@@ -24,8 +24,6 @@ ALIVE = 0.95
 """Least share of people with a near neighbour whom a run's network changes for it."""
 DEAD = 0.1
 """An arm with a larger share of runs below `ALIVE` answers nothing."""
-
-
 DIVERGED = 2
 """A run that pools at every step and has an error so many times its arm's median has diverged."""
 
@@ -49,6 +47,8 @@ class Comparison:
     reach: float
     """Per cent: the least margin within which nine of ten such studies would show equivalence,
     were there no difference."""
+    answered: bool
+    """Whether at most a tenth of each arm's runs ignore neighbours."""
 
 
 class Runs:
@@ -65,13 +65,13 @@ class Runs:
         self.dead = arms.filter(pl.col("value") > 0)
         """Rows of set, arm, value (runs that are left out) and runs."""
         silent = self.dead.filter(pl.col("value") > DEAD * pl.col("runs"))
+        self._silent = set(silent.select("set", "arm").iter_rows())
         rows = rows.join(near.filter(dead), on=of_run, how="anti")
         errors = rows.filter(pl.col("arm").str.contains("every step"), metric=INTERACTING)
         median = pl.col("value").median().over("set", "arm")
         self.diverged = errors.filter(pl.col("value") > DIVERGED * median)
         """Rows of runs that are left out."""
-        rows = rows.join(self.diverged, on=of_run, how="anti")
-        self.rows = rows.join(silent, on=["set", "arm"], how="anti")
+        self.rows = rows.join(self.diverged, on=of_run, how="anti")
 
     def values(self, dataset: str, arm: str, metric: str) -> dict[int, float]:
         """The metric of each seed."""
@@ -106,6 +106,7 @@ class Runs:
             float(max(below, above)),
             # Both one-sided tests have to succeed: each may fail in one of twenty.
             float(2 * t.ppf(0.95, n - 1) * error),
+            not {(dataset, arm), (dataset, reference)} & self._silent,
         )
 
 
@@ -121,6 +122,8 @@ def adjusted(comparisons: Sequence[Comparison]) -> list[Comparison]:
 
 def answer(comparison: Comparison) -> str:
     """What an adjusted comparison says, by the protocol's rules."""
+    if not comparison.answered:
+        return "not answered"
     if comparison.p < LEVEL:
         return "helps" if comparison.percent < 0 else "harms"
     return f"no effect beyond {MARGIN:g} %" if comparison.p_equivalent < LEVEL else "open"

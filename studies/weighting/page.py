@@ -142,9 +142,11 @@ def _forest(comparisons: Sequence[Comparison]) -> Figure:
         for each in (each for each in comparisons if each.dataset == name):
             place = rows.index((each.arm, each.reference, each.metric))
             ends = [each.percent - each.half, each.percent + each.half]
-            axes.plot(ends, [place, place], color="#0072B2", lw=1.8)
-            axes.plot(each.percent, place, color="#0072B2", marker="D", ms=4, ls="none")
+            color = "#0072B2" if each.answered else "#AAAAAA"
+            axes.plot(ends, [place, place], color=color, lw=1.8)
+            axes.plot(each.percent, place, color=color, marker="D", ms=4, ls="none")
         axes.grid(visible=False, axis="y")
+        axes.locator_params(axis="x", nbins=6)
     several = len({metric for *_, metric in rows}) > 1
     labels = [
         f"{arm} − {reference}" + f" ({metric.split()[0]})" * several

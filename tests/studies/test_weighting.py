@@ -95,7 +95,9 @@ def test_answers(tmp_path, mean, spread, says):
 def test_an_arm_with_too_many_dead_networks_answers_nothing(tmp_path):
     runs = runs_with(tmp_path, 0.45, 0.005, dead=2)
     assert runs.dead.rows() == [("zara2", "new", 2, 12)]
-    assert runs.compare("zara2", "new", "old") is None
+    found = runs.compare("zara2", "new", "old")
+    assert found.seeds == 10
+    assert answer(adjusted([found])[0]) == "not answered"
 
 
 def runs_with(tmp_path, mean, spread, dead):
