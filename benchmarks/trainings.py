@@ -29,8 +29,7 @@ def measure(options: Any) -> dict[str, Any]:
     """See the module."""
     from neurosym_jax.data.sources import open_source
     from neurosym_jax.training.loop import train
-    from neurosym_jax.training.network import named_network
-    from neurosym_jax.training.recipe import RECIPES, usual_recipe
+    from neurosym_jax.training.recipe import RECIPES, named_network, usual_recipe
 
     source, table = open_source(options.data), []
     parts = [source.recordings("zara1", part) for part in ("train", "val")]

@@ -17,7 +17,7 @@ These are all 24 seeds that were planned. On zara2, what symbols alone are worth
 the rules: 4 of their 24 networks do not react to enough neighbours. The other 20 gain 3.0 ± 0.8 %,
 all 24 gain 2.7 ± 0.8 %. The study sees small effects: where simulated people react to states with a
 twentieth of the full strength, the right weights lower the error by 5.8 ± 2.9 %. The first part
-could not ask about the papers' pooling, because its networks ignored their neighbours (dead ReLUs)."""
+could not ask about the papers' pooling: its networks ignored their neighbours (dead ReLUs)."""
 """Written by hand from the numbers; check it when they change."""
 
 TEXT = """# Does symbolic weighting help?
