@@ -14,15 +14,21 @@ from pathlib import Path
 from typing import Any
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.dashboard.dashboard import Dashboard, View
+from neurosym_robot import (
+    Dashboard,
+    LinkOptions,
+    Moments,
+    OnlineStitcher,
+    Predictor,
+    View,
+    load_models,
+)
 from neurosym_robot.dashboard.foxglove_view import FoxgloveView
-from neurosym_robot.dashboard.moments import Moments
 from neurosym_robot.online.pairs import AT_LEAST
-from neurosym_robot.online.predictor import Predictor, When, load_models
+from neurosym_robot.online.predictor import When
 from neurosym_robot.online.status import STALE_AFTER
 from neurosym_robot.ros.forecasting_node import ForecastingNode
 from neurosym_robot.ros.people import REACH, PeopleSource
-from neurosym_robot.tracking.stitching import LinkOptions, OnlineStitcher
 
 NAME = "neurosym_jax"  # of a node
 

@@ -16,12 +16,8 @@ import tyro
 from neurosym_jax.commands._options import refuse_unused
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.errors import InputWarning
+from neurosym_robot import Analytics, Predictor, ReplayFile, Status, View, read_frames, replay
 from neurosym_robot.commands._live_options import LiveOptions
-from neurosym_robot.dashboard.dashboard import ReplayFile, View
-from neurosym_robot.online.predictor import Predictor
-from neurosym_robot.online.replay import Analytics, replay
-from neurosym_robot.online.status import Status
-from neurosym_robot.ros.bags import read_frames
 from neurosym_robot.ros.forecasting_node import ForecastBag
 from neurosym_robot.ros.people import PeopleSource
 

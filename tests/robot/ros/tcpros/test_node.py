@@ -100,6 +100,7 @@ def test_closing_leaves_no_thread_and_no_registration_and_who_comes_again_is_fou
         nodes = [Node(f"node{n}", master.uri, lambda line: None) for n in range(2)]
         for node in nodes:
             publisher = node.advertise(CHATTER)
+            publisher.publish(b"nobody hears it")
             node.subscribe(CHATTER, lambda data, uri: heard.append(data))
         wait(lambda publisher=publisher: len(publisher.subscribers) == 2)
         publisher.publish(b"%d" % n)
