@@ -122,7 +122,8 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
     try:
         values = yaml.load(Path(path).read_text(encoding="utf-8"), _Texts)
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be read: {reason}") from None
     if not isinstance(values, dict):
         raise InputError(f"{path}: must have a line `option: value` for each option")
     flags = [flag.split() for _, flag, _ in every_option(options) if flag.startswith("--")]

@@ -10,6 +10,7 @@ the neighbour effect), `params.safetensors` (arrays by path, such as `params/mlp
 It is compared before any file is parsed.
 """
 
+import difflib
 import hashlib
 import json
 import os
@@ -27,7 +28,7 @@ from neurosym_jax.data.leakage import is_fingerprint
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_places import find_model
+from neurosym_jax.forecasting.model_places import RECOMMENDED, find_model, models_at_hand
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder
 
@@ -106,7 +107,10 @@ def load_model(
 
         return load_torch_checkpoint(path)
     if not os.path.exists(path):
-        raise InputError(f"{path}: no such checkpoint (`neurosym models` lists the models here)")
+        there = [RECOMMENDED, *(name for name, _ in models_at_hand())]
+        near = difflib.get_close_matches(str(path), there, 1)
+        hint = f"did you mean {near[0]}?" if near else "`neurosym models` lists the models here"
+        raise InputError(f"{path}: no such checkpoint ({hint})")
     try:
         return _read(path)
     except OSError as error:
