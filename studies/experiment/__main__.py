@@ -15,9 +15,8 @@ import tyro
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.runtime.process import enable_compilation_cache, tune
-from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults, simulate_labelled
+from neurosym_jax.simulation.scenarios import Scenario, simulate_labelled
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import STRAIGHT, Analytics, replay
 from neurosym_robot.ros.bags import BagWriter, read_people
@@ -26,14 +25,10 @@ from neurosym_robot.ros.messages import make_people
 from neurosym_robot.tracking.following import frames_of_tracks
 from neurosym_robot.tracking.stitching import NOBODY, OnlineStitcher
 from studies.experiment.report import write_report
-from studies.experiment.results import PEOPLE, Recording, Results, score
+from studies.experiment.results import FAULTS, MODELS, PEOPLE, SEEDS, Recording, score
 
 __all__ = ["experiment"]
 
-FAULTS = TrackerFaults(noise=0.02, dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
-"""Each person is lost every 20 s on average, for 1 s on average, and comes back under a new id."""
-STEPS = (8, 8)
-"""Observed and forecast, as the paper's models."""
 START = 1.7e9
 """Seconds, of the first message: a robot's clock counts from 1970."""
 MAX_PEOPLE = 4
@@ -41,61 +36,29 @@ STORAGES = (".bag", ".mcap", ".db3", ".bag")
 """Formats of the four bags; the chain is the same for all."""
 
 
-def experiment(
-    out: Path,
-    model_a: tuple[Path, ...] = (),
-    model_b: tuple[Path, ...] = (),
-    *,
-    seconds: float = 120.0,
-    seeds: tuple[int, int, int, int] = (1, 2, 3, 4),
-    samples: int = 20,
-) -> Path:
+def experiment(out: Path, *, seconds: float = 120.0, samples: int = 20) -> Path:
     """Simulate, record, forecast, score, and write the report; its path.
 
     Args:
         out: folder for report, figures and recordings; it must be new or empty.
-        model_a: models for scenario A; by default those that ship for zara1.
-        model_b: models for scenario B; by default those trained on THÖR that ship, else those of A.
         seconds: length of a recording.
-        seeds: of the recordings, two of A and two of B.
         samples: futures that each model draws.
 
     Raises:
-        InputError: for models that are not there, or a folder that holds something.
+        InputError: for a folder that holds something.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: already there, and nothing is overwritten")
-    model_a = model_a or _shipped("zara1")
-    if not model_a:
-        raise InputError("no shipped models in this installation: give --model-a")
-    chosen: dict[Scenario, tuple[Path, ...]] = {
-        "all-forward": model_a,
-        "cross-path": model_b or model_a,
-    }
-    recordings, latencies = [], {}
-    walks = iter(zip(seeds, STORAGES))
-    for scenario, paths in chosen.items():
-        models = load_models(paths)
-        if any((m.config.obs_len, m.config.pred_len) != STEPS for m in models.values()):
-            raise InputError(
-                f"the experiment's models observe {STEPS[0]} steps, forecast {STEPS[1]}"
-            )
-        here: list[Recording] = []
-        for number in (1, 2):
-            bag, people = _record(scenario, number, *next(walks), seconds, out)
-            here.append(_forecast(scenario, number, bag, people, models, samples))
-            print(f"{scenario} {number}: {len(here[-1].forecasts)} forecasts of {bag.name}")
-        latencies[scenario] = _latency(models, here[0], samples)
-        recordings += here
-    results = Results(seconds, seeds, samples, FAULTS, chosen, recordings, latencies)
-    return write_report(out, results)
-
-
-def _shipped(scene: str) -> tuple[Path, ...]:
-    """The SGAN and the NeuroSyM that ship for a scene, at 8 + 8; none if not both do."""
-    names = [f"{kind}_{scene}_8" for kind in ("sgan", "neurosym")]
-    paths = {path.name: path for path in shipped_models()}
-    return tuple(paths[name] for name in names) if paths.keys() >= set(names) else ()
+    models, recordings, latencies = load_models([Path(name) for name in MODELS]), [], {}
+    storages = iter(STORAGES)
+    for scenario, seeds in SEEDS.items():
+        for number, seed in enumerate(seeds, 1):
+            bag, people = _record(scenario, number, seed, next(storages), seconds, out)
+            recordings.append(_forecast(scenario, number, bag, people, models, samples))
+            done = len(recordings[-1].forecasts)
+            print(f"{scenario} {number}: {done} forecasts of {bag.name}")
+        latencies[scenario] = _latency(models, recordings[-2], samples)
+    return write_report(out, recordings, latencies, seconds)
 
 
 def _record(
@@ -142,17 +105,15 @@ def _forecast(
     )
 
 
-def _latency(
-    models: dict[str, Model], recording: Recording, samples: int
-) -> dict[str, dict[str, float]]:
-    """Milliseconds from a frame's arrival to its forecast, of each model alone."""
+def _latency(models: dict[str, Model], recording: Recording, samples: int) -> dict[str, float]:
+    """Median milliseconds from a frame's arrival to its forecast, of each model alone."""
     latencies = {}
     for name, model in models.items():
         predictor = Predictor({name: model}, samples=samples, max_people=MAX_PEOPLE)
         analytics, stitcher = Analytics(predictor), OnlineStitcher()
         events = replay(recording.frames, predictor, analytics, stitcher=stitcher)
         took = [1e3 * event.forecast.latency for event in events if event.forecast is not None]
-        latencies[name] = {f"p{p}": float(np.percentile(took, p)) for p in (50, 90, 99)}
+        latencies[name] = float(np.median(took))
     return latencies
 
 

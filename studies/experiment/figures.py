@@ -1,6 +1,5 @@
 """The figures of the robot experiment's report, a scenario at a time."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,15 +12,11 @@ from studies.experiment.results import Recording, complete, published
 
 __all__ = ["write_figures"]
 
-DOTS, COLOURS = 150, 96
-"""Dots per inch and colours of a PNG, so that each has a few tens of kilobytes."""
-
 
 def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
     """Write the figures of one scenario's recordings to `out / "figures"`; Markdown of each."""
-    from PIL import Image  # comes with matplotlib
-
     from neurosym_jax.plotting import plot_forecasts, plot_horizon_errors
+    from neurosym_jax.plotting.style import save_figure
     from neurosym_jax.plotting.tracks import plot_tracks
 
     first = recordings[0]
@@ -30,10 +25,7 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
 
     def add(kind: str, figure, caption: str) -> None:
         path = out / "figures" / f"experiment_{first.scenario}_{kind}.png"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, dpi=DOTS)
-        Image.open(buffer).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+        save_figure(figure, path)
         blocks.append(f"![{caption}](figures/{path.name})")
 
     mended = [
@@ -44,9 +36,7 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
         tracks_of_frames(iter(first.frames), "as the tracker named them"),
         tracks_of_frames(iter(mended), "stitched"),
     ]
-    caption = (
-        "Tracks of recording 1, a colour for each id: as the tracker named them, and stitched."
-    )
+    caption = "Recording 1 as the tracker named people, and stitched, a colour for each id"
     add("tracks", plot_tracks(tracks), caption)
     forecast = _median(first, names[-1])
     assert forecast.future is not None

@@ -1,7 +1,7 @@
 """The report of the experiment: tables, figures, and what the robot paper printed."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from neurosym_jax.runtime.process import run_environment
 from neurosym_jax.simulation.scenarios import Scenario
 from neurosym_robot.online.replay import STRAIGHT
 from studies.experiment.figures import write_figures
-from studies.experiment.results import Recording, Results
+from studies.experiment.results import FAULTS, MODELS, Recording
 
 __all__ = ["write_report"]
 
@@ -47,52 +47,56 @@ median error of NeuroSyM; the mean error of the published forecast at each step.
 TAIL = """<details markdown="1">
 <summary>Models and recordings</summary>
 
-{models} Each recording lasts {seconds:.0f} s. Latencies: each model alone, {latencies} (median);
+{models}. Each recording lasts {seconds:.0f} s. Latencies: each model alone, {latencies} (median);
 jax {jax}, {threads} threads of a CPU. Mghames, Castri, Hanheide and Bellotto, “neuROSym: Deployment
 and Evaluation of a ROS-based Neuro-Symbolic Model for Human Motion Prediction”, 2024.
 
 </details>"""
 
 
-def write_report(out: Path, results: Results) -> Path:
-    """Write `experiment.md` and `.json`, and the figures, to `out`; the page's path."""
-    found = results.recordings
-    raw, mended = np.mean([each.identity for each in found], axis=0)
+def write_report(
+    out: Path,
+    recordings: Sequence[Recording],
+    latencies: Mapping[Scenario, Mapping[str, float]],
+    seconds: float,
+) -> Path:
+    """Write `experiment.md` and `.json`, and the figures, to `out`; the page's path.
+
+    `latencies` are medians in milliseconds from a frame's arrival to its forecast, `seconds` the
+    length of a recording.
+    """
+    raw, mended = np.mean([each.identity for each in recordings], axis=0)
     medians = {
-        f"{NAMES[scenario][0]}, {name}": latency["p50"]
-        for scenario, models in results.latencies.items()
+        f"{NAMES[scenario][0]}, {name}": latency
+        for scenario, models in latencies.items()
         for name, latency in models.items()
     }
-    noise, latency = 100 * results.faults.noise, max(medians.values())
-    where = run_environment()
-    models = "; ".join(
-        f"{NAMES[scenario]}: {', '.join(f'`{path.name}`' for path in paths)}"
-        for scenario, paths in results.models.items()
-    )
+    noise, latency, where = 100 * FAULTS.noise, max(medians.values()), run_environment()
     blocks = [
         HEAD.format(raw=raw, mended=mended, latency=latency, noise=noise),
-        _errors(found),
+        _errors(recordings),
         NOTE,
         "## Stitching",
-        _chain(found),
+        _chain(recordings),
     ]
     for scenario, title in NAMES.items():
         blocks += [f"## Scenario {title}", FIGURES]
-        blocks += write_figures(out, [each for each in found if each.scenario == scenario])
+        blocks += write_figures(out, [each for each in recordings if each.scenario == scenario])
     texts = ", ".join(f"{name} {value:.1f} ms" for name, value in medians.items())
-    blocks.append(
-        TAIL.format(
-            models=f"{models}.",
-            seconds=results.seconds,
-            latencies=texts,
-            jax=where["jax"],
-            threads=where["threads"],
-        )
-    )
-    _write_json(out / "experiment.json", results)
-    page = out / "experiment.md"
-    write_text(page, "\n\n".join(blocks) + "\n")
-    return page
+    names = " and ".join(f"`{name}`" for name in MODELS)
+    blocks.append(TAIL.format(models=names, seconds=seconds, latencies=texts, **where))
+    data = [
+        {
+            "bag": each.bag.name,
+            "idf1": each.identity,
+            "scores": {name: dataclasses.asdict(score) for name, score in each.scores.items()},
+            "analytics": each.summary,
+        }
+        for each in recordings
+    ]
+    write_json(out / "experiment.json", {"environment": where, "recordings": data})
+    write_text(out / "experiment.md", "\n\n".join(blocks) + "\n")
+    return out / "experiment.md"
 
 
 def _errors(recordings: Sequence[Recording]) -> str:
@@ -128,24 +132,3 @@ def _chain(recordings: Sequence[Recording]) -> str:
             ]
         )
     return markdown_table(["recording", "ids", "IDF1", "people scored"], rows, right=3)
-
-
-def _write_json(path: Path, results: Results) -> None:
-    data = {
-        "environment": run_environment(),
-        "seeds": results.seeds,
-        "samples": results.samples,
-        "latency_ms": results.latencies,
-        "recordings": [
-            {
-                "scenario": each.scenario,
-                "number": each.number,
-                "bag": each.bag.name,
-                "idf1": each.identity,
-                "scores": {name: dataclasses.asdict(s) for name, s in each.scores.items()},
-                "analytics": each.summary,
-            }
-            for each in results.recordings
-        ],
-    }
-    write_json(path, data)

@@ -1,7 +1,6 @@
 """What the robot experiment measures: a recording's forecasts, and a model's errors on them."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,15 @@ from neurosym_robot.online.replay import straight
 from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import idf1
 
-__all__ = ["PEOPLE", "Recording", "Results", "Score", "complete", "published", "score"]
+__all__ = ["FAULTS", "MODELS", "PEOPLE", "SEEDS", "Recording", "Score", "complete", "published"]
+__all__ += ["score"]
 
 PEOPLE = 2
+MODELS = ("sgan_zara1_8", "neurosym_zara1_8")
+SEEDS: dict[Scenario, tuple[int, int]] = {"all-forward": (1, 2), "cross-path": (3, 4)}
+"""Of the two recordings of each scenario."""
+FAULTS = TrackerFaults(noise=0.02, dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
+"""Each person is lost every 20 s on average, for 1 s on average, and comes back under a new id."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,23 +72,6 @@ class Recording:
         people = np.concatenate(self.people)
         given = np.concatenate([frame.ids for frame in self.frames])
         return idf1(people, given), idf1(people, np.concatenate(self.mended))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Results:
-    """Results of all recordings, and how they were made."""
-
-    seconds: float
-    """Length of a recording."""
-    seeds: tuple[int, ...]
-    """Seeds of the recordings."""
-    samples: int
-    """Futures that each model drew."""
-    faults: TrackerFaults
-    models: Mapping[Scenario, Sequence[Path]]
-    recordings: Sequence[Recording]
-    latencies: Mapping[Scenario, Mapping[str, Mapping[str, float]]]
-    """Milliseconds from a frame's arrival to its forecast, by model and percentile."""
 
 
 def complete(forecasts: list[Forecast]) -> list[Forecast]:

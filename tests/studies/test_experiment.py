@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +13,6 @@ from studies.experiment import __main__ as of
 from studies.experiment.results import score
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
-
-SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
 
 
 @pytest.mark.slow
@@ -62,14 +59,3 @@ def test_scores_by_hand():
     assert score([forecast], None).fde == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(InputError, match="too short"):
         score([lonely], "m")
-
-
-def test_models_of_other_steps_are_refused(tmp_path):
-    models = (SHIPPED / "sgan_zara1_12",)
-    with pytest.raises(InputError, match="observe 8 steps, forecast 8"):
-        of.experiment(tmp_path / "new", models)
-
-
-def test_each_scenario_has_the_two_models_of_its_paper():
-    names = [[path.name for path in of._shipped(scene)] for scene in ("zara1", "thor")]
-    assert names == [["sgan_zara1_8", "neurosym_zara1_8"], []]
