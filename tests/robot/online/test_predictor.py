@@ -38,7 +38,8 @@ def stream(tracks):
 def test_frame_by_frame_equals_batches_of_windows(model):
     tracks = simulate("cross-path", 3, 12.0, people=5)
     models = {"sgan": model(), "neurosym": model("as_described", "ped")}
-    predictor = Predictor(models, samples=3, seed=7, recording=tracks.recording, max_people=8)
+    how = {"samples": 3, "seed": 7, "recording": tracks.recording, "compile": "needed"}
+    predictor = Predictor(models, max_people=8, **how)
     forecasts = [f for frame in stream(tracks) if (f := predictor.push(*frame)) is not None]
     assert len(forecasts) == len(np.unique(tracks.stamp)) - 12  # One with every frame.
     windows = cut_windows([resample(tracks, 0.4)], 4, 3)

@@ -46,7 +46,8 @@ def listen(classes, rate):
             row = {"topic": topic, "stamp": message.header.stamp.to_sec(), "steps": steps}
             row["late"] = time.time() - row["stamp"]
             row["frame"] = message.header.frame_id
-            print(json.dumps(row), flush=True)
+            # In one piece, as other threads print, too.
+            print(json.dumps(row) + "\n", end="", flush=True)
 
         return hear
 

@@ -177,7 +177,7 @@ def forecast_node(model):
             master = SlaveServer("127.0.0.1", {})
             stack.callback(master.close)
             uri = f"http://127.0.0.1:{master.server_address[1]}"
-            predictor = Predictor({"SGAN": model()}, samples=2, max_people=4)
+            predictor = Predictor({"SGAN": model()}, samples=2, max_people=4, compile="needed")
             node = ForecastNode(predictor, master=uri, **options)
             stack.callback(node.close)
             return node

@@ -126,7 +126,7 @@ class Graph:
     def start(self, *command, **more) -> Process:
         """A process in this graph."""
         log = self._folder / f"{time.monotonic_ns()}.txt"
-        process = Process(log, *command, env={**self.env, "PYTHONUNBUFFERED": "1", **more})
+        process = Process(log, *command, env={**self.env, **more})
         self._processes.callback(process.end)
         return process
 
