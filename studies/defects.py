@@ -68,9 +68,8 @@ def count(windows: Windows) -> np.ndarray:
 
 def pairs(windows: Windows) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
     """Chunks (k, l, real): [CHUNK, STEPS, 2] positions, of which the first `real` are pairs."""
-    first = [np.repeat(np.arange(a, b), b - a) for a, b in zip(windows.bounds, windows.bounds[1:])]
-    second = [np.tile(np.arange(a, b), b - a) for a, b in zip(windows.bounds, windows.bounds[1:])]
-    i, j = np.concatenate(first), np.concatenate(second)
+    people = [np.arange(*ends) for ends in zip(windows.bounds, windows.bounds[1:])]
+    i, j = (np.concatenate([of(p, len(p)) for p in people]) for of in (np.repeat, np.tile))
     i, j = i[i != j], j[i != j]
     observed = windows.position[:, :STEPS]
     for start in range(0, len(i), CHUNK):

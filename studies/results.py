@@ -70,7 +70,6 @@ Value = dict[str, Any]
 """A row of `summarise`."""
 COLUMNS = (*SCENES, "mean")
 ERRORS = {"joint": "joint ADE / FDE", "marginal": "marginal ADE / FDE"}
-
 SCORES = {"central_ade": "one guess, ADE", "energy_score": "energy score"}
 """What the small table has of 8 + 12 besides."""
 
