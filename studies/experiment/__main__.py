@@ -29,8 +29,7 @@ from studies.experiment.results import FAULTS, MODELS, PEOPLE, SEEDS, Recording,
 
 __all__ = ["experiment"]
 
-START = 1.7e9
-"""Seconds, of the first message: a robot's clock counts from 1970."""
+START = 1.7e9  # seconds, of the first message: a robot's clock counts from 1970
 MAX_PEOPLE = 4
 STORAGES = (".bag", ".mcap", ".db3", ".bag")
 """Formats of the four bags; the chain is the same for all."""
