@@ -118,7 +118,7 @@ networks comes from hotel and eth, and eth's intervals are wide.
 
 What it does not do: {not_best}
 
-SGAN trained here uses its neighbours now, but on univ it is behind constant velocity. Forecast
+SGAN trained here is behind constant velocity on univ. Forecast
 people collide more often than real ones."""
 """Written by hand from the numbers but for `not_best`; check it when they change."""
 
@@ -209,7 +209,7 @@ def _means(rows: Sequence[dict[str, Any]]) -> str:
         lines += [[name, *cells]] if means else []
     head = [f"8 + {steps}, {kind}" for steps in (8, 12) for kind in ERRORS]
     heads = (f"8 + 12, {words}" for words in SCORES.values())
-    return markdown_table(["", *head, *heads], lines, right=6)
+    return markdown_table(["model", *head, *heads], lines, right=6)
 
 
 def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[list[str]]:
