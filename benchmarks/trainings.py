@@ -68,7 +68,8 @@ def draw(path: Path) -> None:
     )
     kinds = ("joint_ade", "marginal_ade")
     # Five trainings of a data set count as one.
-    means = rows.group_by("model", "dataset").mean().group_by("model").agg(pl.col(kinds).mean())
+    means = rows.group_by("model", "dataset").agg(pl.col(kinds).mean())
+    means = means.group_by("model").agg(pl.col(kinds).mean())
     figure, grid = new_figure(WIDTH, 2.4, columns=2, sharex=True)
     looks = model_looks([*seconds, "constant velocity"])
     for axes, kind in zip(grid[0], kinds):
@@ -76,7 +77,8 @@ def draw(path: Path) -> None:
         for name, took in seconds.items():
             axes.plot(took, errors[name], "o", color=looks[name]["color"])
             words: dict[str, Any] = {"textcoords": "offset points", "size": SMALL}
-            at, side = ((0, 6), "right") if name == RELEASED else ((7, -3), "left")
+            side = "right" if name == RELEASED else "center"
+            at = (0, -13 if name == "anchors" else 6)
             axes.annotate(name, (took, errors[name]), at, ha=side, **words)
         still = errors["constant velocity"]
         axes.axhline(still, **looks["constant velocity"], linewidth=0.8)
