@@ -9,7 +9,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.errors import InputError
 from neurosym_jax.models import Generator
 from neurosym_jax.models.config import GeneratorConfig
-from neurosym_jax.models.neurosym import _DescribedNetwork, _EncounterNetwork, _RosNetwork
+from neurosym_jax.models.neurosym import (
+    _DescribedNetwork,
+    _EncounterNetwork,
+    _IjcnnNetwork,
+    _RosNetwork,
+)
 from neurosym_jax.models.pooling import PoolNetwork, _GridNetwork
 from neurosym_jax.scene import make_scene
 from tests.networks import random_params
@@ -163,3 +168,15 @@ def test_a_turned_scene_has_turned_pushes_and_the_same_numbers(encounter):
     pushes = encounter()[:, : SOCIAL // 2].reshape(N, -1, 2) @ turn.T
     assert_allclose(turned[:, : SOCIAL // 2].reshape(pushes.shape), pushes, atol=1e-4)
     assert_allclose(turned[:, SOCIAL // 2 :], encounter()[:, SOCIAL // 2 :], atol=1e-4)
+
+
+def test_the_ijcnn_release_has_one_maximum_over_all_but_padding():
+    network, there = _IjcnnNetwork(T, E, H, 9, B), np.arange(N) < N - 2
+    rows = ALPHA[0]
+    params = network.init(jax.random.key(2), HIDDEN, ALL, rows)
+    found = network.apply(params, HIDDEN, there, rows)
+    weights = params["params"]
+    embedded = (rows[..., None] * weights["spatial_embedding"]["bias"]).reshape(N, -1)
+    each = relu_layers(np.concatenate([embedded, HIDDEN], axis=1), weights["mlp"])
+    assert each[~there].max() > each[there].max()
+    assert_allclose(found, np.tile(each[there].max(axis=0), (N, 1)), rtol=1e-5)
