@@ -18,16 +18,19 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import docstring_parser
 import yaml
+from tyro.conf import OmitArgPrefixes, Positional
 
 from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.sources import Source, Synthetic, open_source
 from neurosym_jax.errors import InputError
 from neurosym_jax.plugins import loaded
 
-__all__ = ["description", "every_option", "given", "open_data", "options_text", "refuse_given"]
-__all__ += ["refuse_unused", "short_help", "with_file"]
+__all__ = ["Positional", "Reading", "description", "every_option", "given", "open_data"]
+__all__ += ["options_text", "refuse_given", "refuse_unused", "short_help", "with_file"]
 
 PLUGIN = "--plugin FILE.py|MODULE"
+Reading = Annotated[ReadOptions, OmitArgPrefixes]
+"""How a command reads recordings: each field is an option of the command."""
 
 
 def short_help(command: Callable[..., Any], prog: str) -> str:

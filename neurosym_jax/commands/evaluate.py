@@ -4,13 +4,11 @@ import contextlib
 import dataclasses
 import sys
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
-import tyro
-
-from neurosym_jax.commands._options import open_data, refuse_unused
+from neurosym_jax.commands._options import Reading, open_data, refuse_unused
 from neurosym_jax.configuration import Count, Seed, refuse
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.sources import EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
@@ -80,7 +78,7 @@ class Options:
     test_on: tuple[str, ...] = ()
     """Recordings to test on, by file name, as one test set; models are not checked for having been
     trained on them."""
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    read: Reading = AS_IT_SAYS
     """How files are read."""
     obs_len: int | None = None
     """Number of observed steps; default: the model's, else 8."""

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 import numpy as np
 import tyro
 
-from neurosym_jax.commands._options import refuse_given
+from neurosym_jax.commands._options import Positional, Reading, refuse_given
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.tracks import GAP, Tracks, on_grid
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning, printable
@@ -19,11 +19,11 @@ __all__ = ["describe", "run"]
 
 
 def run(
-    path: Annotated[Path, tyro.conf.Positional],
+    path: Positional[Path],
     figure: Path | None = None,
     underlay: Annotated[tuple[Path, Path] | None, tyro.conf.arg(metavar="IMAGE HOMOGRAPHY")] = None,
     style: Literal["paper", "talk"] = "paper",
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS,
+    read: Reading = AS_IT_SAYS,
 ) -> int:
     """Summarise a recording, or every recording in a folder.
 

@@ -7,14 +7,13 @@ JSON lines.
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-import tyro
 
-from neurosym_jax.commands._options import open_data, refuse_given
+from neurosym_jax.commands._options import Positional, Reading, open_data, refuse_given
 from neurosym_jax.configuration import Count, Seed, component, refuse
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
@@ -38,7 +37,7 @@ SAMPLES, CROWD = 20, 5
 
 
 def run(
-    data: Annotated[Path | None, tyro.conf.Positional] = None,
+    data: Positional[Path | None] = None,
     dataset: str | None = None,
     window: int | None = None,
     weighting: str | None = None,
@@ -48,7 +47,7 @@ def run(
     seed: int = 0,
     out: Path = Path("results/symbols"),
     style: Literal["paper", "talk"] = "paper",
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS,
+    read: Reading = AS_IT_SAYS,
 ) -> None:
     """Show the QTC symbols and weights of a recording, and of one of its scenes.
 

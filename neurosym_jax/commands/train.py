@@ -5,14 +5,12 @@ import dataclasses
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-import tyro
-
-from neurosym_jax.commands._options import open_data, options_text, refuse_unused
+from neurosym_jax.commands._options import Reading, open_data, options_text, refuse_unused
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import shared_shapes
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import Tracks, describe_readings, on_grid
 from neurosym_jax.data.windows import Windows, cut_windows, make_batches
@@ -78,7 +76,7 @@ class Options:
     """Recordings to validate on, by file name; needed with --train-on."""
     train_also: tuple[Path, ...] = ()
     """Additional recordings to train on, each a file or a folder of them."""
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    read: Reading = AS_IT_SAYS
     """How files are read."""
     out: Path | None = None
     """Folder of the run; default: runs/ and a name made of the options."""

@@ -9,12 +9,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-import tyro
-
-from neurosym_jax.commands._options import refuse_unused
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.commands._options import Positional, Reading, refuse_unused
+from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.errors import InputWarning
 from neurosym_robot import Analytics, Predictor, ReplayFile, Status, View, read_frames, replay
 from neurosym_robot.commands._live_options import LiveOptions
@@ -26,9 +24,9 @@ from neurosym_robot.ros.people import PeopleSource
 class Options(LiveOptions):
     """Forecast a recording frame by frame, and score the forecasts."""
 
-    recording: Annotated[Path, tyro.conf.Positional]
+    recording: Positional[Path]
     """A bag (ROS 1 `.bag`; folder, `.db3` or `.mcap` of ROS 2), or a file of tracks."""
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    read: Reading = AS_IT_SAYS
     """How the recording is read."""
     rate: float | Literal["max"] | None = None
     """Speed: 1 is real time (default with --dashboard), max does not wait (default otherwise)."""

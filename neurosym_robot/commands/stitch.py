@@ -3,15 +3,13 @@
 import dataclasses
 import os
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-import tyro
 
-from neurosym_jax.commands._options import refuse_unused
+from neurosym_jax.commands._options import Positional, Reading, refuse_unused
 from neurosym_jax.configuration import Positive, refuse
 from neurosym_jax.data.formats import read_any
-from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
+from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.runtime import files
@@ -22,7 +20,7 @@ from neurosym_robot.tracking.stitching import LinkOptions, stitch
 class Options:
     """Join the tracks of one person that occlusions broke; write rows `frame ped x y`."""
 
-    tracks: Annotated[Path, tyro.conf.Positional]
+    tracks: Positional[Path]
     """A recording of any format in docs/data.md."""
     out: Path
     """File to write; nothing is overwritten."""
@@ -33,7 +31,7 @@ class Options:
     """Fill gaps of up to this many seconds."""
     links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
     """When two tracks are joined."""
-    read: Annotated[ReadOptions, tyro.conf.OmitArgPrefixes] = AS_IT_SAYS
+    read: Reading = AS_IT_SAYS
     """How the file is read."""
 
 
