@@ -4,8 +4,9 @@ Both models forecast the same scenes with the same noise, so their errors are co
 scene. Two things make the difference uncertain:
 
 - the test scenes: others would have given other errors. Bootstrap; neighbouring windows share most
-  of their steps, so the units drawn are blocks of as many start frames as a window has steps.
-  Windows at the border of two blocks share steps all the same (see docs/evaluate.md).
+  of their steps, so a block is of as many start frames as a window has steps, and because windows
+  of neighbouring blocks share steps too, stretches of three blocks are drawn (the moving blocks of
+  Künsch, Ann. Stat. 1989).
 - the training seeds: other initialisations would have given other models. Runs of one seed on
   several test sets are good or bad together, so they are averaged over test sets first, and
   Student's t is of the seeds' means. A bootstrap over seeds stands beside it; three seeds drawn
@@ -28,6 +29,8 @@ __all__ = ["Difference", "ErrorsByScene", "holm", "mean_difference"]
 __all__ += ["paired_difference", "student_half"]
 
 RESAMPLES = 4000
+STRETCH = 3
+"""Blocks drawn together, where there are five times as many."""
 Interval = tuple[float, float]
 """95 % interval, in the metric's unit."""
 
@@ -149,10 +152,14 @@ def student_half(values: Sequence[float]) -> float:
 
 
 def _drawn(errors: ErrorsByScene, seed: int = 0) -> np.ndarray:
-    """[RESAMPLES, blocks] how often each block is drawn."""
+    """[RESAMPLES, blocks] how often each block is drawn; the first follows on the last."""
     count = int(errors.blocks.max()) + 1
+    length = min(max(count // 5, 1), STRETCH)
+    # One stretch less than there are, as a variance is divided by n - 1.
+    stretches = max(count // length - 1, 1)
     draw = np.random.default_rng(seed)
-    return draw.multinomial(count, np.full(count, 1 / count), RESAMPLES)
+    first = draw.multinomial(stretches, np.full(count, 1 / count), RESAMPLES)
+    return sum((np.roll(first, i, axis=1) for i in range(length)), np.zeros_like(first))
 
 
 def _resampled(run: ErrorsByScene, drawn: np.ndarray) -> np.ndarray:
