@@ -45,8 +45,8 @@ finding:** train three or more."""
 INTERVALS = """\
 Differences are the model's metric less the reference's, on the same scenes with the same noise and
 seed: for errors, below 0 is better. In brackets is the 95 % interval: test scenes resampled in
-blocks of as many start frames as a window has steps, and the mean over seeds drawn from Student's
-t. Bold where it leaves out 0. The mean weighs the test sets equally."""
+stretches of blocks, and the mean over seeds drawn from Student's t. Bold where it leaves out 0. The
+mean weighs the test sets equally."""
 
 Runs = dict[tuple[str, str], dict[int, ErrorsByScene]]
 """By model and test set, then by training seed."""
