@@ -2,11 +2,11 @@
 
 PUBLISHED is sgan-20v/*.pt sgan-20vp/*.pt, where `neurosym download sgan-checkpoints` put them.
 Trainings that differ in their seed become one row: RUNS has five of each `anchors`, by `neurosym
-train --model anchors --dataset eth --pred-len 8 --seed 1` and so on; those of seed 0 ship. Rows of
-published networks may be kept from an earlier evaluation.
+train --model anchors --dataset eth --pred-len 8 --seed 1` and so on, and three of SGAN and NeuroSyM
+for eth and zara1 (`--steps 5000`); those of seed 0 ship.
 
 python evaluate.py --data DATA --seeds 5 --metrics energy_score central_ade neighbour_share \\
-    --checkpoint checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/anchors_*_seed[0-4] PUBLISHED \\
+    --checkpoint checkpoints/{anchor_table,n,s}*_[ehuz]*_* RUNS/*_seed[0-4] PUBLISHED \\
     --json docs/results.json
 python evaluate.py --data DATA --seeds 5 --protocol joint-metrics \\
     --checkpoint checkpoints/*_[ehuz]*_12 sgan-20v*/*_12_model.pt \\
@@ -185,7 +185,8 @@ def _by_name(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Value]]
         any_value = next(iter(values.values()))
         path = any_value["checkpoint"] or ""
         names = [name for place, name in PLACES.items() if path.startswith(place)]
-        found.setdefault([*names, any_value["model"]][0], []).append(values)
+        name, count = [*names, any_value["model"]][0], any_value["trainings"]
+        found.setdefault(f"{name}, {count} trainings" if count > 1 else name, []).append(values)
     return found
 
 
@@ -217,21 +218,18 @@ def _lines(rows: Sequence[dict[str, Any]], kinds: Sequence[str]) -> Iterator[lis
             "mean" if line["joint_ade"]["sets"] > 1 else line["joint_ade"]["dataset"]: line
             for line in lines
         }
-        any_value = lines[0]["joint_ade"]
-        count = any_value["trainings"]
-        shown = f"{name}, {count} trainings" if count > 1 else name
-        steps = f"8 + {any_value['pred_len']}"
+        steps = f"8 + {lines[0]['joint_ade']['pred_len']}"
         for kind in kinds:
             cells = {
                 scene: " / ".join(_text(line[f"{kind}_{e}"]) for e in ("ade", "fde"))
                 for scene, line in of.items()
             }
-            yield [shown, steps, ERRORS[kind], *(cells.get(each, "") for each in COLUMNS)]
+            yield [name, steps, ERRORS[kind], *(cells.get(each, "") for each in COLUMNS)]
         for metric in ("energy_score", "collision_rate"):
             if any(line.get(metric, {}).get("mean") is not None for line in of.values()):
                 cells = {scene: _text(line[metric]) for scene, line in of.items()}
                 words = metric.replace("_", " ")
-                yield [shown, steps, words, *(cells.get(each, "") for each in COLUMNS)]
+                yield [name, steps, words, *(cells.get(each, "") for each in COLUMNS)]
 
 
 def _printed(cells: Mapping[str, Any]) -> list[str]:
