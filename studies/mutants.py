@@ -3,9 +3,11 @@
 python -m studies.mutants --seed 0 --count 40 --out mutants.jsonl
 
 The seed draws mistakes from the lines of five packages: another sign, comparison, bound or
-constant, swapped arguments, an omitted `not`. `tests/PACKAGE`, but for slow ones, and the stored
-forecasts run in a copy of the last commit until the first failure, or for five times as long as
-without a mistake. The file has a line for each, so a study can be resumed, or made longer.
+constant, swapped arguments, an omitted `not`. `tests/PACKAGE`, but for slow ones, the rules of
+the architecture and the stored forecasts run in a copy of the last commit until the first failure,
+or for five times as long as without a mistake. The file has a line for each, so a study can be
+resumed, or made longer. A person who finds that a survivor changes nothing writes the reason into
+its line as `"equivalent"`; the table counts these, and the other survivors are listed below it.
 """
 
 import argparse
@@ -14,10 +16,10 @@ import copy
 import json
 import os
 import random
+import resource
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -49,16 +51,17 @@ def main(arguments: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         (place := Path(folder, "copy")).mkdir()
         subprocess.run(f"git archive HEAD | tar x -C {place}", shell=True, cwd=ROOT, check=True)
-        usual: dict[str, float] = {}
+        usual: dict[str, int] = {}
         for package, file, at, before, after, text in drawn[: options.count]:
             if (file, at, after) in known:
                 continue
             if package not in usual:
-                failed, usual[package] = _tests_fail(place, package, None)
+                failed, usual[package] = _tests_fail(place, package, 3600)
                 assert not failed, f"tests/{package} fail without a mistake"
             whole = (place / file).read_text()
             (place / file).write_text(text)
-            failed, seconds = _tests_fail(place, package, 60 + 5 * usual[package])
+            limit = 60 + 5 * usual[package]
+            failed, seconds = _tests_fail(place, package, limit, Path(file).stem)
             (place / file).write_text(whole)
             facts = {"file": file, "at": at, "before": before, "after": after}
             planted.append({"package": package, **facts, "killed": failed, "seconds": seconds})
@@ -68,8 +71,14 @@ def main(arguments: list[str]) -> None:
     rows = []
     for package in PACKAGES:
         found = [each["killed"] for each in planted if each["package"] == package]
-        rows.append([package, str(len(found)), str(sum(found))])
-    print(markdown_table(["package", "planted", "noticed"], rows, right=2))
+        argued = [each for each in planted if each["package"] == package and "equivalent" in each]
+        if found:
+            rows.append([package, *map(str, (len(found), sum(found), len(argued)))])
+    print(markdown_table(["package", "planted", "noticed", "equivalent"], rows, right=3))
+    for each in planted:
+        if not each["killed"]:
+            why = each.get("equivalent", "no test notices it")
+            print("{file}:{at}: {before} -> {after}: ".format(**each) + why)
 
 
 def _mistakes() -> Iterator[tuple[str, str, str, str, str, str]]:
@@ -130,22 +139,29 @@ def _replaced(text: str, node: Any, by: str) -> str:
     return (whole[:start] + by.encode() + whole[end:]).decode()
 
 
-def _tests_fail(place: Path, package: str, limit: float | None) -> tuple[bool, float]:
-    """Whether the tests of `package` fail, or take longer than `limit`; and the seconds taken."""
+def _tests_fail(place: Path, package: str, limit: int, first: str = "") -> tuple[bool, int]:
+    """Whether the tests of `package` fail or take more than `limit` seconds; and those taken.
+
+    Seconds are the processor's, for others may have it, too. The test file `first` begins.
+    """
     caches = place.parent / "caches"
     environment = {**os.environ, "PYTHONPATH": str(place), "PYTHONDONTWRITEBYTECODE": "1"}
     # As in a worker of pytest-xdist, programs are compiled once for all runs.
     environment |= {"PYTEST_XDIST_WORKER": "mutants", "XDG_CACHE_HOME": str(caches)}
     environment |= {"JAX_COMPILATION_CACHE_DIR": f"{caches}/xla", "NEUROSYM_DATA": f"{caches}/data"}
-    stored = ["tests/test_golden.py"] if package in ("symbolic", "models", "forecasting") else []
+    shared = os.environ.get("NEUROSYM_SHARED", ROOT.parent / "shared")  # As for the suite here.
+    environment["NEUROSYM_SHARED"] = str(shared)
+    own = f"tests/{package}/test_{first}.py"
+    tests = [own] * (place / own).exists() + [f"tests/{package}", "tests/test_architecture.py"]
+    tests += ["tests/test_golden.py"] * (package in ("symbolic", "models", "forecasting"))
     command = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider"]
-    command += ["-m", "not slow and not exhaustive", *stored, f"tests/{package}"]
-    since, how = time.perf_counter(), {"cwd": place, "env": environment, "capture_output": True}
-    try:
-        failed = subprocess.run(command, timeout=limit, **how).returncode != 0
-    except subprocess.TimeoutExpired:
-        failed = True
-    return failed, round(time.perf_counter() - since, 1)
+    command += ["-m", "not slow and not exhaustive", *tests]
+    limited = ["bash", "-c", f'ulimit -t {limit}; exec timeout {10 * limit} "$@"', "", *command]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(limited, cwd=place, env=environment, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return done.returncode != 0, round(seconds)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Who may import what (docs/architecture.md): read from the source, so that no path is missed."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -115,3 +116,6 @@ def test_files_are_short_and_say_what_they_are():
             assert ast.get_docstring(ast.parse(text)), f"{path}: no docstring"
         assert text.count("\n") <= 300, f"{path}: more than 300 lines"
         assert path.stem not in ("utils", "misc", "helpers", "common")
+        assert not re.search(r"@dataclasses\.dataclass(?!\(frozen=True)", text), (
+            f"{path}: not frozen"
+        )

@@ -113,7 +113,7 @@ class Table:
         self.refuse(_missing(texts).to_numpy(), lambda at: f"the id is missing ({texts[at]!r})")
         unique = texts.unique(maintain_order=True)
         real = unique.cast(pl.Float64, strict=False)
-        if ((real.round() == real) & (real.abs() <= 2.0**53)).fill_null(False).all():
+        if ((real.round() == real) & (real.abs() < 2.0**53)).fill_null(False).all():
             number = real.cast(pl.Int64)
         else:
             number = unique.rank("ordinal").cast(pl.Int64) - 1

@@ -23,7 +23,7 @@ def heading_of(velocity: Array, slow: float) -> Array:
 
     Tracking noise of a standing person gives a random direction; this one fades out instead.
     """
-    return velocity / jnp.sqrt(jnp.square(velocity).sum(-1, keepdims=True) + slow**2)
+    return velocity / length(velocity, slow)[..., None]
 
 
 def turned(vector: Array, heading: Array, sign: int) -> Array:

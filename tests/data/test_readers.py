@@ -74,6 +74,11 @@ FILES = {
         ReadOptions(fps=12.5),
         ([4, 4], [0.8, 1.6], [[1, 2], [1.5, 2]]),
     ),
+    "ids that are no float64": (
+        "t,id,x,y\n0,9007199254740993,1,2\n0,9007199254740992,3,4\n",
+        AS_IT_SAYS,
+        ([0, 1], [0, 0], [[3, 4], [1, 2]]),
+    ),
     "blanks": (lines("{} {} {} {}", 6), AS_IT_SAYS, UNTIDY),
     "tabs": (lines("{}\t{}\t{}\t{}\t", end="\r\n"), AS_IT_SAYS, UNTIDY),
     "commas": ("\ufeff# frame ped x y\n\n" + lines("{}, {}, {}, {}"), AS_IT_SAYS, UNTIDY),

@@ -13,7 +13,9 @@ from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands.download import published_files, run
 from neurosym_jax.data.sources import EthUcy, Synthetic, find, open_source
+from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
+from neurosym_jax.simulation import scenarios
 
 
 def test_each_file_is_a_scene(tmp_path):
@@ -51,6 +53,18 @@ def test_leave_one_recording_out(tmp_path):
         "val": {"a": [4, 4.5], "c": [204, 204.5], "d": [2]},
         "test": {"b": [100 + n / 2 for n in range(10)]},
     }
+
+
+def test_simulations_of_each_split_have_their_own_seeds(monkeypatch):
+    seeds = {"test": [0, 1], "val": [100, 101], "train": [*range(200, 208)]}
+    walk = make_tracks("walk", [0, 0.2, 0.4], [1] * 3, [[0, 0]] * 3)
+    seen = []
+    monkeypatch.setattr(scenarios, "simulate", lambda *how: seen.append(how) or walk)
+    for split, wanted in seeds.items():
+        seen.clear()
+        found = Synthetic().recordings("cross-path", split)
+        assert seen == [("cross-path", seed) for seed in wanted]
+        assert {len(tracks.id) for tracks in found} == {2}
 
 
 @pytest.mark.parametrize(

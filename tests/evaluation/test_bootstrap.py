@@ -90,6 +90,15 @@ def test_the_mean_is_of_the_seeds_that_every_test_set_has():
         mean_difference([of_values([1], (0,)), of_values([1], (1,))])
 
 
+def test_where_nothing_was_counted_the_mean_is_0():
+    """Nobody has a neighbour in one of two blocks, and a quarter of the draws are of that alone."""
+    identity = np.array([[0, 0], [0, 16]], np.uint32)
+    score = Score(np.array([3.0, 0.0]), np.array([2, 0]))
+    errors = ErrorsByScene({"neighbour_move": score}, identity, 16)
+    assert errors.mean == 1.5
+    assert errors.intervals() == {"neighbour_move": (0, 1.5)}
+
+
 def test_students_interval_and_holm_by_hand():
     # Two degrees of freedom: 4.303.
     assert student_half([1.0, 2.0, 3.0]) == pytest.approx(4.302653 / np.sqrt(3), rel=1e-6)

@@ -13,6 +13,7 @@ from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
 from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.scene import make_scene
 from tests.networks import random_model
 
 
@@ -260,6 +261,23 @@ def test_a_living_pooling_moves_people_and_a_dead_one_nobody(changes):
     share, near, move = effect(-1e4, **changes)
     assert share == near == 0
     assert move < 1e-5
+
+
+def test_moves_by_hand():
+    """Two samples of two steps; the second person is alone within 2 m, the third is padding."""
+    moves = np.zeros((2, 3, 2, 2))
+    moves[0, 0], moves[1, 0] = [[0.0, 0.3], [3, 4]], [[0, 0], [0, 1]]
+    moves[0, 1], moves[:, 2] = [[2e-3, 0], [0, 0]], 9
+    seen = np.array([[0.0, 0], [2.1, 0], [0, 0]])[:, None]
+    case = make_scene(np.repeat(seen, 2, axis=1)).replace(valid=np.array([True, True, False]))
+    move, company = formulas.neighbour_move(moves, case)
+    assert_allclose(move[:2], [3, 0])
+    share, same = formulas.neighbour_share(moves, case)
+    assert share.tolist() == [True, True, True]
+    assert company.tolist() == same.tolist() == [True, True, False]
+    for apart, near in ((2.1, False), (1.9, True)):
+        beside = case.replace(observed=case.observed * apart / 2.1)
+        assert formulas.neighbour_near(moves, beside)[1].tolist() == [near, near, False]
 
 
 def test_a_baseline_sees_nobody():

@@ -191,6 +191,22 @@ def test_a_table_fits_the_terminal():
     assert lines[-1].startswith("*: significantly better than all others")
 
 
+def test_columns_that_do_not_fit_are_in_further_tables():
+    """As many as fit, at least one: with names of 5 characters ADE and k take 5 + 13 + 4."""
+    rows = rows_frame([row("SGAN", "eth", 0.3)])
+    ade, people, k, rate, delay = every = ["ADE", "in collision", "k", "a second", "in ms"]
+    for width, tables in (
+        (1, [[name] for name in every]),
+        (21, [[ade], [people], [k, rate], [delay]]),
+        (22, [[ade, k], [people], [rate], [delay]]),
+        (99, [every]),
+    ):
+        for whole in (True, False):
+            lines = format_table(rows, width=width, whole=whole).splitlines()
+            heads = [re.split(r"  +", line)[1:] for line in lines if line.startswith("model ")]
+            assert heads == (tables if whole else tables[:1])
+
+
 def test_markdown_marks_the_best_and_keeps_its_cells_apart():
     text = format_table(rows_frame(ROWS), "markdown")
     assert "| eth | SGAN (3 trainings) | 20 | **0.210** [0.185, 0.235] |" in text

@@ -46,6 +46,33 @@ def test_padding_changes_nothing_and_people_have_no_order(network, people):
     assert jnp.ptp(log_probability) > 0.1
 
 
+def test_neighbours_that_are_listed_are_those_of_all_pairs(network, people):
+    """As in a crowd, where `near` has fewer columns than there are people."""
+    apply, _ = network
+    present = jnp.arange(6) < 5
+    near = jnp.array([[other for other in range(6) if other != each] for each in range(6)])
+    listed, log_probability = apply(people, present, None, 0.0, near)
+    forecast, same = apply(people, present)
+    np.testing.assert_allclose(listed[:, :5], forecast[:, :5], atol=1e-4)
+    np.testing.assert_allclose(log_probability, same, atol=1e-5)
+
+
+def test_untrained_samples_scatter_about_constant_velocity_and_are_almost_straight():
+    walk = jnp.array([[0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.4, 3.1]])[..., None] * jnp.array([1.0, 0.0])
+    table = AnchorTable(AnchorTableConfig(samples=1000))
+    forecast = jax.jit(lambda key: table.init_with_output(key, walk)[0][0])(jax.random.key(0))[:, 0]
+    # 0.8 of the last step and 0.2 of the mean of three.
+    np.testing.assert_allclose(forecast[0, :, 0] - 3.1, 0.66 * np.arange(1, 9), atol=1e-5)
+    wanted = np.hypot(0.25 * 0.5 * 8, 0.1)
+    np.testing.assert_allclose(jnp.std(forecast[:, -1], axis=0), wanted, rtol=0.1)
+    network = AnchorNetwork(AnchorConfig(samples=1000, hidden=8, geometry=False))
+    params = jax.jit(network.init)(jax.random.key(1), walk, VALID[:1])["params"]
+    for name, scale in (("anchor", 0.25), ("still", 0.1)):
+        np.testing.assert_array_equal(params[name][0], 0)
+        size = jnp.std(params[name], axis=(0, 2)) / scale
+        np.testing.assert_allclose(size, [1, 0.1, 0.1, 0.1, 0.1], rtol=0.1)
+
+
 def test_forecasts_move_with_the_scene_and_those_of_walkers_turn_with_it(network, people):
     apply, params = network
     shifted, _ = apply(people + jnp.array([5.0, -3.0]), VALID)

@@ -15,7 +15,7 @@ from neurosym_jax.models.neurosym import (
     _IjcnnNetwork,
     _RosNetwork,
 )
-from neurosym_jax.models.pooling import PoolNetwork, _GridNetwork
+from neurosym_jax.models.pooling import PoolNetwork, _GridNetwork, _leaking_relu
 from neurosym_jax.scene import make_scene
 from tests.networks import random_params
 
@@ -123,6 +123,14 @@ def test_gradients_where_people_coincide(module, valid):
     gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2, 3)))(params, hidden, 0 * OBSERVED, ALPHA)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(gradients))
     assert any(leaf.any() for leaf in jax.tree.leaves(gradients[0]))
+
+
+def test_units_that_are_not_above_0_get_a_share_of_the_gradients_that_raise_them():
+    unit = jnp.array([-1.0, 0.0, 2.0])
+    value, pull = jax.vjp(_leaking_relu, unit, jnp.float32(0.1))
+    assert_array_equal(value, [0, 0, 2])
+    for sign, wanted in ((-1.0, [-0.1, -0.1, -1]), (1.0, [0, 0, 1])):
+        assert_allclose(pull(jnp.full(3, sign))[0], wanted)
 
 
 def test_a_missing_alpha_is_named():
