@@ -142,9 +142,10 @@ def changed(config: Config, changes: Sequence[str], option: str, source: str) ->
     fields = to_json(config)
     for change in changes:
         path, equals, text = change.partition("=")
-        outer, _, key = path.rpartition(".")
-        node: Any = fields.get(outer) if outer else fields
-        if not equals or not isinstance(node, dict) or key not in node or key == "kind":
+        outer, dot, key = path.rpartition(".")
+        node: Any = fields.get(outer) if dot else fields
+        kind = key == "kind" and _table(_hints(type(config)).get(outer)) is not None
+        if not equals or not isinstance(node, dict) or key not in node or kind:
             own = [f"{outer}.{each}" for each in node] if outer and isinstance(node, dict) else []
             known = ", ".join([*fields, *own])
             raise InputError(f"{option} {change}: must be NAME=VALUE, where NAME is one of {known}")

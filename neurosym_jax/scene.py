@@ -105,6 +105,7 @@ def make_scene(
         if len(future) != len(observed):
             raise InputError(f"future has {len(future)} agents but observed has {len(observed)}")
         future = relative_positions(future, origin).astype(dtype)
+    refuse_masked(extras)
     others = {name: np.asarray(values) for name, values in extras.items()}
     for name, values in others.items():
         if values.shape[:1] != observed.shape[:1]:
@@ -173,14 +174,24 @@ def to_world(positions: ArrayLike, scene: Scene) -> np.ndarray:
     return np.asarray(positions, np.float64) + np.asarray(scene.origin, np.float64)
 
 
+def refuse_masked(arrays: Mapping[str, Any]) -> None:
+    """Refuse arrays by name with masked values, which NumPy would read as what is behind the mask.
+
+    Raises:
+        InputError: naming the first.
+    """
+    for name, values in arrays.items():
+        if np.ma.is_masked(values):
+            raise InputError(f"{name}: some values are masked; leave out these agents")
+
+
 def checked_positions(name: str, positions: ArrayLike) -> np.ndarray:
     """`positions [N, T, 2]` in float64; messages call them `name`.
 
     Raises:
         InputError: for a wrong shape, no agent, or a coordinate that is masked or beyond `FAR`.
     """
-    if np.ma.is_masked(positions):
-        raise InputError(f"{name}: some coordinates are masked; leave out these agents")
+    refuse_masked({name: positions})
     try:
         positions = np.asarray(positions).astype(np.float64, casting="same_kind")
     except (TypeError, ValueError) as error:

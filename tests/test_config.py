@@ -101,6 +101,9 @@ REFUSED = [
     (change_network, "mlp_dim", "must be NAME=VALUE"),
     (change_network, "pooling=sociall", "network: unknown pooling 'sociall': did you mean"),
     (change_network, "pooling=encounter,bottleneck_dim=6", "must be a multiple of 4"),
+    (change_recipe, ".ema=0.5", "must be NAME=VALUE"),
+    (named_network, "sgam", "unknown network 'sgam': did you mean 'sgan'"),
+    (make_recipe, "our", "unknown recipe 'our': did you mean 'ours'"),
     (change_recipe, "emma=0.9", "--set emma=0.9: must be NAME=VALUE"),
     (change_recipe, "ema=fast", "recipe ours: ema must be a finite number, not 'fast'"),
     (change_recipe, 'discriminator={"kind": "big"}', "kind must be one of global, local, not"),
@@ -124,6 +127,7 @@ def test_changes_of_components():
 
 def test_recipes():
     assert make_recipe("ours") == RECIPES["ours"]
+    assert make_recipe("sgan", changes=["discriminator.kind=local"]).discriminator.kind == "local"
     changes = ("rotate=0.5", "max_agents=null", "label_real=[0.9, 1]", "schedule=cosine")
     changed = make_recipe("sgan", seed=3, steps=30, changes=changes)
     assert (changed.seed, changed.steps, changed.rotate, changed.max_agents) == (3, 30, 0.5, None)

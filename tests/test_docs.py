@@ -5,10 +5,13 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
 from neurosym_jax.__main__ import commands
+from neurosym_jax.data.formats import FORMATS, read_any
+from neurosym_jax.data.reading import ReadOptions
 from studies.check_docs import commands as named_commands
 from tests.commands.walk import options_of
 
@@ -32,6 +35,20 @@ def test_the_site_builds_strictly(tmp_path):
     assert "neurosym_jax.symbolic.qtc.observe" in page
     assert "[..., T-1, m] int8" in page
     assert "neurosym replay" in (tmp_path / "site/reference/commands/index.html").read_text()
+
+
+def test_the_format_of_the_page_reads_a_file(tmp_path):
+    code = re.search(
+        r"## A format\n\n```python\n(.*?)```", (ROOT / "docs/extend.md").read_text(), re.S
+    )
+    assert code
+    file = tmp_path / "a.txt"
+    file.write_text("pipes\n0|7|1|2\n0.4|7|1.5|2\n")
+    with mock.patch.dict(FORMATS):
+        exec(code[1], {"__name__": "pipes"})
+        (tracks,) = read_any(file, ReadOptions(format="pipes,shift=10"))
+        assert read_any(file)[0].position.tolist() == [[1, 2], [1.5, 2]]
+    assert tracks.position.tolist() == [[11, 2], [11.5, 2]]
 
 
 def test_what_the_readme_points_to_is_there():

@@ -3,8 +3,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.scoring import score
 from neurosym_jax.scene import make_scene, pad_scene, scene_identity, to_world
+from neurosym_jax.symbolic.forecast import symbolic_forecast
 
 RNG = np.random.default_rng(0)
 WORLD = np.round(RNG.normal(size=(3, 8, 2)).cumsum(axis=1), 4)
@@ -68,7 +71,7 @@ def test_identity():
         (np.zeros((3, 8, 2)), np.zeros((2, 8, 2)), "future has 2 agents but observed has 3"),
         (np.zeros((1, 8, 2)), np.full((1, 8, 2), np.nan), "future: agent 0, step 0"),
         (np.full((1, 8, 2), 1e200), None, "agent 0, step 0 is not finite, or beyond 1e.09 m"),
-        (np.ma.masked_equal(np.zeros((1, 8, 2)), 0), None, "some coordinates are masked"),
+        (np.ma.masked_equal(np.zeros((1, 8, 2)), 0), None, "some values are masked"),
         ([[[1, 2]], [[1]]], None, "observed: not an array of numbers"),
         (np.zeros((1, 8, 2), complex), None, "observed: not an array of numbers"),
     ],
@@ -76,6 +79,22 @@ def test_identity():
 def test_refused(observed, future, message):
     with pytest.raises(InputError, match=message):
         make_scene(observed, future)
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda masked: make_scene(WORLD, extras={"group": masked[:, 0, 0]}),
+        lambda masked: make_tracks("walk", [0, 1, 2], [1, 1, 1], masked[:, 0]),
+        lambda masked: score(FUTURE[None], masked),
+        lambda masked: symbolic_forecast(FUTURE[None], masked),
+    ],
+)
+def test_what_is_masked_is_never_taken_for_data(read):
+    masked = np.ma.array(WORLD[:, : FUTURE.shape[1]], mask=False)
+    masked[1] = np.ma.masked
+    with pytest.raises(InputError, match="some values are masked"):
+        read(masked)
 
 
 def test_a_forecaster_sees_no_future_origin_or_extras():

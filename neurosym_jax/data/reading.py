@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from neurosym_jax.configuration import Positive, refuse
+from neurosym_jax.configuration import NotNegative, Positive, refuse
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputError
 
@@ -56,6 +56,7 @@ class ReadOptions:
             InputError: naming the option.
         """
         refuse(Positive, {"--fps": self.fps, "--eth-stride": self.eth_stride})
+        refuse(NotNegative, {"--max-gap": self.max_gap})
         with contextlib.suppress(ValueError):
             if 1e-6 <= self.metres <= 1e4:
                 return

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neurosym_jax.errors import InputError, printable
+from neurosym_jax.scene import refuse_masked
 
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
 __all__ += ["make_tracks", "on_grid", "resample"]
@@ -84,6 +85,7 @@ def make_tracks(
         InputError: naming the recording, the first wrong row and the reason.
     """
     where = reading.file if reading and reading.file else recording
+    refuse_masked({"stamp": stamp, "id": id, "position": position, **extras})
     times, points = np.asarray(stamp, np.float64), np.asarray(position, np.float64)
     ids, others = np.asarray(id), {name: np.asarray(values) for name, values in extras.items()}
     rows = times.size

@@ -12,6 +12,7 @@ from typing import Self
 import jax
 import numpy as np
 
+from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.tracks import PERIOD, SNAP, Reading, Tracks, common
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import Scene, displacements, model_dtype, relative_positions, scene_identity
@@ -80,6 +81,8 @@ def cut_windows(
     Raises:
         InputError: if there is no window, a recording is on no grid, or recordings do not match.
     """
+    lengths = {"obs_len": obs_len, "pred_len": pred_len}
+    refuse(Count, {**lengths, "skip": skip, "min_agents": min_agents})
     recordings = list(recordings)
     names = ", ".join(tracks.recording for tracks in recordings[:3]) or "no recordings"
     periods = [period for tracks in recordings if (period := _period(tracks)) < np.inf]

@@ -20,7 +20,6 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import stdtrit
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.scoring import Scores
@@ -147,6 +146,8 @@ def holm(p_values: Sequence[float]) -> np.ndarray:
 
 def student_half(values: Sequence[float]) -> float:
     """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
+    from scipy.special import stdtrit
+
     n = len(values)
     return float(stdtrit(n - 1, 0.975) * np.std(values, ddof=1) / n**0.5)
 

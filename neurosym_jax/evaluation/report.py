@@ -44,6 +44,8 @@ def read_report(path: Path) -> pl.DataFrame:
         InputError: for a file that is missing or no report of this version.
     """
     report = _report(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
     if report.get("format") != FORMAT:
         raise InputError(f"{path}: is not a report of ours of format {FORMAT}")
     return rows_frame(report["rows"])

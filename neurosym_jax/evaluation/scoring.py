@@ -17,7 +17,14 @@ from neurosym_jax.evaluation.metrics import METRICS, Metric, metric_names
 from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
 from neurosym_jax.forecasting.forecaster import Forecaster
 from neurosym_jax.runtime.process import cpu_cores, refuse_beyond_memory
-from neurosym_jax.scene import Scene, make_scene, model_dtype, pad_scene, relative_positions
+from neurosym_jax.scene import (
+    Scene,
+    make_scene,
+    model_dtype,
+    pad_scene,
+    refuse_masked,
+    relative_positions,
+)
 
 __all__ = ["Evaluation", "Metrics", "Score", "Scores", "chosen"]
 __all__ += ["score", "score_batch", "score_forecaster", "score_scenes", "without_neighbours"]
@@ -153,6 +160,7 @@ def score(
         metrics: names; by default those that are computed without being named.
         probability: [k] of the samples; default: all have the same.
     """
+    refuse_masked({"forecast": forecast, "future": future, "valid": valid, "observed": observed})
     future = np.asarray(future, np.float64)
     there = np.ones(len(future), bool) if valid is None else np.asarray(valid)
     seen = future[:, :1] if observed is None else np.asarray(observed)

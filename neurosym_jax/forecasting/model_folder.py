@@ -177,7 +177,7 @@ def _read(folder: Path) -> Model:
 def _refuse_misfit(model: Model) -> None:
     """Refuse parameters that are not finite or do not fit the configuration."""
     shapes, flat = model.forecaster.shapes(), flat_parameters(model.params)
-    wanted = shapes_of(model.params if shapes is None else shapes)
+    wanted = {name: of.shape for name, of in flat.items()} if shapes is None else shapes_of(shapes)
     refuse_misfit(flat, wanted, "the configuration describes another network")
 
 

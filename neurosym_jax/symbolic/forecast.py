@@ -24,6 +24,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
+from neurosym_jax.scene import refuse_masked
 from neurosym_jax.symbolic.events import EVENTS, Encounter
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import Calculus, all_states, state_index, state_texts
@@ -134,6 +135,7 @@ def _checked(
     samples: Any, observed: Any, pairs: Any, settings: dict[str, Any]
 ) -> tuple[SymbolSettings, Array, np.ndarray | None]:
     """Settings; centred paths [k, N, T + 1, 2] from the last positions observed on; pairs."""
+    refuse_masked({"samples": samples, "observed": observed})
     shape, seen = np.shape(samples), np.shape(observed)
     if len(shape) != 4 or len(seen) != 3 or shape[1] != seen[0]:
         raise InputError(

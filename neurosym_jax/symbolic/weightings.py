@@ -252,6 +252,8 @@ def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Cal
     def register(weighting: Any) -> Any:
         own = {"function": staticmethod(weighting), "start": lambda _: start}
         made = isinstance(weighting, type)
+        if made and start:
+            raise InputError(f"{name}: initial values of a class are its fields' defaults")
         found: Any = weighting if made else type(name, (FunctionWeighting,), own)
         WEIGHTINGS.register(name, found, replace=replace)
         found.title = name

@@ -21,6 +21,7 @@ from neurosym_jax.configuration import (
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
+from neurosym_jax.plugins import Registry
 
 __all__ = ["NETWORKS", "RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe"]
 __all__ += ["model_name", "named_network", "refuse_other_recipe", "usual_recipe"]
@@ -127,23 +128,26 @@ class AnchorRecipe(Recipe):
     """Weight of how much people of one sample overlap. It costs error: see docs/recipe.md."""
 
 
-RECIPES: dict[str, Recipe] = {
-    "anchors": AnchorRecipe(),
-    "ours": TrainConfig(rotate=0.5, scale=0.3, jitter=0.04, gentle_pooling=True),
-    "sgan": TrainConfig(
-        max_agents=None,
-        steps=8400,
-        criterion="squared_displacement",
-        adversarial_weight=1.0,
-        # The released code smooths zeros by multiplying them by the random number: they stay 0.
-        label_fake=(0.0, 0.0),
-        learning_rate=1e-4,
-        schedule="constant",
-        warmup_steps=0,
-        rotate=0.0,
-        select_by="ade",
-    ),
-}
+RECIPES: Registry[Recipe] = Registry(
+    "recipe",
+    {
+        "anchors": AnchorRecipe(),
+        "ours": TrainConfig(rotate=0.5, scale=0.3, jitter=0.04, gentle_pooling=True),
+        "sgan": TrainConfig(
+            max_agents=None,
+            steps=8400,
+            criterion="squared_displacement",
+            adversarial_weight=1.0,
+            # The released code smooths zeros by multiplying them by the random number: they stay 0.
+            label_fake=(0.0, 0.0),
+            learning_rate=1e-4,
+            schedule="constant",
+            warmup_steps=0,
+            rotate=0.0,
+            select_by="ade",
+        ),
+    },
+)
 """`sgan` is the published procedure; `ours` and `anchors` are justified in docs/recipe.md."""
 
 
@@ -153,7 +157,8 @@ def make_recipe(
     """The recipe of this name; `changes` are NAME=VALUE, a value as JSON or as text.
 
     Raises:
-        InputError: for a change that is not NAME=VALUE of a field, or a value out of its range.
+        InputError: for an unknown name, a change that is not NAME=VALUE of a field, or a value out
+            of its range.
     """
     of_steps = [] if steps is None else [f"steps={steps}"]
     every = [f"seed={seed}", *of_steps, *changes]
@@ -177,12 +182,15 @@ def refuse_other_recipe(network: Any, recipe: Any) -> None:
         raise InputError(f"the recipe does not fit the network: --recipe {fits}")
 
 
-NETWORKS: dict[str, Any] = {
-    "sgan": GeneratorConfig(),
-    "neurosym": GeneratorConfig(pooling=POOLINGS["as_described"]()),
-    "anchors": AnchorConfig(),
-    "anchor_table": AnchorTableConfig(),
-}
+NETWORKS: Registry[Any] = Registry(
+    "network",
+    {
+        "sgan": GeneratorConfig(),
+        "neurosym": GeneratorConfig(pooling=POOLINGS["as_described"]()),
+        "anchors": AnchorConfig(),
+        "anchor_table": AnchorTableConfig(),
+    },
+)
 """Configurations, with the poolings of the papers."""
 
 
@@ -207,8 +215,8 @@ def named_network(
         changes: of the published sizes, each NAME=VALUE of a field of the configuration.
 
     Raises:
-        InputError: for an unknown pooling or weighting, one that the model cannot have, or a change
-            that does not fit.
+        InputError: for an unknown model, pooling or weighting, one that the model cannot have, or a
+            change that does not fit.
     """
     config = dataclasses.replace(NETWORKS[model], obs_len=obs_len, pred_len=pred_len)
     if pooling is not None:

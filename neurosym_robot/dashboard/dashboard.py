@@ -114,6 +114,10 @@ class _Handler(BaseHTTPRequestHandler):
         self._arriving = deadline(self.request, ASKING)
         super().setup()
 
+    def finish(self) -> None:
+        self._arriving.close()
+        super().finish()
+
     def do_GET(self) -> None:
         self._arriving.close()
         path = self.path.partition("?")[0]

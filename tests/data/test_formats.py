@@ -160,6 +160,7 @@ def test_refusals(tmp_path, kind, text, message):
         ({"columns": ("x=px",)}, "no column 'px': which column is x. There are 't', 'id', 'x'"),
         ({"columns": ("time",)}, "columns are given as time="),
         ({"fps": float("nan")}, "--fps must be"),
+        ({"max_gap": -1.0}, "--max-gap must be at least 0"),
         ({"format": "qtm", "unit": "cm"}, "--unit is of no use for QTM export"),
         ({"format": "text", "time_unit": "ms"}, "--time-unit is of no use for rows of"),
     ],

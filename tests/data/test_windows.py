@@ -115,6 +115,9 @@ def test_refused():
     ):
         with pytest.raises(InputError, match=message):
             cut_windows(recordings, 8, 8)
+    for name, wrong in (("obs_len", 0), ("pred_len", -3), ("skip", 0), ("min_agents", 0)):
+        with pytest.raises(InputError, match=f"{name} must be at least 1"):
+            cut_windows([walk(40, 2)], **{"obs_len": 8, "pred_len": 8, name: wrong})
 
 
 @given(

@@ -154,6 +154,11 @@ def test_a_folder_names_variant_and_weighting(tmp_path, kind, weighting):
         assert message in refusal(folder)
 
 
+def test_parameters_of_a_forecaster_that_has_no_initial_ones(tmp_path):
+    save_model(tmp_path / "m", Model(Lengths(), {"speed": 1.5}, None, "constant_velocity"))
+    assert load_model(tmp_path / "m").params == {"speed": 1.5}
+
+
 def test_parameters_that_are_not_finite(copy, tmp_path):
     model = dataclasses.replace(MODEL, params=jax.tree.map(np.array, MODEL.params))
     params = flat_parameters(model.params)

@@ -3,6 +3,11 @@
 import os
 import random
 import shutil
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -115,3 +120,52 @@ def test_the_newest_are_kept_and_training_goes_on_after_damage(tmp_path, two_ste
         (folder / name / "record.json").unlink()
     assert restore_state(folder, state_of(0)) is None
     assert capsys.readouterr().err.count("warning: ") == 3
+
+
+# One process imports everything, and forks those that are killed: importing takes seconds.
+KILLED = """
+import os, sys
+from pathlib import Path
+import numpy as np
+from neurosym_jax.training.checkpoints import save_state
+
+folder = Path(sys.argv[1])
+for line in sys.stdin:
+    if pid := os.fork():
+        print(pid, flush=True)
+        os.waitpid(pid, 0)
+        print("dead", flush=True)
+        continue
+    for step in range(int(line) + 1, sys.maxsize):
+        save_state(folder, step, {"w": np.full((64, 8), step, np.float32)}, {"at": step})
+        (folder.parent / "saved").write_text(str(step))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no fork")
+def test_a_kill_at_any_moment_leaves_the_last_step_whole(tmp_path, capsys):
+    folder, saved, rng = tmp_path / "run", tmp_path / "saved", random.Random(0)
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    process: Any = subprocess.Popen([sys.executable, "-c", KILLED, str(folder)], **pipes)
+    step, longest = 0, 0.4
+    with process:
+        for _ in range(10):
+            print(step, file=process.stdin, flush=True)
+            pid = int(process.stdout.readline())
+            time.sleep(rng.uniform(0.0, longest))
+            os.kill(pid, signal.SIGKILL)
+            assert process.stdout.readline() == "dead\n"
+            found = restore_state(folder, {"w": np.zeros((64, 8), np.float32)})
+            if found is None:
+                assert step == 0
+                longest *= 2  # A busy machine saves nothing for long.
+                continue
+            state, step = found[0], found[1]["at"]
+            assert_same(state, {"w": np.full((64, 8), step, np.float32)})
+            # The number itself is not written whole or not at all.
+            if saved.exists() and (acknowledged := saved.read_text()):
+                assert step >= int(acknowledged)
+        process.stdin.close()
+    assert step > 0
+    assert "damaged" not in capsys.readouterr().err

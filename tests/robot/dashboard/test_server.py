@@ -71,6 +71,14 @@ def test_nothing_but_the_page_and_the_stream(dashboard):
         assert get(dashboard, method=method)[0] == 501
 
 
+def test_what_is_refused_leaves_no_thread_behind(dashboard):
+    get(dashboard, method="POST")
+    before = threading.active_count()
+    for _ in range(60):
+        get(dashboard, method="POST")
+    wait(lambda: threading.active_count() <= before, 2.0)
+
+
 def test_names_that_are_not_ours_are_refused(dashboard):
     names = {"localhost:80": 200, "127.0.0.1": 200, "[::1]:9": 200, "192.168.0.7:1": 200}
     names |= {f"{socket.gethostname().upper()}.local": 200, "evil.example": 403, "": 403}
