@@ -247,6 +247,9 @@ def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Cal
 
     `start` are initial values of a function's learnable parameters; `replace` replaces another
     weighting of this name.
+
+    Raises:
+        InputError: for `start` of a class, whose fields have defaults, and for a taken name.
     """
 
     def register(weighting: Any) -> Any:
