@@ -11,8 +11,9 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+from neurosym_jax.commands._options import given, refuse_given, refuse_unused
 from neurosym_jax.errors import InputError
 from neurosym_robot import (
     Dashboard,
@@ -37,6 +38,7 @@ NAME = "neurosym_jax"  # of a node
 class LiveOptions:
     """Models that forecast a stream, and their settings."""
 
+    PAGES: ClassVar[tuple[str, ...]] = ("dashboard",)  # options that make a page
     model: tuple[Path, ...]
     """Models by name, folder or torch checkpoint; several forecast side by side."""
     period: float | None = None
@@ -77,9 +79,21 @@ class LiveOptions:
     """Least probability of a pair's event to show, write and publish."""
 
     def __post_init__(self):
-        """Refuse what is no probability."""
+        """Refuse what is no probability, and options without effect."""
         if not 0 < self.at_least <= 1:
             raise InputError(f"--at-least is a probability in (0, 1], not {self.at_least:g}")
+        if not self.stitch:
+            refuse_given(
+                "without --stitch", **{f"links.{each}": True for each in given(self.links)}
+            )
+        if not (self.fixed_frame or self.robot_frame):
+            refuse_given("without --fixed-frame or --robot-frame", reach=self.reach != REACH)
+        if not self.dashboard:
+            refuse_unused(self, ["port"], "without --dashboard")
+            if not isinstance(self.foxglove, int):
+                refuse_unused(self, ["host"], "without --dashboard or --foxglove PORT")
+        if not any(getattr(self, option) for option in self.PAGES):
+            refuse_unused(self, ["map"], f"without --{' or --'.join(self.PAGES)}")
 
     def predictor(self, compile: When = "meanwhile") -> Predictor:
         """Load the models and start compiling; InputError as of `load_models` and `Predictor`."""

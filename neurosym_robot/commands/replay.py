@@ -11,19 +11,21 @@ from contextlib import closing
 from pathlib import Path
 from typing import Literal
 
-from neurosym_jax.commands._options import Positional, Reading, refuse_unused
+from neurosym_jax.commands._options import Positional, Reading, refuse_given, refuse_unused
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.errors import InputWarning
 from neurosym_robot import Analytics, Predictor, ReplayFile, Status, View, read_frames, replay
 from neurosym_robot.commands._live_options import LiveOptions
+from neurosym_robot.plugin import is_bag
 from neurosym_robot.ros.forecasting_node import ForecastBag
-from neurosym_robot.ros.people import PeopleSource
+from neurosym_robot.ros.people import REACH, PeopleSource
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(LiveOptions):
     """Forecast a recording frame by frame, and score the forecasts."""
 
+    PAGES = ("dashboard", "html")
     recording: Positional[Path]
     """A bag (ROS 1 `.bag`; folder, `.db3` or `.mcap` of ROS 2), or a file of tracks."""
     read: Reading = AS_IT_SAYS
@@ -35,6 +37,19 @@ class Options(LiveOptions):
     overwritten."""
     html: Path | None = None
     """HTML file to write: the page of --dashboard with its data inside; nothing is overwritten."""
+
+    def __post_init__(self):
+        """Refuse options without effect on this recording or what is written."""
+        super().__post_init__()
+        named = self.out is not None or self.foxglove is not None  # what has a frame's name
+        if not (named or self.dashboard or self.html):
+            refuse_unused(self, ["at_least"], "without --out, --html, --dashboard or --foxglove")
+        if not is_bag(self.recording):
+            fixed = self.fixed_frame and not named
+            reach = self.reach != REACH
+            refuse_given(
+                "on a file of tracks", fixed_frame=fixed, robot_frame=self.robot_frame, reach=reach
+            )
 
     def files(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
         """What writes the stream, if the options ask for it; InputError if it cannot."""

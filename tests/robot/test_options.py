@@ -19,10 +19,12 @@ BASE = {
     "ros2": NODE,
     "stitch": "{d}/a/walk.txt --out o --period 0.4",
 }
+BAG = f"{{d}}/a/run.bag {NODE}"
 LINKS = {
     f"--links.{name}": f"--links.{name} 0.7"
     for name in ("max-gap", "reach", "drift", "turn", "memory", "least")
 }
+PAGE = {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"}
 
 
 def with_more(base, more, cases):
@@ -40,24 +42,20 @@ def live(base):
         "--hold": "--hold 0.5",
         "--stitch": "--stitch",
         **with_more(base, "--stitch", LINKS),
-        "--fixed-frame": "--fixed-frame map",
-        "--robot-frame": "--robot-frame base",
-        "--reach": "--reach 3",
-        "--dashboard": "--dashboard",
         **with_more(
-            base,
-            "--dashboard",
-            {"--port": "--port 9", "--host": "--host there", "--map": "--map map.yaml"},
+            base, "", {"--fixed-frame": "--fixed-frame map", "--robot-frame": "--robot-frame base"}
         ),
+        **with_more(base, "--fixed-frame map", {"--reach": "--reach 3"}),
+        "--dashboard": "--dashboard",
+        **with_more(base, "--dashboard", PAGE),
         "--foxglove": "--foxglove 9",
-        "--at-least": "--at-least 0.7"
-        if base == NODE
-        else (f"{base} --dashboard", f"{base} --dashboard --at-least 0.7"),
+        **with_more(base, "--dashboard", {"--at-least": "--at-least 0.7"}),
     }
 
 
 def node(base):
     return live(base) | {
+        "--at-least": "--at-least 0.7",
         "--name": "--name other",
         "--status": "--status 3",
         "--stale-after": "--stale-after 3",
@@ -74,7 +72,7 @@ def reading(command):
 
 
 CASES = {
-    "replay": live(BASE["replay"])
+    "replay": live(BAG)
     | {
         "RECORDING": (BASE["replay"], f"{{d}}/b/walk.txt {NODE}"),
         "--rate": "--rate 3",
@@ -99,7 +97,9 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    return write_data(tmp_path_factory.mktemp("data"))
+    folder = write_data(tmp_path_factory.mktemp("data"))
+    (folder / "a" / "run.bag").touch()
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,9 @@ def inner():
     of_ros2 = ("import_rclpy", "message_type", "ForecastNode")
     mended = SimpleNamespace(tracks=SimpleNamespace(id=np.ones(1)), before=1, joined=0, ghosts=0)
     return {
-        "replay": shared | {f"{C}.replay.{name}": made for name in of_replay},
+        "replay": shared
+        | {f"{C}.replay.{name}": made for name in of_replay}
+        | {"neurosym_robot.ros.bags.read_people": ()},
         "ros1": shared | {f"{C}.ros1.ForecastNode": made},
         "ros2": shared | {f"{C}.ros2.{name}": made for name in of_ros2},
         "stitch": {f"{C}.stitch.stitch": mended, f"{C}.stitch.write_text": None},

@@ -22,6 +22,7 @@ from neurosym_robot.ros.definitions import typestore
 from neurosym_robot.ros.messages import make_people
 from neurosym_robot.ros.tcpros import Node
 from neurosym_robot.tracking.following import Frame, tracks_of_frames
+from neurosym_robot.tracking.stitching import LinkOptions
 from tests.robot.dashboard.conftest import predictor
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -31,6 +32,7 @@ NAMES = ("", "a b", "/a//b", "1a", "a\n")
 URIS = ("localhost:11311", "https://localhost:11311", "http://localhost", "http://a:b")
 ONE = np.zeros((1, 2))
 MOMENTS: Any = SimpleNamespace(introduction="")
+LINKS = LinkOptions(reach=0.7)
 MAP = "image: room.pgm\nresolution: 0.05\norigin: [-1.0, 2.5, 0.1]\n"
 MAPS = {
     **dict.fromkeys(("", "image: [", "- a"), "not a map"),
@@ -70,6 +72,10 @@ def run(folder: Path, **options: Any) -> None:
     replay.run(replay.Options(**{"recording": folder / "run.bag", "model": (SGAN,), **options}))
 
 
+def show(folder: Path, **options: Any) -> None:
+    run(folder, recording=folder / "tracks.txt", html=folder / "new.html", **options)
+
+
 def write(folder: Path, stamp: float) -> None:
     with BagWriter(folder / "new" / "again.bag") as bag:
         bag.write("/people", stamp, make_people(bag.new, Frame(stamp, np.ones(1, int), ONE)))
@@ -106,6 +112,15 @@ CASES = [
     (lambda at: run(at, out=at / "forecasts.csv"), r"ends in \.bag"),
     (lambda at: run(at, rate=0.0), "rate must be positive"),
     (lambda at: run(at, at_least=2.0), r"a probability in \(0, 1\], not 2"),
+    (lambda at: run(at, links=LINKS), "--links.reach: has no effect without --stitch"),
+    (lambda at: run(at, reach=3), "--reach: has no effect without --fixed-frame or --robot-frame"),
+    (lambda at: run(at, port=9, html=at), "--port: has no effect without --dashboard"),
+    (lambda at: run(at, host="all", foxglove=at), "--host: .* --dashboard or --foxglove PORT"),
+    (lambda at: run(at, map=at, out=at), "--map: has no effect without --dashboard or --html"),
+    (lambda at: run(at, at_least=0.7), "--at-least: has no effect without --out, --html, --dash"),
+    (lambda at: show(at, fixed_frame="map"), "--fixed-frame: has no effect on a file of tracks"),
+    (lambda at: show(at, robot_frame="base"), "--robot-frame: has no effect on a file of tracks"),
+    (lambda at: show(at, fixed_frame="map", out=at, reach=3), "--reach: has no effect on a file"),
     (lambda at: ReplayFile(at / "page.html", None), "already there"),
     (lambda at: ReplayFile(at / "a.txt", None), r"\.html"),
     (lambda at: ReplayFile(at / "tracks.txt" / "b.html", MOMENTS), "cannot be written"),
