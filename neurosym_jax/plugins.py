@@ -1,7 +1,7 @@
 """Tables of components (metrics, forecasters, poolings, ...), and the plugins that add to them.
 
-Each room shows its built-ins in one table, such as `POOLINGS = Registry("pooling", {...})`; a file
-or module given by `--plugin`, or an installed package, adds to it with `register`.
+Each package shows its built-ins in one table, such as `POOLINGS = Registry("pooling", {...})`; a
+file or module given by `--plugin`, or an installed package, adds to it with `register`.
 
 An installed package joins by its entry points: a module in the group `neurosym_jax.plugins`, which
 registers, and in `neurosym_jax.commands` a module for each command of `neurosym`.

@@ -27,7 +27,7 @@ __all__ = ["AnyArray", "Scene", "checked_positions", "displacements", "make_scen
 __all__ += ["pad_scene", "relative_positions", "scene_identity", "to_world"]
 
 DECIMALS = 8
-"""Of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
+"""Decimals of relative positions in metres; float64 resolves 1e-9 m at 5000 km from the origin."""
 
 FAR = 1e9
 """Largest coordinate in metres; float32 could not hold what is computed of far larger ones."""

@@ -2,7 +2,7 @@
 
 python -m studies.more_data OPENTRAJ OUT
 
-OPENTRAJ is the public repository crowdbotp/OpenTraj. Of it are read the Stanford drone scenes, as
+OPENTRAJ is the public repository crowdbotp/OpenTraj. We read its Stanford drone scenes, as
 the TrajNet challenge gives them (metres, every person for 20 steps), and HERMES's corridors, split
 as in `studies.weighting.data`. OUT gets a folder each for training, and `tests`. What is in
 `KEPT_BACK` is for later judgements: it is not read.

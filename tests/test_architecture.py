@@ -22,17 +22,17 @@ LIBRARIES = {
 }
 ON_DEMAND = {"distributed", "matplotlib", "orbax", "safetensors", "torch"}
 """Imported inside functions, but for matplotlib in `plotting`, which is imported so itself."""
-ROOMS = (
+PACKAGES = (
     *("data", "simulation", "symbolic", "models", "forecasting", "evaluation", "training"),
     *("interop", "plotting", "commands"),
 )
-"""No room imports one to its right."""
+"""No package imports one to its right."""
 LATER = {
     ("data/sources.py", "simulation"),
     ("forecasting/model_folder.py", "interop"),
     ("training/loop.py", "plotting"),
 }
-"""Files that use a room to their right all the same."""
+"""Files that use a package to their right all the same."""
 
 
 def imports(path: Path) -> list[tuple[str, bool]]:
@@ -64,7 +64,7 @@ def ours(name: str) -> str:
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
-def test_a_library_has_its_rooms(library):
+def test_a_library_is_imported_in_its_packages(library):
     users = {
         file for file, names in FILES.items() for name, _ in names if name.split(".")[0] == library
     }
@@ -79,12 +79,14 @@ def test_what_is_heavy_or_optional_is_imported_on_demand():
         for name, now in names
         if now and (name.split(".")[0] in ON_DEMAND or ours(name) == "plotting")
     }
-    rooms = ("plotting/", "commands/")
-    assert {(file, name) for file, name in at_once if not file.startswith(rooms)} == set()
+    packages = ("plotting/", "commands/")
+    assert {(file, name) for file, name in at_once if not file.startswith(packages)} == set()
 
 
-def test_rooms_import_what_is_left_of_them():
-    later = {room: ROOMS[place + 1 :] for place, room in enumerate(ROOMS)} | {"runtime": ROOMS}
+def test_packages_import_what_is_left_of_them():
+    later = {each: PACKAGES[place + 1 :] for place, each in enumerate(PACKAGES)} | {
+        "runtime": PACKAGES
+    }
     wrong = {
         (file, ours(name))
         for file, names in FILES.items()

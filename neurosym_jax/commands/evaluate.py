@@ -181,7 +181,7 @@ def _read(options: Options) -> tuple[Source, list[tuple[str, Model]], list[plan.
         shipped = (path.name for path in shipped_models())
         names = [name for name in shipped if not name.startswith(plan.TABLE)]
     names = names or default_models(source, options.dataset, lengths["pred_len"])
-    # Of ETH/UCY, `recommended` is the model of each data set.
+    # On ETH/UCY, `recommended` is the model of each data set.
     several = options.dataset is None and isinstance(source, EthUcy)
     datasets = source.scenes if several else (options.dataset,)
     paths = find_checkpoints(names, datasets, lengths["pred_len"])

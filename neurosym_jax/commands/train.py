@@ -42,8 +42,8 @@ class Options:
     """Network to train: SGAN, NeuroSyM (weights pairs of people by symbols), anchors (learned
     residuals with probabilities), or its baseline, a table of fixed offsets."""
     pooling: str | None = None
-    """Of SGAN pool_net (default), none or social; of NeuroSyM as_described (default), neurosym_ros
-    or encounter; or one that a plugin registers."""
+    """Pooling of SGAN: pool_net (default), none or social; of NeuroSyM: as_described (default),
+    neurosym_ros or encounter; or one that a plugin registers."""
     weighting: str | None = None
     """Weighting of NeuroSyM (default: cnd) or anchors (default: none), KIND[,FIELD=VALUE...], see
     docs/weightings.md."""

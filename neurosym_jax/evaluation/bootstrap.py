@@ -39,7 +39,7 @@ class ErrorsByScene:
     """Scores of a model on the S scenes of a test set, and where in the recordings these are."""
 
     scores: Scores
-    """Of M metrics with one value, [S] each."""
+    """Scores [S] by metric, of the M metrics with one value."""
     identity: np.ndarray
     """[S, 2] (recording, start frame)."""
     steps: int

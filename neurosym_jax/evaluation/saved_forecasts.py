@@ -32,7 +32,7 @@ DIMENSIONS = {
     "truth": ("agent", "time", "xy"),
     "observed": ("agent", "past", "xy"),
 }
-"""Of arrays; others have a value for each agent."""
+"""Dimensions of the arrays that have more than one value for each agent."""
 
 
 def check_forecasts_file(path: Path) -> None:

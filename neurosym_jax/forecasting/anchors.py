@@ -62,7 +62,7 @@ class AnchorTableForecaster(Forecaster):
     def distribution(self, params: Any, scene: Scene, noise: Array) -> tuple[Array, Array]:
         """The k samples [k, N, pred_len, 2] and their probabilities [k].
 
-        `noise [k, 0]` says how many. Of fewer than the network has, see `spread_of`; their
+        `noise [k, 0]` says how many. `spread_of` chooses them if the network has more, and their
         probabilities are those given that the future is one of them.
         """
         observed, valid = jnp.asarray(scene.observed), jnp.asarray(scene.valid)

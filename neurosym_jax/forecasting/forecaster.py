@@ -49,7 +49,7 @@ class Forecaster(abc.ABC):
     """A forecast of one scene, as a function of parameters, scene and noise."""
 
     config: Any
-    """Of type `Config`."""
+    """Configuration, of type `Config`."""
 
     Config: ClassVar[type] = Lengths
     """A frozen dataclass with at least the fields of `Lengths`."""

@@ -131,7 +131,7 @@ def _hub(name: str) -> Iterator[Any]:
     except InputError:
         raise
     except Exception as error:
-        # Of httpx, of huggingface_hub and of the system, by version of these.
+        # An error of httpx, of huggingface_hub or of the system, by version of these.
         raise InputError(f"{name}: {printable(str(error))[:300]}") from None
 
 

@@ -36,7 +36,7 @@ Compared = dict[str, tuple[Any, np.ndarray]]
 """Per output, ours and theirs."""
 
 DECIMALS = 4
-"""Of the authors' table as they printed it, and of their coordinates."""
+"""Decimals of the authors' table as printed, and of their coordinates."""
 RELEASED = CndShipped(convention="as_published", decimals=DECIMALS)
 LOSSES = {
     "d_loss": "d_loss",

@@ -50,7 +50,7 @@ WORDS = {
 """Parts of our paths, and what stands there in torch's names; replaced in this order."""
 RELEASED = (NoPooling, PoolNet, Social, NeurosymRos, NeurosymIjcnn)
 UNUSED = "pool_net_d."
-"""Of a second pooling that NeuroSyM's generators declare and never call."""
+"""Prefix of a second pooling, which NeuroSyM's generators declare and never call."""
 
 
 def torch_names(config: Config) -> dict[str, tuple[str, tuple[int, ...]]]:

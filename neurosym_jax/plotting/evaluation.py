@@ -26,8 +26,8 @@ TOGETHER = 3
 def draw_figures(where: Path, results: Sequence[Result], *, together: bool = False) -> list[Path]:
     """Write a figure of each test set, or one of up to three `together`; returns the files.
 
-    Figures of the same name are replaced. Of more than `MAX_MODELS` models, the first of each name
-    is drawn.
+    Figures of the same name are replaced. If there are more than `MAX_MODELS` models, the first of
+    each name is drawn.
 
     Args:
         where: a folder, for PNGs; or a name that ends in .png, .pdf or .svg, with which the

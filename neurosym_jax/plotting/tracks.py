@@ -27,13 +27,13 @@ __all__ = ["plot_alpha", "plot_pairs", "plot_tracks", "read_underlay"]
 PANELS = 24
 """Recordings that a figure has room for."""
 DOTS = 700
-"""Of a drawn underlay, along each side."""
+"""Pixels of a drawn underlay along each side."""
 PAIRS = 12
 """Pairs that fit a heat map with their states."""
 PALE = LinearSegmentedColormap.from_list("pale", colormaps["Blues"](np.linspace(0, 0.6, 64)))
 """Pale enough for dark letters."""
 LETTERS: dict[str, Any] = {"family": "DejaVu Sans Mono", "color": style.INK, "ha": "center"}
-"""Of one width, so that QTC states align."""
+"""Font of QTC states: letters of one width align them."""
 BESIDE: dict[str, Any] = {"textcoords": "offset points", "fontsize": style.LABEL}
 """A name beside a person."""
 

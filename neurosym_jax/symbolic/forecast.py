@@ -184,7 +184,7 @@ def _events(
     first = jnp.sort(event_steps(how, names, k, l), axis=1)
     count = (first < paths.shape[2] - 1).sum(axis=1)
     share = (count + how.smoothing / 2) / (len(paths) + how.smoothing)
-    # Of n sorted times the one of rank ceil(q n): an observed time, not one between two.
+    # The time of rank ceil(q n) among n: an observed time, not one between two.
     ranks = [jnp.maximum(-(-quarter * count // 4) - 1, 0) for quarter in (1, 2, 3)]
     times = [jnp.take_along_axis(first, rank[:, None], axis=1)[:, 0] for rank in ranks]
     seconds = how.period * (jnp.stack(times, axis=-1) + 1.0)

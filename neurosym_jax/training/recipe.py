@@ -39,7 +39,7 @@ class Recipe(Checked):
     min_agents: Count = 2
     """Training scenes with fewer people are left out."""
     learning_rate: Positive = 1e-2
-    """Of Adam; of the generator where there is a discriminator."""
+    """Learning rate of Adam; of the generator where there is a discriminator."""
     schedule: Literal["constant", "cosine"] = "cosine"
     warmup_steps: Whole = 100
     clip_norm: NotNegative = 2.0
@@ -86,7 +86,7 @@ class TrainConfig(Recipe):
     label_fake: Interval = (0.0, 0.3)
     """Range of the label of forecasts, drawn once a step."""
     d_learning_rate: Positive = 1e-3
-    """Of the discriminator."""
+    """Learning rate of the discriminator."""
     gentle_pooling: bool = False
     """Train the pooling slowly, from a small start, so that its units do not die: see
     `training.step`."""
@@ -123,7 +123,7 @@ class AnchorRecipe(Recipe):
     probability_weight: NotNegative = 0.05
     """Weight of the cross-entropy between the probabilities and a softmax of the joint errors."""
     temperature: Positive = 0.1
-    """Of that softmax, metres of error for a person."""
+    """Temperature of that softmax, metres of error for a person."""
     collision_weight: NotNegative = 0.0
     """Weight of how much people of one sample overlap. It costs error: see docs/recipe.md."""
 

@@ -47,7 +47,7 @@ class TrainState(NamedTuple):
     step: Array
     """[] int32 steps done."""
     params: Any
-    """Of the forecaster."""
+    """Parameters of the forecaster."""
     optimizer: Any
     average: Any
     """Averaged parameters, () where the recipe averages none."""

@@ -22,7 +22,7 @@ from neurosym_robot.online.replay import ReplayEvent
 LAST = 2.0**32  # seconds that Foxglove's stamps can hold
 SEEN = 1  # seconds that a person or a forecast is shown at most
 FAINT = 0.25  # opacity of samples
-# Of the models in their order, after Okabe and Ito.
+# Colours of the models in their order, after Okabe and Ito.
 COLOURS = ((0.0, 0.45, 0.7), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.8, 0.47, 0.65))
 
 
@@ -127,7 +127,7 @@ class FoxgloveView(View):
         }
 
     def _lines(self, forecast: Forecast, model: str, colour: tuple[float, ...]) -> Iterator[list]:
-        """Of each person the samples, and last the most probable path."""
+        """Lines of each person: the samples, and last the most probable path."""
         kinds, result = self._kinds, forecast.models[model]
         looks = [(sample, FAINT, 0.02) for sample in result.samples]
         looks.append((result.samples[result.central], 1.0, 0.06))

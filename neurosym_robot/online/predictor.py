@@ -86,8 +86,8 @@ class Predictor:
         """Compile the programs, or start to, as `compile` says; `window` are options of `Window`.
 
         `models` are one, called by its own name, or several by name; their `samples` are k futures
-        each, and the `period` in seconds is by default that of their training data. Of more than
-        `max_people` the nearest are forecast. Noise depends on `seed`, `recording` and the index of
+        each, and the `period` in seconds is by default that of their training data. The nearest
+        `max_people` are forecast. Noise depends on `seed`, `recording` and the index of
         the first observed step, as in `predict`; `report` is called with one line before each
         program is compiled. InputError for numbers out of range, no model, or models that observe
         different spans.
@@ -129,8 +129,8 @@ class Predictor:
 
         `window.push` and `forecast` in one: of several that wait, only the last needs the second.
         A frame is everybody seen at the `stamp` [s] of the message's header: `ids` [N] whole
-        numbers at `xy` [N, 2] world metres. Of more than `max_people`, those nearest to `focus` [2]
-        are forecast, the robot, by default those nearest to the centre of all.
+        numbers at `xy` [N, 2] world metres. Beyond `max_people`, those nearest to `focus` [2] are
+        forecast, the robot, by default those nearest to the centre of all.
 
         Raises:
             InputError: if the shapes differ; whatever else is wrong is counted in `health`.
@@ -166,7 +166,7 @@ class Predictor:
         return Forecast(0.0, 0, np.arange(size), observed, models, {}, 0.0, seen)
 
     def _forecast(self, observed: np.ndarray, frame: int, slots: int) -> dict[str, ModelForecast]:
-        """Of every model; the window of N people, in `slots`, begins at step `frame`."""
+        """Forecasts by model; the window of N people, in `slots`, begins at step `frame`."""
         scene = make_scene(observed, recording=self.recording, frame=frame)
         padded = pad_scene(scene, slots)
         # All are begun before the first is waited for.

@@ -52,8 +52,8 @@ class Window:
         In seconds, `max_gap` is the longest gap between two observations that is bridged, `timeout`
         the absence after which a track is forgotten, `reset_after` the age of a stamp that means a
         clock set back, `hold` the absence for which a person is extrapolated, and `memory` the past
-        kept at least, beside the window. Of newcomers beyond `max_tracks` the nearest to the focus
-        are followed. InputError for a number that is out of range.
+        kept at least, beside the window. Beyond `max_tracks`, the newcomers nearest to the
+        focus are followed. InputError for a number that is out of range.
         """
         if not 2 * SNAP < period < math.inf:
             raise InputError(f"period must be more than {2 * SNAP} s, not {period}")
@@ -73,7 +73,7 @@ class Window:
         self._stamps = np.full(1, -np.inf)  # [F], ascending
         self._places = np.zeros((1, 0, 2))  # [F, P, 2], NaN where a person was not seen
         self.stamp = -math.inf
-        """Of the newest frame."""
+        """Stamp of the newest frame."""
 
     @property
     def index(self) -> int:

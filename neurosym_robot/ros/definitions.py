@@ -69,5 +69,5 @@ def blank(store: Any, kind: str) -> Any:
 
 
 def seconds_of(stamp: Any) -> float:
-    """Of a message's time."""
+    """Seconds of a message's time."""
     return stamp.sec + 1e-9 * stamp.nanosec

@@ -191,7 +191,7 @@ class PeopleSource:
         self.robot_frame, self.reach = robot_frame, reach
         self.needs_transforms = bool(fixed_frame or robot_frame)
         self.frame_id: str | None = fixed_frame or None
-        """Of the stream's coordinates; None before the first message."""
+        """Frame of the stream's coordinates; None before the first message."""
         self.transforms = Transforms()
         self.refused: collections.Counter[str] = collections.Counter()
         """Number of messages left out, by reason; and of "far_people". A node adds "late" ones, too

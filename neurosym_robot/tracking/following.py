@@ -141,7 +141,7 @@ class Follower:
         self.stamp = stamp
         found: list[Track | None] = [None] * len(ids)
         near = np.flatnonzero((np.abs(xy.reshape(-1, 2)) < FAR).all(axis=1)).tolist()
-        # Of two tracks with one id the newer counts; of two people with one id the first.
+        # The newer of two tracks with one id counts, and the first of two people with one id.
         of_id = {track.id: track for track in self.tracks}
         free = dict.fromkeys(self.tracks)
         for n in near:

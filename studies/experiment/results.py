@@ -20,7 +20,7 @@ __all__ += ["score"]
 PEOPLE = 2
 MODELS = ("sgan_zara1_8", "neurosym_zara1_8")
 SEEDS: dict[Scenario, tuple[int, int]] = {"all-forward": (1, 2), "cross-path": (3, 4)}
-"""Of the two recordings of each scenario."""
+"""Seeds of the two recordings of each scenario."""
 FAULTS = TrackerFaults(noise=0.02, dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
 """Each person is lost every 20 s on average, for 1 s on average, and comes back under a new id."""
 

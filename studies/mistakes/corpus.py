@@ -25,7 +25,7 @@ class Mistake:
     """Pattern of what is said."""
     content: str | bytes
     options: dict[str, Any]
-    """Of `ReadOptions`."""
+    """Fields of `ReadOptions`."""
 
 
 def refused(name: str, says: str, content: str | bytes, **options: Any) -> Mistake:

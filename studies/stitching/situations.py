@@ -15,7 +15,7 @@ FAULTS = TrackerFaults(dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
 """A loss of 1 s on average every 20 s and person, each under a new id."""
 OFTEN = dataclasses.replace(FAULTS, dropout=0.01)
 LOST = dataclasses.replace(OFTEN, noise=0.05)
-"""Of people who come and go."""
+"""Faults of the recordings of people who come and go."""
 SWAPS = dataclasses.replace(FAULTS, id_swap=0.05)
 GHOSTS = (2.0, 0.5)
 """False tracks a second, and seconds that one lasts on average."""

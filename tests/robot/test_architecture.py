@@ -10,28 +10,28 @@ from tests.test_architecture import ROOT, imports
 
 PACKAGE = ROOT / "neurosym_robot"
 FILES = {path.relative_to(PACKAGE).as_posix(): imports(path) for path in PACKAGE.rglob("*.py")}
-ROOMS = {
+PACKAGES = {
     "tracking": {"tracking"},
     "online": {"tracking", "online"},
     "dashboard": {"tracking", "online", "dashboard"},
     "ros": {"tracking", "online", "dashboard", "ros"},
 }
-"""What a room may import of the others; `commands` import all."""
+"""What a package may import of the others; `commands` import all."""
 LIBRARIES = {"rclpy": ("ros/", "commands/ros2.py"), "rosbags": ("ros/",), "tyro": ("commands/",)}
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_a_room_imports_its_own(room):
-    names = {name for file in FILES if file.startswith(f"{room}/") for name, _ in FILES[file]}
-    rooms = {name.split(".")[1] for name in names if name.startswith("neurosym_robot.")}
-    assert rooms & {*ROOMS, "commands"} <= ROOMS[room]
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_imports_what_it_may(package):
+    names = {name for file in FILES if file.startswith(f"{package}/") for name, _ in FILES[file]}
+    packages = {name.split(".")[1] for name in names if name.startswith("neurosym_robot.")}
+    assert packages & {*PACKAGES, "commands"} <= PACKAGES[package]
 
 
-def test_libraries_have_their_rooms_and_are_imported_on_demand():
+def test_libraries_have_their_packages_and_are_imported_on_demand():
     found = [(file, name.split(".")[0], now) for file in FILES for name, now in FILES[file]]
-    for library, rooms in LIBRARIES.items():
+    for library, packages in LIBRARIES.items():
         assert {
-            file for file, name, _ in found if name == library if not file.startswith(rooms)
+            file for file, name, _ in found if name == library if not file.startswith(packages)
         } == set()
     assert {
         file for file, name, now in found if now and name in ("rclpy", "rosbags", "rospy")

@@ -93,7 +93,7 @@ class Qtm(Format):
             InputError: naming file, row and reason.
         """
         table = read_table(path, header=r"Frame[\t,]")
-        # Of each helmet, or of its centroid where there are markers too, X; Y and Z follow.
+        # Column X of each helmet, or of its centroid where there are markers too; Y and Z follow.
         places: dict[int, int] = {}
         for column, name in enumerate(table.names):
             if match := _HELMET.fullmatch(name):

@@ -1,7 +1,7 @@
 """TrajNet++ files: a JSON object a line, `{"track": ...}` points and `{"scene": ...}` rows.
 
 A track row has `f` (frame), `p` (pedestrian), `x`, `y` (metres); one with `prediction_number` is a
-forecast and is skipped. Of a scene row only `fps` is read. The format is that of P. Kothari et al.,
+forecast and is skipped. Only `fps` is read of a scene row. The format is that of P. Kothari et al.,
 "Human Trajectory Forecasting in Crowds", IEEE T-ITS 2021 (trajnetplusplustools).
 """
 

@@ -1,4 +1,4 @@
-"""The size of the code by room, at several commits: `python -m studies.house a5ca0f7 HEAD`.
+"""The size of the code by package, at several commits: `python -m studies.sizes a5ca0f7 HEAD`.
 
 Prints lines of Python, files and statements without docstrings: the table of docs/architecture.md.
 """
@@ -17,40 +17,40 @@ from neurosym_jax.evaluation.markdown import markdown_table
 __all__ = ["main"]
 
 PACKAGES = ("neurosym_jax", "neurosym_robot")
-ROOMS = (*PACKAGES, "tests", "studies", "benchmarks", "examples")
+FOLDERS = (*PACKAGES, "tests", "studies", "benchmarks", "examples")
 
 
 def main(revisions: list[str]) -> None:
     """Print the table of these commits."""
     sizes = [_sizes(revision) for revision in revisions]
-    rooms = sorted(
-        {room for of in sizes for room in of},
-        key=lambda room: (ROOMS.index(room.split("/")[0]), room),
+    names = sorted(
+        {name for of in sizes for name in of},
+        key=lambda name: (FOLDERS.index(name.split("/")[0]), name),
     )
     head = ["", *(f"{revision}: lines, files, statements" for revision in revisions)]
     rows = [
-        [room, *(f"{of[room][0]:,}, {of[room][1]}, {of[room][2]:,}" for of in sizes)]
-        for room in rooms
+        [name, *(f"{of[name][0]:,}, {of[name][1]}, {of[name][2]:,}" for of in sizes)]
+        for name in names
     ]
     print(markdown_table(head, rows, right=len(revisions)))
 
 
 def _sizes(revision: str) -> dict[str, list[int]]:
-    """By room: lines, files, statements."""
+    """By package: lines, files, statements."""
     found: dict[str, list[int]] = collections.defaultdict(lambda: [0, 0, 0])
     for path, text in _files(revision):
         parts = path.split("/")
-        rooms = [parts[0]]
+        names = [parts[0]]
         if parts[0] in PACKAGES and len(parts) > 2:
-            rooms.append("/".join(parts[:2]))
+            names.append("/".join(parts[:2]))
         statements = sum(
             isinstance(node, ast.stmt)
             and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
             for node in ast.walk(ast.parse(text))
         )
-        for room in rooms:
+        for name in names:
             for at, count in enumerate((text.count("\n"), 1, statements)):
-                found[room][at] += count
+                found[name][at] += count
     return found
 
 
@@ -59,7 +59,7 @@ def _files(revision: str) -> Iterator[tuple[str, str]]:
     archive = subprocess.run(["git", "archive", revision], capture_output=True, check=True).stdout
     with tarfile.open(fileobj=io.BytesIO(archive)) as files:
         for member in files:
-            if member.name.startswith(ROOMS) and member.name.endswith(".py"):
+            if member.name.startswith(FOLDERS) and member.name.endswith(".py"):
                 content: Any = files.extractfile(member)
                 yield member.name, content.read().decode()
 
