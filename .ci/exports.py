@@ -70,7 +70,7 @@ def _commands() -> str:
         text = inspect.cleandoc(command.__doc__ or "")
         rows = [
             f"| `{flag.replace('|', '&#124;')}` | {html.escape(meaning).replace('|', '&#124;')} |"
-            for _, flag, meaning in every_option(getattr(command, "Options", command.run))
+            for _, flag, meaning, _ in every_option(getattr(command, "Options", command.run))
         ]
         table = "\n".join(["| option | meaning |", "|---|---|", *rows]) if rows else ""
         parts.append(f"## neurosym {name}\n\n{text}\n\n{table}\n")

@@ -14,8 +14,10 @@ HEAD = """# Benchmarks
 torch, and 11 times as fast as the released code; a training step is 1.6 and 6.8 times as fast.** A
 training step of `anchors` is hardly faster than its twin in torch, and forecasts of a single scene
 of 10 or 50 people are equally fast. A whole training of `anchors` takes 49 s. A thousand people are
-forecast in 38 ms, with 20 samples each. On a robot with 200 people at 30 Hz and the live page open,
-forecasts are 12 ms old (median) when a listener gets them, 99 % of them at most 46 ms.
+forecast in 38 ms, with 20 samples each. Of 200 people published at 30 Hz in a ROS 1 graph on this
+one machine, the node forecasts 64 (its default `--max-people`): with the live page open, forecasts
+are 12 ms old (median) when another process gets them, 99 % of them at most 46 ms. No robot was
+involved.
 
 **No GPU was at hand.** `python -m benchmarks --gpu` waits for one: it runs the tests of numbers,
 crowds of 200 to 10,000 people, an iteration of each recipe, the evaluation, and notes peak memory.

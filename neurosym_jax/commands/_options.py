@@ -40,18 +40,24 @@ def short_help(command: Callable[..., Any], prog: str) -> str:
     """
     width = min(shutil.get_terminal_size().columns, 100)
     found = sorted(every_option(command), key=lambda option: option[1].startswith("--"))
-    positional = [flag for _, flag, _ in found if not flag.startswith("--")]
+    found.append(("", PLUGIN, "Your own file or module, imported first", None))
+    positional = [flag for _, flag, *_ in found if not flag.startswith("--")]
     text = [" ".join(["usage:", prog, *positional, "[OPTIONS]"]), "", description(command), ""]
     groups: dict[str, list[str]] = {}
-    for group, flag, meaning in [*found, ("", PLUGIN, "Your own file or module, imported first")]:
+    for group, flag, meaning, default in found:
         if group:
             groups.setdefault(group, []).append(flag.split(" ")[0])
-            continue
-        sentence = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
-        text += textwrap.wrap(f"  {flag:26}  {sentence}.", width, subsequent_indent=" " * 30)
+        else:
+            says = re.split(r"(?<=[^.]\.)\s|;\s(?![^(]*\))", meaning)[0].rstrip(".")
+            plain = isinstance(default, (int, float, str, Path)) and "default" not in says
+            if plain and str(default) not in ("", "False"):
+                says += (
+                    f" (default; --no-{flag[2:]})" if default is True else f" (default {default})"
+                )
+            text += textwrap.wrap(f"  {flag:26}  {says}.", width, subsequent_indent=" " * 30)
     for group, flags in groups.items():
-        names = f"{group}: {', '.join(flags)}"
-        text += ["", *textwrap.wrap(names, width, break_on_hyphens=False)]
+        named = f"{group}: {', '.join(flags)}"
+        text += ["", *textwrap.wrap(named, width, break_on_hyphens=False)]
     return "\n".join([*text, "", f"`{prog} --help-all` explains every option."])
 
 
@@ -62,13 +68,13 @@ def description(command: Callable[..., Any]) -> str:
 
 def every_option(
     command: Callable[..., Any], group: str = "", prefix: str = ""
-) -> Iterator[tuple[str, str, str]]:
-    """Group, `--name VALUE` (without dashes if positional) and meaning of each option."""
+) -> Iterator[tuple[str, str, str, Any]]:
+    """Group, `--name VALUE` (no dashes if positional), meaning and default of each option."""
     hints = get_type_hints(command, include_extras=True)
     of = reversed(command.__mro__[:-1]) if inspect.isclass(command) else [command]
     parsed = [docstring_parser.parse_from_object(each).params for each in of]
     meaning = {param.arg_name: param.description for params in parsed for param in params}
-    for name in inspect.signature(command).parameters:
+    for name, parameter in inspect.signature(command).parameters.items():
         hint = hints[name]
         kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
         marks = getattr(hint, "__metadata__", ())
@@ -80,7 +86,7 @@ def every_option(
         if not any("positional" in str(mark).lower() for mark in marks):
             value = next((m.metavar for m in marks if getattr(m, "metavar", None)), _value(kind))
             flag = f"--{(prefix + name).replace('_', '-')} {value}".rstrip()
-        yield group, flag, " ".join((meaning.get(name) or "").split())
+        yield group, flag, " ".join((meaning.get(name) or "").split()), parameter.default
 
 
 def _value(kind: Any) -> str:
@@ -129,7 +135,7 @@ def with_file(options: Callable[..., Any], arguments: Sequence[str]) -> list[str
         raise InputError(f"{path}: cannot be read: {reason}") from None
     if not isinstance(values, dict):
         raise InputError(f"{path}: must have a line `option: value` for each option")
-    flags = [flag.split() for _, flag, _ in every_option(options) if flag.startswith("--")]
+    flags = [flag.split() for _, flag, *_ in every_option(options) if flag.startswith("--")]
     known = {flag: kind for flag, *kind in [*flags, PLUGIN.split()]}
     read: list[str] = []
     for name, value in values.items():
@@ -186,6 +192,5 @@ def open_data(
     """
     source = open_source(data, dataset, read=read, **how)
     if isinstance(source, Synthetic) and not any(files):
-        names = [field.name for field in dataclasses.fields(read)]
-        refuse_unused(read, names, "on simulations (--data names recordings)")
+        refuse_unused(read, vars(read), "on simulations (--data names recordings)")
     return source

@@ -14,8 +14,8 @@ def run(model: Positional[Path], to: Positional[Path], ignore_arg: tuple[str, ..
     """Write a torch checkpoint as a model's folder, or a model as a torch checkpoint.
 
     Args:
-        model: A .pt file of SGAN or NeuroSyM; or a model's folder or name.
-        to: The new folder; or a new .pt file, which torch writes.
+        model: A .pt file of SGAN or NeuroSyM, or a model's folder or name.
+        to: The new folder, or a new .pt file, which torch writes.
         ignore_arg: Unknown arguments of the checkpoint that do not change its network.
     """
     found = load_torch_checkpoint(model, ignore_arg) if ignore_arg else load_model(model)

@@ -50,7 +50,7 @@ def run(
         what: Recordings of ETH/UCY (5.4 MB), SGAN's 20 published checkpoints (2.6 MB), or THÖR.
         to: Folder for the collection's own folder; default: $NEUROSYM_DATA, else
             neurosym_jax in $XDG_DATA_HOME or ~/.local/share.
-        mirror: Address of a copy of the files, with the same paths below it.
+        mirror: Address of a copy of the files, with the same paths below it (default: GitHub).
         timeout: Seconds without an answer after which a connection is given up.
 
     Returns:
@@ -59,8 +59,9 @@ def run(
     base = data_folder() if to is None else to
     folder = base / what
     if what == "thor":
-        given = {"mirror": mirror != HOME, "timeout": timeout != PATIENCE}
-        refuse_given("on THÖR, which is fetched by hand", **given)
+        refuse_given(
+            "on THÖR, which is fetched by hand", mirror=mirror != HOME, timeout=timeout != PATIENCE
+        )
         there = folder.is_dir() and any(folder.iterdir())
         end = "\n" if there else "\n\nNothing is there yet."
         print(THOR.format(folder=folder.resolve()) + end)

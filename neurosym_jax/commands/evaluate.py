@@ -65,8 +65,8 @@ class Options:
     """
 
     checkpoint: tuple[str, ...] = ()
-    """Models to evaluate: folder, .pt file or name (see `neurosym models`), or `recommended`; of a
-    folder, those that match. Default: one shipped model without symbols and one with."""
+    """Models to evaluate: folder, .pt file or name (see `neurosym models`); of a folder of models,
+    those that match. Default: `recommended` for recordings, SGAN and NeuroSyM for simulations."""
     all: bool = False
     """Evaluate every shipped model that matches the data set and horizon."""
     data: Path | None = None

@@ -80,14 +80,17 @@ def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
     gap = step > GAP * usual
     rate = f", {1 / usual:.4g} points a second" if usual > 0 else ""
     longest = f", the longest {step[gap].max():.2f} s" if gap.any() else ""
-    middle, top = np.quantile(speed[~gap], (0.5, 1)) if len(step) else (np.nan, np.nan)
+    speeds = "unknown"
+    if len(step):
+        speeds = "median {:.2f}, fastest {:.2f} m/s".format(*np.quantile(speed[~gap], (0.5, 1)))
+    pace = pace_of(tracks)[1]
     width, height = np.ptp(tracks.position, axis=0)
     lines = [
         f"  {printable(tracks.recording)}",
         f"    people {len(np.unique(tracks.id))}, points {len(tracks.id)}, duration "
         f"{np.ptp(tracks.stamp):.1f} s{rate}, {gap.sum()} gaps{longest}",
-        f"    area {width:.1f} x {height:.1f} m, speeds median {middle:.2f}, fastest {top:.2f} m/s",
-        f"    one step in twenty is faster than {pace_of(tracks)[1]:.2f} m/s",
+        f"    area {width:.1f} x {height:.1f} m, speeds {speeds}",
+        *([] if np.isnan(pace) else [f"    one step in twenty is faster than {pace:.2f} m/s"]),
         f"    scenes 8+8: {_scenes(tracks, 8, max_gap)}, 8+12: {_scenes(tracks, 12, max_gap)}",
     ]
     warned = tracks.reading.warnings if tracks.reading else ()

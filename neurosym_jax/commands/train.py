@@ -42,7 +42,7 @@ class Options:
     """Network to train: SGAN, NeuroSyM (weights pairs of people by symbols), anchors (learned
     residuals with probabilities), or its baseline, a table of fixed offsets."""
     pooling: str | None = None
-    """Pooling of SGAN: pool_net (default), none or social; of NeuroSyM: as_described (default),
+    """Pooling of SGAN: pool_net (default), none or social, or of NeuroSyM: as_described (default),
     neurosym_ros or encounter; or one that a plugin registers."""
     weighting: str | None = None
     """Weighting of NeuroSyM (default: cnd) or anchors (default: none), KIND[,FIELD=VALUE...], see
@@ -57,7 +57,7 @@ class Options:
     period: float = 0.4
     """Seconds between steps; recordings that have others are resampled."""
     recipe: Literal["ours", "sgan", "anchors"] | None = None
-    """How the model is trained, see docs/training.md; default: anchors for anchors and their table,
+    """How the model is trained, see docs/recipe.md; default: anchors for anchors and their table,
     else ours."""
     seed: int = 0
     """Random seed for initialisation, data order, augmentation and noise."""

@@ -141,12 +141,12 @@ def coverage(
 
 
 def central_ade(forecast: Array, scene: Scene, probability: Array | None) -> Array:
-    """[N] mean errors over steps of the most central sample."""
+    """[N] mean errors over steps of the central forecast."""
     return _central(forecast, scene, probability).mean(axis=-1)
 
 
 def central_fde(forecast: Array, scene: Scene, probability: Array | None) -> Array:
-    """[N] errors at the last step of the most central sample."""
+    """[N] errors at the last step of the central forecast."""
     return _central(forecast, scene, probability)[:, -1]
 
 

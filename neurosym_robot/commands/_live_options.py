@@ -63,8 +63,8 @@ class LiveOptions:
     """The robot's own frame, such as base_link: /tf locates the robot for the page, and the people
     nearest to it are forecast first."""
     reach: float = REACH
-    """Metres; people farther from the sensor (the origin of coordinates that --fixed-frame
-    transforms) or from the robot (--robot-frame) are left out."""
+    """Distance in metres beyond which people are left out: from the sensor (the origin of
+    coordinates that --fixed-frame transforms) or from the robot (--robot-frame)."""
     dashboard: bool = False
     """Serve a live web page of people and forecasts."""
     port: int = 8765

@@ -131,7 +131,7 @@ def make_trajectories(
 def forecast_message(
     new: New, forecast: Forecast, model: str, period: float, frame_id: str = "map"
 ) -> Any:
-    """The HumansTrajs of one model: observed steps, then those of its most central sample.
+    """The HumansTrajs of one model: observed steps, then those of its central forecast.
 
     The covariance of a position is that of the samples around their mean; the confidence of a
     person is the share of observed steps that were seen, not extrapolated.

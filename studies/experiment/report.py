@@ -32,7 +32,7 @@ messages go into bags and come back frame by frame through stitching, prediction
 
 ## Errors"""
 
-NOTE = """Metres. ADE / FDE: the published forecast, which is the central sample. Best of k: the
+NOTE = """Metres. ADE / FDE: the published forecast, which is the central forecast. Best of k: the
 best sample for both people together. Summed: over people and steps, as in the paper's tables.
 Consecutive forecasts overlap.
 

@@ -13,6 +13,7 @@ import tyro
 
 from neurosym_jax.__main__ import commands, main
 from neurosym_jax.commands._options import short_help
+from neurosym_jax.commands.evaluate import Options
 
 NAMES = re.compile(r"--[a-z][a-z0-9.-]*")
 HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "orbax", "rosbags", "scipy", "tyro"}
@@ -112,6 +113,10 @@ def test_help_says_what_the_main_options_do(capsys):
     text = capsys.readouterr().out
     assert text.startswith("usage: neurosym symbols DATA [OPTIONS]\n")
     assert re.search(r"--window N +Index of the window to show\.", text)
+    assert re.search(r"--samples N +Number of forecasts of the scene, k \(default 20\)\.", text)
+    assert re.search(r"--seed N +Random seed of the noise \(default 0\)\.", text)
+    assert re.search(r"--forecast +Show [^(]*with\s+probabilities\.", text)
+    assert re.search(r"--figures +Draw figures \(default; --no-figures\)", short_help(Options, ""))
     with pytest.raises(SystemExit):
         main(["symbols", "--help-all"])
     assert "{None}" not in capsys.readouterr().out

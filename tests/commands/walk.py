@@ -81,7 +81,7 @@ def options_of(command: str) -> list[str]:
     """Names of the options, and in capitals of what is positional."""
     module = importlib.import_module(commands()[command])
     options = getattr(module, "Options", module.run)
-    return [flag.split()[0] for _, flag, _ in every_option(options)]
+    return [flag.split()[0] for _, flag, *_ in every_option(options)]
 
 
 def plain(value: Any) -> Any:

@@ -165,3 +165,12 @@ def test_inspect(tmp_path, capsys):
     (tmp_path / "good.txt").write_text("0 1 2 3\n1 1 2 3\n")
     assert inspect.run(tmp_path) == 0
     assert "bad.txt: row 1: 3 columns" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("row", "speeds"), [("0.4,1,2.66,0.88", "median 0.88, fastest 0.88 m/s"), ("", "unknown")]
+)
+def test_inspect_leaves_out_what_few_rows_do_not_say(row, speeds, tmp_path, capsys):
+    (tmp_path / "a.csv").write_text(f"time,person,x,y\n0.0,1,2.31,0.85\n0.0,2,5.02,1.17\n{row}\n")
+    assert inspect.run(tmp_path / "a.csv") == 0
+    assert f" m, speeds {speeds}\n    scenes 8+8: 0" in capsys.readouterr().out
