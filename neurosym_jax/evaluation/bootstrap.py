@@ -48,7 +48,7 @@ class ErrorsByScene:
     @property
     def sums(self) -> np.ndarray:
         """[2, S, M] totals and counts, see `Score`."""
-        return np.array([[*score] for score in self.scores.values()]).transpose(1, 2, 0)
+        return np.moveaxis(np.array([*self.scores.values()]), 0, -1)
 
     @property
     def blocks(self) -> np.ndarray:

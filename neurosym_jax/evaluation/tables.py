@@ -95,8 +95,8 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
     columns = []
     for name, metric in metrics.items():
         of_metric = [line.cells[name] for line in members]
-        marks = " *" if any(cell.best for cell in of_metric) else ("", "")
-        cells = [cell.mean + cell.half + marks[cell.best] for cell in of_metric]
+        unmarked = " " if any(cell.best for cell in of_metric) else ""
+        cells = [cell.mean + cell.half + ("*" if cell.best else unmarked) for cell in of_metric]
         first, _, rest = metric.title.partition(" ")
         columns.append([first, rest, *cells] if rest else ["", first, *cells])
     heads = (("", "k"), ("forecasts", "a second"), ("latency", "in ms"))

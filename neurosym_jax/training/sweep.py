@@ -231,9 +231,10 @@ def _read(folder: Path, rows: pl.DataFrame, pred_len: int | None) -> Runs:
     try:
         with np.load(folder / ERRORS) as arrays:
             for at, model, dataset, seed in columns.iter_rows():
-                *names, scenes = (name for name in arrays if name.startswith(f"{at}/"))
-                scores = {name.split("/")[1]: Score(*arrays[name]) for name in names}
-                errors = ErrorsByScene(scores, arrays[scenes], steps=sum(horizons[0]))
+                row = f"{at}/"
+                names = (name for name in arrays if name.startswith(row) and name != row)
+                scores = {name.removeprefix(row): Score(*arrays[name]) for name in names}
+                errors = ErrorsByScene(scores, arrays[row], steps=sum(horizons[0]))
                 runs.setdefault((model, dataset), {})[seed] = errors
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{folder}: holds no whole sweep ({error}); run the sweep again") from None

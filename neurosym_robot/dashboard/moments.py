@@ -9,16 +9,17 @@ A moment has
 - `ids`, `xy`: people seen, ids as text (JavaScript counts to 2**53 only), `xy` flat in metres;
 - `more`: how many others were seen; `robot`: its x, y [m] and heading [rad];
 - `now`: `Status.now()` without its score;
-- `step`, once a period if there is a forecast: `seen` [N][obs_len * 2] metres; `models` with
-  `samples` [N][k][pred_len * 2] whole centimetres from the last observed position; `codes`, the
-  states of the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N]; `likely` events as (name, k,
-  l, probability, seconds), and `score`.
+- `step`, once a period if there is a forecast: its `t` and the `ids` [N] of its people; `seen`
+  [N][obs_len * 2] metres, and `extrapolated` [N], how many of its last steps nobody saw; `models`,
+  each with `samples` [N][k][pred_len * 2] whole centimetres from the last observed position, their
+  probabilities `weights` [k] and the index `central` of the most probable; `codes`, the states of
+  the pairs (0, 1), (0, 2), ... (N-2, N-1); `alpha` [N * N] or null; `likely` events as (name, k, l,
+  probability, seconds), and `score`.
 
 The last line has the final `score` alone.
 """
 
 import base64
-import collections
 import functools
 import io
 import itertools
@@ -160,8 +161,9 @@ class Moments:
         last, people = forecast.observed[:, -1:], len(codes)
         events = likely_events(forecast, self._of_events, self._window.period, self._at_least)
         # The most probable of every kind, then the second, so that frequent kinds hide no other.
-        turns = collections.Counter()
-        events.sort(key=lambda each: turns.update([each.name]) or turns[each.name])
+        names = [each.name for each in events]
+        turns = [names[:n].count(name) for n, name in enumerate(names)]
+        likely = [events[n] for n in np.argsort(turns, kind="stable")[:MAX_LIKELY]]
         models = {}
         for name, result in forecast.models.items():
             ways = np.moveaxis(result.samples - last, 0, 1).reshape(people, len(result.samples), -1)
@@ -178,9 +180,7 @@ class Moments:
             "models": models,
             "codes": codes[np.triu_indices(people, 1)].tolist(),
             "alpha": None if alpha is None else np.round(alpha, 4).ravel().tolist(),
-            "likely": [
-                (*each[:3], *np.round(each[3:], 3).tolist()) for each in events[:MAX_LIKELY]
-            ],
+            "likely": [(*each[:3], *np.round(each[3:], 3).tolist()) for each in likely],
         }
 
 

@@ -166,7 +166,8 @@ class ForecastingNode(abc.ABC):
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
         with self._changed:
-            self.source.refused["late"] += len(self._waiting) == WAITING
+            if len(self._waiting) == WAITING:
+                self.source.refused["late"] += 1
             self._waiting.append((kind, message, publisher, time.monotonic()))
             self._changed.notify()
 
