@@ -77,7 +77,8 @@ def draw(path: Path) -> None:
     for axes, kind in zip(grid[0], kinds):
         errors = {name: means.filter(model=name)[kind].item() for name in looks}
         for name, took in seconds.items():
-            axes.plot(took, errors[name], "o", color=looks[name]["color"])
+            fill = "none" if name == RELEASED else "full"  # Hollow: the time is not measured.
+            axes.plot(took, errors[name], "o", color=looks[name]["color"], fillstyle=fill)
             words: dict[str, Any] = {"textcoords": "offset points", "size": SMALL}
             side = "right" if name == RELEASED else "center"
             at = (0, -13 if name == "anchors" else 6)

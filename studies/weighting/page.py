@@ -11,7 +11,15 @@ from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, new_figure, save_figure
 from neurosym_jax.runtime.files import write_text
 from studies.weighting.arms import CONTROLS, REAL, TENTHS
-from studies.weighting.comparison import INTERACTING, MARGIN, Comparison, Runs, adjusted, answer
+from studies.weighting.comparison import (
+    INTERACTING,
+    LEVEL,
+    MARGIN,
+    Comparison,
+    Runs,
+    adjusted,
+    answer,
+)
 from studies.weighting.scores import EVENTS
 from studies.weighting.text import ANSWER, TEXT
 
@@ -24,10 +32,10 @@ QUESTIONS = (
 )
 """The primary comparisons, on each real data set."""
 FURTHER = (
-    *(("papers, none", "papers"), ("papers, cnd", "papers"), ("papers, shuffled", "papers")),
-    *(("papers, learned", "papers"), ("papers, quantised", "papers, shuffled")),
-    *(("papers, quantised", "papers, cnd"), ("anchors, geometry", "anchors, nothing")),
-    *(("encounter, quantised", "encounter"), ("encounter, shuffled", "encounter")),
+    *(("papers, none", "papers"), ("papers, quantised", "papers, none"), ("papers, cnd", "papers")),
+    *(("papers, shuffled", "papers"), ("papers, learned", "papers")),
+    *(("papers, quantised", "papers, shuffled"), ("papers, quantised", "papers, cnd")),
+    *(("anchors, geometry", "anchors, nothing"), ("encounter, quantised", "encounter")),
 )
 EVERY_STEP = (
     ("encounter, every step, quantised", "encounter, every step"),
@@ -54,12 +62,12 @@ def write(table: Path) -> None:
     every = [each for pair in EVERY_STEP for each in _on(runs, REAL, pair)]
     tenths = list(_on(runs, TENTHS, QUESTIONS[2]))
     weak = list(_on(runs, list(CONTROLS)[1:], ("encounter, right", "encounter")))
-    save_figure(_forest([*primary, *further]), table.with_suffix(".png"))
+    save_figure(_forest([*primary, *further], "interacting people"), table.with_suffix(".png"))
     save_figure(_inputs(runs), table.with_name("weighting_inputs.png"))
-    save_figure(_forest(strata), table.with_name("weighting_events.png"))
+    save_figure(_forest(strata, "people of an event"), table.with_name("weighting_events.png"))
     text = TEXT.format(
         answer=ANSWER,
-        primary=_table(primary, last="answer"),
+        primary=_questions(primary),
         further=_table(further),
         every=_table(every),
         tenths=_table(tenths),
@@ -85,26 +93,47 @@ def _on(
     return [each for each in found if each is not None]
 
 
-def _table(comparisons: Sequence[Comparison], last: str = "") -> str:
-    if not comparisons:
-        return "Not run yet."
+def _questions(comparisons: Sequence[Comparison]) -> str:
+    """A row for each primary comparison, with its answer."""
     rows = [
         [
             each.dataset,
             f"{each.arm} − {each.reference}",
-            each.metric.removesuffix(" joint_ade"),
             str(each.seeds),
-            f"{each.percent:+.1f} ± {each.half:.1f} %".replace("-", "−"),
+            _percent(each),
             _p(each.p),
             _p(each.p_equivalent),
-            f"{each.reach:.1f} %",
-            *([f"**{answer(each)}**"] if last else []),
+            f"{each.reach:.1f}",
+            f"**{answer(each)}**",
         ]
         for each in comparisons
     ]
-    head = ["data", "arms", "people", "seeds", "difference (95 %)", "p, different"]
-    head += [f"p, within {MARGIN:g} %", "margin in reach", *([last] if last else [])]
-    return markdown_table(head, rows, right=5)
+    head = ["data", "arms", "seeds", "difference, %", "p, different", f"p, within {MARGIN:g} %"]
+    return markdown_table([*head, "margin in reach, %", "answer"], rows, right=6)
+
+
+def _table(comparisons: Sequence[Comparison]) -> str:
+    """A row for each pair of arms, a column for each data set; bold: within the margin."""
+    sets = list(dict.fromkeys(each.dataset for each in comparisons))
+    rows: dict[tuple[str, str], dict[str, Comparison]] = {}
+    for each in comparisons:
+        rows.setdefault((each.arm, each.reference), {})[each.dataset] = each
+    lines = []
+    for pair, found in rows.items():
+        texts = {
+            name: f"**{_percent(each)}**" if each.p_equivalent < LEVEL else _percent(each)
+            for name, each in found.items()
+        }
+        seeds = dict.fromkeys(str(each.seeds) for each in found.values())
+        cells = (texts.get(name, "") for name in sets)
+        lines.append([" − ".join(pair), ", ".join(seeds), *cells])
+    return markdown_table(
+        ["arms", "seeds", *(f"{name}, %" for name in sets)], lines, right=len(sets)
+    )
+
+
+def _percent(comparison: Comparison) -> str:
+    return f"{comparison.percent:+.1f} ± {comparison.half:.1f}".replace("-", "−")
 
 
 def _p(value: float) -> str:
@@ -113,7 +142,7 @@ def _p(value: float) -> str:
 
 def _inputs(runs: Runs) -> Figure:
     """The 2 x 2 of an attention's inputs: errors with intervals over seeds, a panel a data set."""
-    figure, grid = new_figure(WIDTH, 2.4, 1, len(REAL))
+    figure, grid = new_figure(WIDTH, 2.4, 1, len(REAL), sharey=True)
     for axes, name in zip(grid[0], REAL):
         dress(axes)
         axes.set_title(name, fontsize=LABEL, color=INK, loc="left")
@@ -125,12 +154,12 @@ def _inputs(runs: Runs) -> Figure:
             axes.errorbar(places, means, halves, label=label, marker="D", ms=4, capsize=3)
         axes.set_xticks([0, 1], ["no geometry", "geometry"], fontsize=SMALL, color=INK)
         axes.set_xlim(-0.4, 1.4)
-    grid[0, 0].set_ylabel("joint ADE, m", fontsize=LABEL, color=INK)
+    grid[0, 0].set_ylabel("joint ADE of\ninteracting people, m", fontsize=LABEL, color=INK)
     grid[0, 0].legend(fontsize=SMALL)
     return figure
 
 
-def _forest(comparisons: Sequence[Comparison]) -> Figure:
+def _forest(comparisons: Sequence[Comparison], people: str) -> Figure:
     """Differences in per cent with their intervals, a panel a data set, and the margin's band."""
     rows = list(dict.fromkeys((each.arm, each.reference, each.metric) for each in comparisons))
     figure, grid = new_figure(WIDTH, 0.9 + 0.22 * len(rows), 1, len(REAL), sharey=True, sharex=True)
@@ -143,8 +172,8 @@ def _forest(comparisons: Sequence[Comparison]) -> Figure:
             place = rows.index((each.arm, each.reference, each.metric))
             ends = [each.percent - each.half, each.percent + each.half]
             color = "#0072B2" if each.answered else "#AAAAAA"
-            axes.plot(ends, [place, place], color=color, lw=1.8)
-            axes.plot(each.percent, place, color=color, marker="D", ms=4, ls="none")
+            axes.plot(ends, [place, place], color=color, lw=1.8, solid_capstyle="butt")
+            axes.plot(each.percent, place, color=color, marker="D", ms=2.5, ls="none")
         axes.grid(visible=False, axis="y")
         axes.locator_params(axis="x", nbins=6)
     several = len({metric for *_, metric in rows}) > 1
@@ -154,5 +183,6 @@ def _forest(comparisons: Sequence[Comparison]) -> Figure:
     ]
     grid[0, 0].set_yticks(range(len(rows)), labels, fontsize=SMALL, color=INK)
     grid[0, 0].set_ylim(len(rows) - 0.4, -0.6)
-    figure.supxlabel("difference in per cent; left: better", fontsize=LABEL, color=INK)
+    words = f"difference in joint ADE of {people}, %; left: better"
+    figure.supxlabel(words, fontsize=LABEL, color=INK)
     return figure

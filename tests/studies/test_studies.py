@@ -5,6 +5,7 @@ import contextlib
 import io
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,7 @@ from studies.notebooks import FOLDER
 from studies.stitching.__main__ import greedy, offline, online
 from studies.stitching.situations import SITUATIONS
 from studies.weighting.data import LEARNED, TESTED
+from studies.weighting.page import write as write_weighting
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 DOWNLOADED = {"an_overtaking_ahead_of_time": "eth-ucy"}
@@ -44,9 +46,17 @@ def test_the_results_are_what_their_study_writes(tmp_path):
         assert (tmp_path / name).read_text(encoding="utf-8") == (DOCS / name).read_text("utf-8")
 
 
-def test_other_domains_are_what_their_study_prints():
-    page = (DOCS / "cross_domain.md").read_text(encoding="utf-8")
-    assert printed("studies.cross_domain", *sorted(DOCS.glob("cross_domain/*.json"))) == page
+def test_pages_of_elsewhere_are_what_their_studies_print():
+    pages = {"cross_domain": ("cross_domain", *sorted(DOCS.glob("cross_domain/*.json")))}
+    for page, (name, *words) in (pages | {"left_out": ("places",)}).items():
+        written = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+        assert printed(f"studies.{name}", *words) == written
+
+
+def test_the_study_of_weighting_writes_its_page(tmp_path):
+    table = Path(shutil.copy(DOCS / "weighting.csv", tmp_path))
+    write_weighting(table)
+    assert table.with_suffix(".md").read_text("utf-8") == (DOCS / "weighting.md").read_text("utf-8")
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
