@@ -19,7 +19,7 @@ import numpy as np
 from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import Rule, adjacency, alpha_table, encode_state
+from neurosym_jax.symbolic.states import NeighbourRule, adjacency, alpha_table, encode_state
 
 STEPS = 8
 CHUNK = 65_536
@@ -91,7 +91,7 @@ def _count(k: jax.Array, l: jax.Array) -> jax.Array:  # noqa: E741
     def jumps(states: jax.Array) -> jax.Array:
         return (states[:, 1:] * states[:, :-1] == -1).any(axis=-1)
 
-    def follows(rule: Rule) -> jax.Array:
+    def follows(rule: NeighbourRule) -> jax.Array:
         return jnp.asarray(adjacency("c1", rule))[before, after]
 
     every, moves = jnp.ones_like(codes, bool), jnp.ones_like(before, bool)

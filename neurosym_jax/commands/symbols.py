@@ -88,28 +88,32 @@ def run(
     shown = windows.take(slice(window, window + 1))
     title = f"{name}, window {window}"
     if not forecast:
-        from neurosym_jax.plotting import save_figure, use_style
-
         if weighting is None and network and network.config.weighting is None:
             raise InputError(f"{model}: {network.name} weighs no pairs: name a --weighting")
-        use_style(style)
-        figure = _show_weights(network, weighting, title, shown)
-        print(f"\n{save_figure(figure, out / 'pairs.png')}")
+        _show_weights(network, weighting, style, title, shown, out / "pairs.png")
     elif network:
-        observed = shown.position[:, : shown.obs_len]
-        futures = predict(network, observed, samples=samples, seed=seed)
-        rows = forecast_rows(futures, observed, shown.agent, SymbolSettings(shown.period))
-        path = out / "forecast.jsonl"
-        write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
-        print(f"{title}: {len(shown.agent)} people, {len(futures)} samples of {network.name}\n")
-        print(f"{format_forecast(rows)}\n\n{path}")
+        _show_forecast(network, samples, seed, title, shown, out / "forecast.jsonl")
     else:
         raise InputError("--forecast needs a --model that forecasts")
 
 
-def _show_weights(model: Model | None, text: str | None, title: str, shown: Windows) -> Any:
+def _show_forecast(
+    model: Model, samples: int, seed: int, title: str, shown: Windows, path: Path
+) -> None:
+    """Print and write the events and states of a window's pairs that the model forecasts."""
+    observed = shown.position[:, : shown.obs_len]
+    futures = predict(model, observed, samples=samples, seed=seed)
+    rows = forecast_rows(futures, observed, shown.agent, SymbolSettings(shown.period))
+    write_text(path, "".join(json.dumps(row, allow_nan=False) + "\n" for row in rows))
+    print(f"{title}: {len(shown.agent)} people, {len(futures)} samples of {model.name}\n")
+    print(f"{format_forecast(rows)}\n\n{path}")
+
+
+def _show_weights(
+    model: Model | None, text: str | None, style: Any, title: str, shown: Windows, path: Path
+) -> None:
     """Print the states of a window, and draw the weights that `text` or the model gives them."""
-    from neurosym_jax.plotting import plot_pairs
+    from neurosym_jax.plotting import plot_pairs, save_figure, use_style
 
     if model and text is None:
         weighting, parameters = model.config.weighting, model.params.get("weighting", {})
@@ -124,4 +128,6 @@ def _show_weights(model: Model | None, text: str | None, title: str, shown: Wind
     hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
     print(f"{title}: {len(shown.agent)} people, weighting {weighting.name}{hint}\n")
     print(format_pairs(codes, shown.agent, shown.period))
-    return plot_pairs(shown, codes, alpha, f"{title}, {weighting.name}{hint}")
+    use_style(style)
+    figure = plot_pairs(shown, codes, alpha, f"{title}, {weighting.name}{hint}")
+    print(f"\n{save_figure(figure, path)}")

@@ -91,32 +91,10 @@ def make_plan(
         raise InputError("--dataset and --test-on name two test sets: give one of them")
     if dataset is not None and dataset not in source.scenes:
         raise InputError(f"unknown dataset {dataset!r}: there are {', '.join(source.scenes)}")
-
-    def contradiction(model: Model) -> str | None:
-        """Why a model cannot be tested as asked; None where it can."""
-        config = model.config
-        if isinstance(config, GeneratorConfig) and "alpha_rows" in config.pooling.inputs:
-            return f"{POOLINGS.name_of(config.pooling)} {NO_FORECAST}"
-        for option, asked, has in (
-            ("obs-len", obs_len, config.obs_len),
-            ("pred-len", pred_len, config.pred_len),
-        ):
-            if asked not in (None, has):
-                return f"has {option.replace('-', '_')} {has}, but --{option} {asked} is asked for"
-        if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:
-            where = "learned from all of ETH/UCY, so it would be tested"
-        elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
-            where = (
-                f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it"
-            )
-        else:
-            return None
-        return f"{where} on what it was trained on (--test-on with file names does so all the same)"
-
     everywhere = ("+".join(test_on),) if test_on else (dataset,) if dataset else source.scenes
     tested: dict[TestSet, Entries] = {}
     for path, model in models:
-        if reason := contradiction(model):
+        if reason := _contradiction(model, source, dataset, test_on, obs_len, pred_len):
             if only_matching:
                 continue
             raise InputError(f"{path}: {reason}")
@@ -132,6 +110,33 @@ def make_plan(
         of: [*baselines_of(baselines, of.obs_len, of.pred_len, of.dataset, samples), *tested[of]]
         for of in sets
     }
+
+
+def _contradiction(
+    model: Model,
+    source: Source,
+    dataset: str | None,
+    test_on: Sequence[str],
+    obs_len: int | None,
+    pred_len: int | None,
+) -> str | None:
+    """Why a model cannot be tested as asked; None where it can."""
+    config = model.config
+    if isinstance(config, GeneratorConfig) and "alpha_rows" in config.pooling.inputs:
+        return f"{POOLINGS.name_of(config.pooling)} {NO_FORECAST}"
+    for option, asked, has in (
+        ("obs-len", obs_len, config.obs_len),
+        ("pred-len", pred_len, config.pred_len),
+    ):
+        if asked not in (None, has):
+            return f"has {option.replace('-', '_')} {has}, but --{option} {asked} is asked for"
+    if model.dataset == GENERAL and isinstance(source, EthUcy) and not test_on:
+        where = "learned from all of ETH/UCY, so it would be tested"
+    elif dataset is not None and model.dataset in source.scenes and dataset != model.dataset:
+        where = f"leaves {model.dataset} out of its training, so --dataset {dataset} would test it"
+    else:
+        return None
+    return f"{where} on what it was trained on (--test-on with file names does so all the same)"
 
 
 def baselines_of(

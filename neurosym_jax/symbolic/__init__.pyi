@@ -1,8 +1,8 @@
 from . import qtc as qtc
 from . import soft as soft
 from . import states as states
-from .events import Encounter as Encounter
 from .events import Event as Event
+from .events import PairFuture as PairFuture
 from .events import register_event as register_event
 from .forecast import symbolic_events as symbolic_events
 from .forecast import symbolic_forecast as symbolic_forecast

@@ -13,11 +13,11 @@ from jax import Array
 
 from neurosym_jax.plugins import Registry
 
-__all__ = ["EVENTS", "Encounter", "Event", "register_event"]
+__all__ = ["EVENTS", "Event", "PairFuture", "register_event"]
 
 
 @dataclasses.dataclass(frozen=True)
-class Encounter:
+class PairFuture:
     """The future of pairs (k, l) over T steps, with any leading axes; step t ends at `period` t.
 
     `who` in its methods is `"k"` or `"l"`.
@@ -115,7 +115,7 @@ class Event:
 
     sentence: str
     """What happens, in words, of k and l."""
-    happens: Callable[[Encounter], Array]
+    happens: Callable[[PairFuture], Array]
     """[..., T] bool: at which steps; a function that `jax.jit` can take."""
     short: str = ""
     """Such as `{k} follows {l}`; by default its name between the two."""

@@ -25,7 +25,7 @@ from jax.typing import ArrayLike
 from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import refuse_masked
-from neurosym_jax.symbolic.events import EVENTS, Encounter
+from neurosym_jax.symbolic.events import EVENTS, PairFuture
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import Calculus, all_states, state_index, state_texts
 
@@ -117,11 +117,11 @@ def event_steps(settings: SymbolSettings, names: tuple[str, ...], k: Array, l: A
     """
     states = settings.observe(k, l, "c1")
     k, l = jnp.broadcast_arrays(k, l)
-    encounter = Encounter(states, k, l, settings.period, settings.speed)
+    future = PairFuture(states, k, l, settings.period, settings.speed)
     steps = states.shape[-2]
     first = []
     for name in names:
-        happens = EVENTS[name].happens(encounter)
+        happens = EVENTS[name].happens(future)
         if happens.shape != states.shape[:-1] or happens.dtype != bool:
             raise InputError(
                 f"event {name}: bool [..., {steps}] is wanted, not {happens.dtype} "

@@ -23,14 +23,14 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import refuse
 
-__all__ = ["ABSENT", "Calculus", "Rule", "adjacency", "all_states", "alpha_table", "collapse"]
-__all__ += ["encode_state", "format_state", "state_index", "state_texts", "validate"]
+__all__ = ["ABSENT", "Calculus", "NeighbourRule", "adjacency", "all_states", "alpha_table"]
+__all__ += ["collapse", "encode_state", "format_state", "state_index", "state_texts", "validate"]
 
 ABSENT = np.int8(2)
 """A symbol that the state does not have: q3 and q4 of a QTC_BC state of a pair far apart."""
 
 Calculus = Literal["b1", "c1", "bc1"]
-Rule = Literal["dominance", "continuity"]
+NeighbourRule = Literal["dominance", "continuity"]
 
 
 @functools.cache
@@ -104,13 +104,13 @@ def validate(states: ArrayLike) -> np.ndarray:
 
 
 @functools.cache
-def adjacency(calculus: Calculus = "c1", rule: Rule = "dominance") -> np.ndarray:
+def adjacency(calculus: Calculus = "c1", rule: NeighbourRule = "dominance") -> np.ndarray:
     """[S, S] bool, symmetric: which states are neighbours; none is its own.
 
     Raises:
         InputError: for an unknown calculus or rule.
     """
-    refuse(Rule, {"rule": rule})
+    refuse(NeighbourRule, {"rule": rule})
     states = all_states(calculus)
     a, b = states[:, None], states[None]
     # A symbol that only one of them has is not compared; staying is no transition.
@@ -124,7 +124,7 @@ def adjacency(calculus: Calculus = "c1", rule: Rule = "dominance") -> np.ndarray
 
 @functools.cache
 def alpha_table(
-    calculus: Calculus = "c1", rule: Rule = "dominance", include_self: bool = False
+    calculus: Calculus = "c1", rule: NeighbourRule = "dominance", include_self: bool = False
 ) -> np.ndarray:
     """[S] float64: 1 / N_Tr of every state, N_Tr its number of neighbours.
 

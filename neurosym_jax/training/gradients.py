@@ -1,4 +1,4 @@
-"""Losses of SGAN's and NeuroSyM's training, and their gradients over one training batch.
+"""Scalars of SGAN's and NeuroSyM's training, and their gradients over one training batch.
 
 The variety loss depends on the best of k samples only, and so does its gradient: all k are decoded
 without a gradient, then the best (and the one that the discriminator scores) again with one.
@@ -25,14 +25,14 @@ from neurosym_jax.scene import AnyArray, Scene
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.stream import Groups, merge, split
 
-__all__ = ["Metrics", "adversarial_loss", "decode_groups", "discriminator_gradient"]
+__all__ = ["Scalars", "adversarial_loss", "decode_groups", "discriminator_gradient"]
 __all__ += ["distance_errors", "draw_group_noise", "encode_groups", "generator_gradient"]
 __all__ += ["safe_norm", "squared_displacement_errors", "warn_if_no_gradient", "with_leak"]
 
 LEAK = 0.1
 """Gentle pooling's share of the gradients that raise a unit, where the unit is below 0."""
-Metrics = dict[str, Array]
-"""Scalars by name."""
+Scalars = dict[str, Array]
+"""Losses and norms of gradients by name."""
 
 
 def discriminator_gradient(
@@ -45,7 +45,7 @@ def discriminator_gradient(
     *,
     label_real: Array | float,
     label_fake: Array | float,
-) -> tuple[Any, Metrics]:
+) -> tuple[Any, Scalars]:
     """Gradient with respect to the parameters `discriminator`; `noises` [1, ...], one sample."""
     contexts = encode_groups(generator_config, generator, groups)
     fakes = decode_groups(generator_config, generator, contexts, groups, noises)
@@ -73,7 +73,7 @@ def generator_gradient(
     noises: Sequence[Array],
     *,
     label: Array | float,
-) -> tuple[Any, Metrics]:
+) -> tuple[Any, Scalars]:
     """Gradient with respect to the parameters `generator`, not clipped, and the loss's terms.
 
     `noises` [k, ...] are those of k samples of each group, see `draw_group_noise`. Without
@@ -81,7 +81,7 @@ def generator_gradient(
     """
     decode = functools.partial(decode_groups, generator_config)
 
-    def loss(params: Any) -> tuple[Array, Metrics]:
+    def loss(params: Any) -> tuple[Array, Scalars]:
         params = with_leak(params) if recipe.gentle_pooling else params
         contexts = encode_groups(generator_config, params, groups)
         trials = decode(*jax.lax.stop_gradient((params, contexts)), groups, noises)
@@ -136,8 +136,8 @@ def distance_errors(forecast: AnyArray, truth: AnyArray, valid: AnyArray) -> Arr
     return jnp.stack([ade, distance[..., -1].sum(axis=-1) / agents])
 
 
-def displacements(last: AnyArray, future: AnyArray) -> Array:
-    """Displacements of `future [..., pred_len, 2]` that follows the position `last [..., 1, 2]`."""
+def steps_after(last: AnyArray, future: AnyArray) -> Array:
+    """Displacements of `future [..., pred_len, 2]` after the position `last [..., 1, 2]`."""
     start = jnp.broadcast_to(last, (*future.shape[:-2], 1, 2))
     return jnp.diff(jnp.concatenate([start, future], axis=-2), axis=-2)
 
@@ -162,7 +162,7 @@ def criterion_errors(recipe: TrainConfig, scenes: Scene, futures: Array) -> Arra
         if recipe.criterion == "distance":
             return distance_errors(future, scene.known_future, scene.valid)
         last = scene.observed[:, -1:]
-        moves = displacements(last, future), displacements(last, scene.known_future)
+        moves = steps_after(last, future), steps_after(last, scene.known_future)
         return squared_displacement_errors(*moves, scene.valid)
 
     return jax.vmap(of_scene, in_axes=(0, 1))(scenes, futures)
@@ -263,7 +263,7 @@ def _scores(
     apply = functools.partial(Discriminator(recipe.discriminator).apply, params)
     moves = [
         jnp.concatenate(
-            [scene.displacement, displacements(scene.observed[:, :, -1:], future)], axis=2
+            [scene.displacement, steps_after(scene.observed[:, :, -1:], future)], axis=2
         )
         for scene, future in zip(groups, futures)
     ]

@@ -21,7 +21,7 @@ from neurosym_jax.forecasting.forecasters import GeneratorForecaster
 from neurosym_jax.models import Discriminator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.training.gradients import (
-    Metrics,
+    Scalars,
     discriminator_gradient,
     draw_group_noise,
     generator_gradient,
@@ -88,7 +88,7 @@ def train_steps(
     key: Array,
     state: TrainState,
     batches: Groups,
-) -> tuple[TrainState, Metrics]:
+) -> tuple[TrainState, Scalars]:
     """One compiled call of many steps: the state after the last one, and metrics `[steps]`.
 
     `batches` are groups `[steps, batches, ...]`, see `train_step`; `key` is the run's, the same for
@@ -109,7 +109,7 @@ def train_step(
     state: TrainState,
     batches: Groups,
     key: Array,
-) -> tuple[TrainState, Metrics]:
+) -> tuple[TrainState, Scalars]:
     """A discriminator step on one batch (where there is one), a generator step on the next.
 
     `batches` are groups with a leading axis of 2 batches, or of 1 without adversarial term. `key`
@@ -145,7 +145,7 @@ def learn(
     *,
     real: tuple[Array | float, Array | float],
     fake: Array | float,
-) -> tuple[TrainState, Metrics, tuple[Any, Any]]:
+) -> tuple[TrainState, Scalars, tuple[Any, Any]]:
     """An Adam step of the discriminator on `first`, if any, then of the generator on `second`.
 
     `real` are the two steps' labels [] of real trajectories, `fake` [] the discriminator's of
