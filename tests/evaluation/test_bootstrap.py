@@ -91,7 +91,7 @@ def test_the_mean_is_of_the_seeds_that_every_test_set_has():
 
 
 def test_where_nothing_was_counted_the_mean_is_0():
-    """Nobody has a neighbour in one of two blocks, and a quarter of the draws are of that alone."""
+    """Nobody has a neighbour in one of two blocks, and some draws are of that alone."""
     identity = np.array([[0, 0], [0, 16]], np.uint32)
     score = Score(np.array([3.0, 0.0]), np.array([2, 0]))
     errors = ErrorsByScene({"neighbour_move": score}, identity, 16)

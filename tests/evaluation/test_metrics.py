@@ -10,8 +10,6 @@ from neurosym_jax.evaluation import formulas
 from neurosym_jax.evaluation.formulas import COLLISION_DISTANCE, collisions
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
 from neurosym_jax.evaluation.scoring import score, score_forecaster
-from neurosym_jax.forecasting.forecaster import Lengths
-from neurosym_jax.forecasting.forecasters import ConstantVelocitySampled
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model
@@ -278,9 +276,3 @@ def test_moves_by_hand():
     for apart, near in ((2.1, False), (1.9, True)):
         beside = case.replace(observed=case.observed * apart / 2.1)
         assert formulas.neighbour_near(moves, beside)[1].tolist() == [near, near, False]
-
-
-def test_a_baseline_sees_nobody():
-    forecaster = ConstantVelocitySampled(Lengths(OBS, PRED))
-    found = score_forecaster(forecaster, (), BATCHES, samples=3, seed=0, metrics=NEIGHBOURS)
-    assert [found.mean(name) for name in NEIGHBOURS] == [0, 0, 0]

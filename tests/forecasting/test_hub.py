@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from unittest import mock
 
 import pytest
 import yaml
@@ -128,6 +129,18 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
     files["README.md"] += b"edited in the browser"
     again = run("nj.Model.from_pretrained('me/walkers')", tmp_path / "again", endpoint)
     assert "damaged: its files do not match the digest" in again
+
+
+def test_what_is_uploaded_is_a_models_folder(model, monkeypatch):
+    hub, uploaded = mock.Mock(), {}
+    hub.upload_folder = lambda repo_id, folder_path: (
+        uploaded.update(name=repo_id, kind=load_model(folder_path).kind)
+        or mock.Mock(commit_url="its page")
+    )
+    monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
+    assert model("none").push_to_hub("me/walkers", private=True) == "its page"
+    assert uploaded == {"name": "me/walkers", "kind": "generator"}
+    hub.create_repo.assert_called_once_with("me/walkers", private=True, exist_ok=True)
 
 
 def test_what_is_nowhere_is_named_in_one_line(monkeypatch):

@@ -17,7 +17,7 @@ from neurosym_jax.forecasting.batched import (
     predict_scenes,
     unpacked,
 )
-from neurosym_jax.forecasting.model import Model, predict
+from neurosym_jax.forecasting.model import Model, predict, predict_distribution
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, pad_scene
@@ -70,7 +70,8 @@ def test_many_scenes_are_forecast_as_each_alone(name):
     assert len(found) == len(scenes)
     for number in (0, len(scenes) // 3, len(scenes) - 1):
         how = {"samples": K, "seed": 5, "recording": "crowd", "frame": frames[number]}
-        alone = predict(model, scenes[number], **how)
+        alone, likely = predict_distribution(model, scenes[number], **how)
+        assert likely.tolist() == [1 / K] * K
         assert alone.dtype == np.float64
         assert_allclose(found[number], alone, rtol=0, atol=1e-5)
         assert_allclose(predict(model, scenes[number] - UTM, **how) + UTM, alone, rtol=0, atol=1e-5)
