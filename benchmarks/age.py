@@ -1,166 +1,288 @@
-"""Age of information: from a frame's stamp to its forecast at another process of a ROS 1 graph.
+"""Age of information: from a frame's stamp to its forecast at a listener, another process.
 
-A real roscore, our node with the model `--age-model`, and this process as tracker and planner:
-people who walk in a hall, at 10 Hz with 20 ms of jitter, at 7 Hz, and 200 people at 30 Hz; without
-and with the page open in a headless Chromium on the same cores.
+People walk in a hall: 8 at 10 Hz with 20 ms of jitter, 8 at 7 Hz, and 200 at 30 Hz; without the
+page, and with it open in a headless Chromium on the same cores, whose drawings are counted, too.
+ROS 1 is a real roscore, and samples are heard. ROS 2 is a real rclpy, in the Python that
+`$NEUROSYM_ROS2` names or else in this one; markers are heard, whose type every ROS 2 has. Nobody
+but its page hears a replay: a bag is played at its own rate, and the ages are those that the
+command prints, from the moment when a frame is due to its forecast.
 """
 
 import contextlib
+import itertools
+import json
 import os
+import re
 import shutil
 import signal
 import socket
 import struct
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.timing import OURS
+from benchmarks.timing import OURS, row
+from neurosym_robot.tracking.following import Frame
 
 ROOT = Path(__file__).resolve().parents[1]
-SECONDS = 20.0  # measured
-CASES = {  # people, Hz, standard deviation of the stamps [s]
-    "10 Hz, 20 ms jitter, 8 people": (8, 10.0, 0.02),
-    "7 Hz, 8 people": (8, 7.0, 0.0),
-    "30 Hz, 200 people": (200, 30.0, 0.0),
-}
-TITLE = "age of a forecast at a listener"
-FORECASTS = "/hri/human_poses_prediction"
+WARM, SECONDS = 4.0, 12.0  # of a case: before it counts, and while it does
+MAKERS = ("neurosym", "baseline", "anchors")  # of forecasts, as topics name them
+COUNT = """() => {
+  window.drawn = [];
+  const draw = CanvasRenderingContext2D.prototype.drawImage;
+  CanvasRenderingContext2D.prototype.drawImage = function (...all) {
+    if (this.canvas.id === "scene") window.drawn.push(Date.now() / 1000);
+    return draw.apply(this, all);
+  };
+}"""
+"""The page copies its background to the canvas once whenever it draws."""
+
+Hear = Callable[[int, int], None]
+"""Takes the stamp of a forecast, seconds and nanoseconds."""
+Publish = Callable[[Frame], object]
+
+
+class Case(NamedTuple):
+    """A crowd and its tracker."""
+
+    people: int
+    rate: float  # Hz
+    jitter: float  # standard deviation of the stamps, seconds
+    name: str
+
+    def frames(self) -> Iterator[Frame]:
+        """Everybody from 0 s on."""
+        rng, side = np.random.default_rng(0), 2.0 * self.people**0.5
+        start = rng.uniform(0, side, (self.people, 2))
+        speed = rng.normal(0, 0.8, (self.people, 2))
+        for now in np.arange(0, WARM + SECONDS, 1 / self.rate):
+            xy = side - np.abs((start + speed * now) % (2 * side) - side)
+            stamp = max(0.0, now + self.jitter * rng.normal())
+            yield Frame(stamp, np.arange(self.people), xy)
+
+
+CASES = (
+    Case(8, 10.0, 0.02, "10 Hz with 20 ms jitter, 8 people"),
+    Case(8, 7.0, 0.0, "7 Hz, 8 people"),
+    Case(200, 30.0, 0.0, "30 Hz, 200 people"),
+)
 
 
 def measure(options: Any) -> dict[str, Any]:
-    """See the module."""
-    if shutil.which("roscore") is None:
-        return {"title": f"{TITLE}: not measured, there is no roscore here", "rows": []}
-    table = []
-    for case, (people, rate, jitter) in CASES.items():
-        for browser in (False, True):
-            ages, share = one(options.age_model, people, rate, jitter, browser)
-            p50, p99 = np.percentile(ages, [50, 99])
-            name = f"{case}{', page open' if browser else ''}: {share:.0%} of frames answered"
-            row = {"case": name, "who": OURS, "unit": "s", "median": float(p50), "p99": float(p99)}
-            row |= {"low": float(ages.min()), "high": float(ages.max()), "repeats": len(ages)}
-            table.append(row)
-            print(f"{name}: p50 {1e3 * p50:.0f} ms, p99 {1e3 * p99:.0f} ms", flush=True)
-    return {"title": TITLE, "rows": table}
+    """See the module; each kind in a process of its own, in the Python that can run it."""
+    title, table = "age of a forecast at a listener", []
+    for kind in KINDS:
+        python = (
+            os.environ.get("NEUROSYM_ROS2", sys.executable) if kind == "ROS 2" else sys.executable
+        )
+        paths = str(ROOT), sysconfig.get_paths()["purelib"], os.environ.get("PYTHONPATH", "")
+        done = subprocess.run(
+            [python, "-m", "benchmarks.age", kind, options.age_model],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        table += map(json.loads, done.stdout.splitlines())
+        if done.returncode:
+            title += f"; {kind} cannot be run here"
+    return {"title": title, "rows": table}
 
 
-def one(
-    model: str, people: int, rate: float, jitter: float, browser: bool
-) -> tuple[np.ndarray, float]:
-    """Ages [s] of the forecasts heard, and the share of frames that have one."""
-    with contextlib.ExitStack() as stack:
-        graph = _Graph(stack)
-        command = ["-m", "neurosym_jax", "ros1", "--topic", "/people", "--model", model]
-        command += ["--dashboard", "--port", str(graph.page)] if browser else []
-        graph.node = graph.start([sys.executable, *command])
-        ages, sent = graph.exchange(people, rate, jitter, browser)
-    return ages, len(ages) / sent
+def live(join: Callable[[contextlib.ExitStack, Hear], Publish], command: list[str], kind: str):
+    """All cases in a graph, one after the other; this process is the tracker and the planner."""
+    heard: list[tuple[float, float]] = []
+
+    def hear(sec: int, nanosec: int) -> None:
+        heard.append((time.time(), sec + 1e-9 * nanosec))
+
+    with contextlib.ExitStack() as graph:
+        publish = join(graph, hear)
+        for is_open in (False, True):
+            with contextlib.ExitStack() as stack:
+                node = _Process(stack, [*command, "--topic", "/people"], is_open)
+                node.line("everything is compiled")
+                for case in CASES:
+                    began, stamps = time.monotonic(), []
+                    for due, ids, xy in case.frames():
+                        time.sleep(max(0.0, began + due - time.monotonic()))
+                        stamps.append(time.time())
+                        publish(Frame(stamps[-1], ids, xy))
+                    time.sleep(1.0)
+                    since = stamps[-1] - SECONDS
+                    ages = [at - stamp for at, stamp in heard if stamp > since]
+                    share = len(ages) / sum(stamp > since for stamp in stamps)
+                    _tell(kind, case, ages, node.drawn(stamps[-1]), answered=share)
 
 
-class _Process(subprocess.Popen):
-    """A process; `warm` once it says that everything is compiled."""
+def ros1(stack: contextlib.ExitStack, hear: Hear) -> Publish:
+    """Join a new graph of ROS 1."""
+    from neurosym_robot.ros.definitions import FORECAST, PEOPLE, blank, ros1_name, typestore
+    from neurosym_robot.ros.messages import make_people
+    from neurosym_robot.ros.tcpros import Node, Topic
 
-    def __init__(self, command: list[str], env: dict[str, str]):
-        output = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-        super().__init__(command, env=env, text=True, **output)  # pyright: ignore
-        self.warm = False
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self) -> None:
-        for line in self.stderr or ():
-            self.warm = self.warm or "everything is compiled" in line
-
-
-class _Graph:
-    """A master, and processes that end with it."""
-
-    def __init__(self, stack: contextlib.ExitStack):
-        self._stack = stack
-        self.port, self.page = _free_port(), _free_port()
-        self.uri = f"http://127.0.0.1:{self.port}"
-        folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
-        self._env = {"ROS_MASTER_URI": self.uri, "ROS_IP": "127.0.0.1", "ROS_HOME": folder}
-        os.environ["ROS_IP"] = "127.0.0.1"
-        self.start(["roscore", "-p", str(self.port)])
-
-    def start(self, command: list[str]) -> "_Process":
-        """Start a process."""
-        process = _Process(command, {**os.environ, **self._env, "PYTHONPATH": str(ROOT)})
-        self._stack.callback(process.wait)
-        self._stack.callback(process.send_signal, signal.SIGINT)
-        return process
-
-    def exchange(
-        self, people: int, rate: float, jitter: float, browser: bool
-    ) -> tuple[np.ndarray, int]:
-        """Ages of the forecasts of `SECONDS`, and the number of frames sent."""
-        from neurosym_robot.ros.definitions import FORECAST, PEOPLE, blank, ros1_name, typestore
-        from neurosym_robot.ros.messages import make_people
-        from neurosym_robot.ros.tcpros import Node, Topic
-        from neurosym_robot.tracking.following import Frame
-
-        store = typestore(1)
-
-        def topic(name: str, kind: str) -> Topic:
-            definition, md5 = store.generate_msgdef(kind, ros_version=1)
-            return Topic(name, ros1_name(kind), md5, definition)
-
-        node = Node("tracker", self.uri, lambda text: None)
-        self._stack.callback(node.close)
-        heard: list[tuple[float, float]] = []
-
-        def hear(data: bytes, header: Any) -> None:
-            sec, nanosec = struct.unpack_from("<II", data, 4)
-            heard.append((time.time(), sec + 1e-9 * nanosec))
-
-        for end in ("neurosym", "baseline", "anchors", "recommended"):
-            node.subscribe(topic(f"{FORECASTS}_{end}/samples", FORECAST), hear)
-        publisher = node.advertise(topic("/people", PEOPLE))
-        rng = np.random.default_rng(0)
-        side = 2.0 * people**0.5
-        start, speed = rng.uniform(0, side, (people, 2)), rng.normal(0, 0.8, (people, 2))
-        ids, stamps, number = np.arange(people), [], 0
-        began, begin = time.monotonic(), None
-        while begin is None or time.monotonic() < begin + SECONDS:
-            due = began + number / rate
-            time.sleep(max(0.0, due + jitter * rng.normal() - time.monotonic()))
-            now, way = time.time(), start + speed * number / rate
-            xy = side - np.abs(way % (2 * side) - side)
-            stamps.append(now)
-            message = make_people(lambda kind: blank(store, kind), Frame(now, ids, xy), "map")
-            publisher.publish(bytes(store.serialize_ros1(message, PEOPLE)))
-            number += 1
-            if begin is None and heard and self.node.warm:
-                begin = time.monotonic()
-                if browser:
-                    self._browse()
-        time.sleep(1.0)
-        since = stamps[-1] - SECONDS
-        ages = [at - stamp for at, stamp in heard if stamp > since]
-        return np.array(ages), sum(stamp > since for stamp in stamps)
-
-    def _browse(self) -> None:
-        chromium = shutil.which("chromium") or shutil.which("google-chrome") or "chromium"
-        quiet = ["--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0"]
-        folder = self._stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
-        quiet += [f"--user-data-dir={folder}", "--window-size=1400,900"]
-        self.start([chromium, *quiet, f"http://127.0.0.1:{self.page}/"])
-
-
-def _free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
+        port = str(free.getsockname()[1])
+    os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1")
+    _Process(stack, ["roscore", "-p", port])
+    store, node = typestore(1), Node("tracker", None, lambda text: None)
+    stack.callback(node.close)
+
+    def topic(name: str, kind: str) -> Topic:
+        definition, md5 = store.generate_msgdef(kind, ros_version=1)
+        return Topic(name, ros1_name(kind), md5, definition)
+
+    for maker in MAKERS:
+        samples = topic(f"/hri/human_poses_prediction_{maker}/samples", FORECAST)
+        node.subscribe(samples, lambda data, header: hear(*struct.unpack_from("<II", data, 4)))
+    publisher = node.advertise(topic("/people", PEOPLE))
+
+    def publish(frame: Frame) -> None:
+        message = make_people(lambda kind: blank(store, kind), frame)
+        publisher.publish(bytes(store.serialize_ros1(message, PEOPLE)))
+
+    return publish
+
+
+def ros2(stack: contextlib.ExitStack, hear: Hear) -> Publish:
+    """Join a graph of ROS 2 on this computer, with a number of its own."""
+    import rclpy  # pyright: ignore
+    from geometry_msgs.msg import Point, Pose, PoseArray  # pyright: ignore
+    from rclpy.executors import ExternalShutdownException  # pyright: ignore
+    from visualization_msgs.msg import MarkerArray  # pyright: ignore
+
+    own = str(1 + os.getpid() % 100)
+    os.environ.update(ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_DOMAIN_ID=own)
+    rclpy.init()
+    node = rclpy.create_node("tracker")
+
+    def markers(data: bytes) -> None:
+        hear(*struct.unpack_from("<II", data, 8))  # the header of the first
+
+    for maker in MAKERS:
+        topic = f"/hri/human_poses_prediction_{maker}/markers"
+        node.create_subscription(MarkerArray, topic, markers, 10, raw=True)
+    publisher = node.create_publisher(PoseArray, "/people", 10)
+
+    def spin() -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            rclpy.spin(node)
+
+    listening = threading.Thread(target=spin)
+    listening.start()
+    stack.callback(listening.join)
+    stack.callback(rclpy.try_shutdown)
+
+    def publish(frame: Frame) -> None:
+        poses = [Pose(position=Point(x=x, y=y)) for x, y in frame.xy.tolist()]
+        message = PoseArray(poses=poses)
+        message.header.frame_id, stamp = "map", divmod(round(1e9 * frame.stamp), 10**9)
+        message.header.stamp.sec, message.header.stamp.nanosec = stamp
+        publisher.publish(message)
+
+    return publish
+
+
+def replay(model: str, kind: str) -> None:
+    """All cases, each from a bag of its own."""
+    from neurosym_robot.ros.bags import BagWriter
+    from neurosym_robot.ros.messages import make_people
+
+    for is_open, case in itertools.product((False, True), CASES):
+        with contextlib.ExitStack() as stack:
+            bag = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "people.bag"
+            with BagWriter(bag) as writer:
+                for frame in case.frames():
+                    writer.write("/people", frame.stamp, make_people(writer.new, frame))
+            process = _Process(
+                stack, ["replay", str(bag), "--rate", "1", "--model", model], is_open
+            )
+            printed = re.findall(r"p\d+ ([\d.]+) ms", process.line("age of information"))
+            _tell(kind, case, [1e-3 * float(age) for age in printed], process.drawn(time.time()))
+
+
+KINDS: dict[str, Callable[[str, str], None]] = {
+    "ROS 1": lambda model, kind: live(ros1, ["ros1", "--model", model], kind),
+    "ROS 2": lambda model, kind: live(
+        ros2, ["ros2", "--message", "PoseArray", "--model", model], kind
+    ),
+    "replay": replay,
+}
+
+
+def _tell(kind: str, case: Case, ages: list[float], drawn: float | None, **more: Any) -> None:
+    """Print the row of a case; of a replay, `ages` are the median and the 99th percentile."""
+    name = f"{kind}, {case.name}{'' if drawn is None else ', page open'}"
+    print(name, "" if ages else ": no forecast was heard", file=sys.stderr, flush=True)
+    if not ages:
+        return
+    more |= {} if drawn is None else {"drawn": drawn}
+    told = row(name, OURS, ages, **more, p99=float(np.percentile(ages, 99)))
+    if kind == "replay":
+        told |= {"median": ages[0], "p99": ages[1]}
+    print(json.dumps(told), flush=True)
+
+
+class _Process:
+    """A process that ends with its stack, what it prints, and the page that shows it."""
+
+    def __init__(self, stack: contextlib.ExitStack, command: list[str], is_open: bool = False):
+        """Start `command`, one of ours unless it is a program's name; open its page."""
+        if shutil.which(command[0]) is None:
+            command = [sys.executable, "-m", "neurosym_jax", *command]
+        command += ["--dashboard", "--port", "0"] if is_open else []
+        into = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        self._process: Any = subprocess.Popen(command, **into)
+        stack.callback(self._process.wait)
+        stack.callback(self._process.send_signal, signal.SIGINT)
+        self._lines: list[str] = []
+        threading.Thread(target=self._read, daemon=True).start()
+        self._page = self._browse(stack) if is_open else None
+
+    def _read(self) -> None:
+        for line in self._process.stdout:
+            self._lines.append(line)
+
+    def line(self, text: str) -> str:
+        """Wait for a line with this text."""
+        while self._process.poll() is None:
+            for line in self._lines:
+                if text in line:
+                    return line
+            time.sleep(0.05)
+        raise RuntimeError(f"it ended without {text!r}: {''.join(self._lines)}")
+
+    def _browse(self, stack: contextlib.ExitStack) -> Any:
+        from playwright.sync_api import sync_playwright
+
+        chromium = shutil.which("chromium") or shutil.which("google-chrome")
+        browser = stack.enter_context(sync_playwright()).chromium.launch(
+            executable_path=chromium, args=["--no-sandbox", "--disable-gpu"]
+        )
+        page = browser.new_page(viewport={"width": 1400, "height": 900})
+        page.goto(self.line("page is at").split()[-1])
+        page.evaluate(COUNT)
+        return page
+
+    def drawn(self, end: float) -> float | None:
+        """Drawings a second of the page in the `SECONDS` before `end`; None if it is not open."""
+        if self._page is None:
+            return None
+        times = np.array(self._page.evaluate("drawn"))
+        return float(((times > end - SECONDS) & (times <= end)).sum() / SECONDS)
 
 
 if __name__ == "__main__":
-    import types
-
-    measure(types.SimpleNamespace(age_model=sys.argv[1]))
+    kind, model = sys.argv[1:]
+    try:
+        KINDS[kind](model, kind)
+    except (ImportError, FileNotFoundError) as error:
+        sys.exit(f"{kind}: {error}")

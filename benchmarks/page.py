@@ -32,7 +32,10 @@ TAIL = """<details markdown="1">
 Rounds of the contestants alternate in one process; the tables have medians. After a colon stands
 the ratio to ours, in brackets the least and the most that the rounds allow. Timings on this machine
 vary threefold between hours: compare within a row only; evaluation, symbols and reading were
-measured in a slower hour than the others. "Start" compiles everything first,
+measured in a slower hour than the others. For the age, ROS 1 is a real roscore, with
+samples out; ROS 2 a real rclpy, with poses in and markers out; and a bag is replayed at its own
+rate: its ages are those that `neurosym replay` prints, because nobody but the page hears it.
+"Start" compiles everything first,
 "meanwhile" while people are forecast already; "warm" has programs in the cache. The torch peer is
 SGAN with encoding and pooling done once, all samples together, and no loop over scenes; that of
 `anchors` has the same loss and gradient, without augmentation and averaging. The original is the
@@ -44,6 +47,7 @@ and the bound set by the arithmetic; the first lines of `benchmarks/page.py` ren
 </details>
 """
 
+AGE = ["", "median", "99 % below", "frames with a forecast", "page's frames a second"]
 HIDDEN = (
     *("somebody is", "longest", "latest", "imports", "no-coll", "plain", "evaluate.py,"),
     "all forty",
@@ -55,7 +59,7 @@ TITLES = {
     "trainings": "whole training, zara1, 8 + 12",
     "symbols": "QTC and alpha",
     "online": "from a frame to 20 forecasts",
-    "age": "from a frame's stamp to its forecast at a listener",
+    "age": "From a frame's stamp to its forecast at a listener",
     "start": "process",
     "reading": "reading",
     "crowds": "20 forecasts of a crowd",
@@ -84,12 +88,29 @@ def document(benchmarks: dict[str, Any]) -> str:
         for title, case, rows in compared
     ]
     parts = [HEAD, "## Compared\n", _table(["", "ours", *others], lines), "## Ours alone\n"]
+    ages = [row for title, _, by_who in alone if title == TITLES["age"] for row in by_who.values()]
     rows = [
         [f"{title}: {case}", _seconds(row["median"])]
         for title, case, by_who in alone
         for row in by_who.values()
+        if row not in ages
     ]
-    return "\n".join([*parts, _table(["", "median"], rows), TAIL.format(machine=about)])
+    parts.append(_table(["", "median"], rows))
+    if ages:
+        parts += [f"## {TITLES['age']}\n", _table(AGE, _ages(ages))]
+    return "\n".join([*parts, TAIL.format(machine=about)])
+
+
+def _ages(rows: list[dict[str, Any]]) -> list[list[str]]:
+    return [
+        [
+            row["case"],
+            *(_seconds(row[part]) for part in ("median", "p99")),
+            f"{row['answered']:.0%}" if "answered" in row else "",
+            f"{row['drawn']:.0f}" if "drawn" in row else "",
+        ]
+        for row in rows
+    ]
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:

@@ -74,7 +74,8 @@ def text(result: Mapping[str, Any]) -> str:
         more = f"  {each['ratio']:.1f} times ours" if each.get("ratio", 1) != 1 else ""
         if "p99" in each:
             more += f"  p99 {each['p99'] * scale:.4g} {unit}"
-        more += "".join(f"  {name} {each[name]:.4g}" for name in ("peak_mb", "ade") if name in each)
+        known = ("peak_mb", "ade", "answered", "drawn")
+        more += "".join(f"  {name} {each[name]:.4g}" for name in known if name in each)
         lines.append(
             f"  {each['case']:32} {each['who']:14} {middle:>9} {unit} ({low} to {high}){more}"
         )

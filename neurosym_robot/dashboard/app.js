@@ -11,6 +11,7 @@ class App {
     this.stage = new Stage(find("scene"), this.recording);
     this.panels = new Panels(this.recording, this.stage.style, (pair) => this.choose(pair));
     this.offerLayers();
+    find("layers").open = innerWidth > 860; // on a phone it would cover people
     this.listen();
     new ResizeObserver(() => this.redraw()).observe(find("scene"));
     matchMedia("(prefers-color-scheme: dark)").onchange = () => this.recolour();

@@ -101,11 +101,11 @@ class Panels {
     find("no-robot").hidden = Boolean(robot);
     if (!robot || t === this.approached) return;
     this.approached = t;
-    const rows = this.recording.approaches(index).slice(0, ROWS).map((each) => {
+    const rows = this.recording.approaches(index, ROWS).map((each) => {
       const row = make("tr", "", { onclick: () => this.choose([each.id, this.pair[0]]) });
       row.append(make("th", each.id, { scope: "row" }), make("td", `${each.now.toFixed(1)} m`),
         make("td", `${each.closest.toFixed(1)} m`), make("td", `${each.seconds.toFixed(1)} s`),
-        make("td", `${Math.round(100 * each.near)} %`));
+        make("td", `${Math.round(100 * each.near())} %`));
       row.classList.toggle("soon", each.closest < 1);
       return row;
     });

@@ -72,8 +72,8 @@ class Recording {
     return [0, 1].map((n) => (now.robot[n] - then.robot[n]) / seconds);
   }
 
-  // By person of the forecast, nearest approach first: where the robot keeps its velocity.
-  approaches(index) {
+  // The people of the forecast who come nearest, if the robot keeps its velocity: so many.
+  approaches(index, most) {
     const { latest: step, robot, at } = this.moments[index];
     if (!step || !robot) return [];
     const speed = this.velocity(index);
@@ -97,12 +97,12 @@ class Recording {
         }
         return best;
       };
-      const near = samples[n].reduce((sum, flat, k) => sum + (least(flat)[0] < 1 && weights[k]), 0);
+      const near = () => samples[n].reduce((sum, flat, k) => sum + (least(flat)[0] < 1 && weights[k]), 0);
       const [closest, seconds] = least(samples[n][central]);
       const place = at.get(id);
       return { id, now: Math.hypot(place[0] - robot[0], place[1] - robot[1]), closest, seconds, near };
     });
-    return found.sort((a, b) => a.closest - b.closest);
+    return found.sort((a, b) => a.closest - b.closest).slice(0, most);
   }
 
   // Symbols q1 .. q4 of k and l in a forecast, the weight that l has for k, and metres apart.

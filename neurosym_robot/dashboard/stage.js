@@ -61,6 +61,8 @@ class Stage {
       this.span = side * Math.max(wide / width, high / height);
     }
     this.scale = side / this.span;
+    // What is drawn of a person is as wide as a body, within bounds that can be seen.
+    this.mark = Math.min(this.em, Math.max(this.em / 2, 0.6 * this.scale));
     for (const each of [this.canvas, this.back]) {
       const [w, h] = [Math.round(width * density), Math.round(height * density)];
       if (each.width !== w || each.height !== h) {
@@ -109,8 +111,8 @@ class Stage {
     }
     this.begin(this.canvas);
     this.pen.drawImage(this.back, 0, 0, this.width, this.height);
-    if (moment?.robot) this.drawRobot(moment.robot);
     if (moment) this.drawPeople(what);
+    if (moment?.robot) this.drawRobot(moment.robot);
   }
 
   begin(canvas) {
@@ -130,9 +132,25 @@ class Stage {
     this.pen.stroke();
   }
 
-  dot(place, radius) {
+  // From these places on, in whole centimetres from each.
+  strokeWays(starts, ways) {
+    const { pen } = this;
+    const scale = this.scale / 100;
+    pen.beginPath();
+    ways.forEach((flat, n) => {
+      const [x, y] = this.toScreen(starts[n]);
+      pen.moveTo(x, y);
+      for (let t = 0; t < flat.length; t += 2) pen.lineTo(x + scale * flat[t], y - scale * flat[t + 1]);
+    });
+    pen.stroke();
+  }
+
+  dots(places, radius) {
     this.pen.beginPath();
-    this.pen.arc(...this.toScreen(place), radius, 0, 7);
+    for (const [x, y] of places.map((place) => this.toScreen(place))) {
+      this.pen.moveTo(x + radius, y);
+      this.pen.arc(x, y, radius, 0, 7);
+    }
     this.pen.fill();
   }
 
@@ -162,44 +180,42 @@ class Stage {
   }
 
   drawForecast(step, { shown, past }) {
-    const { pen, em } = this;
+    const { pen, mark } = this;
     const last = step.seen.map((flat) => flat.slice(-2));
     if (past && shown.has("what happened")) {
-      Object.assign(pen, { strokeStyle: this.colour.truth, lineWidth: 0.6 * em, globalAlpha: 0.4 });
+      Object.assign(pen, { strokeStyle: this.colour.truth, lineWidth: 0.6 * mark, globalAlpha: 0.4 });
       this.recording.truth(step).forEach((path) => this.stroke(path));
     }
     for (const [name, { samples, central }] of Object.entries(step.models)) {
       if (!shown.has(name) || !samples.length) continue;
       const look = this.style.get(name);
-      const path = (n, flat) => [last[n], ...Array.from({ length: flat.length / 2 }, (_, t) => (
-        [last[n][0] + flat[2 * t] / 100, last[n][1] + flat[2 * t + 1] / 100]))];
       const colour = this.colour[`model-${look}`];
-      Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 0.075 * em });
+      Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 0.075 * mark });
       pen.globalAlpha = Math.min(0.9, 5 / samples[0].length);
-      for (let k = 0; k < samples[0].length; k += 1) {
-        pen.beginPath();
-        samples.forEach((each, n) => this.trace(path(n, each[k])));
-        pen.stroke();
-      }
-      Object.assign(pen, { globalAlpha: 1, lineWidth: 0.2 * em });
+      samples[0].forEach((_, k) => this.strokeWays(last, samples.map((each) => each[k])));
+      Object.assign(pen, { globalAlpha: 1, lineWidth: 0.2 * mark });
       pen.setLineDash(DASHES[look].map((length) => length * pen.lineWidth));
-      samples.forEach((each, n) => this.stroke(path(n, each[central])));
+      const ways = samples.map((each) => each[central]);
+      this.strokeWays(last, ways);
       pen.setLineDash([]);
-      samples.forEach((each, n) => this.dot(path(n, each[central]).at(-1), 0.24 * em));
+      this.dots(last.map(([x, y], n) => [x + ways[n].at(-2) / 100, y + ways[n].at(-1) / 100]), 0.24 * mark);
     }
     pen.globalAlpha = 1;
     if (!shown.has("observed")) return;
-    Object.assign(pen, { strokeStyle: this.colour.ink, lineWidth: 0.1 * em });
+    Object.assign(pen, { strokeStyle: this.colour.ink, lineWidth: 0.1 * mark });
+    const [seen, extrapolated] = [[], []];
     step.seen.forEach((flat, n) => {
       const points = Array.from({ length: flat.length / 2 }, (_, t) => [flat[2 * t], flat[2 * t + 1]]);
       this.stroke(points);
-      points.forEach((point, t) => { // What was extrapolated is hollow.
-        const seen = t < points.length - step.extrapolated[n];
-        pen.fillStyle = seen ? this.colour.ink : this.colour.floor;
-        this.dot(point, 0.14 * em);
-        if (!seen) pen.stroke();
-      });
+      const known = points.length - step.extrapolated[n];
+      seen.push(...points.slice(0, known));
+      extrapolated.push(...points.slice(known));
     });
+    pen.fillStyle = this.colour.ink;
+    this.dots(seen, 0.14 * mark);
+    pen.fillStyle = this.colour.floor; // What was extrapolated is hollow.
+    this.dots(extrapolated, 0.14 * mark);
+    pen.stroke();
   }
 
   // An arrow that says where the robot looks.
@@ -219,7 +235,7 @@ class Stage {
   }
 
   drawPeople({ moment, shown, chosen }) {
-    const { pen, em } = this;
+    const { pen, em, mark } = this;
     const middle = moment.robot ?? this.toWorld(this.width / 2, this.height / 2);
     const people = [...moment.at].map(([id, place]) => {
       const [x, y] = this.toScreen(place);
@@ -229,26 +245,26 @@ class Stage {
     this.hits = people;
     for (const { x, y, known, mine } of people) {
       pen.beginPath();
-      pen.arc(x, y, 0.42 * em, 0, 7);
-      pen.lineWidth = 0.14 * em;
+      pen.arc(x, y, 0.42 * mark, 0, 7);
+      pen.lineWidth = 0.14 * mark;
       pen.fillStyle = known ? this.colour.ink : this.colour.floor;
       pen.strokeStyle = known ? this.colour.floor : this.colour.quiet;
       pen.fill();
       pen.stroke();
       if (!mine) continue;
       pen.beginPath();
-      pen.arc(x, y, 0.85 * em, 0, 7);
+      pen.arc(x, y, 0.85 * mark, 0, 7);
       pen.strokeStyle = this.colour.chosen;
       pen.stroke();
     }
     // A label has its place or is left out: first those chosen, then those nearest to the robot.
-    const taken = people.map(({ x, y }) => [x - 0.4 * em, y - 0.4 * em, x + 0.4 * em, y + 0.4 * em]);
+    const taken = people.map(({ x, y }) => [x - 0.4 * mark, y - 0.4 * mark, x + 0.4 * mark, y + 0.4 * mark]);
     people.sort((a, b) => b.mine - a.mine || a.far - b.far);
     pen.font = `600 ${0.9 * em}px system-ui, sans-serif`;
     Object.assign(pen, { textAlign: "left", textBaseline: "bottom", lineWidth: 0.25 * em });
     for (const { id, x, y, known, mine } of shown.has("ids") ? people : []) {
       const text = id.length > 8 ? `…${id.slice(-5)}` : id; // in full beside the map
-      const [left, bottom] = [x + 0.45 * em, y - 0.45 * em];
+      const [left, bottom] = [x + 0.45 * mark, y - 0.45 * mark];
       const box = [left, bottom - em, left + pen.measureText(text).width, bottom];
       if (!mine && taken.some((o) => box[0] < o[2] && box[2] > o[0] && box[1] < o[3] && box[3] > o[1])) continue;
       taken.push(box);

@@ -36,7 +36,7 @@ from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
-SHOW = 0.05  # seconds at least between two moments of the page
+SHOW = 0.02  # seconds at least between two moments of the page
 WAITING = 32  # messages of people that wait; of more the oldest are left out
 LAST = 2.0**31 - 1000  # seconds: ROS counts in 32 bits, and forecasts lie ahead
 

@@ -20,6 +20,7 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_override
 def import_rclpy() -> Any:
     """The module rclpy; InputError if ROS 2 is not set up."""
     try:
+        importlib.import_module("rclpy.logging")  # Some versions of rclpy do not.
         return importlib.import_module("rclpy")
     except ImportError:
         raise InputError(

@@ -32,9 +32,9 @@ FORGET = 60.0  # seconds after which the id of a person not seen means a new per
 MOVED = 0.3  # seconds after which a new track's velocity is known, and every allowed link is made
 SURE = 0.2  # cost of a link that is made at once, before the new track's velocity is known
 PACE = 2.0  # metres per second: nobody who was lost comes back from farther away
-LATELY = 30  # newest tracks of which it is known how many are ghosts
-ENOUGH = 10  # tracks after which that is known
-GHOSTLY = 0.2  # share of brief tracks from which on a tracker has ghosts
+LATELY = 30  # newest tracks that tell how many are ghosts, and how many newcomers were new
+ENOUGH = 10  # tracks after which it is known whether a tracker has ghosts
+FEW = 0.2  # share of brief tracks up to which it has none, and of newcomers who were new
 BRIEF = 1.0  # seconds: who is seen for less in a whole recording is a ghost
 
 
@@ -59,9 +59,10 @@ class LinkOptions(Checked):
 class OnlineStitcher:
     """Gives the people of each frame mended ids; a decision is never changed.
 
-    A newcomer goes on with a lost track at once if they are where it is expected, and is somebody
-    new at once if nobody who was lost can have come so far; otherwise it is decided within
-    `options.least` seconds, or within `BRIEF` where the tracker has ghosts.
+    A newcomer goes on with a lost track at once if they are where it is expected, or, where hardly
+    any newcomer was somebody new, if they can be that person; and is somebody new at once if nobody
+    who was lost can have come so far. Otherwise it is decided within `options.least` seconds, or
+    within `BRIEF` where the tracker has ghosts. The people of the first frame are new.
     """
 
     def __init__(self, options: LinkOptions | None = None, max_tracks: int = 1024):
@@ -70,7 +71,9 @@ class OnlineStitcher:
         self.joined = 0
         self._follower = Follower(max(FORGET, self.options.max_gap), max_tracks)
         self._fresh = 0
+        # Whether the newest tracks were brief, and the newest newcomers somebody new.
         self._brief: collections.deque[bool] = collections.deque(maxlen=LATELY)
+        self._new: collections.deque[bool] = collections.deque(maxlen=LATELY)
 
     def mend(self, frame: Frame) -> tuple[Frame, np.ndarray]:
         """The people of a frame under mended ids, and [N] bool which of them are left."""
@@ -97,6 +100,8 @@ class OnlineStitcher:
 
     def follow(self, stamp: float, ids: np.ndarray, xy: np.ndarray) -> list[Track | None]:
         """The tracks of a frame's people, which may get their names later; None if not followed."""
+        if not self._follower.tracks:
+            self._begun = stamp
         found = self._follower.push(stamp, ids, xy)
         for track in self._follower.tracks:
             settled = track.age >= self.options.least
@@ -112,22 +117,26 @@ class OnlineStitcher:
         """Name those new tracks that continue a lost one, cannot, or are old enough."""
         age = self._follower.stamp - np.array([each.born for each in new]) + 1e-6
         sure = np.minimum(1.0, age / max(min(MOVED, self.options.least), 1e-6))
-        alone = self._link(new, SURE + (1 - SURE) * sure**2)
         known = len(self._brief) >= ENOUGH
-        ghostly = sum(self._brief) > GHOSTLY * len(self._brief)
+        ghostly = sum(self._brief) > FEW * len(self._brief)
+        closed = not ghostly and sum(self._new) <= FEW * len(self._new)
+        alone = self._link(new, 1.0 if closed else SURE + (1 - SURE) * sure**2)
+        self._new.extend([False] * sum(track.name is not None for track in new))
         wait = max(self.options.least, BRIEF if known and ghostly else 0.0)
         used = {each.name for each in self._follower.tracks}
         for track, old in zip(new, age):
-            at_once = known and not ghostly and track in alone
+            first = track.born == self._begun
+            at_once = first or (known and not ghostly and track in alone)
             if track.name is None and (old >= wait or at_once):
                 track.name = track.id
+                self._new.extend([True] * (not first))
                 if track.id in used:  # by somebody else
                     self._fresh += 1
                     track.name = 2**53 + self._fresh
                 used.add(track.name)
 
-    def _link(self, new: list[Track], most: np.ndarray) -> list[Track]:
-        """Name those that continue a lost track, at a cost of up to `most` [M].
+    def _link(self, new: list[Track], most: np.ndarray | float) -> list[Track]:
+        """Name those that continue a lost track, at a cost of up to `most`, or [M].
 
         Return those that cannot continue any.
         """

@@ -1,6 +1,6 @@
-"""IDF1 of stitching in seven situations: `python -m studies.stitching`.
+"""IDF1 of stitching in seven situations: `python -m studies.stitching [FIRST]`, of forty seeds.
 
-The options' defaults were chosen on seeds 100 to 109 (`--choose`); those reported are seeds 0 to 9.
+The options' defaults were chosen on seeds 100 to 109; those reported are seeds 0 to 39.
 """
 
 import sys
@@ -49,22 +49,33 @@ METHODS: dict[str, Callable[[Tracks], np.ndarray]] = {
 
 
 def table(seeds: range) -> str:
-    """Markdown: mean IDF1 of every method in every situation, and its 95 % interval's half."""
+    """Markdown: mean IDF1 of every method in every situation, and its 95 % interval's half.
+
+    Differences of live and greedy are paired: of the same recordings.
+    """
     lines = [f"| | {' | '.join(SITUATIONS)} |", "|---|" + "---|" * len(SITUATIONS)]
     recordings = {name: [make(seed) for seed in seeds] for name, make in SITUATIONS.items()}
-    for method, ids_of in METHODS.items():
-        cells = []
-        for labelled in recordings.values():
-            cells.append(_mean([idf1(p, ids_of(tracks)) for tracks, p in labelled]))
-        lines.append(f"| {method} | {' | '.join(cells)} |")
-    cells = []
-    for labelled in recordings.values():
-        right = [tracks.take(p >= 0).with_ids(p[p >= 0]) for tracks, p in labelled]
-        cells.append(_mean([idf1(tracks.id, online(tracks)) for tracks in right]))
-    return "\n".join([*lines, f"| live, of a tracker without faults | {' | '.join(cells)} |"])
+    scores = {
+        method: np.array(
+            [[idf1(p, ids_of(tracks)) for tracks, p in each] for each in recordings.values()]
+        )
+        for method, ids_of in METHODS.items()
+    }
+    for peer in ("greedy constant velocity", "greedy, tighter"):
+        scores[f"live minus {peer}"] = scores["live"] - scores[peer]
+    right = [
+        [tracks.take(p >= 0).with_ids(p[p >= 0]) for tracks, p in each]
+        for each in recordings.values()
+    ]
+    scores["live, of a tracker without faults"] = np.array(
+        [[idf1(tracks.id, online(tracks)) for tracks in each] for each in right]
+    )
+    for name, rows in scores.items():
+        lines.append(f"| {name} | {' | '.join(map(_mean, rows))} |")
+    return "\n".join(lines)
 
 
-def _mean(scores: list[float]) -> str:
+def _mean(scores: np.ndarray) -> str:
     half = 1.96 * np.std(scores, ddof=1) / len(scores) ** 0.5
     return f"{np.mean(scores):.3f} ± {half:.3f}"
 
@@ -96,4 +107,5 @@ def greedy(tracks: Tracks, options: LinkOptions) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    print(table(range(100, 110) if "--choose" in sys.argv[1:] else range(10)))
+    first = int((*sys.argv, "0")[1])
+    print(table(range(first, first + 40)))

@@ -172,6 +172,8 @@ def test_who_comes_near_the_robot(page, play, stream):
     least = np.linalg.norm(samples[:, 0] - robot, axis=-1).min(axis=1)
     assert near[1] == "1.0 m"
     assert float(near[2].split()[0]) <= min(1.0, least[2]) + 0.06
+    edge = "e => near.getBoundingClientRect().right <= e.getBoundingClientRect().right"
+    assert page.locator("aside").evaluate(edge)  # With ids of 16 digits.
     play(stream(4), stop=False)
     page.get_by_text("The robot's place is not known").wait_for()
 

@@ -130,3 +130,14 @@ def test_people_msgs_may_be_missing(ros2):
     command = [python, "-m", "neurosym_jax", "ros2", "--model", MODEL]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (2, "error: this ROS 2 has no people_msgs\n")
+
+
+def test_no_arguments_of_ros_are_needed(ros2):
+    """rclpy imports less of itself where it was not asked for parameters."""
+    python, environment = ros2
+    command = [python, "-m", "neurosym_jax", "ros2", "--model", MODEL, "--message", "PoseArray"]
+    node = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    assert any("listening to /people_tracker/people_filtered" in line for line in node.stderr or ())
+    node.send_signal(signal.SIGINT)
+    assert "Traceback" not in node.communicate(timeout=120)[1]
+    assert node.returncode == 0

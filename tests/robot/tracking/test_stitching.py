@@ -134,13 +134,25 @@ def test_newcomers_are_published_at_once_or_where_a_tracker_has_ghosts_after_a_s
     for n in range(20):  # People who come one after the other, twenty metres apart.
         ids = [stitcher.push(3 * n + t / 10, [n], [[20.0 * n, t / 10]]).item() for t in range(20)]
         assert ids[-1] == n
-        assert (ids[0] == n) == (n >= 10), n
+        assert (ids[0] == n) == (n == 0 or n >= 10), n  # The first is there from the start.
     stitcher = OnlineStitcher()
     for n in range(20):  # Each is seen twice.
-        assert stitcher.push(n, [n], [[20.0 * n, 0.0]]).item() == NOBODY
-        assert stitcher.push(n + 0.1, [n], [[20.0 * n, 0.0]]).item() == NOBODY
+        assert (stitcher.push(n, [n], [[20.0 * n, 0.0]]).item() == NOBODY) == (n > 0)
+        assert n == 0 or stitcher.push(n + 0.1, [n], [[20.0 * n, 0.0]]).item() == NOBODY
     ids = [stitcher.push(30 + t / 10, [99], [[0.0, t / 10]]).item() for t in range(15)]
     assert ids == [NOBODY] * 10 + [99] * 5
+
+
+def test_a_newcomer_goes_on_at_once_unless_others_were_new():
+    found = broken()  # 0.5 of the distance allowed from where it is expected
+    found.position[found.id == 7, 1] += 0.7
+    assert_array_equal(live(found), 3)
+    stamp = np.append(found.stamp, 0.5 + np.arange(30) / 10)  # Another enters meanwhile.
+    xy = np.append(found.position, np.stack([50 + stamp[40:], 0 * stamp[40:]], 1), 0)
+    tracks = make_tracks("r", stamp, np.append(found.id, np.full(30, 5)), xy)
+    given = live(tracks)[tracks.id == 7]
+    assert given[0] == NOBODY
+    assert (given[3:] == 3).all()
 
 
 def test_a_jump_is_somebody_new():
