@@ -4,23 +4,12 @@ rosbags is imported when a bag is read.
 """
 
 import dataclasses
-import os
 from pathlib import Path
 
 from neurosym_jax.data.formats import register_format
 from neurosym_jax.data.reading import Format, ReadOptions
 from neurosym_jax.data.tracks import Tracks
-
-# Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag.
-SUFFIXES = (".bag", ".mcap", ".db3")
-
-
-def is_bag(path: Path) -> bool:
-    """Whether a path is a bag, by its name or, for a folder, by the names in it."""
-    if path.suffix in SUFFIXES or os.path.isfile(path / "metadata.yaml"):
-        return True
-    # Without metadata, a folder with a file of its name is an unfinished bag of ROS 2.
-    return any(os.path.isfile(path / f"{path.name}_0{end}") for end in SUFFIXES)
+from neurosym_robot.ros.definitions import is_bag
 
 
 @register_format("bag")

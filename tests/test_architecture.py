@@ -1,6 +1,7 @@
 """Who may import what (docs/architecture.md): read from the source, so that no path is missed."""
 
 import ast
+import graphlib
 import re
 from pathlib import Path
 
@@ -94,6 +95,15 @@ def test_packages_import_what_is_left_of_them():
         if ours(name) in later.get(file.split("/")[0], ())
     }
     assert wrong == LATER
+
+
+def test_only_a_model_and_its_folder_import_each_other():
+    graph = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts): {name for name, _ in imports(path)}
+        for path in ROOT.glob("neurosym_*/**/*.py")
+    }
+    graph["neurosym_jax.forecasting.model"].remove("neurosym_jax.forecasting.model_folder")
+    graphlib.TopologicalSorter(graph).prepare()
 
 
 def test_the_core_uses_no_command_study_test_or_robot():

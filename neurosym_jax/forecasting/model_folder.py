@@ -17,10 +17,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import jax
-import numpy as np
 import yaml
 
 from neurosym_jax.configuration import from_json, parse_json, to_json
@@ -29,11 +26,16 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import FORECASTERS
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_places import RECOMMENDED, find_model, models_at_hand
+from neurosym_jax.forecasting.parameters import (
+    flat_parameters,
+    nested_parameters,
+    refuse_misfit,
+    shapes_of,
+)
 from neurosym_jax.plugins import loaded, names
 from neurosym_jax.runtime.files import new_file, new_folder
 
-__all__ = ["flat_parameters", "load_model", "nested_parameters", "refuse_misfit"]
-__all__ += ["replace_card", "save_model", "shapes_of"]
+__all__ = ["load_model", "replace_card", "save_model"]
 
 FILES = CONFIG, PARAMS, CARD = "config.json", "params.safetensors", "README.md"
 FORMAT = 3
@@ -206,60 +208,3 @@ def _headed(card: str, data: Mapping[str, str]) -> str:
         "tags": ["trajectory-prediction", "jax"],
     }
     return f"---\n{yaml.safe_dump(header, sort_keys=False)}---\n\n{card}"
-
-
-def flat_parameters(params: Any) -> dict[str, np.ndarray]:
-    """The arrays of nested dictionaries by path.
-
-    Raises:
-        InputError: for a tree that would not come back: not dictionaries, empty ones, names with a
-            `/`, leaves that are not arrays of numbers.
-    """
-    flat = {name: np.asarray(leaf, order="C") for name, leaf in _leaves(params)}
-    if jax.tree.structure(nested_parameters(flat)) != jax.tree.structure(params):
-        raise InputError("parameters must be nested dictionaries of arrays, by names without a '/'")
-    for name, array in flat.items():
-        if array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
-            raise InputError(f"the parameter {name} is not an array of numbers")
-    return flat
-
-
-def nested_parameters(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """The inverse of `flat_parameters`."""
-    params: dict[str, Any] = {}
-    for path, value in flat.items():
-        *scope, name = path.split("/")
-        node = params
-        for part in scope:
-            node = node.setdefault(part, {})
-        node[name] = value
-    return params
-
-
-def shapes_of(params: Any) -> dict[str, tuple[int, ...]]:
-    """Shapes of the arrays [...] of nested dictionaries by path."""
-    return {name: leaf.shape for name, leaf in _leaves(params)}
-
-
-def refuse_misfit(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, Any], what: str) -> None:
-    """Refuse arrays [...] whose names and shapes are not those `wanted`, or that are not finite.
-
-    Raises:
-        InputError: naming the first of them; `what` is what it says of misfits.
-    """
-    wrong = [
-        f"{name!r} is {arrays[name].shape if name in arrays else 'missing'}, "
-        f"not {wanted.get(name, 'expected')}"
-        for name in {**wanted, **arrays}
-        if name not in arrays or arrays[name].shape != wanted.get(name)
-    ]
-    infinite = [name for name, array in arrays.items() if not np.isfinite(array).all()]
-    for found, text in ((wrong, what), (infinite, "parameters that are not finite")):
-        if found:
-            more = f" and {len(found) - 6} more" if len(found) > 6 else ""
-            raise InputError(f"{text}: {', '.join(found[:6])}{more}")
-
-
-def _leaves(params: Any) -> list[tuple[str, Any]]:
-    leaves = jax.tree_util.tree_leaves_with_path(params)
-    return [(jax.tree_util.keystr(path, simple=True, separator="/"), leaf) for path, leaf in leaves]

@@ -14,7 +14,7 @@ import numpy as np
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecasters import GeneratorForecaster
-from neurosym_jax.forecasting.model_folder import (
+from neurosym_jax.forecasting.parameters import (
     flat_parameters,
     nested_parameters,
     refuse_misfit,

@@ -16,7 +16,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.errors import InputWarning
 from neurosym_robot import Analytics, Predictor, ReplayFile, Status, View, read_frames, replay
 from neurosym_robot.commands._live_options import LiveOptions
-from neurosym_robot.plugin import is_bag
+from neurosym_robot.ros.definitions import is_bag
 from neurosym_robot.ros.forecasting_node import ForecastBag
 from neurosym_robot.ros.people import REACH, PeopleSource
 

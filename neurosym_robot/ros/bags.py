@@ -19,13 +19,17 @@ from neurosym_jax.data.formats import format_of, read_any
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
 from neurosym_jax.data.tracks import Reading, Tracks
 from neurosym_jax.errors import InputError, InputWarning, printable
-from neurosym_robot.plugin import SUFFIXES, is_bag
 from neurosym_robot.ros.bag_limits import refuse_bombs
-from neurosym_robot.ros.definitions import PEOPLE_TOPICS, TF_TOPICS, blank, shared_typestore
+from neurosym_robot.ros.definitions import (
+    PEOPLE_TOPICS,
+    TF_TOPICS,
+    TOOLS,
+    blank,
+    is_bag,
+    shared_typestore,
+)
 from neurosym_robot.ros.people import KINDS, POSES, PeopleSource
 from neurosym_robot.tracking.following import FAR, Frame, frames_of_tracks, tracks_of_frames
-
-TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 
 
 def read_frames(
@@ -114,7 +118,7 @@ def _read(
         raise InputError(f"{path}: no such file or folder")
     store = shared_typestore(2)  # Recorders before ROS 2 Iron stored no definitions.
     there = [path] if path.is_file() else sorted(path.iterdir())
-    files = [file for file in there if file.suffix in SUFFIXES]
+    files = [file for file in there if file.suffix in TOOLS]
     try:
         from rosbags.highlevel import AnyReader
 
@@ -177,8 +181,8 @@ class BagWriter(contextlib.AbstractContextManager):
         InputError for another ending, a bag that exists, or a folder that cannot be written.
         """
         path = Path(path)
-        if path.suffix not in SUFFIXES:
-            raise InputError(f"{path}: a bag's name ends in {', '.join(SUFFIXES)}")
+        if path.suffix not in TOOLS:
+            raise InputError(f"{path}: a bag's name ends in {', '.join(TOOLS)}")
         self.ros = 1 if path.suffix == ".bag" else 2
         self.path = path if self.ros == 1 else path.with_suffix("")
         if os.path.exists(self.path):

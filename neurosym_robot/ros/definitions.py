@@ -1,11 +1,14 @@
-"""Topics, types and definitions of messages; those that ROS's own types lack are in `msg/`.
+"""Endings of bags; topics, types and definitions of messages.
 
-Two folders in `msg/` are links to the packages in `ros/` that catkin and colcon build.
+Those that ROS's own types lack are in `msg/`. Two folders in it are links to the packages in `ros/`
+that catkin and colcon build.
 """
 
 import collections
 import functools
+import os
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, Literal
 
 from neurosym_jax.errors import InputError
@@ -23,7 +26,17 @@ MARKERS = "visualization_msgs/msg/MarkerArray"
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
 TRUTH_TOPIC = "/hri/human_poses_gt"
 TF_TOPICS = ("/tf", "/tf_static")
+# Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag, and what mends them.
+TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 NOTHING = bytes(2**13)  # more than an empty message of any type has
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag, by its name or, for a folder, by the names in it."""
+    if path.suffix in TOOLS or os.path.isfile(path / "metadata.yaml"):
+        return True
+    # Without metadata, a folder with a file of its name is an unfinished bag of ROS 2.
+    return any(os.path.isfile(path / f"{path.name}_0{end}") for end in TOOLS)
 
 
 @functools.cache

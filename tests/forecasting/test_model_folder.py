@@ -12,12 +12,8 @@ from numpy.testing import assert_array_equal
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
-from neurosym_jax.forecasting.model_folder import (
-    flat_parameters,
-    load_model,
-    refuse_misfit,
-    save_model,
-)
+from neurosym_jax.forecasting.model_folder import load_model, save_model
+from neurosym_jax.forecasting.parameters import flat_parameters, refuse_misfit
 from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from tests.networks import random_model
 
