@@ -31,17 +31,6 @@ from neurosym_jax.models.pooling import (
 
 __all__ = ["AsDescribed", "Encounter", "NeurosymIjcnn", "NeurosymRos"]
 
-HEADS = 4
-"""Of encounter pooling, as all numbers here."""
-STEPS = 4.0
-"""Time steps in a unit of time: velocities are metres in so many steps."""
-SLOW = 0.01
-"""Speed below which a heading fades away, metres a step."""
-SMOOTH = 0.01
-"""Length below which lengths are smooth, metres."""
-LONGEST = 5.0
-"""Longest look-ahead to the closest approach, in units of `STEPS`."""
-
 
 class _DescribedNetwork(nn.Module):
     """As described: each step's `Dense(X_j(t) - X_i(t))` times `alpha_ij(t)`, beside h_j.
@@ -165,8 +154,8 @@ class Encounter(Pooling):
 
     title: ClassVar[str] = "NeuroSyM, encounter pooling"
     inputs: ClassVar[frozenset[str]] = frozenset({"track", "alpha"})
-    bottleneck_dim: Annotated[Count, Rule("be a multiple of 4", lambda dim: dim % HEADS == 0)] = 16
-    """Half of it are pushes, pairs of numbers."""
+    bottleneck_dim: Annotated[Count, Rule("be a multiple of 4", lambda dim: dim % 4 == 0)] = 16
+    """A part for each head; half of it are pushes, pairs of numbers."""
     hidden_dim: Count = 32
 
     def network(self, h_dim: int, *, obs_len: int, embedding_dim: int) -> nn.Module:
@@ -182,26 +171,32 @@ class _EncounterNetwork(nn.Module):
     count: a weighting with the same alpha for all neighbours has no effect. Negative weights are 0.
     """
 
+    HEADS = 4
+    STEPS = 4.0  # time steps in a unit of time: velocities are metres in so many steps
+    SLOW = 0.01  # speed below which a heading fades away, metres a step
+    SMOOTH = 0.01  # metres below which lengths are smooth
+    LONGEST = 5.0  # longest look-ahead to the closest approach, in units of `STEPS`
+
     hidden_dim: int
     bottleneck_dim: int
 
     def setup(self):
         self.pair = Affine(9, self.hidden_dim)
         self.message = Affine(self.hidden_dim, self.bottleneck_dim)
-        self.score = Affine(self.hidden_dim, HEADS)
+        self.score = Affine(self.hidden_dim, self.HEADS)
 
     def __call__(self, track: Array, valid: Array, alpha: Array) -> Array:
         """Social vectors `[N, bottleneck_dim]`; 0 without a neighbour of positive weight."""
         position, back = track[:, -1], min(2, track.shape[1] - 1)
-        velocity = STEPS * (position - track[:, -1 - back]) / max(back, 1)
-        speed = length(velocity, SMOOTH)
-        heading = velocity / jnp.hypot(speed, STEPS * SLOW)[:, None]
+        velocity = self.STEPS * (position - track[:, -1 - back]) / max(back, 1)
+        speed = length(velocity, self.SMOOTH)
+        heading = velocity / jnp.hypot(speed, self.STEPS * self.SLOW)[:, None]
 
         there = turned(position - position[:, None], heading[:, None], -1)
         motion = turned(velocity - velocity[:, None], heading[:, None], -1)
-        distance = length(there, SMOOTH)
+        distance = length(there, self.SMOOTH)
         speed = jnp.broadcast_to(speed[:, None], distance.shape)
-        soon, miss = closest_approach(there, motion, 0.04, LONGEST, SMOOTH)
+        soon, miss = closest_approach(there, motion, 0.04, self.LONGEST, self.SMOOTH)
         bearing = there / jnp.maximum(distance, 1)[..., None]
         numbers = [jnp.exp(-distance), soon, jnp.exp(-2 * miss - soon), speed, 1 / (distance + 0.3)]
         pairs = jnp.concatenate([bearing, motion, jnp.stack(numbers, axis=-1)], axis=-1)
