@@ -34,8 +34,8 @@ the ratio to ours, in brackets the least and the most that the rounds allow. Tim
 vary threefold between hours: compare within a row only; evaluation, symbols and reading were
 measured in a slower hour than the others. For the age, ROS 1 is a real roscore, with
 samples out; ROS 2 a real rclpy, with poses in and markers out; and a bag is replayed at its own
-rate: its ages are those that `neurosym replay` prints, because nobody but the page hears it.
-"Start" compiles everything first,
+rate: its ages are those that `neurosym replay` prints, because nobody but the page hears it. Of 200
+people, 64 are forecast, those nearest to the centre of all. "Start" compiles everything first,
 "meanwhile" while people are forecast already; "warm" has programs in the cache. The torch peer is
 SGAN with encoding and pooling done once, all samples together, and no loop over scenes; that of
 `anchors` has the same loss and gradient, without augmentation and averaging. The original is the

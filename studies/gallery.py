@@ -19,8 +19,8 @@ __all__ = ["draw"]
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 CODE = re.compile(r"(?:\(figures/(\w+)\.png\)\n\n)?```python\n(.*?)```", re.DOTALL)
 """Code, and the name of the figure above it; the first code begins all others."""
-COLOURS, WIDE = 96, 1300
-"""Colours of a figure's file, and the most dots of its width."""
+WIDE = 1300
+"""Most dots of a figure's width."""
 
 
 def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
@@ -35,7 +35,7 @@ def draw(data: str, folder: Path = DOCS / "figures") -> list[Path]:
         path = save_figure(names["figure"], folder / f"{name}.png")
         image = Image.open(path).convert("RGB")
         image.thumbnail((WIDE, 2 * WIDE))
-        image.quantize(COLOURS).save(path, optimize=True)
+        image.save(path, optimize=True)
         paths.append(path)
     return paths
 

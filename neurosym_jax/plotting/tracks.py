@@ -112,13 +112,13 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
 
     `scene` has one window of N people, whose states have `codes [N, N, T - 1]` and weigh
     `alpha [N, N, T]`. Where alpha is the same both ways, a pair has one row; the first 12 rows are
-    shown.
+    shown, and the title says of how many.
     """
     people, texts = scene.agent, state_texts()
     count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
-    rows = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
-    rows = rows[:PAIRS]
+    all_ = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
+    rows = all_[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
     figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2))
     for path, person, colour in zip(scene.position, people, style.PALETTE * count):
@@ -142,7 +142,8 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     ticks = range(0, steps, 2)
     when.set_xticks(ticks, [f"{scene.period * step:.1f}" for step in ticks])
     when.grid(visible=False)
-    style.dress(when, "time [s]", "", f"QTC and alpha: {title}")
+    left_out = f", {PAIRS} of {len(all_)} pairs" if len(all_) > PAIRS else ""
+    style.dress(when, "time [s]", "", f"QTC and alpha: {title}{left_out}")
     if is_constant(alpha):
         image.set_visible(False)  # One colour would show nothing: the title says so.
         return figure

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import STRAIGHT
-from neurosym_robot.tracking.following import Frame, tracks_of_frames
-from studies.experiment.results import Recording, complete, published
+from studies.experiment.results import PEOPLE, Recording, complete, published
 
 __all__ = ["write_figures"]
 
@@ -17,7 +17,6 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
     """Write the figures of one scenario's recordings to `out / "figures"`; Markdown of each."""
     from neurosym_jax.plotting import plot_forecasts, plot_horizon_errors
     from neurosym_jax.plotting.style import save_figure
-    from neurosym_jax.plotting.tracks import plot_tracks
 
     first = recordings[0]
     names = [name for name in first.summary["models"] if name != STRAIGHT]
@@ -28,16 +27,8 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
         save_figure(figure, path)
         blocks.append(f"![{caption}](figures/{path.name})")
 
-    mended = [
-        Frame(frame.stamp, ids[ids >= 0], frame.xy[ids >= 0])
-        for frame, ids in zip(first.frames, first.mended, strict=True)
-    ]
-    tracks = [
-        tracks_of_frames(iter(first.frames), "as the tracker named them"),
-        tracks_of_frames(iter(mended), "stitched"),
-    ]
-    caption = "Recording 1 as the tracker named people, and stitched, a colour for each id"
-    add("tracks", plot_tracks(tracks), caption)
+    caption = "When each id of recording 1 was seen, a row for each id, a colour for each person"
+    add("tracks", _plot_ids(first), caption)
     forecast = _median(first, names[-1])
     assert forecast.future is not None
     seconds = forecast.stamp - first.frames[0].stamp
@@ -62,6 +53,29 @@ def write_figures(out: Path, recordings: Sequence[Recording]) -> list[str]:
         "Mean error at each step",
     )
     return blocks
+
+
+def _plot_ids(recording: Recording) -> Figure:
+    """When each id was seen, one row for each in the order of their first frames; the colour is
+    that of the person whom it names."""
+    from neurosym_jax.plotting import style
+
+    figure, (panels,) = style.new_figure(style.WIDTH, 2.2, 1, 2, sharey=True)
+    given = [frame.ids for frame in recording.frames]
+    began, people = recording.frames[0].stamp, np.concatenate(recording.people)
+    seconds = np.concatenate([np.full(len(each.ids), each.stamp) for each in recording.frames])
+    for axes, ids, title in zip(panels, (given, recording.mended), ("the tracker's", "stitched")):
+        ids = np.concatenate(ids)
+        found, first = np.unique(ids[ids >= 0], return_index=True)
+        rows = {name: row for row, name in enumerate(found[np.argsort(first)], 1)}
+        for person, colour in enumerate(style.PALETTE[:PEOPLE]):
+            seen = (ids >= 0) & (people == person)
+            height = [rows[name] for name in ids[seen]]
+            axes.plot(seconds[seen] - began, height, "|", color=colour, ms=5)
+        style.dress(axes, "time [s]", title=f"{len(rows)} ids, {title}")
+    panels[0].invert_yaxis()
+    panels[0].set_ylabel("id, by its first frame")
+    return figure
 
 
 def _median(recording: Recording, model: str) -> Forecast:

@@ -41,8 +41,9 @@ The paper printed, with real people and 3 to 7 sequences a cell, as “Avg. ADE�
 NeuroSyM 5.7 / 1.4 and 9.87 / 1.8. Its “Avg. ADE” is a sum over steps and people. Its runtimes of 4
 to 7 s count from the collection of the observation, so they are not latencies."""
 
-FIGURES = """Recording 1's tracks as the tracker named them, and stitched; the forecast with the
-median error of NeuroSyM; the mean error of the published forecast at each step."""
+FIGURES = """When each id of recording 1 was seen, before and after stitching: a row for each id, a
+colour for each person. Then the forecast with the median error of NeuroSyM, and the mean error of
+the published forecast at each step."""
 
 TAIL = """<details markdown="1">
 <summary>Models and recordings</summary>
@@ -122,11 +123,12 @@ def _chain(recordings: Sequence[Recording]) -> str:
         scored = [
             next(iter(s["models"].values()))["people"] for s in (each.unstitched, each.summary)
         ]
-        ids = np.concatenate([frame.ids for frame in each.frames])
+        before = {*np.concatenate([frame.ids for frame in each.frames])}
+        after = {*np.concatenate(each.mended)} - {-1}
         rows.append(
             [
                 f"{NAMES[each.scenario][0]} {each.number}",
-                f"{len(np.unique(ids))} → {len(np.unique(np.concatenate(each.mended)))}",
+                f"{len(before)} → {len(after)}",
                 f"{raw:.2f} → {mended:.2f}",
                 f"{scored[0]} → {scored[1]}",
             ]

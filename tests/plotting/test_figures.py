@@ -6,6 +6,7 @@ from matplotlib.image import imread, imsave
 
 from neurosym_jax import plotting
 from neurosym_jax.data.tracks import make_tracks
+from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.summary import labels
 from neurosym_jax.plotting import model_looks, plot_forecasts, plot_horizon_errors, save_figure
@@ -215,6 +216,17 @@ def test_anchors_have_the_colour_and_the_bar_of_their_probability():
     np.testing.assert_allclose(
         [heights[of] for _, of in drawn[::2]], [[3, 0.1], [2, 0.2], [1, 0.7]]
     )
+
+
+@pytest.mark.parametrize(("people", "title"), [(5, "zara"), (6, "zara, 12 of 15 pairs")])
+def test_the_title_says_how_many_pairs_are_left_out(people, title):
+    recording = make_tracks(
+        "zara", [0, 1] * people, np.arange(people).repeat(2), np.eye(2 * people, 2)
+    )
+    codes, alpha = np.zeros((people, people, 1), int), np.ones((people, people, 2))
+    axes = plotting.plot_pairs(cut_windows([recording], 1, 1), codes, alpha, "zara").axes[1]
+    assert axes.get_title("left") == f"QTC and alpha: {title}"
+    assert len(axes.get_yticks()) == min(12, people * (people - 1) // 2)
 
 
 def test_alpha_is_an_arrow_from_who_looks():
