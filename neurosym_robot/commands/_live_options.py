@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-from neurosym_jax.commands._options import given, refuse_given, refuse_unused
+from neurosym_jax.commands._options import refuse_given
 from neurosym_jax.errors import InputError
 from neurosym_robot import (
     Dashboard,
@@ -38,7 +38,14 @@ NAME = "neurosym_jax"  # of a node
 class LiveOptions:
     """Models that forecast a stream, and their settings."""
 
-    PAGES: ClassVar[tuple[str, ...]] = ("dashboard",)  # options that make a page
+    # Options without effect unless one of others is given.
+    NEEDS: ClassVar[dict[str, tuple[str, ...]]] = {
+        "links": ("stitch",),
+        "reach": ("fixed_frame", "robot_frame"),
+        "port": ("dashboard",),
+        "host": ("dashboard", "foxglove"),
+        "map": ("dashboard",),
+    }
     model: tuple[Path, ...]
     """Models by name, folder or torch checkpoint; several forecast side by side."""
     period: float | None = None
@@ -54,7 +61,7 @@ class LiveOptions:
     """Seconds for which a person out of sight is extrapolated at constant velocity and forecast."""
     stitch: bool = False
     """Join tracks that occlusions broke."""
-    links: LinkOptions = dataclasses.field(default_factory=LinkOptions)
+    links: LinkOptions = LinkOptions()  # noqa: RUF009 (frozen)
     """With --stitch: when two tracks are joined."""
     fixed_frame: str = ""
     """Frame into which coordinates are transformed by /tf; by default that of the first message,
@@ -82,18 +89,11 @@ class LiveOptions:
         """Refuse what is no probability, and options without effect."""
         if not 0 < self.at_least <= 1:
             raise InputError(f"--at-least is a probability in (0, 1], not {self.at_least:g}")
-        if not self.stitch:
-            refuse_given(
-                "without --stitch", **{f"links.{each}": True for each in given(self.links)}
-            )
-        if not (self.fixed_frame or self.robot_frame):
-            refuse_given("without --fixed-frame or --robot-frame", reach=self.reach != REACH)
-        if not self.dashboard:
-            refuse_unused(self, ["port"], "without --dashboard")
-            if not isinstance(self.foxglove, int):
-                refuse_unused(self, ["host"], "without --dashboard or --foxglove PORT")
-        if not any(getattr(self, option) for option in self.PAGES):
-            refuse_unused(self, ["map"], f"without --{' or --'.join(self.PAGES)}")
+        own = {of.name for of in dataclasses.fields(self) if getattr(self, of.name) != of.default}
+        for option, others in self.NEEDS.items():
+            if own.isdisjoint(others):
+                needed = " or --".join(others).replace("_", "-")
+                refuse_given(f"without --{needed}", **{option: option in own})
 
     def predictor(self, compile: When = "meanwhile") -> Predictor:
         """Load the models and start compiling; InputError as of `load_models` and `Predictor`."""

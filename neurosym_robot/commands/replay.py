@@ -25,7 +25,10 @@ from neurosym_robot.ros.people import REACH, PeopleSource
 class Options(LiveOptions):
     """Forecast a recording frame by frame, and score the forecasts."""
 
-    PAGES = ("dashboard", "html")
+    NEEDS = LiveOptions.NEEDS | {
+        "map": ("dashboard", "html"),
+        "at_least": ("out", "html", "dashboard", "foxglove"),
+    }
     recording: Positional[Path]
     """A bag (ROS 1 `.bag`; folder, `.db3` or `.mcap` of ROS 2), or a file of tracks."""
     read: Reading = AS_IT_SAYS
@@ -39,17 +42,13 @@ class Options(LiveOptions):
     """HTML file to write: the page of --dashboard with its data inside; nothing is overwritten."""
 
     def __post_init__(self):
-        """Refuse options without effect on this recording or what is written."""
+        """Refuse options without effect, of which a file of tracks has more."""
         super().__post_init__()
-        named = self.out is not None or self.foxglove is not None  # what has a frame's name
-        if not (named or self.dashboard or self.html):
-            refuse_unused(self, ["at_least"], "without --out, --html, --dashboard or --foxglove")
         if not is_bag(self.recording):
-            fixed = self.fixed_frame and not named
-            reach = self.reach != REACH
-            refuse_given(
-                "on a file of tracks", fixed_frame=fixed, robot_frame=self.robot_frame, reach=reach
-            )
+            # Bags and Foxglove tell the name of the coordinates' frame.
+            named = self.out is not None or self.foxglove is not None
+            unused = {"fixed_frame": self.fixed_frame and not named, "reach": self.reach != REACH}
+            refuse_given("on a file of tracks", robot_frame=self.robot_frame, **unused)
 
     def files(self, predictor: Predictor, title: str, source: PeopleSource) -> Iterator[View]:
         """What writes the stream, if the options ask for it; InputError if it cannot."""
