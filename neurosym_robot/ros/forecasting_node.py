@@ -38,6 +38,7 @@ from neurosym_robot.tracking.stitching import OnlineStitcher
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
 SHOW = 0.02  # seconds at least between two moments of the page
 WAITING = 32  # messages of people that wait; of more the oldest are left out
+SPARSE = 0.1  # seconds between messages that wait once there are half as many
 LAST = 2.0**31 - 1000  # seconds: ROS counts in 32 bits, and forecasts lie ahead
 
 
@@ -165,10 +166,14 @@ class ForecastingNode(abc.ABC):
 
     def put(self, kind: str, message: Any, publisher: str = "") -> None:
         """Let a message of people wait; called in any thread."""
+        waiting, now = self._waiting, time.monotonic()
         with self._changed:
-            if len(self._waiting) == WAITING:
+            dense = len(waiting) > WAITING // 2 and now - waiting[-2][-1] < SPARSE
+            if dense:
+                waiting.pop()  # so that what waits spans seconds, without a gap too long to bridge
+            if dense or len(waiting) == WAITING:
                 self.source.refused["late"] += 1
-            self._waiting.append((kind, message, publisher, time.monotonic()))
+            waiting.append((kind, message, publisher, now))
             self._changed.notify()
 
     def run(self) -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import random
 import struct
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.testing import assert_array_equal
 from neurosym_jax.errors import InputError
 from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.online.replay import Analytics, advance
+from neurosym_robot.ros import forecasting_node as forecasting
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.definitions import FORECAST, PEOPLE, PEOPLE_TOPICS
 from neurosym_robot.ros.forecasting_node import WAITING, Outlet
@@ -140,7 +142,9 @@ def test_broken_messages_are_counted_and_the_next_one_is_forecast(node):
     assert "malformed" in node.status.line()
 
 
-def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecast_node):
+def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(
+    forecast_node, monkeypatch
+):
     """All frames that wait are observed, so that the forecast is that of a node that kept up."""
     idle, loaded = (forecast_node(name=name) for name in ("idle", "loaded"))
     sent: dict[str, list[Any]] = {"idle": [], "loaded": []}
@@ -158,11 +162,17 @@ def test_under_load_the_newest_frame_wins_and_what_is_skipped_is_counted(forecas
         assert_array_equal(same.futures, message.futures)
     assert (idle.status.skipped, loaded.status.skipped) == (0, 24)
     assert "skipped 24" in loaded.status.line()
-    # More than may wait are counted, too, and the newest are kept.
+    # More than may wait are counted, too; the newest are kept, and no gap is long.
+    clock = SimpleNamespace(monotonic=lambda: n / 30)
+    monkeypatch.setattr(forecasting, "time", clock)
     for n in range(1000):
         loaded.put(PEOPLE, n)
-    assert loaded.source.refused["late"] == 1000 - WAITING
-    assert loaded._waiting[-1][1] == 999
+        kept = [each[1] for each in loaded._waiting]
+        assert loaded.source.refused["late"] == n + 1 - len(kept)
+        assert len(kept) <= WAITING
+        assert kept[-1] == n
+        assert max(np.diff(kept), default=0) <= 4
+    assert kept[0] < 1000 - 30 * 2
 
 
 @pytest.fixture

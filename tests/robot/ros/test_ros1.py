@@ -16,7 +16,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.forecasting.model_folder import save_model
-from neurosym_jax.simulation.scenarios import simulate
+from neurosym_jax.simulation.scenarios import TrackerFaults, simulate
 from neurosym_robot.commands import replay
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
@@ -207,8 +207,10 @@ def test_a_rospy_tracker_is_answered_and_a_rospy_listener_hears_it(graph, node):
 
 def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_path):
     path, recorded = tmp_path / "people.bag", tmp_path / "recorded.bag"
+    # Of five people the nearest four are forecast, and some are lost for a moment.
+    faults = TrackerFaults(dropout=0.01, dropout_seconds=0.5)
     with BagWriter(path) as bag:
-        for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=3)):
+        for frame in frames_of_tracks(simulate("cross-path", 3, 8.0, people=5, faults=faults)):
             frame = frame._replace(stamp=frame.stamp + 1e9)
             people = messages.make_people(bag.new, frame, "odom")
             bag.write("/people", frame.stamp, people)
@@ -246,7 +248,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     replay.run(replay.Options(recording=path, model=tuple(models), out=out, **few))
     live, again = (
         {
-            round(seconds_of(message.header.stamp), 6): message.futures
+            round(seconds_of(message.header.stamp), 6): message
             for topic, message in read_messages(bag)
             if topic == SAMPLES
         }
@@ -254,8 +256,10 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     )
     assert len(live.keys() & again.keys()) > 10
     assert live.keys() <= again.keys()
-    for stamp, futures in live.items():
-        assert_allclose(futures, again[stamp], atol=1e-5)
+    assert any(message.extrapolated.any() for message in live.values())
+    for stamp, message in live.items():
+        for field in ("ids", "position", "extrapolated", "futures"):
+            assert_allclose(getattr(message, field), getattr(again[stamp], field), atol=1e-5)
 
 
 def test_the_master_is_restarted(graph, node):
