@@ -65,7 +65,7 @@ class PairFuture:
         """
         own, other = (self.k, self.l) if who == "k" else (self.l, self.k)
         v, to = jnp.diff(own, axis=-2), (other - own)[..., 1:, :]
-        moves = _length(v) > self.speed * self.period
+        moves = jnp.linalg.norm(v, axis=-1) > self.speed * self.period
         left = v[..., 0] * to[..., 1] - v[..., 1] * to[..., 0]
         along = (v * to).sum(axis=-1)
         return jnp.where(moves, jnp.sign(left), 0).astype(jnp.int8), moves & (along > 0)
@@ -78,7 +78,7 @@ class PairFuture:
     @functools.cached_property
     def distance(self) -> Array:
         """[..., T + 1] metres between k and l, the last observed first."""
-        return _length(self.k - self.l)
+        return jnp.linalg.norm(self.k - self.l, axis=-1)
 
     def within(self, metres: float) -> Array:
         """[..., T] bool: their distance at the end of the step is at most `metres`."""
@@ -87,7 +87,7 @@ class PairFuture:
     def angle_between(self, low: float, high: float) -> Array:
         """[..., T] bool: both walk, and their directions differ by `low` to `high` degrees."""
         v, w = jnp.diff(self.k, axis=-2), jnp.diff(self.l, axis=-2)
-        lengths = _length(v) * _length(w)
+        lengths = jnp.linalg.norm(v, axis=-1) * jnp.linalg.norm(w, axis=-1)
         cosine = (v * w).sum(axis=-1)
         least, most = jnp.cos(jnp.radians(high)), jnp.cos(jnp.radians(low))
         return (cosine >= least * lengths) & (cosine <= most * lengths) & (lengths > 0)
@@ -128,10 +128,6 @@ class Event:
     def mutual(self) -> bool:
         """Whether it happens to (l, k) as well, so that it is reported once: `{k} and {l} ...`."""
         return self.short.startswith("{k} and {l}")
-
-
-def _length(offset: Array) -> Array:
-    return jnp.sqrt(jnp.square(offset).sum(axis=-1))
 
 
 def _shifted(array: Array, steps: int) -> Array:

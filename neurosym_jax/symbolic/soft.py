@@ -23,7 +23,7 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.symbolic.qtc import Convention, comparisons, observe, side_factor
 
-__all__ = ["soft_alpha", "soft_symbols"]
+__all__ = ["safe_root", "soft_alpha", "soft_symbols"]
 
 
 def soft_symbols(
@@ -45,7 +45,8 @@ def soft_symbols(
     of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
     thresholds = [quantisation_factor] * 2 + [of_sides] * 2
     symbols = []
-    for (a, b, scale), threshold in zip(comparisons(k, l, convention, _length), thresholds):
+    compared = comparisons(k, l, convention, lambda x, y: safe_root(x * x + y * y))
+    for (a, b, scale), threshold in zip(compared, thresholds):
         margin = a - b if scale is None else (a - b) / jnp.maximum(scale, temperature)
         symbols.append(_probabilities(margin, threshold, temperature))
     soft = jnp.stack(symbols, axis=-2)
@@ -100,8 +101,7 @@ def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> 
     return jnp.stack([1 - not_minus, zero, 1 - not_plus], axis=-1)
 
 
-def _length(x: Array, y: Array) -> Array:
-    """The norm, with gradient 0 where it is 0."""
-    square = x * x + y * y
-    stands = square == 0
-    return jnp.where(stands, 0, jnp.sqrt(jnp.where(stands, 1, square)))
+def safe_root(square: Array) -> Array:
+    """[...] square root of `square` [...], its gradient zero at zero; NaN stays NaN."""
+    zero = square == 0
+    return jnp.where(zero, 0, jnp.sqrt(jnp.where(zero, 1, square)))

@@ -22,6 +22,7 @@ from neurosym_jax.forecasting.forecasters import decode_scene, interact_scene
 from neurosym_jax.models import Discriminator, Generator
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import AnyArray, Scene
+from neurosym_jax.symbolic.soft import safe_root
 from neurosym_jax.training.recipe import TrainConfig
 from neurosym_jax.training.stream import Groups, merge, split
 
@@ -147,9 +148,7 @@ def safe_norm(vector: AnyArray) -> Array:
 
     NaN stays NaN; as zero it would be the best of all errors.
     """
-    squared = (vector**2).sum(axis=-1)
-    zero = squared == 0
-    return jnp.where(zero, 0, jnp.sqrt(jnp.where(zero, 1, squared)))
+    return safe_root((vector**2).sum(axis=-1))
 
 
 def criterion_errors(recipe: TrainConfig, scenes: Scene, futures: Array) -> Array:

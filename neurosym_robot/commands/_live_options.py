@@ -32,6 +32,7 @@ from neurosym_robot.ros.forecasting_node import ForecastingNode
 from neurosym_robot.ros.people import REACH, PeopleSource
 
 NAME = "neurosym_jax"  # of a node
+say = functools.partial(print, file=sys.stderr, flush=True)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -105,7 +106,7 @@ class LiveOptions:
             self.seed,
             hold=self.hold,
             compile=compile,
-            report=functools.partial(print, file=sys.stderr, flush=True),
+            report=say,
         )
 
     def source(self, report: Callable[[str], None]) -> PeopleSource:

@@ -1,12 +1,10 @@
 """Forecast in a ROS 1 graph."""
 
 import dataclasses
-import functools
-import sys
 from collections.abc import Sequence
 
 from neurosym_jax.errors import InputError
-from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options, value_of
+from neurosym_robot.commands._live_options import NAME, NodeOptions, as_options, say, value_of
 from neurosym_robot.ros.ros1 import ForecastNode
 from neurosym_robot.ros.tcpros import CallError, Refused, call, master_uri, node_name
 
@@ -58,13 +56,12 @@ class Options(NodeOptions):
 
 def run(options: Options) -> None:
     """Forecast until the node is stopped; InputError names what cannot be used."""
-    report = functools.partial(print, file=sys.stderr, flush=True)
     node = ForecastNode(
         options.predictor(),
         topic=options.topic,
         master=options.master,
         remaps=options.remap,
-        report=report,
-        **options.node_options(report),
+        report=say,
+        **options.node_options(say),
     )
     options.forecast(node)

@@ -161,8 +161,7 @@ class Moments:
         last, people = forecast.observed[:, -1:], len(codes)
         events = likely_events(forecast, self._of_events, self._window.period, self._at_least)
         # The most probable of every kind, then the second, so that frequent kinds hide no other.
-        names = [each.name for each in events]
-        turns = [names[:n].count(name) for n, name in enumerate(names)]
+        turns = [[e.name for e in events[:n]].count(each.name) for n, each in enumerate(events)]
         likely = [events[n] for n in np.argsort(turns, kind="stable")[:MAX_LIKELY]]
         models = {}
         for name, result in forecast.models.items():

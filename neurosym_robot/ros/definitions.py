@@ -28,7 +28,6 @@ TRUTH_TOPIC = "/hri/human_poses_gt"
 TF_TOPICS = ("/tf", "/tf_static")
 # Endings of a ROS 1 bag and of the files in the folder of a ROS 2 bag, and what mends them.
 TOOLS = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
-NOTHING = bytes(2**13)  # more than an empty message of any type has
 
 
 def is_bag(path: Path) -> bool:
@@ -78,7 +77,8 @@ def ros1_name(kind: str) -> str:
 def blank(store: Any, kind: str) -> Any:
     """A message of a typestore with zeros, empty texts and empty lists in it."""
     form = store.get_msgdef(kind)
-    return form.deserialize_ros1(NOTHING, 0, form.cls, store)[0]
+    # From more zeros than an empty message of any type has.
+    return form.deserialize_ros1(bytes(2**13), 0, form.cls, store)[0]
 
 
 def seconds_of(stamp: Any) -> float:
