@@ -24,5 +24,4 @@ from .tracking.following import tracks_of_frames as tracks_of_frames
 from .tracking.stitching import LinkOptions as LinkOptions
 from .tracking.stitching import OnlineStitcher as OnlineStitcher
 from .tracking.stitching import Stitched as Stitched
-from .tracking.stitching import idf1 as idf1
 from .tracking.stitching import stitch as stitch

@@ -239,22 +239,3 @@ def _tracks(tracks: Tracks, push: Callable[..., list[Track | None]]) -> list[Tra
     """[R] the track of each row."""
     found = [each for frame in frames_of_tracks(tracks) for each in push(*frame)]
     return [found[n] for n in np.argsort(np.lexsort((tracks.id, tracks.stamp)))]
-
-
-def idf1(person: ArrayLike, given: ArrayLike) -> float:
-    """IDF1: share of rows whose id is right, under the best one-to-one naming of ids after people.
-
-    `2 IDTP / (2 IDTP + IDFP + IDFN)`; 1 is perfect (Ristani et al., ECCV workshops 2016).
-
-    Args:
-        person: [R] whole numbers, the true person of each row; -1 for a false detection.
-        given: [R] whole numbers, the id given to it; -1 if the person was missed.
-    """
-    person, given = np.asarray(person), np.asarray(given)
-    both = (person != -1) & (given != -1)
-    people, row = np.unique(person[both], return_inverse=True)
-    ids, column = np.unique(given[both], return_inverse=True)
-    together = np.zeros((len(people), len(ids)), int)
-    np.add.at(together, (row, column), 1)
-    right = together[linear_sum_assignment(together, maximize=True)].sum()
-    return float(2 * right / ((person != -1).sum() + (given != -1).sum()))

@@ -12,7 +12,7 @@ from neurosym_jax.simulation.scenarios import Scenario, TrackerFaults
 from neurosym_robot.online.predictor import Forecast
 from neurosym_robot.online.replay import straight
 from neurosym_robot.tracking.following import Frame
-from neurosym_robot.tracking.stitching import idf1
+from studies.stitching.scoring import idf1
 
 __all__ = ["FAULTS", "MODELS", "PEOPLE", "SEEDS", "Recording", "Score", "complete", "published"]
 __all__ += ["score"]

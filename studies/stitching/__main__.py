@@ -14,9 +14,9 @@ from neurosym_robot.tracking.stitching import (
     NOBODY,
     LinkOptions,
     OnlineStitcher,
-    idf1,
     stitched_ids,
 )
+from studies.stitching.scoring import idf1
 from studies.stitching.situations import SITUATIONS
 
 __all__ = ["METHODS", "greedy", "offline", "online", "table"]

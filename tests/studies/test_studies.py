@@ -17,7 +17,7 @@ import pytest
 
 from neurosym_jax.data.formats import read_any
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
-from neurosym_robot.tracking.stitching import LinkOptions, idf1
+from neurosym_robot.tracking.stitching import LinkOptions
 from studies.driving import CONTACT, STEPS, drive
 from studies.mistakes.__main__ import tell
 from studies.mistakes.corpus import MISTAKES
@@ -25,6 +25,7 @@ from studies.more_data import HERMES, KEPT_BACK, STANFORD, STANFORD_TESTED, writ
 from studies.mutants import _replaced, mutations
 from studies.notebooks import FOLDER
 from studies.stitching.__main__ import greedy, offline, online
+from studies.stitching.scoring import idf1
 from studies.stitching.situations import SITUATIONS
 from studies.weighting.data import LEARNED, TESTED
 from studies.weighting.page import write as write_weighting

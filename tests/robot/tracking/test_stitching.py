@@ -15,10 +15,10 @@ from neurosym_robot.tracking.stitching import (
     NOBODY,
     LinkOptions,
     OnlineStitcher,
-    idf1,
     stitch,
     stitched_ids,
 )
+from studies.stitching.scoring import idf1
 
 FAULTS = TrackerFaults(dropout=0.005, dropout_seconds=1.0, id_switch=1.0)
 
