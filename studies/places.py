@@ -41,7 +41,7 @@ BASELINES = ("constant_velocity", "constant_velocity_sampled")
 METRICS = {
     "Joint": ("joint_ade", "joint_fde"),
     "Marginal": ("marginal_ade", "marginal_fde"),
-    "One guess": ("central_ade", "central_fde"),
+    "Central forecast": ("central_ade", "central_fde"),
     "Energy score": ("energy_score",),
 }
 PAIRED = {"joint ADE, %": "joint_ade", "energy score, %": "energy_score"}
@@ -55,8 +55,8 @@ than NeuroSyM (+4.5 ± 6.5 %).** The energy score is the one by which we [rank m
 
 On Stanford's scenes anchors and table are level in joint error too; on eth the table has the lower
 joint FDE. By the energy score the table is best on eth, Stanford's scenes, THÖR and MAGNI,
-sampled constant velocity on the campus, and NeuroSyM in the corridors. One guess of `anchors` is
-behind constant velocity on the campus and on Stanford's scenes.
+sampled constant velocity on the campus, and NeuroSyM in the corridors. The central forecast
+of `anchors` is behind constant velocity on the campus and on Stanford's scenes.
 
 ADE / FDE in metres at 8 + 12, steps of 0.4 s, best of 20, of models that learned from nothing of
 the place that they are tested at. "Campus" is UCY's university with three recordings, "Zara" the

@@ -69,7 +69,7 @@ Value = dict[str, Any]
 """A row of `summarise`."""
 COLUMNS = (*SCENES, "mean")
 ERRORS = {"joint": "joint ADE / FDE", "marginal": "marginal ADE / FDE"}
-SCORES = {"central_ade": "one guess, ADE", "energy_score": "energy score"}
+SCORES = {"central_ade": "central forecast, ADE", "energy_score": "energy score"}
 """What the small table has of 8 + 12 besides."""
 
 PAGE = """# Results
@@ -82,9 +82,9 @@ it. ADE / FDE, best of {samples}; constant velocity makes one forecast.
 {means}
 
 - [Joint](glossary.md#joint) is SGAN's protocol, the only one that the published rows are in.
-- Best of {samples} against one guess flatters networks. "One guess" is the error of the
-  [central forecast](glossary.md#central-forecast); the [energy score](glossary.md#energy-score), in
-  metres, compares whole distributions.
+- Best of {samples} against one forecast flatters networks. The
+  [central forecast](glossary.md#central-forecast) is the one to act on; the
+  [energy score](glossary.md#energy-score), in metres, compares whole distributions.
 - "Published network" is the original checkpoint, evaluated here. It agrees with the paper's number
   within 0.02 m; on eth at 8 + 12, which has 70 scenes, within 0.04 m.
 
@@ -112,7 +112,7 @@ All numbers with half of their 95 % intervals are in [`results.csv`](results.csv
 
 HEADLINE = """**`recommended` (anchors) has about a third less joint error than the published
 SGAN-20V.** Most of the lead over the published networks comes from hotel and eth, and eth's
-intervals are wide. Its single guess has 0.46 m ADE, constant velocity's forecast 0.52 m. Four
+intervals are wide. Its central forecast has 0.46 m ADE, constant velocity's 0.52 m. Four
 fifths of that difference come from eth and hotel, on univ the two are level, and it was not tested
 for significance.
 
@@ -120,8 +120,8 @@ What it does not do:
 
 - {not_best}
 - At [places left out whole](left_out.md) its energy score is not significantly better than that of
-  the anchor table, which has no network, and its single guess is behind constant velocity on the
-  campus and on Stanford's scenes.
+  the anchor table, which has no network, and its central forecast is behind constant velocity on
+  the campus and on Stanford's scenes.
 - Its forecasts are overconfident: on zara1 (8 + 8) the region that should hold 50 % of true
   positions holds 33 %, that of 90 % holds 77 % ([calibration](gallery.md#calibration)).
 - Forecast people collide more often than real ones. SGAN trained here is behind constant velocity

@@ -242,9 +242,8 @@ def _write_files(
         from neurosym_jax.plotting.evaluation import draw_figures
 
         use_style(options.style)
-        drawn = draw_figures(options.plots, results, together=together)
-        several = f"figures: {len(drawn)} in {drawn[0].parent}"
-        said += [f"figure: {drawn[0]}" if len(drawn) == 1 else several]
+        first, *more = draw_figures(options.plots, results, together=together)
+        said += [f"figures: {1 + len(more)} in {first.parent}" if more else f"figure: {first}"]
     if options.save_forecasts:
         how = (options.save_forecasts, tests, options.samples, options.seed)
         said += [f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*how)]

@@ -80,9 +80,11 @@ def describe(tracks: Tracks, max_gap: float = AS_IT_SAYS.max_gap) -> str:
     gap = step > GAP * usual
     rate = f", {1 / usual:.4g} points a second" if usual > 0 else ""
     longest = f", the longest {step[gap].max():.2f} s" if gap.any() else ""
-    speeds = "unknown"
-    if len(step):
-        speeds = "median {:.2f}, fastest {:.2f} m/s".format(*np.quantile(speed[~gap], (0.5, 1)))
+    speeds = (
+        "median {:.2f}, fastest {:.2f} m/s".format(*np.quantile(speed[~gap], (0.5, 1)))
+        if len(step)
+        else "unknown"
+    )
     pace = pace_of(tracks)[1]
     width, height = np.ptp(tracks.position, axis=0)
     lines = [

@@ -6,8 +6,6 @@ from neurosym_jax.forecasting.model_places import models_at_hand
 
 __all__ = ["run"]
 
-HEAD = ("name", "forecaster", "steps", "period", "neighbours", "test on", "learned from", "where")
-
 
 def run() -> None:
     """List the models that --checkpoint and --model take by name.
@@ -16,13 +14,15 @@ def run() -> None:
     neighbours has the share of people with somebody within 2 m whose forecast they change.
     `recommended` is the anchors model for the data set and horizon that are asked for.
     """
-    table: list[tuple[str, ...]] = [HEAD]
+    head = "name", "forecaster", "steps", "period", "neighbours", "test on", "learned from", "where"
+    table: list[tuple[str, ...]] = [head]
     for name, path in models_at_hand():
         model = load_model(path)
         config = model.config
         steps, period = f"{config.obs_len}+{config.pred_len}", f"{config.period:g} s"
         share = "-" if model.neighbours is None else f"{100 * model.neighbours:.0f} %"
         data = ", ".join(f"{name} ({licence})" for name, licence in model.data.items()) or "-"
-        about = name, model.name, steps, period, share
-        table.append((*about, model.dataset or "-", data, str(path.parent)))
+        table.append(
+            (name, model.name, steps, period, share, model.dataset or "-", data, str(path.parent))
+        )
     print(aligned_table(table))

@@ -139,11 +139,10 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
             when.text(step, place, texts[code], fontsize=size, va="center", **LETTERS)
     arrow = "→" if both_ways else "–"
     when.set_yticks(range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows])
-    ticks = range(0, steps, 2)
-    when.set_xticks(ticks, [f"{scene.period * step:.1f}" for step in ticks])
+    when.set_xticks(range(0, steps, 2), [f"{scene.period * n:.1f}" for n in range(0, steps, 2)])
     when.grid(visible=False)
-    left_out = f", {PAIRS} of {len(all_)} pairs" if len(all_) > PAIRS else ""
-    style.dress(when, "time [s]", "", f"QTC and alpha: {title}{left_out}")
+    shown = f", {PAIRS} of {len(all_)} pairs" if len(all_) > PAIRS else ""
+    style.dress(when, "time [s]", "", f"QTC and alpha: {title}{shown}")
     if is_constant(alpha):
         image.set_visible(False)  # One colour would show nothing: the title says so.
         return figure

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
+from neurosym_jax.evaluation.bootstrap import student_half
 from neurosym_robot.tracking.following import frames_of_tracks, velocity
 from neurosym_robot.tracking.stitching import (
     NOBODY,
@@ -76,8 +77,7 @@ def table(seeds: range) -> str:
 
 
 def _mean(scores: np.ndarray) -> str:
-    half = 1.96 * np.std(scores, ddof=1) / len(scores) ** 0.5
-    return f"{np.mean(scores):.3f} ± {half:.3f}"
+    return f"{np.mean(scores):.3f} ± {student_half(scores.tolist()):.3f}"
 
 
 def greedy(tracks: Tracks, options: LinkOptions) -> np.ndarray:
