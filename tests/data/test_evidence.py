@@ -64,7 +64,6 @@ def together(people=20, ends=6, late=0):
 
 
 def twins(count):
-    """One person stands in another's place, so often."""
     tracks = strides()
     position = tracks.position.copy()
     position[40 : 40 + count, 1] = 0

@@ -262,17 +262,15 @@ def test_a_living_pooling_moves_people_and_a_dead_one_nobody(changes):
 
 
 def test_moves_by_hand():
-    """Two samples of two steps; the second person is alone within 2 m, the third is padding."""
+    """Two samples of two steps, of two people and padding."""
     moves = np.zeros((2, 3, 2, 2))
-    moves[0, 0], moves[1, 0] = [[0.0, 0.3], [3, 4]], [[0, 0], [0, 1]]
-    moves[0, 1], moves[:, 2] = [[2e-3, 0], [0, 0]], 9
-    seen = np.array([[0.0, 0], [2.1, 0], [0, 0]])[:, None]
-    case = make_scene(np.repeat(seen, 2, axis=1)).replace(valid=np.array([True, True, False]))
+    moves[0, 0], moves[0, 1, 0], moves[:, 2] = [[0, 0.3], [3, 4]], [2e-3, 0], 9
+    for apart, near in ((1.9, True), (2.1, False)):
+        seen = np.array([[0.0, 0], [apart, 0], [0, 0]])[:, None]
+        case = make_scene(np.repeat(seen, 2, axis=1)).replace(valid=np.arange(3) < 2)
+        assert formulas.neighbour_near(moves, case)[1].tolist() == [near, near, False]
     move, company = formulas.neighbour_move(moves, case)
-    assert_allclose(move[:2], [3, 0])
+    assert_allclose(move[:2], [2.5, 0])
     share, same = formulas.neighbour_share(moves, case)
-    assert share.tolist() == [True, True, True]
+    assert share.all()
     assert company.tolist() == same.tolist() == [True, True, False]
-    for apart, near in ((2.1, False), (1.9, True)):
-        beside = case.replace(observed=case.observed * apart / 2.1)
-        assert formulas.neighbour_near(moves, beside)[1].tolist() == [near, near, False]

@@ -13,7 +13,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.parameters import flat_parameters, refuse_misfit
+from neurosym_jax.forecasting.parameters import flat_parameters
 from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from tests.networks import random_model
 
@@ -176,14 +176,6 @@ def test_parameters_that_are_not_finite(copy, tmp_path):
     for params in odd:
         with pytest.raises(InputError, match="parameter"):
             flat_parameters(params)
-
-
-def test_six_misfits_are_named():
-    for count, more in ((6, ""), (7, " and 1 more")):
-        with pytest.raises(
-            InputError, match=rf"another: ('\d' is missing, not \(\)(, )?){{6}}{more}$"
-        ):
-            refuse_misfit({}, dict.fromkeys("0123456"[:count], ()), "another")
 
 
 def test_what_is_no_model_and_nothing_is_overwritten(saved, tmp_path):
