@@ -250,7 +250,7 @@ def _score(model: Model, test: Test, settings: Settings) -> tuple[Evaluation, di
         means = [each.mean for each in of_runs]
         if len(runs) > 1 and first.total.ndim == 1 and np.isfinite(means).all():
             spread[name] = float(np.std(means, ddof=1))
-    seconds = sum(run.seconds for run in runs) / len(runs)
+    seconds = float(np.mean([run.seconds for run in runs]))
     return runs[0]._replace(scores=scores, seconds=seconds), spread
 
 
