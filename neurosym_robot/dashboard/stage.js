@@ -112,7 +112,6 @@ class Stage {
     this.begin(this.canvas);
     this.pen.drawImage(this.back, 0, 0, this.width, this.height);
     if (moment) this.drawPeople(what);
-    if (moment?.robot) this.drawRobot(moment.robot);
   }
 
   begin(canvas) {
@@ -257,6 +256,7 @@ class Stage {
       pen.strokeStyle = this.colour.chosen;
       pen.stroke();
     }
+    if (moment.robot) this.drawRobot(moment.robot); // over the crowd, below the labels
     // A label has its place or is left out: first those chosen, then those nearest to the robot.
     const taken = people.map(({ x, y }) => [x - 0.4 * mark, y - 0.4 * mark, x + 0.4 * mark, y + 0.4 * mark]);
     people.sort((a, b) => b.mine - a.mine || a.far - b.far);
