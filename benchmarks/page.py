@@ -34,12 +34,12 @@ Processor time before over after, measured once by hand on a busy core.
 | idea | ratio |
 |---|---:|
 | `anchors` in the order features, people, scenes: loss and gradient alone | 1.5 |
-| the same: whole training step (cause not found) | 0.8 to 1.0 |
+| the same: whole training step in one program; in three; today's in two | 0.8 to 1.0; 1.3; 1.1 |
 | `anchors`, whole step: without YNNPACK fusions; with XLA's older loop emitters | 0.9; 0.7 |
 | compiling SGAN and NeuroSyM with these, but they run at 0.5 | 2 |
 | compiling the simulation with these, but positions differ by 0.5 µm | 2 |
 
-Augmentation and Adam are 4 % of that step.
+Those of `anchors` change the bits of a training. Augmentation and Adam are 4 % of a step.
 
 </details>
 
