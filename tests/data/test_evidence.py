@@ -93,7 +93,6 @@ FINE, DOUBT, NO = [], [False], [True]
         *[(together(), NO), (together(19), FINE), (together(ends=5), FINE)],
         *[(together(late=1), NO), (together(late=2), FINE)],
         *[(twins(0), FINE), (twins(1), DOUBT), (twins(8), DOUBT), (twins(9), NO)],
-        # Faster than 10 m/s.
         *[(strides(((0, 9), 3.9)), FINE), (strides(((0, 9), 4.1)), DOUBT)],
     ],
 )

@@ -262,7 +262,6 @@ def test_a_living_pooling_moves_people_and_a_dead_one_nobody(changes):
 
 
 def test_moves_by_hand():
-    """Two samples of two steps, of two people and padding."""
     moves = np.zeros((2, 3, 2, 2))
     moves[0, 0], moves[0, 1, 0], moves[:, 2] = [[0, 0.3], [3, 4]], [2e-3, 0], 9
     for apart, near in ((1.9, True), (2.1, False)):

@@ -138,9 +138,8 @@ def test_what_is_uploaded_is_a_models_folder(model, monkeypatch):
         or mock.Mock(commit_url="its page")
     )
     monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
-    assert model("none").push_to_hub("me/walkers", private=True) == "its page"
+    assert model("none").push_to_hub("me/walkers") == "its page"
     assert uploaded == {"name": "me/walkers", "kind": "generator"}
-    hub.create_repo.assert_called_once_with("me/walkers", private=True, exist_ok=True)
 
 
 def test_what_is_nowhere_is_named_in_one_line(monkeypatch):
