@@ -63,7 +63,7 @@ def draw(path: Path) -> None:
     seconds[RELEASED] = ITERATIONS * step
     rows = read_report(DOCS / "results.json").filter(pred_len=12)
     checkpoint = pl.col("checkpoint").fill_null("")
-    rows = rows.filter(~checkpoint.str.contains("sgan-20v/")).with_columns(
+    rows = rows.filter(~checkpoint.str.contains("sgan-20v/|^sgan_")).with_columns(
         model=pl.when(checkpoint.str.contains("sgan-20vp/"))
         .then(pl.lit(RELEASED))
         .otherwise("model")

@@ -30,7 +30,9 @@ OTHERS = ("anchor table", "SGAN")
 
 def errors(sweeps: Sequence[Path], results: pl.DataFrame) -> pl.DataFrame:
     """Mean errors by `model` and `marginal_weight`; reads the weight from each sweep's folder."""
-    first = results.filter(pl.col("checkpoint").str.contains("seed0|^checkpoints/"), pred_len=12)
+    first = results.filter(
+        pl.col("checkpoint").str.contains("anchors_.*seed0|^checkpoints/"), pred_len=12
+    )
     parts = [(None, first.filter(pl.col("model").is_in(OTHERS)))]
     parts += [(DEFAULT, first.filter(model="anchors"))]
     for path in sweeps:
