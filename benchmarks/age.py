@@ -1,11 +1,11 @@
 """Age of information: from a frame's stamp to its forecast at a listener, another process.
 
-People walk in a hall: 8 at 10 Hz with 20 ms of jitter, 8 at 7 Hz, and 200 at 30 Hz; without the
-page, and with it open in a headless Chromium on the same cores, whose drawings are counted, too.
-ROS 1 is a real roscore, and samples are heard. ROS 2 is a real rclpy, in the Python that
-`$NEUROSYM_ROS2` names or else in this one; markers are heard, whose type every ROS 2 has. Nobody
-but its page hears a replay: a bag is played at its own rate, and the ages are those that the
-command prints, from the moment when a frame is due to its forecast.
+People walk in a hall, and all of them are forecast: 8 at 10 Hz with 20 ms of jitter, 8 at 7 Hz,
+and 200 at 30 Hz; without the page, and with it open in a headless Chromium on the same cores, whose
+drawings are counted, too. ROS 1 is a real roscore, and samples are heard. ROS 2 is a real rclpy, in
+the Python that `$NEUROSYM_ROS2` names or else in this one; markers are heard, whose type every
+ROS 2 has. Nobody but its page hears a replay: a bag is played at its own rate, and the ages are
+those that the command prints, from the moment when a frame is due to its forecast.
 """
 
 import contextlib
@@ -237,7 +237,8 @@ class _Process:
     def __init__(self, stack: contextlib.ExitStack, command: list[str], is_open: bool = False):
         """Start `command`, one of ours unless it is a program's name; open its page."""
         if shutil.which(command[0]) is None:
-            command = [sys.executable, "-m", "neurosym_jax", *command]
+            every = ["--max-people", str(max(case.people for case in CASES))]
+            command = [sys.executable, "-m", "neurosym_jax", *command, *every]
         command += ["--dashboard", "--port", "0"] if is_open else []
         into = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
         self._process: Any = subprocess.Popen(command, **into)

@@ -4,7 +4,7 @@ import contextlib
 import dataclasses
 import math
 import signal
-import time
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import closing
@@ -104,5 +104,6 @@ def run(options: Options) -> None:
         if options.dashboard or isinstance(options.foxglove, int):
             print("live until interrupted", flush=True)
             with contextlib.suppress(KeyboardInterrupt):
-                while True:  # A signal that another thread takes does not end a longer sleep.
-                    time.sleep(0.2)
+                # A signal that another thread takes does not end a longer wait.
+                while not threading.Event().wait(0.2):
+                    pass

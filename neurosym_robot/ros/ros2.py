@@ -106,8 +106,9 @@ class ForecastNode(ForecastingNode):
         def spin() -> None:
             try:
                 rclpy.spin(self.node)
-            except rclpy.executors.ExternalShutdownException:
-                pass
+            except Exception:  # Of several kinds, where ROS 2 is shut down meanwhile.
+                if rclpy.ok():
+                    raise
             finally:
                 self.stopped.set()
 

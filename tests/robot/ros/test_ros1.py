@@ -231,6 +231,7 @@ def test_rosbag_plays_our_bag_and_records_our_answers(graph, node, models, tmp_p
     heard = {(row["topic"], round(row["stamp"], 6)) for row in rows if row["topic"] in FORECASTS}
     assert all(1e9 < stamp < 1e9 + 9 for _, stamp in heard)
     recorder.end(signal.SIGINT)
+    wait(recorded.exists)  # Its child gives the file its name.
     there = {
         (topic, round(seconds_of(message.header.stamp), 6))
         for topic, message in read_messages(recorded)
