@@ -14,10 +14,10 @@ HEAD = """# Benchmarks
 torch, and 11 times as fast as the released code; a training step is 1.6 and 6.8 times as fast.** A
 training step of `anchors` is hardly faster than its twin in torch, and forecasts of a single scene
 of 10 or 50 people are equally fast. A whole training of `anchors` takes 49 s. A thousand people are
-forecast in 38 ms, with 20 samples each. Of 200 people published at 30 Hz in a ROS 1 graph on this
-one machine, the node forecasts 64 (its default `--max-people`): with the live page open, forecasts
-are 12 ms old (median) when another process gets them, 99 % of them at most 46 ms. No robot was
-involved.
+forecast in 38 ms, with 20 samples each. With 200 people at 30 Hz in a ROS 1 graph on this one
+machine and the live page open, forecasts of all are 19 ms old (median) when another process gets
+them, 99 % of them at most 57 ms. The ROS 2 node cannot keep up with so many: it answers 39 % of the
+frames, 96 ms late. No robot was involved.
 
 **No GPU was at hand.** `python -m benchmarks --gpu` waits for one: it runs the tests of numbers,
 crowds of 200 to 10,000 people, an iteration of each recipe, the evaluation, and notes peak memory.
@@ -51,8 +51,8 @@ the ratio to ours, in brackets the least and the most that the rounds allow. Tim
 vary threefold between hours: compare within a row only; evaluation, symbols and reading were
 measured in a slower hour than the others. For the age, ROS 1 is a real roscore, with
 samples out; ROS 2 a real rclpy, with poses in and markers out; and a bag is replayed at its own
-rate: its ages are those that `neurosym replay` prints, because nobody but the page hears it. Of 200
-people, 64 are forecast, those nearest to the centre of all. "Start" compiles everything first,
+rate: its ages are those that `neurosym replay` prints, because nobody but the page hears it. All
+200 people are forecast (`--max-people 200`). "Start" compiles everything first,
 "meanwhile" while people are forecast already; "warm" has programs in the cache. The torch peer is
 SGAN with encoding and pooling done once, all samples together, and no loop over scenes; that of
 `anchors` has the same loss and gradient, without augmentation and averaging. The original is the
