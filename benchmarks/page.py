@@ -29,17 +29,15 @@ So far it has run on a CPU only.
 TAIL = """<details markdown="1">
 <summary>Tried for speed, and not kept</summary>
 
-Processor time before over after, measured once by hand on a busy core.
+Tried once each by hand; nothing here reproduces it, so it has no numbers.
 
-| idea | ratio |
-|---|---:|
-| `anchors` in the order features, people, scenes: loss and gradient alone | 1.5 |
-| the same: whole training step in one program; in three; today's in two | 0.8 to 1.0; 1.3; 1.1 |
-| `anchors`, whole step: without YNNPACK fusions; with XLA's older loop emitters | 0.9; 0.7 |
-| compiling SGAN and NeuroSyM with these, but they run at 0.5 | 2 |
-| compiling the simulation with these, but positions differ by 0.5 µm | 2 |
-
-Those of `anchors` change the bits of a training. Augmentation and Adam are 4 % of a step.
+| idea | what came of it |
+|---|---|
+| `anchors` in the order features, people, scenes | faster gradient, not a faster step |
+| its training step as two or three programs | faster, other bits |
+| `anchors` without YNNPACK fusions, or with XLA's older loop emitters | slower |
+| compiling SGAN and NeuroSyM with these emitters | compiles faster, runs slower |
+| compiling the simulation with these emitters | faster, but other positions |
 
 </details>
 

@@ -79,7 +79,8 @@ def cut_windows(
     scenes with fewer than `min_agents` are dropped.
 
     Raises:
-        InputError: if there is no window, a recording is on no grid, or recordings do not match.
+        InputError: for a number below 1, or if there is no window, a recording is on no grid, or
+            recordings do not match.
     """
     lengths = {"obs_len": obs_len, "pred_len": pred_len}
     refuse(Count, {**lengths, "skip": skip, "min_agents": min_agents})

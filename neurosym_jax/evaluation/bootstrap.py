@@ -160,7 +160,7 @@ def _drawn(errors: ErrorsByScene, seed: int = 0) -> np.ndarray:
     stretches = max(count // length - 1, 1)
     draw = np.random.default_rng(seed)
     first = draw.multinomial(stretches, np.full(count, 1 / count), RESAMPLES)
-    return sum((np.roll(first, i, axis=1) for i in range(length)), np.zeros_like(first))
+    return np.sum([np.roll(first, i, axis=1) for i in range(length)], axis=0)
 
 
 def _resampled(run: ErrorsByScene, drawn: np.ndarray) -> np.ndarray:

@@ -117,8 +117,8 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     people, texts = scene.agent, state_texts()
     count, steps = len(people), alpha.shape[-1]
     both_ways = not np.allclose(alpha, alpha.swapaxes(0, 1))
-    all_ = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
-    rows = all_[:PAIRS]
+    every = [(i, j) for i in range(count) for j in range(count) if i != j and (both_ways or i < j)]
+    rows = every[:PAIRS]
     height = max(2.2, 0.8 + 0.19 * len(rows))
     figure, ((where, when),) = style.new_figure(style.WIDTH, height, 1, 2, width_ratios=(1, 2))
     for path, person, colour in zip(scene.position, people, style.PALETTE * count):
@@ -141,7 +141,7 @@ def plot_pairs(scene: Windows, codes: np.ndarray, alpha: np.ndarray, title: str)
     when.set_yticks(range(len(rows)), [f"{people[i]} {arrow} {people[j]}" for i, j in rows])
     when.set_xticks(range(0, steps, 2), [f"{scene.period * n:.1f}" for n in range(0, steps, 2)])
     when.grid(visible=False)
-    shown = f", {PAIRS} of {len(all_)} pairs" if len(all_) > PAIRS else ""
+    shown = f", {PAIRS} of {len(every)} pairs" if len(every) > PAIRS else ""
     style.dress(when, "time [s]", "", f"QTC and alpha: {title}{shown}")
     if is_constant(alpha):
         image.set_visible(False)  # One colour would show nothing: the title says so.

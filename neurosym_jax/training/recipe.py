@@ -17,11 +17,11 @@ from neurosym_jax.configuration import (
     Whole,
     changed,
     differences,
+    refuse,
 )
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.anchors import AnchorConfig, AnchorTableConfig
 from neurosym_jax.models.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
-from neurosym_jax.plugins import Registry
 
 __all__ = ["NETWORKS", "RECIPES", "AnchorRecipe", "Recipe", "TrainConfig", "make_recipe"]
 __all__ += ["model_name", "named_network", "refuse_other_recipe", "usual_recipe"]
@@ -128,26 +128,23 @@ class AnchorRecipe(Recipe):
     """Weight of how much people of one sample overlap. It costs error: see docs/recipe.md."""
 
 
-RECIPES: Registry[Recipe] = Registry(
-    "recipe",
-    {
-        "anchors": AnchorRecipe(),
-        "ours": TrainConfig(rotate=0.5, scale=0.3, jitter=0.04, gentle_pooling=True),
-        "sgan": TrainConfig(
-            max_agents=None,
-            steps=8400,
-            criterion="squared_displacement",
-            adversarial_weight=1.0,
-            # The released code smooths zeros by multiplying them by the random number: they stay 0.
-            label_fake=(0.0, 0.0),
-            learning_rate=1e-4,
-            schedule="constant",
-            warmup_steps=0,
-            rotate=0.0,
-            select_by="ade",
-        ),
-    },
-)
+RECIPES: dict[str, Recipe] = {
+    "anchors": AnchorRecipe(),
+    "ours": TrainConfig(rotate=0.5, scale=0.3, jitter=0.04, gentle_pooling=True),
+    "sgan": TrainConfig(
+        max_agents=None,
+        steps=8400,
+        criterion="squared_displacement",
+        adversarial_weight=1.0,
+        # The released code smooths zeros by multiplying them by the random number: they stay 0.
+        label_fake=(0.0, 0.0),
+        learning_rate=1e-4,
+        schedule="constant",
+        warmup_steps=0,
+        rotate=0.0,
+        select_by="ade",
+    ),
+}
 """`sgan` is the published procedure; `ours` and `anchors` are justified in docs/recipe.md."""
 
 
@@ -160,6 +157,7 @@ def make_recipe(
         InputError: for an unknown name, a change that is not NAME=VALUE of a field, or a value out
             of its range.
     """
+    refuse(Literal[*RECIPES], {"recipe": name})
     of_steps = [] if steps is None else [f"steps={steps}"]
     every = [f"seed={seed}", *of_steps, *changes]
     return changed(RECIPES[name], every, "--set", f"recipe {name}")
@@ -182,15 +180,12 @@ def refuse_other_recipe(network: Any, recipe: Any) -> None:
         raise InputError(f"the recipe does not fit the network: --recipe {fits}")
 
 
-NETWORKS: Registry[Any] = Registry(
-    "network",
-    {
-        "sgan": GeneratorConfig(),
-        "neurosym": GeneratorConfig(pooling=POOLINGS["as_described"]()),
-        "anchors": AnchorConfig(),
-        "anchor_table": AnchorTableConfig(),
-    },
-)
+NETWORKS: dict[str, Any] = {
+    "sgan": GeneratorConfig(),
+    "neurosym": GeneratorConfig(pooling=POOLINGS["as_described"]()),
+    "anchors": AnchorConfig(),
+    "anchor_table": AnchorTableConfig(),
+}
 """Configurations, with the poolings of the papers."""
 
 
@@ -218,6 +213,7 @@ def named_network(
         InputError: for an unknown model, pooling or weighting, one that the model cannot have, or a
             change that does not fit.
     """
+    refuse(Literal[*NETWORKS], {"model": model})
     config = dataclasses.replace(NETWORKS[model], obs_len=obs_len, pred_len=pred_len)
     if pooling is not None:
         takes = {"sgan": set(), "neurosym": {"alpha"}}.get(model)  # Of pairs' weights.

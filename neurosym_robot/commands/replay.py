@@ -103,7 +103,8 @@ def run(options: Options) -> None:
         print(status.table(), *(f"{view.title} {view.where}" for view in written), sep="\n")
         if options.dashboard or isinstance(options.foxglove, int):
             print("live until interrupted", flush=True)
+            never = threading.Event()
             with contextlib.suppress(KeyboardInterrupt):
                 # A signal that another thread takes does not end a longer wait.
-                while not threading.Event().wait(0.2):
+                while not never.wait(0.2):
                     pass

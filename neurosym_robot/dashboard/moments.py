@@ -20,6 +20,7 @@ The last line has the final `score` alone.
 """
 
 import base64
+import collections
 import functools
 import io
 import itertools
@@ -161,7 +162,10 @@ class Moments:
         last, people = forecast.observed[:, -1:], len(codes)
         events = likely_events(forecast, self._of_events, self._window.period, self._at_least)
         # The most probable of every kind, then the second, so that frequent kinds hide no other.
-        turns = [[e.name for e in events[:n]].count(each.name) for n, each in enumerate(events)]
+        turns, of_kind = [], collections.Counter()
+        for each in events:
+            turns.append(of_kind[each.name])
+            of_kind[each.name] += 1
         likely = [events[n] for n in np.argsort(turns, kind="stable")[:MAX_LIKELY]]
         models = {}
         for name, result in forecast.models.items():
