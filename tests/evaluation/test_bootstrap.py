@@ -54,7 +54,7 @@ def test_intervals_are_wide_enough_where_windows_share_steps():
         low, high = ErrorsByScene({"joint_ade": score}, identity, 16).intervals()["joint_ade"]
         halves.append((high - low) / 2)
     # Single blocks, whose borders windows cross, reach .77 of this; single windows .24.
-    assert 0.87 < np.mean(halves) / (1.96 / np.sqrt(starts)) < 1
+    assert 0.93 < np.mean(halves) / (1.96 / np.sqrt(starts)) < 1
 
 
 def test_a_single_seed_has_the_interval_of_the_scenes():

@@ -15,6 +15,7 @@ from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.weighting import initial_parameters
 from neurosym_jax.symbolic.weightings import Soft
 from neurosym_robot.dashboard.moments import MAX_NAMED, UNKNOWN, Moments, read_floor_map
+from neurosym_robot.online.pairs import LikelyEvent
 from neurosym_robot.online.replay import ReplayEvent
 from neurosym_robot.tracking.following import Frame
 from tests.robot.dashboard.conftest import predictor
@@ -41,6 +42,15 @@ def test_a_forecast_is_told_whole_once_a_period(moments, stream):
     codes, alpha = moments.symbols(forecast.observed)
     assert step["codes"] == [int(codes[pair]) for pair in ((0, 1), (0, 2), (1, 2))]
     assert_allclose(step["alpha"], alpha.ravel(), atol=6e-5)
+
+
+def test_the_first_events_of_all_kinds_come_before_the_second_of_any(moments, stream, monkeypatch):
+    named = [("meets", 0.9), ("meets", 0.8), ("follows", 0.7), ("meets", 0.6), ("follows", 0.6)]
+    events = [LikelyEvent(name, 0, 1, share, 1.2) for name, share in named]
+    monkeypatch.setattr("neurosym_robot.dashboard.moments.likely_events", lambda *how: events)
+    step = next(step for each in stream(4) if (step := json.loads(moments.moment(*each))["step"]))
+    told = [(name, share) for name, _, _, share, _ in step["likely"]]
+    assert told == [named[n] for n in (0, 2, 1, 4, 3)]
 
 
 def test_symbols_and_weights_are_the_models_own():
