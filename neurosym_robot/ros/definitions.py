@@ -20,7 +20,8 @@ FORECAST = "neurosym_msgs/msg/Forecast"
 EVENTS = "neurosym_msgs/msg/Events"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
-MARKERS = "visualization_msgs/msg/MarkerArray"
+MARKER = "visualization_msgs/msg/Marker"
+MARKERS = f"{MARKER}Array"
 
 # Where the robot experiment's trackers publish, best first.
 PEOPLE_TOPICS = ("/people_tracker/people_filtered", "/people_tracker/people")
@@ -74,11 +75,33 @@ def ros1_name(kind: str) -> str:
     return kind.replace("/msg/", "/")
 
 
-def blank(store: Any, kind: str) -> Any:
-    """A message of a typestore with zeros, empty texts and empty lists in it."""
+def blank(store: Any, kind: str, points: int | None = None) -> Any:
+    """A message of a typestore with zeros, empty texts and empty lists in it.
+
+    In a Marker or MarkerArray with a number of `points` those of a marker are an array, `xyz` with
+    their `count` before it: the same bytes as those of a list of points, without its objects.
+    """
+    if points is not None:
+        kind = f"{kind}{points}"
+        if kind not in store.fielddefs:
+            _register_lines(store, points)
     form = store.get_msgdef(kind)
     # From more zeros than an empty message of any type has.
     return form.deserialize_ros1(bytes(2**13), 0, form.cls, store)[0]
+
+
+def _register_lines(store: Any, points: int) -> None:
+    from rosbags.interfaces import Nodetype
+    from rosbags.typesys import get_types_from_msg
+
+    marker, line = f"{MARKER}{points}", f"geometry_msgs/msg/Line{points}"
+    constants, fields = store.fielddefs[MARKER]
+    forms = dict(fields) | {"points": (Nodetype.NAME, line)}
+    store.register(
+        get_types_from_msg(f"uint32 count\nfloat64[{3 * points}] xyz", line)
+        | get_types_from_msg(f"{ros1_name(marker)}[] markers", f"{MARKERS}{points}")
+        | {marker: (constants, list(forms.items()))}
+    )
 
 
 def seconds_of(stamp: Any) -> float:

@@ -29,6 +29,7 @@ from neurosym_robot.ros.definitions import (
     TF_TOPICS,
     TRANSFORMS,
     TRUTH_TOPIC,
+    blank,
 )
 from neurosym_robot.ros.messages import diagnostics_message, make_people, outputs, truth_message
 from neurosym_robot.ros.people import PeopleSource
@@ -105,10 +106,6 @@ class ForecastingNode(abc.ABC):
         """Seconds of ROS's clock."""
 
     @abc.abstractmethod
-    def _new(self, kind: str) -> Any:
-        """An empty message, by its type."""
-
-    @abc.abstractmethod
     def _advertise(self, topic: str, kind: str) -> Outlet:
         """Publish a topic of a type; `UNHEARD` if there is no such type."""
 
@@ -119,6 +116,7 @@ class ForecastingNode(abc.ABC):
     def __init__(
         self,
         predictor: Predictor,
+        store: Any,
         report: Callable[[str], None],
         *,
         name: str = "neurosym_jax",
@@ -130,10 +128,12 @@ class ForecastingNode(abc.ABC):
     ):
         """Advertise all topics whose types there are: for each of the models topics of its own.
 
-        `report` is called with one line at a time; `at_least` is the least probability of an event
-        that is published; `status` is in seconds between status lines.
+        Messages are of the types of `store`, a `typestore`; `report` is called with one line at a
+        time; `at_least` is the least probability of an event that is published; `status` is in
+        seconds between status lines.
         """
         self.name, self.predictor, self.stitcher, self.report = name, predictor, stitcher, report
+        self._store, self._new = store, functools.partial(blank, store)
         self.source = source or PeopleSource(report=report)
         self.analytics = Analytics(predictor)
         predictor.programs.add(

@@ -1,7 +1,7 @@
 """The messages that we publish: people, forecasts by type of message, the status.
 
-They come from `new(type)`, which returns empty ones: rclpy's own, or `definitions.blank`. The way
-from a message to people is `people.py`.
+They come from `new(type)`, which returns empty ones, as `definitions.blank`. The way from a message
+to people is `people.py`.
 """
 
 import copy
@@ -21,12 +21,13 @@ from neurosym_robot.ros.definitions import (
     FORECAST,
     HUMANS,
     HUMANS_TRAJS,
+    MARKER,
     MARKERS,
     PEOPLE,
 )
 from neurosym_robot.tracking.following import Frame
 
-New = Callable[[str], Any]
+New = Callable[..., Any]
 # Colours of people's lines, after Okabe and Ito.
 COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
 FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
@@ -192,27 +193,32 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
 
     Lines of people who are not seen at the moment are faint.
     """
-    result, header = forecast.models[model], _header(forecast.stamp, frame_id)
-    paths = np.append(forecast.observed[:, -1:], result.samples[result.central], axis=1).tolist()
-
-    def line(n: int, id: int) -> Any:
-        marker = new("visualization_msgs/msg/Marker")
-        red, green, blue = COLOURS[n % len(COLOURS)]
-        opacity = FAINT if forecast.extrapolated[n] else 1.0
-        return filled(
-            marker,
-            header=header,
-            ns=f"{model}/{id}",
-            type=marker.LINE_STRIP,
-            scale={"x": 0.05},
-            pose={"orientation": {"w": 1.0}},
-            color={"r": red / 255, "g": green / 255, "b": blue / 255, "a": opacity},
-            # The line disappears by itself when forecasts end.
-            lifetime=_time(2 * period),
-            points=[filled(new("geometry_msgs/msg/Point"), x=x, y=y) for x, y in paths[n]],
-        )
-
-    return filled(new(MARKERS), markers=list(map(line, range(len(paths)), forecast.ids.tolist())))
+    result, last = forecast.models[model], forecast.observed[:, -1:]
+    paths = np.append(last, result.samples[result.central], axis=1)
+    people, points = paths.shape[:2]
+    xyz = np.append(paths, np.zeros((people, points, 1)), axis=2).reshape(people, -1)
+    empty = new(MARKER, points)
+    filled(
+        empty,
+        header=_header(forecast.stamp, frame_id),
+        type=empty.LINE_STRIP,
+        scale={"x": 0.05},
+        pose={"orientation": {"w": 1.0}},
+        # The line disappears by itself when forecasts end.
+        lifetime=_time(2 * period),
+    )
+    colour, line = type(empty.color), type(empty.points)
+    looks = [
+        [colour(*np.divide(each, 255).tolist(), opacity) for each in COLOURS]
+        for opacity in (1.0, FAINT)
+    ]
+    markers = []
+    for n, (id, unseen) in enumerate(zip(forecast.ids.tolist(), forecast.extrapolated.tolist())):
+        marker = copy.copy(empty)
+        marker.ns, marker.color = f"{model}/{id}", looks[unseen > 0][n % len(COLOURS)]
+        marker.points = line(points, xyz[n])
+        markers.append(marker)
+    return filled(new(MARKERS, points), markers=markers)
 
 
 def events_message(

@@ -14,7 +14,6 @@ from neurosym_robot.online.predictor import Predictor
 from neurosym_robot.ros.definitions import (
     PEOPLE,
     PEOPLE_TOPICS,
-    blank,
     definitions,
     ros1_name,
     seconds_of,
@@ -94,10 +93,10 @@ class ForecastNode(ForecastingNode):
         if stitcher is not None and topic == filtered:
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
         self._decoder = Decoder(KINDS)
-        self._store = self._decoder.store
         self._clock: float | None = None  # seconds of simulated time
         self.node = Node(name, master, report, remaps)
-        super().__init__(predictor, report, name=self.node.name, stitcher=stitcher, **options)
+        options |= {"name": self.node.name, "stitcher": stitcher}
+        super().__init__(predictor, self._decoder.store, report, **options)
         self.stopped = self.node.stopped
         if stitcher is not None:
             self._mended = self._advertise(filtered, PEOPLE)
@@ -138,13 +137,10 @@ class ForecastNode(ForecastingNode):
         definition, md5 = self._store.generate_msgdef(kind, ros_version=1)
         return Topic(self.node.names(name), ros1_name(kind), md5, definition)
 
-    def _new(self, kind: str) -> Any:
-        return blank(self._store, kind)
-
     def _advertise(self, topic: str, kind: str) -> Outlet:
         publisher = self.node.advertise(self._topic(topic, kind))
 
         def send(message: Any) -> None:
-            publisher.publish(bytes(self._store.serialize_ros1(message, kind)))
+            publisher.publish(bytes(self._store.serialize_ros1(message, message.__msgtype__)))
 
         return Outlet(send, lambda: bool(publisher.subscribers))

@@ -5,6 +5,7 @@ import functools
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from neurosym_robot.commands.ros1 import Options
 from neurosym_robot.online.predictor import Forecast, ModelForecast
-from neurosym_robot.ros import messages
+from neurosym_robot.ros import messages, ros2
 from neurosym_robot.ros.definitions import (
     HUMANS,
     HUMANS_TRAJS,
+    MARKERS,
     PEOPLE,
     blank,
     seconds_of,
@@ -50,12 +52,12 @@ def forecast() -> Forecast:
     return Forecast(100.5, 9, ids, observed, {"SGAN": result}, {}, 0.0, lost)
 
 
-def received(store, message):
-    """What comes out at the other side."""
-    kind = message.__msgtype__
+def received(store, message, kind=None):
+    """What comes out at the other side, whose type is `kind`."""
+    ours = message.__msgtype__
     if "seq" in vars(blank(store, "std_msgs/msg/Header")):
-        return store.deserialize_ros1(store.serialize_ros1(message, kind), kind)
-    return store.deserialize_cdr(store.serialize_cdr(message, kind), kind)
+        return store.deserialize_ros1(store.serialize_ros1(message, ours), kind or ours)
+    return store.deserialize_cdr(store.serialize_cdr(message, ours), kind or ours)
 
 
 def test_the_checksums_are_those_of_the_robot():
@@ -123,17 +125,45 @@ def test_all_samples_compactly(store, new, forecast):
 
 
 def test_a_line_a_person_in_their_own_colour_and_faint_while_unseen(store, new, forecast):
-    message = received(store, messages.markers_message(new, forecast, "SGAN", 0.4, "map"))
+    made = messages.markers_message(new, forecast, "SGAN", 0.4, "odom")
+    message = received(store, made, MARKERS)
     assert [marker.ns for marker in message.markers] == ["SGAN/4", "SGAN/-8"]
     colours = [(each.color.r, each.color.g, each.color.b) for each in message.markers]
     # Blue and vermilion of Okabe and Ito.
     assert_allclose(colours, np.array([(0, 114, 178), (213, 94, 0)]) / 255, atol=1e-6)
     assert_allclose([marker.color.a for marker in message.markers], [1.0, 0.35])
     for marker, path in zip(message.markers, forecast.models["SGAN"].samples[3]):
-        points = [(point.x, point.y) for point in marker.points]
-        assert_array_equal(points[1:], path)
+        points = [(point.x, point.y, point.z) for point in marker.points]
+        assert_array_equal(np.array(points)[1:, :2], path)
+        assert (seconds_of(marker.header.stamp), marker.header.frame_id) == (100.5, "odom")
+        assert (marker.pose.orientation.w, {point[2] for point in points}) == (1, {0})
         assert (marker.type, marker.scale.x) == (4, 0.05)  # A LINE_STRIP.
         assert (marker.lifetime.sec, marker.lifetime.nanosec) == (0, 800_000_000)
+
+
+def test_a_ros_2_with_another_definition_gets_no_bytes_of_ours(monkeypatch):
+    store, said, sent = typestore(2), [], []
+    theirs = {"/markers": store.hash_rihs01(MARKERS), "/other": "RIHS01_0", "/old": "INVALID"}
+    publisher = SimpleNamespace(publish=sent.append, get_subscription_count=lambda: 1)
+    graph = SimpleNamespace(
+        create_publisher=lambda form, topic, depth: SimpleNamespace(
+            **vars(publisher), topic_name=topic
+        ),
+        get_name=lambda: "ours",
+        get_publishers_info_by_topic=lambda topic: [
+            SimpleNamespace(node_name="ours", topic_type_hash=theirs[topic]),
+            SimpleNamespace(node_name="another", topic_type_hash=theirs["/markers"]),
+        ],
+    )
+    monkeypatch.setattr(ros2, "message_type", lambda kind: None)
+    node = SimpleNamespace(node=graph, _store=store, report=said.append)
+    node._compare = functools.partial(ros2.ForecastNode._compare, node)
+    for topic in theirs:
+        outlet = ros2.ForecastNode._advertise(node, topic, MARKERS)
+        assert outlet.is_heard() == (topic != "/other")
+        outlet.publish(lambda: blank(store, MARKERS))
+    assert sent == [bytes(store.serialize_cdr(blank(store, MARKERS), MARKERS))] * 2
+    assert said == [f"this ROS 2 defines {MARKERS} in another way: nothing is published on /other"]
 
 
 TRACKED = {
