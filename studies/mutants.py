@@ -3,11 +3,12 @@
 python -m studies.mutants --seed 0 --count 40 --out mutants.jsonl
 
 The seed draws mistakes from the lines of five packages: another sign, comparison, bound or
-constant, swapped arguments, an omitted `not`. `tests/PACKAGE`, but for slow ones, the rules of
-the architecture and the stored forecasts run in a copy of the last commit until the first failure,
-or for five times as long as without a mistake. The file has a line for each, so a study can be
-resumed, or made longer. A person who finds that a survivor changes nothing writes the reason into
-its line as `"equivalent"`; the table counts these, and the other survivors are listed below it.
+constant, swapped arguments, an omitted `not`. `tests/PACKAGE`, but for slow ones, the tests of
+configurations and of the architecture, and the stored forecasts run in a copy of the last commit
+until the first failure, or for five times as long as without a mistake. The file has a line for
+each, so a study can be resumed, or made longer. A person who finds that a survivor changes nothing
+writes the reason into its line as `"equivalent"`; the table counts these, and the other survivors
+are listed below it.
 """
 
 import argparse
@@ -152,7 +153,8 @@ def _tests_fail(place: Path, package: str, limit: int, first: str = "") -> tuple
     shared = os.environ.get("NEUROSYM_SHARED", ROOT.parent / "shared")  # As for the suite here.
     environment["NEUROSYM_SHARED"] = str(shared)
     own = f"tests/{package}/test_{first}.py"
-    tests = [own] * (place / own).exists() + [f"tests/{package}", "tests/test_architecture.py"]
+    tests = [own] * (place / own).exists() + [f"tests/{package}", "tests/test_config.py"]
+    tests += ["tests/test_architecture.py"]
     tests += ["tests/test_golden.py"] * (package in ("symbolic", "models", "forecasting"))
     command = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider"]
     command += ["-m", "not slow and not exhaustive", *tests]

@@ -13,6 +13,7 @@ from neurosym_jax.models.anchors import (
     AnchorTable,
     AnchorTableConfig,
 )
+from neurosym_jax.models.frames import pair_features
 from tests.networks import random_params
 
 SMALL = AnchorConfig(pred_len=6, samples=4, hidden=8, symbols=True)
@@ -99,6 +100,26 @@ def test_neighbours_are_seen_within_the_radius_only(network, people):
     np.testing.assert_array_equal(beside(10.0), beside(10.0, alpha=0.0))
     assert 0 < jnp.abs(beside(9.9) - beside(9.9, alpha=0.0)).max() < 1e-2
     assert jnp.abs(beside(1.0) - alone).max() > 0.05
+
+
+def test_features_of_a_pair_by_hand():
+    """One person walks at 1 m/s along x; another stands 9 m ahead, 1 m to the left."""
+    observed = jnp.stack([jnp.stack([0.4 * jnp.arange(-7.0, 1), jnp.zeros(8)], -1)] * 2)
+    observed = observed.at[1].set(jnp.array([9.0, 1.0]))
+    velocity = jnp.array([[0.4, 0.0], [0.0, 0.0]])
+    config = AnchorConfig(symbols=False)
+    features, near, around = pair_features(
+        config, observed, velocity, velocity / 0.4, VALID[:2], None
+    )
+    apart = np.hypot(9, 1)
+    place = [9 / apart, 1 / apart, -1, 0]
+    distance = [1, np.exp(-apart), apart / 10, 1 / (apart + 0.3)]
+    # They are closest in 9 s; 5 s ahead, where the search ends, they are 4 m and 1 m apart.
+    approach = [5, np.exp(-2 * np.hypot(4, 1) - 5), 1, 0]
+    np.testing.assert_allclose(features[0, 1], [*place, *distance, *approach], atol=2e-3)
+    np.testing.assert_array_equal(features[[0, 1], [0, 1]], 0)
+    np.testing.assert_allclose(near[0, 1], (1 - apart**2 / 100) ** 2, rtol=1e-5)
+    np.testing.assert_allclose(around, (1 - apart**2 / 400) ** 2, rtol=1e-5)
 
 
 @pytest.mark.parametrize(("geometry", "symbols"), [(0, 0), (0, 1), (1, 0)])

@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from neurosym_jax.models import Discriminator, Generator
+from neurosym_jax.models.anchors import AnchorConfig, AnchorNetwork
 from neurosym_jax.models.config import POOLINGS, DiscriminatorConfig, GeneratorConfig
 from neurosym_jax.models.layers import CELLS, LSTM, Affine, Encoder, LSTMNetwork, Perceptron
 from neurosym_jax.models.pooling import PoolNetwork
@@ -35,6 +36,7 @@ CONFIGS = {
         pred_len=7,
         weighting="quantised",
     ),
+    "bare, wider": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, decoder_h_dim=40),
     "gru": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, cell=GRU()),
     "one step": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=1, obs_len=1),
 }
@@ -110,7 +112,7 @@ def unfolded(config, params, scene, noise):
     if config.pools:
         pooled = pool(params["pooling"], context, observed)
         context = np.concatenate([context, pooled], axis=1)
-    if config.needs_context_mlp:
+    if "context_mlp" in params:
         width = config.decoder_h_dim - config.noise_dim
         context = Perceptron((context.shape[1], config.mlp_dim, width)).apply(
             {"params": params["context_mlp"]}, context
@@ -146,6 +148,22 @@ def test_against_the_unfolded_chain(config):
     wanted = unfolded(config, params, scene, noise)
     assert_allclose(forecast, wanted, atol=1e-5)
     assert np.abs(wanted).max() > 0.05
+    same_size = config.encoder_h_dim == config.decoder_h_dim
+    bare = same_size and not config.pools and not config.noise_dim
+    assert ("context_mlp" in params["params"]) == (not bare)
+
+
+def test_default_networks_have_the_published_sizes():
+    """Numbers of parameters: SGAN's generator as in its checkpoints, anchors as recommended."""
+    scene, noise = example(GeneratorConfig()), np.zeros(8)
+    trajectory = (scene.observed, scene.displacement, scene.valid)
+    for module, inputs, size in (
+        (Generator(GeneratorConfig()), (scene, noise), 46_386),
+        (Discriminator(DiscriminatorConfig()), trajectory, 73_873),
+        (AnchorNetwork(AnchorConfig()), (scene.observed, scene.valid), 40_271),
+    ):
+        shapes = jax.eval_shape(module.init, jax.random.key(0), *inputs)
+        assert sum(leaf.size for leaf in jax.tree.leaves(shapes)) == size
 
 
 @pytest.mark.parametrize("kind", ["global", "local"])

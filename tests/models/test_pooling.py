@@ -37,7 +37,7 @@ DESCRIBED, ROS = (network(T, E, H, 9, B) for network in (_DescribedNetwork, _Ros
 def relu_layers(x, mlp):
     for index in range(len(mlp)):
         layer = mlp[f"layer_{index}"]
-        x = np.maximum(x @ layer["kernel"] + layer["bias"], 0)
+        x = jnp.maximum(x @ layer["kernel"] + layer["bias"], 0)
     return x
 
 
@@ -45,39 +45,62 @@ def dense(x, layer):
     return x @ layer["kernel"] + layer["bias"]
 
 
+def track_of(agent):
+    return jnp.array(OBSERVED)[agent]
+
+
+def ends(layer, i, j):
+    """The last positions alone."""
+    return dense(jnp.array(POSITIONS)[j] - jnp.array(POSITIONS)[i], layer)
+
+
 def paper(layer, i, j):
     """Each step's embedding, by its alpha."""
-    return ALPHA[i, j][:, None] * dense(OBSERVED[j] - OBSERVED[i], layer)
+    return jnp.array(ALPHA)[i, j][:, None] * dense(track_of(j) - track_of(i), layer)
 
 
 def robot(layer, i, j):
     """The whole history embedded at once, time-major: x0, y0, x1, y1, ..."""
-    history = (OBSERVED[j] - OBSERVED[i]).reshape(-1)
-    return dense(history, layer).reshape(T, E) * ALPHA[i, j][:, None]
+    history = (track_of(j) - track_of(i)).reshape(-1)
+    return dense(history, layer).reshape(T, E) * jnp.array(ALPHA)[i, j][:, None]
 
 
 @pytest.mark.parametrize(
     ("module", "given", "embed", "kernel"),
     [
-        (HIDDEN_POOLING, (POSITIONS,), lambda of, i, j: dense(POSITIONS[j] - POSITIONS[i], of), 2),
+        (HIDDEN_POOLING, (POSITIONS,), ends, 2),
         (DESCRIBED, (OBSERVED, ALPHA), paper, 2),
         (ROS, (OBSERVED, ALPHA), robot, 2 * T),
     ],
 )
 def test_the_maximum_over_pairs_of_a_perceptron(module, given, embed, kernel):
     """The module is `MLP [embed(i, j); h_j]`, of which the maximum over j is taken."""
-    inputs = HIDDEN, given[0], ALL, *given[1:]
-    params = random_params(module, *inputs, std=0.5)
-    layer, mlp = params["params"]["spatial_embedding"], params["params"]["mlp"]
-    assert layer["kernel"].shape[0] == kernel
+    inputs = given[0], ALL, *given[1:]
+    params = random_params(module, HIDDEN, *inputs, std=0.5)
+    assert params["params"]["spatial_embedding"]["kernel"].shape[0] == kernel
 
-    def of_pair(i, j):
-        return relu_layers(np.concatenate([embed(layer, i, j).ravel(), HIDDEN[j]]), mlp)
+    def written_out(params, hidden):
+        layer, mlp = params["params"]["spatial_embedding"], params["params"]["mlp"]
 
-    wanted = np.array([np.max([of_pair(i, j) for j in range(N)], axis=0) for i in range(N)])
-    assert_allclose(jax.jit(module.apply)(params, *inputs), wanted, atol=1e-5)
+        def of_pair(i, j):
+            return relu_layers(jnp.concatenate([embed(layer, i, j).ravel(), hidden[j]]), mlp)
+
+        every = jnp.arange(N)
+        return jax.vmap(lambda i: jax.vmap(lambda j: of_pair(i, j))(every).max(axis=0))(every)
+
+    def pooled(params, hidden):
+        return module.apply(params, hidden, *inputs)
+
+    found, wanted = (jax.jit(each)(params, HIDDEN) for each in (pooled, written_out))
+    assert_allclose(found, wanted, atol=1e-5)
     # Nothing is compared where the last ReLU has shut everything, or where everybody is the same.
     assert np.ptp(wanted, axis=0).max() > 0.1
+    found, wanted = (
+        jax.jit(jax.grad(lambda *given, of=each: (of(*given) ** 2).sum(), (0, 1)))(params, HIDDEN)
+        for each in (pooled, written_out)
+    )
+    jax.tree.map(lambda *each: assert_allclose(*each, atol=1e-4), found, wanted)
+    assert min(np.abs(leaf).max() for leaf in jax.tree.leaves(wanted)) > 0.1
 
 
 def test_social_pooling_sums_hidden_states_where_others_stand():
