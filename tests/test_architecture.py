@@ -1,4 +1,4 @@
-"""Who may import what (docs/architecture.md): read from the source, so that no path is missed."""
+"""What may import what (docs/architecture.md): read from the source, so that no path is missed."""
 
 import ast
 import graphlib
@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.repository import ROOT
+
 PACKAGE = ROOT / "neurosym_jax"
 LIBRARIES = {
-    # library: who may import it, by the beginning of the path in the package
+    # library: what may import it, by the beginning of the path in the package
     "distributed": ("runtime/",),
     "flax": ("models/", "scene.py"),
     "matplotlib": ("plotting/",),

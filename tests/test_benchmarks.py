@@ -2,9 +2,6 @@
 
 import functools
 import json
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -18,27 +15,15 @@ from neurosym_jax.forecasting.anchors import AnchorsForecaster, apply_anchors
 from neurosym_jax.models.anchors import AnchorConfig
 from neurosym_jax.training.anchors import AnchorStream, anchor_loss, company
 from neurosym_jax.training.recipe import AnchorRecipe
-
-ROOT = Path(__file__).parents[1]
-
-
-def run(*arguments):
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+from tests.repository import ROOT, run_python
 
 
 @pytest.mark.slow
 def test_a_benchmark_and_its_page(tmp_path):
     """The symbols of three implementations agree, or it fails."""
     path, page = tmp_path / "numbers.json", tmp_path / "page.md"
-    done = run("-m", "benchmarks", "symbols", "--repeats", 1, "--json", path, "--page", page)
-    assert done.returncode == 0, done.stderr
+    files = ("--json", path, "--page", page)
+    run_python("-m", "benchmarks", "symbols", "--repeats", 1, *files)
     (result,) = json.loads(path.read_text())["benchmarks"].values()
     assert {row["who"] for row in result["rows"]} >= {"neurosym_jax", "plain loop"}
     assert all(0 < row["low"] <= row["median"] <= row["high"] for row in result["rows"])
@@ -49,9 +34,8 @@ def test_a_benchmark_and_its_page(tmp_path):
 
 @pytest.mark.slow
 def test_no_count_of_programs_flops_or_bytes_has_grown():
-    done = run("-m", "benchmarks.counts")
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout[done.stdout.rindex("{") :])
+    printed = run_python("-m", "benchmarks.counts").stdout
+    found = json.loads(printed[printed.rindex("{") :])
     baseline = json.loads((ROOT / "benchmarks/baseline.json").read_text())
     assert found.keys() == baseline.keys()
     # A hundredth, because versions of jax write the same arithmetic a little differently.

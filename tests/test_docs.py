@@ -1,10 +1,6 @@
 """The site builds without a warning, and what pages point to and name is there."""
 
-import os
 import re
-import subprocess
-import sys
-from pathlib import Path
 from unittest import mock
 
 import pytest
@@ -14,8 +10,7 @@ from neurosym_jax.data.formats import FORMATS, read_any
 from neurosym_jax.data.reading import ReadOptions
 from studies.check_docs import commands as named_commands
 from tests.commands.walk import options_of
-
-ROOT = Path(__file__).resolve().parents[1]
+from tests.repository import ROOT, run_python
 
 
 @pytest.mark.slow
@@ -23,14 +18,8 @@ def test_the_site_builds_strictly(tmp_path):
     pytest.importorskip("mkdocs", reason="the site needs the extra docs")
     pytest.importorskip("material", reason="the site needs the extra docs")
     pytest.importorskip("mkdocs_jupyter", reason="the site needs the extra docs")
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(tmp_path / "site")],
-        cwd=ROOT,
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    build = ("-m", "mkdocs", "build", "--strict", "-q", "-d", tmp_path / "site")
+    run_python(*build, NO_MKDOCS_2_WARNING="1")
     page = (tmp_path / "site/reference/symbolic/index.html").read_text()
     assert "neurosym_jax.symbolic.qtc.observe" in page
     assert "[..., T-1, m] int8" in page

@@ -2,9 +2,10 @@
 
 import ast
 import re
-from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[1] / "neurosym_jax"
+from tests.repository import ROOT
+
+PACKAGE = ROOT / "neurosym_jax"
 MODULES = [path for path in sorted(PACKAGE.rglob("*.py")) if path.name != "__init__.py"]
 ARRAYS = re.compile(r"\b(ndarray|Array|ArrayLike)\b")
 SHAPE = re.compile(r"\[[^\]]*\]")

@@ -3,8 +3,6 @@
 `python -m tests.test_golden` writes them again, for a model that is new or meant to be another.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -13,8 +11,9 @@ from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 from neurosym_jax.models.config import GeneratorConfig
 from tests.networks import random_model
+from tests.repository import GOLDEN
 
-STORED = Path(__file__).with_name("golden") / "forecasts.npz"
+STORED = GOLDEN / "forecasts.npz"
 UNIT = 1e-5  # metres
 SAMPLES = [0, 7, 19]
 SIZES = (1, 3, 5)

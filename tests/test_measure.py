@@ -1,14 +1,11 @@
 """How much of the package one evaluation needs."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.repository import ROOT, run_python
+
 MOST = 38
 """Files whose code runs for one evaluation."""
 EVALUATION = """
@@ -44,14 +41,7 @@ def test_an_evaluation_runs_code_of_few_files(tmp_path):
     """A reader has this many files to follow; code that runs while importing is not counted."""
     rows = [f"{10 * t} {who} {0.4 * t} {who}" for t in range(20) for who in (0, 1)]
     (tmp_path / "walk.txt").write_text("\n".join(rows))
-    done = subprocess.run(
-        [sys.executable, "-c", EVALUATION],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_python("-c", EVALUATION, cwd=tmp_path, PYTHONPATH=str(ROOT))
     files, modules = json.loads(done.stdout.splitlines()[-1])
     assert len(files) <= MOST, files
     # An installed package's plugin is imported to ask whether it knows the file, and nothing else.

@@ -4,29 +4,24 @@ Where this file is among what is run, they run here and not in the other way bes
 """
 
 import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from tests.conftest import accepted
+from tests.repository import ROOT, run_python
 
-TESTS = Path(__file__).parent.rglob("test_*.py")
-FILES = [path for path in TESTS if "mark.rounding" in path.read_text(encoding="utf-8")]
+FILES = [
+    path
+    for path in ROOT.glob("tests/**/test_*.py")
+    if "mark.rounding" in path.read_text(encoding="utf-8")
+]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not os.environ.get("XLA_FLAGS"), reason="every test runs in this way")
 def test_as_users_have_it():
     how = ("-m", "pytest", "-n0", "-p", "no:cacheprovider", "-m", "rounding")
-    done = subprocess.run(
-        [sys.executable, *how, *FILES],
-        env={**os.environ, "XLA_FLAGS": ""},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout
+    run_python(*how, *FILES, XLA_FLAGS="")
 
 
 @pytest.mark.slow

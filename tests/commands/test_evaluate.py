@@ -2,7 +2,6 @@ import dataclasses
 import hashlib
 import json
 import warnings
-from pathlib import Path
 from unittest import mock
 
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ from neurosym_jax.evaluation.metrics import METRICS, register_metric
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.forecasting.model_places import find_model
+from tests.repository import SMALL
 
 # Joint ADE and FDE of best-of-20 that the authors publish for their checkpoints.
 ZOO = {
@@ -105,15 +105,14 @@ def test_what_an_evaluation_leaves(options, tmp_path, capsys):
 
 
 def test_a_torch_file_and_a_folder_of_the_same_weights(options, tmp_path, capsys):
-    small = str(Path(__file__).parents[1] / "golden" / "small.pt")
-    save_model(tmp_path / "folder", load_model(small))
-    given = (small, f"{tmp_path}/./folder/")
+    save_model(tmp_path / "folder", load_model(SMALL))
+    given = (str(SMALL), f"{tmp_path}/./folder/")
     rows = run(options(checkpoint=given, samples=2, dataset="cross-path", collisions=False, seed=5))
     assert [(row["checkpoint"], row["seed"]) for row in rows] == [
         (each, 5) for each in (None, None, *given)
     ]
     assert "collision_rate" not in rows[0]
-    assert f"assumed of {small}: forward as in the released code" in capsys.readouterr().out
+    assert f"assumed of {SMALL}: forward as in the released code" in capsys.readouterr().out
     for metric in ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde"):
         assert rows[2][metric] == rows[3][metric]
 

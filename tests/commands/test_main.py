@@ -14,11 +14,11 @@ import tyro
 from neurosym_jax.__main__ import commands, main
 from neurosym_jax.commands._options import short_help
 from neurosym_jax.commands.evaluate import Options
+from tests.repository import ROOT, run_python
 
 NAMES = re.compile(r"--[a-z][a-z0-9.-]*")
 HEAVY = {"jax", "flax", "matplotlib", "numpy", "optax", "orbax", "rosbags", "scipy", "tyro"}
 
-ROOT = Path(__file__).parents[2]
 PACKAGES = [
     ".".join(path.parent.relative_to(ROOT).parts)
     for path in ROOT.glob("neurosym_*/**/__init__.pyi")
@@ -29,10 +29,7 @@ def imported_by(script):
     """Those of `HEAVY` that a fresh process has imported after `script`, which sets nothing."""
     script = f"import os; before = dict(os.environ)\n{script}\nassert before == dict(os.environ)"
     script += f"\nimport sys; print('imported:', *{HEAVY} & sys.modules.keys())"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    return done.stdout.split("imported:")[1].split()
+    return run_python("-c", script).stdout.split("imported:")[1].split()
 
 
 @pytest.mark.parametrize(

@@ -28,8 +28,8 @@ from tests.commands.walk import (
     options_of,
     write_data,
 )
+from tests.repository import SMALL
 
-SMALL = Path(__file__).parents[1] / "golden" / "small.pt"
 CORE = [name for name, module in commands().items() if module.startswith("neurosym_jax.")]
 C, LENGTHS = "neurosym_jax.commands", "--obs-len 4 --pred-len 4"
 OF_READING = {
@@ -154,7 +154,7 @@ def data(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def inner(data):
-    """By command: what is recorded and not run, and what it returns."""
+    """For each command: functions that are recorded and not run, with what they return."""
     source = open_source(data / "a" / "walk.txt")
     results = list(evaluate_tests(load_tests(source, make_plan(source, [])), Settings(2)))
     figure = {

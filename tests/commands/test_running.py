@@ -4,15 +4,13 @@ import builtins
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from neurosym_jax.commands._running import run_command
 from neurosym_jax.commands.evaluate import Options
 from neurosym_jax.errors import InputError
-
-ROOT = Path(__file__).parents[2]
+from tests.repository import ROOT
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +62,7 @@ def test_a_plugin_comes_first_and_options_are_those_of_the_command(tmp_path):
 @pytest.mark.slow
 def test_a_real_process(tmp_path):
     (tmp_path / "tracks.csv").write_text("0,1,2,3\n1,1,2,oops\n")
-    # Of the environment, only what finds the packages: nothing that sets up jax.
+    # An environment that only finds the packages: nothing that sets up jax.
     environment = {
         "JAX_PLATFORMS": "cpu",
         "PATH": os.environ["PATH"],

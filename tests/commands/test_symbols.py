@@ -1,13 +1,13 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from neurosym_jax.commands.symbols import run
 from neurosym_jax.errors import InputError
+from tests.repository import ROOT
 
-MODEL = Path(__file__).resolve().parents[2] / "checkpoints" / "neurosym_simulations_8"
+MODEL = ROOT / "checkpoints" / "neurosym_simulations_8"
 
 
 @pytest.fixture

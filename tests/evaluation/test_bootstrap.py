@@ -33,6 +33,9 @@ def test_a_difference_is_per_agent_and_found_where_it_is():
     assert difference.mean == pytest.approx(-0.05, abs=0.005)
     for low, high in filter(None, difference.intervals("joint_ade").values()):
         assert -0.06 < low < high < -0.04
+    # A single seed has the interval of the scenes.
+    of_one = paired_difference(*runs(seeds=1)).intervals("joint_ade")
+    assert (of_one["seeds"], of_one["both"]) == (None, of_one["scenes"])
 
 
 def test_seeds_that_differ_widen_the_interval_as_student_says():
@@ -55,11 +58,6 @@ def test_intervals_are_wide_enough_where_windows_share_steps():
         halves.append((high - low) / 2)
     # Single blocks, whose borders windows cross, reach .77 of this; single windows .24.
     assert 0.93 < np.mean(halves) / (1.96 / np.sqrt(starts)) < 1
-
-
-def test_a_single_seed_has_the_interval_of_the_scenes():
-    of_one = paired_difference(*runs(seeds=1)).intervals("joint_ade")
-    assert (of_one["seeds"], of_one["both"]) == (None, of_one["scenes"])
 
 
 def of_values(values, numbers=None):
@@ -91,7 +89,7 @@ def test_the_mean_is_of_the_seeds_that_every_test_set_has():
 
 
 def test_where_nothing_was_counted_the_mean_is_0():
-    """Nobody has a neighbour in one of two blocks, and some draws are of that alone."""
+    """No agent has a neighbour in one of two blocks, and some draws are of that block alone."""
     identity = np.array([[0, 0], [0, 16]], np.uint32)
     score = Score(np.array([3.0, 0.0]), np.array([2, 0]))
     errors = ErrorsByScene({"neighbour_move": score}, identity, 16)

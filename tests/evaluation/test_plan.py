@@ -27,7 +27,7 @@ def planned(*names, source=None, **asked):
         kinds = ["constant_velocity", "constant_velocity_sampled", *["anchor_table"][:ships]]
         assert [model.kind for model in baselines] == kinds
         assert {model.forecaster.pred_len for model in baselines} == {test.pred_len}
-        # Of ETH/UCY the table has not learned from the data set that is tested.
+        # The table of ETH/UCY has not learned from the data set that is tested.
         own = test.dataset if test.dataset in EthUcy().scenes else GENERAL
         assert [model.dataset for model in baselines[2:]] == [own][:ships]
     return {test: [path for path, _ in entries if path] for test, entries in plan.items()}
@@ -69,11 +69,11 @@ def test_contradictions(asked, message):
 
 
 def test_what_learned_from_all_is_tested_elsewhere():
-    everybody = ("m/all", Model(GeneratorConfig(), {}, GENERAL))
+    general = ("m/all", Model(GeneratorConfig(), {}, GENERAL))
     with pytest.raises(InputError, match="m/all: learned from all of ETH/UCY"):
-        make_plan(EthUcy(), [everybody])
-    assert list(make_plan(EthUcy(), [everybody], test_on=["mine"])) == [Case("mine", 8, 8)]
-    assert list(make_plan(Files(("mine",)), [everybody])) == [Case("mine", 8, 8)]
+        make_plan(EthUcy(), [general])
+    assert list(make_plan(EthUcy(), [general], test_on=["mine"])) == [Case("mine", 8, 8)]
+    assert list(make_plan(Files(("mine",)), [general])) == [Case("mine", 8, 8)]
 
 
 def test_only_matching():

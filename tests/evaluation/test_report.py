@@ -1,12 +1,100 @@
-"""Files of an evaluation: a report is replaced when whole, and nothing else is."""
+"""Files of an evaluation: reports are replaced whole; forecasts are those that were scored."""
 
 import json
+import sys
 
+import numpy as np
 import polars as pl
 import pytest
 
+from neurosym_jax.data.formats import read_any
+from neurosym_jax.data.reading import ReadOptions
+from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.plan import TestSet as Case
+from neurosym_jax.evaluation.plan import baseline, make_test
 from neurosym_jax.evaluation.report import check_report, read_report, write_report
+from neurosym_jax.evaluation.saved_forecasts import (
+    check_forecasts_file,
+    forecasts_of,
+    save_forecasts,
+    to_xarray,
+)
+from neurosym_jax.evaluation.scoring import score, score_forecaster
+
+ORIGIN = np.array([5e5, 4e6])
+
+
+def walk(name, people, far=0.0):
+    stamp, person = (part.ravel() for part in np.meshgrid(np.arange(14.0), np.arange(people)))
+    xy = np.stack([0.4 * stamp, person + 0.02 * stamp**2], 1) + far
+    return make_tracks(name, stamp * 0.4, person.astype(int), xy)
+
+
+@pytest.fixture(scope="module")
+def test_set():
+    names = ("constant_velocity", "constant_velocity_sampled")
+    entries = [(None, baseline(name, 4, 6)) for name in names]
+    return make_test(Case("walk", 4, 6), entries, [walk("a", 2, ORIGIN), walk("b", 5)])
+
+
+def test_saved_forecasts_are_those_that_were_scored(test_set, tmp_path):
+    model = test_set.entries[1][1]
+    found = forecasts_of(model, test_set, 3, 7)
+    assert found["forecast"].shape == (3, test_set.windows.agents, 6, 2)
+    evaluated = score_forecaster(model.forecaster, {}, test_set.batches, samples=3, seed=7)
+    for scene in range(test_set.windows.scenes):
+        of = found["scene"] == scene
+        own = score(found["forecast"][:, of], found["truth"][of])["joint_ade"]
+        assert own.total[0] == pytest.approx(evaluated.scores["joint_ade"].total[scene], abs=1e-4)
+    assert set(found["recording"]) == {"a", "b"}
+    assert np.abs(found["forecast"][:, found["recording"] == "a"] - ORIGIN).max() < 100
+    paths = save_forecasts(tmp_path / "out.npz", [test_set], 3, 7)
+    assert [path.name for path in paths] == [
+        "out_walk_4_6_constant_velocity.npz",
+        "out_walk_4_6_constant_velocity_sampled.npz",
+    ]
+    saved = np.load(paths[1])
+    assert set(saved) == set(found)
+    np.testing.assert_allclose(saved["forecast"], found["forecast"], atol=1e-4)
+
+
+def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
+    xarray = pytest.importorskip("xarray")
+    wanted = forecasts_of(test_set.entries[1][1], test_set, 3, 0)
+    path = save_forecasts(tmp_path / "out.nc", [test_set], 3, 0)[1]
+    with xarray.open_dataset(path, engine="scipy") as found:
+        people = found.isel(agent=np.flatnonzero(wanted["scene"] == 4)).sel(time=0.8, xy="y")
+        moved = wanted["forecast"][:, wanted["scene"] == 4, 1, 1]
+        np.testing.assert_allclose(people.forecast, moved, atol=1e-4)
+        assert people.forecast.dims == ("sample", "agent")
+        assert found.person.values.tolist() == wanted["person"].tolist()
+        np.testing.assert_allclose(found.past, [-1.2, -0.8, -0.4, 0])
+        np.testing.assert_allclose(found.observed, wanted["observed"], atol=1e-4)
+        assert set(found.recording.values.astype(str)) == {"a", "b"}
+    own = to_xarray(wanted["forecast"], probability=[0.5, 0.3, 0.2], period=0.5)
+    assert float(own.weighted(own.probability).mean("sample").forecast[0, 0, 0]) == pytest.approx(
+        np.average(wanted["forecast"][:, 0, 0, 0], weights=[0.5, 0.3, 0.2])
+    )
+    assert own.time.values[0] == 0.5
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="need xarray: pip install"):
+        check_forecasts_file(tmp_path / "other.nc")
+
+
+def test_trajnet_reads_what_happened_and_skips_forecasts(test_set, tmp_path):
+    (_, sampled) = save_forecasts(tmp_path / "out.ndjson", [test_set], 3, 0)
+    (tracks,) = read_any(sampled, ReadOptions(yes_really=True))
+    assert len(np.unique(tracks.id)) == 7
+    assert len(tracks.id) == 7 * 14
+    rows = [json.loads(line) for line in sampled.read_text().splitlines()]
+    scenes = [row["scene"] for row in rows if "scene" in row]
+    assert len(scenes) == test_set.windows.scenes
+    assert all(scene["e"] - scene["s"] == 9 and scene["fps"] == 2.5 for scene in scenes)
+    forecasts = [row["track"] for row in rows if "prediction_number" in row.get("track", {})]
+    assert len(forecasts) == 3 * test_set.windows.agents * 6
+    of_first = [track for track in forecasts if track["scene_id"] == 0]
+    assert min(track["f"] for track in of_first) == scenes[0]["s"] + 4
 
 
 def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):

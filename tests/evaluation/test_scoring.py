@@ -1,11 +1,15 @@
+"""Scores against direct loops, metrics of one's own, and errors as a user gets them."""
+
 import dataclasses
 from unittest import mock
 
 import jax.numpy as jnp
 import numpy as np
+import polars as pl
 import pytest
 from numpy.testing import assert_allclose
 
+import neurosym_jax as nj
 from neurosym_jax.data.tracks import Tracks, make_tracks
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.errors import InputError
@@ -17,7 +21,7 @@ from neurosym_jax.forecasting.forecasters import ConstantVelocity, ConstantVeloc
 
 
 def crowd() -> Tracks:
-    """Twenty frames of six people, four of whom leave early."""
+    """Twenty frames of six people; four of them leave early."""
     rng = np.random.default_rng(0)
     walks = rng.uniform(0, 4, (6, 1, 2)) + rng.normal(0, 0.4, (6, 20, 2)).cumsum(axis=1)
     agent, frame = np.nonzero(np.arange(20) < np.array([20, 20, 17, 17, 18, 18])[:, None])
@@ -27,9 +31,8 @@ def crowd() -> Tracks:
 WINDOWS = cut_windows([crowd()], 8, 8)
 
 
-def direct(windows, samples):
-    """Sampled constant velocity, evaluated by loops over scenes, samples and agents."""
-    spec = ConstantVelocitySampled(Lengths()).noise
+def direct(windows, samples, spec):
+    """Constant velocity, turned by its noise, by loops over scenes, samples and agents."""
     total = dict.fromkeys(
         ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde", "collision_rate"), 0
     )
@@ -37,8 +40,8 @@ def direct(windows, samples):
     for scene in range(windows.scenes):
         world = windows.position[slice(*windows.bounds[scene : scene + 2])]
         agents = len(world)
-        noise = draw_noise(spec, 3, windows.identity[[scene]], samples, agents)[:, 0, :, 0]
-        angle = np.radians(25) * noise.astype(float)
+        noise = draw_noise(spec, 3, windows.identity[[scene]], samples, agents)[:, 0]
+        angle = np.radians(25) * noise[..., 0].astype(float) if spec.dim else np.zeros((1, agents))
         step = (world[:, 7] - world[:, 6]) @ np.array([1, 1j])
         path = np.exp(1j * angle)[..., None] * step[:, None] * np.arange(1, 9)
         forecast = world[:, 7, None] + np.stack([path.real, path.imag], axis=-1)
@@ -55,27 +58,23 @@ def direct(windows, samples):
     return {name: value / windows.agents for name, value in total.items()}, horizon / windows.agents
 
 
-@pytest.mark.parametrize("slots", [8, 256])
-def test_equal_to_a_direct_loop(slots):
-    result = score_forecaster(
-        ConstantVelocitySampled(Lengths()), (), make_batches(WINDOWS, slots), samples=5, seed=3
-    )
+@pytest.mark.parametrize(
+    ("of", "slots", "samples"),
+    [(ConstantVelocitySampled, 8, 5), (ConstantVelocitySampled, 256, 5), (ConstantVelocity, 8, 1)],
+)
+def test_equal_to_a_direct_loop(of, slots, samples):
+    forecaster = of(Lengths())
+    result = score_forecaster(forecaster, (), make_batches(WINDOWS, slots), samples=5, seed=3)
     assert len(set(WINDOWS.sizes.tolist())) > 1
-    wanted, horizon = direct(WINDOWS, 5)
+    wanted, horizon = direct(WINDOWS, samples, forecaster.noise)
     assert wanted["collision_rate"] > 0
     for name, value in wanted.items():
         assert_allclose(result.mean(name), value, rtol=1e-5, err_msg=name)
     assert_allclose(result.scores["horizon"].mean, horizon, rtol=1e-5)
     assert_allclose(result.scores["horizon"].mean.mean(), wanted["joint_ade"], rtol=1e-5)
-    assert (result.samples, result.agents) == (5, WINDOWS.agents)
+    assert (result.samples, result.agents) == (samples, WINDOWS.agents)
     assert result.scores["joint_ade"].count.tolist() == WINDOWS.sizes.tolist()
     assert result.seconds > 0
-
-
-def test_deterministic_forecasts_have_one_sample():
-    forecaster, batches = ConstantVelocity(Lengths()), make_batches(WINDOWS)
-    found = score_forecaster(forecaster, (), batches, samples=20, seed=0, metrics=["joint_ade"])
-    assert (found.samples, tuple(found.scores)) == (1, ("joint_ade",))
 
 
 def own(compute, windows=WINDOWS):
@@ -86,6 +85,7 @@ def own(compute, windows=WINDOWS):
             register_metric("own", "own metric")(print)
         how = {"samples": 1, "seed": 0, "metrics": ("own",)}
         found = score_forecaster(ConstantVelocity(Lengths()), (), make_batches(windows), **how)
+    assert tuple(found.scores) == ("own",)
     return found.scores["own"]
 
 
@@ -122,3 +122,23 @@ def test_own_metrics():
 def test_what_is_no_metric_is_refused(compute, message):
     with pytest.raises(InputError, match=f"metric own: .*{message}"):
         own(compute)
+
+
+def test_means_are_of_people_and_not_of_scenes():
+    """Three people go straight on; of two, one stops when the forecast begins."""
+    steps = np.clip(np.arange(16), 0, [[7], *[[15]] * 4])
+    x, y = 0.4 * steps, 2.0 * np.arange(5)[:, None] + 0 * steps
+    frames = [
+        pl.DataFrame(
+            {"frame": np.tile(10 * np.arange(16), len(ids)), "id": np.repeat(ids, 16)}
+            | {"x": x[ids].ravel(), "y": y[ids].ravel()}
+        )
+        for ids in ([0, 1], [2, 3, 4])
+    ]
+    model = nj.load_model("anchors_zara1_8")
+    found = nj.evaluate(model, frames, baselines=("constant_velocity",), yes_really=True)
+    row = found.row(0, named=True)
+    assert (row["model"], row["scenes"], row["agents"]) == ("constant velocity", 2, 5)
+    # 0.4 m to 3.2 m behind are 1.8 m in the mean; by scenes it would be 1.8 / 2 / 2.
+    assert row["joint_ade"] == pytest.approx(1.8 / 5, abs=1e-5)
+    assert row["joint_fde"] == pytest.approx(3.2 / 5, abs=1e-5)

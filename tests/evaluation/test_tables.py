@@ -5,7 +5,6 @@ import csv
 import dataclasses
 import io
 import re
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -19,6 +18,7 @@ from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.summary import rows_frame, summarise
 from neurosym_jax.evaluation.tables import format_table
+from tests.repository import ROOT
 
 
 def row(model, scene, ade, checkpoint=None):
@@ -159,7 +159,7 @@ def test_latex_fits_one_column_of_a_paper():
 def test_from_a_pandas_frame_to_a_latex_table_in_five_lines(tmp_path, monkeypatch):
     """The lines of docs/evaluate.md, run; and the rows go back to pandas."""
     pandas = pytest.importorskip("pandas")
-    page = (Path(__file__).parents[2] / "docs/evaluate.md").read_text()
+    page = (ROOT / "docs/evaluate.md").read_text()
     (code,) = re.findall(r"```python\n(import pandas.*?)```", page, re.DOTALL)
     assert len([line for line in code.splitlines() if line]) <= 5
     stamp, person = (each.ravel() for each in np.mgrid[0:20, 0:3])

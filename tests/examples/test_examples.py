@@ -3,7 +3,6 @@
 import ast
 import re
 import runpy
-from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
@@ -12,8 +11,9 @@ import pytest
 
 from neurosym_jax.scene import make_scene, pad_scene
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
+from tests.repository import ROOT
 
-FOLDER = Path(__file__).resolve().parents[2] / "examples"
+FOLDER = ROOT / "examples"
 TESTED = {
     *("which_pair_matters", "own_loop", "own_weighting", "closest"),
     *("costmap", "evaluate_tracks", "forecast_frames", "train_model", "weighting_gradient"),
@@ -68,7 +68,7 @@ def tracks(tmp_path_factory):
     return path
 
 
-MODEL = FOLDER.parent / "checkpoints" / "sgan_simulations_8"
+MODEL = ROOT / "checkpoints" / "sgan_simulations_8"
 NUMBER, POSITIVE = r"([0-9.]+) *(?:± *[0-9.]+)? *", r"[0-9.]*[1-9][0-9.e-]*"
 
 
@@ -109,7 +109,7 @@ def test_a_metric_of_ones_own():
 
 
 def test_forecasts_become_a_costmap(tmp_path):
-    """Where somebody surely is is full, where half of the samples are half, elsewhere nothing."""
+    """A cell where all samples have a person is full, where half of them have one half full."""
     pytest.importorskip("rosbags", reason="rosbags is not installed")
     from neurosym_robot.online.predictor import Forecast, ModelForecast
     from neurosym_robot.ros.bags import BagWriter, read_messages

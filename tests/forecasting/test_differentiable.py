@@ -59,7 +59,7 @@ def test_predict_in_a_trace_names_the_function_for_it(soft):
 
 @pytest.mark.parametrize("given", [False, True], ids=["own", "given"])
 def test_gradients(soft, given):
-    """By all parameters (or by an alpha that is given), positions and noise."""
+    """Gradients by all parameters (or by a given alpha), positions and noise."""
     rng = np.random.default_rng(2)
     with jax.enable_x64(True):
         params = jax.tree.map(jnp.float64, soft.params)

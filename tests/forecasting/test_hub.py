@@ -3,9 +3,7 @@
 import base64
 import dataclasses
 import json
-import os
 import re
-import subprocess
 import sys
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -16,6 +14,7 @@ import yaml
 
 from neurosym_jax import InputError, Model, load_model
 from neurosym_jax.data.sources import licences_of
+from tests.repository import run_python
 
 COMMIT = "c" * 40
 
@@ -108,9 +107,7 @@ def run(code, tmp_path, endpoint):
     hub = {"HF_ENDPOINT": endpoint, "HF_TOKEN": "hf_a", "HF_HOME": str(tmp_path / "cache")}
     hub["HF_HUB_DISABLE_PROGRESS_BARS"] = "1"
     code = f"import neurosym_jax as nj\n{code}"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, **hub}, capture_output=True, text=True
-    )
+    done = run_python("-c", code, check=False, **hub)
     return "".join([done.stdout, *done.stderr.splitlines()[-1:]]).strip()
 
 

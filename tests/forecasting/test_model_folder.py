@@ -34,7 +34,7 @@ def copy(saved, tmp_path):
 
 
 def sign(folder, change=lambda config: None, params=None):
-    """Change a model as somebody does who knows how the digest is made."""
+    """Change a model and its digest, as a person can who knows how that is made."""
     config = json.loads((folder / "config.json").read_text())
     del config["sha256"]
     change(config)
@@ -64,7 +64,7 @@ def test_round_trip(saved):
     assert {path.name for path in saved.iterdir()} == files
     assert "\n---\n\n# SGAN, to be tested on zara1\n" in (saved / "README.md").read_text()
     assert [path.name for path in saved.parent.iterdir()] == ["zara1"]
-    # Anybody can check the digest.
+    # The digest can be checked without the package.
     command = "(tail -n +3 config.json; cat README.md params.safetensors) | sha256sum"
     found = subprocess.run(command, shell=True, cwd=saved, capture_output=True, check=True).stdout
     assert found.split()[0].decode() == json.loads((saved / "config.json").read_text())["sha256"]

@@ -12,9 +12,10 @@ from neurosym_jax.forecasting.model_folder import save_model
 from neurosym_jax.forecasting.model_places import find_checkpoints, find_model, shipped_models
 from neurosym_jax.models.anchors import AnchorTableConfig
 from tests.networks import random_model
+from tests.repository import ROOT
 
 NAME = "neurosym_zara1_8"
-SHIPPED = Path(__file__).resolve().parents[2] / "checkpoints"
+SHIPPED = ROOT / "checkpoints"
 
 
 @pytest.fixture

@@ -1,9 +1,5 @@
 """Exported programs: one file, any number of people, the forecasts of `predict`."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import jax
 import numpy as np
 import pytest
@@ -15,9 +11,10 @@ from neurosym_jax.forecasting.forecaster import scene_noise
 from neurosym_jax.interop.export import export_model
 from neurosym_jax.scene import make_scene
 from tests.networks import random_model
+from tests.repository import ROOT, SMALL, run_python
 
 pytest.importorskip("flatbuffers", reason="flatbuffers is not installed")
-EXAMPLE = Path(__file__).parents[2] / "examples" / "run_exported.py"
+EXAMPLE = ROOT / "examples" / "run_exported.py"
 
 
 def assert_same_forecasts(made, samples, peoples, rounded):
@@ -59,18 +56,16 @@ def test_the_example_needs_nothing_of_ours(model, tmp_path, capsys):
         f"runpy.run_path({str(EXAMPLE)!r}, run_name='__main__'); "
         "assert not any(name.startswith('neurosym_jax') for name in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "5 futures of 3 people, 3 steps\n"
+    assert run_python("-c", code).stdout == "5 futures of 3 people, 3 steps\n"
 
 
 def test_the_command_and_what_is_refused(model, tmp_path, capsys):
-    small = Path(__file__).parents[1] / "golden" / "small.pt"
-    run(small, tmp_path / "a.stablehlo", samples=3)
+    run(SMALL, tmp_path / "a.stablehlo", samples=3)
     assert "SGAN, no pooling, 3 forecasts" in capsys.readouterr().out
     program = jax.export.deserialize(bytearray((tmp_path / "a.stablehlo").read_bytes()))
     assert program.out_avals[0].shape[0] == 3
     with pytest.raises(InputError, match=r"a\.stablehlo: exists already"):
-        run(small, tmp_path / "a.stablehlo")
+        run(SMALL, tmp_path / "a.stablehlo")
     with pytest.raises(InputError, match="samples must be at least 1"):
         export_model(model("pool_net"), 0)
     paired = GeneratorConfig(pooling="neurosym_ijcnn")

@@ -13,6 +13,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting import Lengths, Model
 from neurosym_jax.interop import compare, torch_side
 from neurosym_jax.interop.checkpoint import model_from_torch
+from tests.repository import SMALL
 
 SGAN = Path(__file__).with_name("sgan_torch.py")
 ARGUMENTS = {
@@ -148,9 +149,8 @@ def test_the_command_runs_the_users_code_and_keeps_a_case(torch, tmp_path, capsy
 def test_a_module_that_does_not_run(module, python, message):
     if "TypeError" in message:
         pytest.importorskip("torch", reason="torch is not installed")
-    small = Path(__file__).parents[1] / "golden" / "small.pt"
     with pytest.raises(InputError, match=message) as error:
-        run(torch_module=module, checkpoint=small, python=python)
+        run(torch_module=module, checkpoint=SMALL, python=python)
     assert "\n" not in str(error.value)
 
 

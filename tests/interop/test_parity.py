@@ -1,7 +1,6 @@
 """Parity with stored cases: all agree, a planted difference is a miss, what is wrong is named."""
 
 import json
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -10,8 +9,7 @@ import pytest
 from neurosym_jax.commands.parity import run
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.parity import run_parity
-
-GOLDEN = Path(__file__).parents[1] / "golden"
+from tests.repository import GOLDEN
 
 
 def copied(directory, source, file, change=None, row_changes=None):

@@ -5,7 +5,6 @@ import os
 import pickle
 import struct
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +12,9 @@ import pytest
 from neurosym_jax.errors import InputError
 from neurosym_jax.interop.checkpoint import load_torch_checkpoint
 from neurosym_jax.interop.pickles import LEGACY_MAGIC, read_torch_file
+from tests.repository import SMALL as CHECKPOINT
 
-SMALL = (Path(__file__).parents[1] / "golden" / "small.pt").read_bytes()
+SMALL = CHECKPOINT.read_bytes()
 
 
 def as_legacy(zip_bytes):

@@ -3,7 +3,6 @@
 import dataclasses
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 from flax import linen as nn
 
@@ -34,39 +33,32 @@ class NearestNetwork(nn.Module):
         return nn.Dense(self.width)(weight @ hidden)
 
 
-@register_cell("gru")
+@register_cell("rnn")
 @dataclasses.dataclass(frozen=True)
-class GRU(Cell):
-    """Gates r, z, n of the input, and the part of n that r multiplies."""
+class RNN(Cell):
+    """The simplest cell (Elman, 1990): its only gate is the next hidden state."""
 
-    title: ClassVar[str] = "GRU"
+    title: ClassVar[str] = "RNN"
 
     def network(self, inputs, features, name):
-        return GRUNetwork(inputs, features, name=name)
+        return RNNNetwork(inputs, features, name=name)
 
     def start(self, hidden):
         return (hidden,)
 
     def update(self, gates, state):
-        r, z, of_input, of_hidden = jnp.split(gates, 4, axis=-1)
-        new = jnp.tanh(of_input + jax.nn.sigmoid(r) * of_hidden)
-        keep = jax.nn.sigmoid(z)
-        return (keep * state[0] + (1 - keep) * new,)
+        return (jnp.tanh(gates),)
 
 
-class GRUNetwork(nn.Module):
+class RNNNetwork(nn.Module):
     inputs: int
     features: int
 
     def setup(self):
         draw = nn.initializers.lecun_normal()
-        of_input = self.param("input_kernel", draw, (self.inputs, 3 * self.features))
-        of_hidden = self.param("recurrent_kernel", draw, (self.features, 3 * self.features))
-        self.bias = self.param("bias", nn.initializers.zeros, (4 * self.features,))
-        self.input_kernel = jnp.pad(of_input, [(0, 0), (0, self.features)])
-        gap = jnp.zeros((self.features, self.features))
-        both, last = jnp.split(of_hidden, [2 * self.features], axis=1)
-        self.recurrent_kernel = jnp.concatenate([both, gap, last], axis=1)
+        self.input_kernel = self.param("input_kernel", draw, (self.inputs, self.features))
+        self.recurrent_kernel = self.param("recurrent_kernel", draw, (self.features,) * 2)
+        self.bias = self.param("bias", nn.initializers.zeros, (self.features,))
 
     def __call__(self, x):
         return x @ self.input_kernel + self.bias

@@ -19,7 +19,7 @@ from neurosym_jax.symbolic import make_weighting
 from tests.networks import random_params
 
 with mock.patch.dict(POOLINGS), mock.patch.dict(CELLS):
-    from tests.models.network_plugin import GRU  # Registered for other tests by nobody.
+    from tests.models.network_plugin import RNN  # Registered in these tests alone.
 
 CONFIGS = {
     "pool_net": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=4),
@@ -37,7 +37,7 @@ CONFIGS = {
         weighting="quantised",
     ),
     "bare, wider": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, decoder_h_dim=40),
-    "gru": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, cell=GRU()),
+    "rnn": GeneratorConfig(pooling="none", noise_dim=0, pred_len=4, cell=RNN()),
     "one step": GeneratorConfig(pooling="pool_net,hidden_dim=16", pred_len=1, obs_len=1),
 }
 EACH = pytest.mark.parametrize("config", CONFIGS.values(), ids=list(CONFIGS))
@@ -73,20 +73,13 @@ def lstm_step(lstm, state, x):
     return sigmoid(o) * np.tanh(cell), cell
 
 
-def gru_step(gru, state, x):
-    """As its authors write it (Cho et al., 2014; biases as in torch)."""
-    of_input, of_hidden = x @ gru["input_kernel"], state[0] @ gru["recurrent_kernel"]
-    (r, z, n), (hr, hz, hn) = (np.split(each, 3, axis=-1) for each in (of_input, of_hidden))
-    br, bz, bn, bh = np.split(gru["bias"], 4)
-    r, z = sigmoid(r + hr + br), sigmoid(z + hz + bz)
-    return z * state[0] + (1 - z) * np.tanh(n + bn + r * (hn + bh)), state[1]
-
-
 def stepped(part, state, x):
     """The state (hidden, cell) after a displacement x, in the encoder or decoder `part`."""
     embedded = dense(x, part["spatial_embedding"])
-    if "gru" in part:
-        return gru_step(part["gru"], state, embedded)
+    if "rnn" in part:
+        rnn = part["rnn"]
+        gate = embedded @ rnn["input_kernel"] + state[0] @ rnn["recurrent_kernel"] + rnn["bias"]
+        return np.tanh(gate), state[1]
     return lstm_step(part["lstm"], state, embedded)
 
 
@@ -100,7 +93,7 @@ def unfolded(config, params, scene, noise):
     context = state[0]
 
     def pool(params, hidden, track):
-        """Of the positions so far: NeuroSyM sees as many of them as it observes."""
+        """Pool the positions so far: NeuroSyM sees as many of them as it observes."""
         window = track[:, -config.obs_len :]
         given = {"hidden": hidden, "position": window[:, -1], "track": window}
         if config.symbolic:
@@ -192,7 +185,7 @@ def test_discriminator(kind):
 
 
 def test_initialised_as_torch_does():
-    """And as SGAN does: Kaiming normal, not cut off, and no gain but ReLU's."""
+    """As in SGAN: Kaiming normal, not cut off, and no gain but that of ReLU."""
     module = LSTMNetwork(inputs=16, features=64)
     params = module.init(jax.random.key(0), method=lambda lstm: lstm.input_bias)["params"]
     kernels = {"input_kernel": (16, 256), "recurrent_kernel": (64, 256)}

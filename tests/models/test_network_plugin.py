@@ -32,7 +32,7 @@ def run(*command):
 
 def test_they_are_trained_saved_loaded_and_evaluated(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    network = ("--network", "pooling=nearest", "pooling.temperature=0.5", "cell=gru")
+    network = ("--network", "pooling=nearest", "pooling.temperature=0.5", "cell=rnn")
     how = ("--steps", "1", "--set", "batch_scenes=2", "best_k=1", "max_agents=4")
     train = ("train", "--dataset", "cross-path", *network, *how, "--out", "run")
     evaluate = ("evaluate", "--checkpoint", "run/model", "--samples", "1", "--no-figures")
@@ -41,9 +41,9 @@ def test_they_are_trained_saved_loaded_and_evaluated(tmp_path, monkeypatch, caps
     kind = {"kind": "nearest", "bottleneck_dim": 8, "temperature": 0.5}
     assert json.loads(Path("run/model/config.json").read_text())["config"]["pooling"] == kind
     assert POOLINGS.name_of(model.config.pooling) == "nearest"
-    assert "pooling=nearest,temperature=0.5, cell=gru" in repr(model)
+    assert "pooling=nearest,temperature=0.5, cell=rnn" in repr(model)
     run(*evaluate)
-    assert model.name == "Nearest neighbours, GRU"
+    assert model.name == "Nearest neighbours, RNN"
     assert model.name in capsys.readouterr().out
 
 

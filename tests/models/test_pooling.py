@@ -1,4 +1,4 @@
-"""Poolings against their formulas written out for every pair; whom encounter pooling hears."""
+"""Poolings against their formulas for every pair; the symmetries of encounter pooling."""
 
 import jax
 import jax.numpy as jnp
@@ -93,7 +93,7 @@ def test_the_maximum_over_pairs_of_a_perceptron(module, given, embed, kernel):
 
     found, wanted = (jax.jit(each)(params, HIDDEN) for each in (pooled, written_out))
     assert_allclose(found, wanted, atol=1e-5)
-    # Nothing is compared where the last ReLU has shut everything, or where everybody is the same.
+    # Nothing is compared where the last ReLU has shut everything, or where all people are the same.
     assert np.ptp(wanted, axis=0).max() > 0.1
     found, wanted = (
         jax.jit(jax.grad(lambda *given, of=each: (of(*given) ** 2).sum(), (0, 1)))(params, HIDDEN)
@@ -174,7 +174,7 @@ def encounter():
     return pool
 
 
-def test_encounter_pooling_has_no_order_and_somebody_alone_hears_nothing(encounter):
+def test_encounter_pooling_has_no_order_and_is_0_for_a_person_alone(encounter):
     order = np.array([3, 0, 5, 1, 4, 2])
     permuted = encounter(APART[order], ALL, ALPHA[np.ix_(order, order)])
     assert_allclose(permuted, encounter()[order], atol=1e-6)

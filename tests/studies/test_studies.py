@@ -6,8 +6,6 @@ import io
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from unittest import mock
 
@@ -29,20 +27,16 @@ from studies.stitching.scoring import idf1
 from studies.stitching.situations import SITUATIONS
 from studies.weighting.data import LEARNED, TESTED
 from studies.weighting.page import write as write_weighting
+from tests.repository import ROOT, run_python
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = ROOT / "docs"
 DOWNLOADED = {"an_overtaking_ahead_of_time": "eth-ucy"}
 """Notebooks of real recordings, and the collection that they are of."""
 
 
-def printed(*words):
-    command = [sys.executable, "-m", *map(str, words)]
-    run = {"cwd": DOCS.parent, "capture_output": True, "text": True, "check": True}
-    return subprocess.run(command, **run).stdout
-
-
 def test_the_results_are_what_their_study_writes(tmp_path):
-    printed("studies.results", DOCS / "results.json", DOCS / "results_joint_metrics.json", tmp_path)
+    rows = (DOCS / "results.json", DOCS / "results_joint_metrics.json")
+    run_python("-m", "studies.results", *rows, tmp_path)
     for name in ("results.md", "results.csv"):
         assert (tmp_path / name).read_text(encoding="utf-8") == (DOCS / name).read_text("utf-8")
 
@@ -51,7 +45,7 @@ def test_pages_of_elsewhere_are_what_their_studies_print():
     pages = {"cross_domain": ("cross_domain", *sorted(DOCS.glob("cross_domain/*.json")))}
     for page, (name, *words) in (pages | {"left_out": ("places",)}).items():
         written = (DOCS / f"{page}.md").read_text(encoding="utf-8")
-        assert printed(f"studies.{name}", *words) == written
+        assert run_python("-m", f"studies.{name}", *words).stdout == written
 
 
 def test_the_study_of_weighting_writes_its_page(tmp_path):
@@ -76,7 +70,7 @@ def test_stitching_is_not_behind(name):
     assert len(np.unique(tracks.id)) > len(np.unique(person)) or name == "swaps"
 
 
-def test_a_robot_goes_round_whom_it_believes_in():
+def test_a_robot_goes_round_people_it_believes_in():
     people = np.full((301, 1, 2), [6.0, 7.5])  # in its way
     beliefs = [(np.full((1, n, STEPS, 2), [6.0, 7.5]), np.ones(1)) for n in (1, 0)]
     (hit, least, way, _), (blind, *_, time) = (drive(people, [each] * 75) for each in beliefs)
@@ -139,7 +133,7 @@ def shown(code, names):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.ipynb")))
 def test_a_notebook_runs_and_shows_what_is_kept_in_it(name, request, tmp_path, monkeypatch):
-    """In this process, where most of its programs are compiled already."""
+    """Run it in this process, where most of its programs are compiled already."""
     if collection := DOWNLOADED.get(name):
         data = request.getfixturevalue("shared") / "data" / collection.replace("-", "_")
         (tmp_path / collection).symlink_to(data)

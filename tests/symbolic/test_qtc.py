@@ -4,7 +4,6 @@ import functools
 import itertools
 import json
 import math
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +28,7 @@ from neurosym_jax.symbolic.states import (
     validate,
 )
 from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
+from tests.repository import GOLDEN
 from tests.symbolic import literal
 
 CONVENTIONS = literal.CONVENTIONS
@@ -55,7 +55,7 @@ def pairs(positions, convention="distance"):
 def test_every_symbol_is_that_of_the_definition(convention, thresholds, x64):
     factor, side = thresholds
     given = {"quantisation_factor": factor, "side_quantisation_factor": side}
-    # Of one shape, to be compiled once: after their step kings stand.
+    # One shape, to be compiled once: after their step kings stand.
     kings = [[path + path[-1:] * 6 for path in side] for side in literal.unit_steps()]
     walks = [one + other for one, other in zip(kings, literal.grid_walks(200))]
     expected = [literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)]
@@ -70,7 +70,7 @@ def test_the_released_code_and_the_papers_formula(released):
     k, l = released["k"], released["l"]
     # In float32 two symbols at most differ.
     assert (np.asarray(c1(k, l)) != released["qtc_signed"]).sum() <= 2
-    symbols = released["qtc_reference"]  # It writes 10 where nobody moves.
+    symbols = released["qtc_reference"]  # It writes 10 where a person stands.
     published = np.where(symbols == 10, 0, symbols)
     with jax.enable_x64(True):
         np.testing.assert_array_equal(c1(k, l, convention="as_published"), published)
@@ -99,7 +99,7 @@ def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
     ("qsrlib", "calculus"), [("qtcbs", "b1"), ("qtccs", "c1"), ("qtcbcs", "bc1")]
 )
 def test_qsrlibs_own_cases(qsrlib, calculus):
-    stored = json.loads((Path(__file__).parents[1] / "golden" / "qsrlib.json").read_text())
+    stored = json.loads((GOLDEN / "qsrlib.json").read_text())
     cases = [case for case in stored["cases"] if case["calculus"] == qsrlib]
     assert len(cases) == 14
     for case in cases:

@@ -16,6 +16,7 @@ from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.recipe import AnchorRecipe
 from neurosym_jax.training.stream import augment
 
+LOSS = jax.jit(anchor_loss, static_argnums=5)
 RECIPE = AnchorRecipe(
     steps=40, batch_people=48, validate_every=20, warmup_steps=5, learning_rate=0.01, ema=0.8
 )
@@ -32,14 +33,14 @@ def test_overlapping_people_cost_by_their_distance():
     x = jnp.array([0.0, 0.2, 5.0, 0.1])  # The last is not there.
     forecast = jnp.stack([x, 0 * x], -1)[None, None, :, None].repeat(3, axis=3)
     valid = jnp.array([[True, True, True, False]])
-    found = overlap(forecast.at[..., 1:, 0].add(x[:, None]), valid)[0, 0]
+    found = jax.jit(overlap)(forecast.at[..., 1:, 0].add(x[:, None]), valid)[0, 0]
     # At 0.2 m in the first of three steps, at 0.4 m in the others.
     np.testing.assert_allclose(found, [0.25, 0.25, 0, 0], atol=1e-6)
     probability, target = jnp.zeros((1, 1)), jnp.zeros((1, 4, 3, 2))
 
     def loss(weight):
         recipe = AnchorRecipe(collision_weight=weight)
-        return anchor_loss(forecast, probability, target, valid, jnp.zeros(1, int), recipe)
+        return LOSS(forecast, probability, target, valid, jnp.zeros(1, int), recipe)
 
     assert float(loss(2.0) - loss(0.0)) == pytest.approx(2 * (0.75 + 0.75) / 3, abs=1e-5)
 
@@ -53,7 +54,7 @@ def test_scenes_of_a_crowd_share_their_best_sample():
     def loss(crowd, **weights):
         weights = {f"{name}_weight": value for name, value in {**none, **weights}.items()}
         options = AnchorRecipe(**weights, fde_weight=0.0)
-        found = anchor_loss(forecast, probability, future, valid, jnp.array(crowd), options)
+        found = LOSS(forecast, probability, future, valid, jnp.array(crowd), options)
         return float(found) / np.sqrt(2)
 
     apart, merged = [0, 1], [0, 0]

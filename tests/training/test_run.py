@@ -5,7 +5,6 @@ import struct
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +12,8 @@ import pytest
 from neurosym_jax.commands import train
 from neurosym_jax.commands.train import Options, make_run
 from neurosym_jax.errors import InputError, InputWarning
+from tests.repository import ROOT
 
-SCRIPT = Path(__file__).resolve().parents[2] / "train.py"
 LENGTHS = {"obs_len": 4, "pred_len": 4}
 
 
@@ -24,7 +23,7 @@ def begin(files, out, *more):
     how = ("--obs-len", 4, "--pred-len", 4, "--steps", 150, "--pooling", "none")
     changes = ("--set", "batch_scenes=4", "best_k=2", "validate_every=25", "ema=0.9")
     return subprocess.Popen(
-        [sys.executable, *map(str, (SCRIPT, *data, *how, *changes, *more))],
+        [sys.executable, *map(str, (ROOT / "train.py", *data, *how, *changes, *more))],
         env={**os.environ, "NPROC": "1"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -109,9 +108,9 @@ def test_recordings_besides_and_what_is_tested_on_is_not_learned(files, tmp_path
     assert run.training.scenes == alone.training.scenes + whole.training.scenes
     assert run.validation.scenes == alone.validation.scenes
     assert run.data == (files.name, "more")
-    everybody = make_run(Options(data=files, dataset="general", **LENGTHS))
-    assert everybody.dataset == "general"
-    assert everybody.training.scenes > alone.training.scenes
+    general = make_run(Options(data=files, dataset="general", **LENGTHS))
+    assert general.dataset == "general"
+    assert general.training.scenes > alone.training.scenes
     (renamed := tmp_path / "part.txt").write_text(
         "".join((files / "check.txt").read_text().splitlines(keepends=True)[:40])
     )

@@ -12,7 +12,6 @@ from neurosym_jax.models.config import DiscriminatorConfig
 from neurosym_jax.training.gradients import (
     adversarial_loss,
     decode_groups,
-    discriminator_gradient,
     distance_errors,
     draw_group_noise,
     encode_groups,
@@ -44,7 +43,7 @@ ALL_TERMS = {
 
 @pytest.fixture(scope="module")
 def groups(batch):
-    """Three buckets of one batch, the second without anybody in it."""
+    """Three buckets of one batch; the second has no people."""
     groups = batch(6)
     return (groups[0], jax.tree.map(np.zeros_like, groups[1]), *groups[2:])
 
@@ -111,33 +110,6 @@ def literal_loss(generator, recipe, params, groups, noises):
     values, shares = (jnp.concatenate(part) for part in zip(*parts))
     total = (values * shares).sum()
     return total / shares.sum() if distance else total
-
-
-@pytest.mark.slow
-def test_gradients_stay_finite_where_everybody_stands_on_one_spot(run, groups):
-    """Of the weights, distances and angles of NeuroSyM, and of the discriminator."""
-    network = dataclasses.replace(
-        run.network, pooling="as_described,bottleneck_dim=4,hidden_dim=16", weighting="soft"
-    )
-    recipe, state, noises = start(
-        dataclasses.replace(run, network=network), groups[:1], **ALL_TERMS
-    )
-    names = ("observed", "displacement", "future")
-    still = groups[0].replace(**{name: np.zeros_like(getattr(groups[0], name)) for name in names})
-    fakes = draw_group_noise(network, (still,), jax.random.key(2), 1)
-
-    @jax.jit
-    def step(params, critic):
-        of_generator, _ = generator_gradient(
-            network, recipe, params, critic, (still,), noises, label=0.9
-        )
-        of_critic, _ = discriminator_gradient(
-            network, recipe, params, critic, (still,), fakes, label_real=0.9, label_fake=0.0
-        )
-        return of_generator, of_critic
-
-    for leaf in jax.tree.leaves(step(state.params, state.discriminator)):
-        assert np.isfinite(leaf).all()
 
 
 @pytest.mark.slow

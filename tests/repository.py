@@ -1,0 +1,24 @@
+"""The repository's folders, and processes of Python that start in it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+GOLDEN = ROOT / "tests" / "golden"
+SMALL = GOLDEN / "small.pt"
+"""A checkpoint of SGAN with few parameters, as torch saves it."""
+
+
+def run_python(*words, cwd=ROOT, check=True, **environment):
+    """Run `python WORDS` with these changes to the environment: its status and what it wrote."""
+    done = subprocess.run(
+        [sys.executable, *map(str, words)],
+        cwd=cwd,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert not check or done.returncode == 0, done.stdout + done.stderr
+    return done
