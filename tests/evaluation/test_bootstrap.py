@@ -45,6 +45,7 @@ def test_seeds_that_differ_widen_the_interval_as_student_says():
     assert (high - low) / 2 == pytest.approx(half, rel=0.15)
     least, most = difference.intervals("joint_ade")["seeds"]
     assert most - least < (high - low) / 2.5
+    assert of_values([0, 1]).intervals("joint_ade")["seeds"] == (0, 1)
 
 
 def test_intervals_are_wide_enough_where_windows_share_steps():

@@ -1,10 +1,14 @@
+import warnings
+
+import numpy as np
 import pytest
 
 from neurosym_jax.commands.evaluate import default_models
 from neurosym_jax.data.sources import GENERAL, EthUcy, Files, Synthetic
+from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import TestSet as Case
-from neurosym_jax.evaluation.plan import make_plan
+from neurosym_jax.evaluation.plan import make_plan, make_test
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.models.config import GeneratorConfig
 
@@ -74,6 +78,17 @@ def test_what_learned_from_all_is_tested_elsewhere():
         make_plan(EthUcy(), [general])
     assert list(make_plan(EthUcy(), [general], test_on=["mine"])) == [Case("mine", 8, 8)]
     assert list(make_plan(Files(("mine",)), [general])) == [Case("mine", 8, 8)]
+
+
+@pytest.mark.parametrize(("period", "told"), [(0.395, 1), (0.397, 0), (0.403, 0), (0.405, 1)])
+def test_steps_that_differ_by_one_per_cent_from_those_of_training_are_told(period, told):
+    frame, person = np.divmod(np.arange(40), 2)
+    tracks = make_tracks("walk", period * frame, person, np.stack([0.5 * frame, person], axis=1))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        test = make_test(Case("walk", 8, 8), [("m/eth_8", MODELS["eth_8"])], [tracks])
+    assert test.windows.scenes == 5
+    assert sum("trained on steps of 0.4 s" in str(each.message) for each in caught) == told
 
 
 def test_only_matching():
