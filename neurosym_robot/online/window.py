@@ -70,6 +70,7 @@ class Window:
 
     def _clear(self) -> None:
         self._ids = np.zeros(0, np.int64)  # [P], ascending
+        self._last = np.zeros(0)  # [P] stamps of their newest observations
         self._stamps = np.full(1, -np.inf)  # [F], ascending
         self._places = np.zeros((1, 0, 2))  # [F, P, 2], NaN where a person was not seen
         self.stamp = -math.inf
@@ -96,9 +97,11 @@ class Window:
         self.health["frames"] += 1
         if not self._accept(float(stamp)):
             return False
-        there = self.stamp - self._last() <= self.timeout
-        self.health["forgotten"] += int((~there).sum())
-        self._ids, self._places = self._ids[there], self._places[:, there]
+        there = self.stamp - self._last <= self.timeout
+        if not there.all():
+            self.health["forgotten"] += int((~there).sum())
+            self._ids, self._last = self._ids[there], self._last[there]
+            self._places = self._places[:, there]
         ids, xy = self._clean(ids, xy)
         followed = self._followed(ids, xy, focus)
         self._append(ids[followed], xy[followed])
@@ -111,9 +114,8 @@ class Window:
             Ids [N], ascending; positions [N, steps, 2]; and the number [N] of final steps that were
             not seen but extrapolated, at the velocity of the last `period` seen.
         """
-        last = self._last()
-        people = np.flatnonzero(self.stamp - last <= self.hold + SNAP)
-        last = last[people, None]
+        people = np.flatnonzero(self.stamp - self._last <= self.hold + SNAP)
+        last = self._last[people, None]
         times = self.stamp - self.period * np.arange(self.steps - 1, -1, -1)
         positions = self._at(people, np.broadcast_to(times, (len(people), self.steps)))
         ahead = times - last
@@ -129,11 +131,9 @@ class Window:
 
     def incomplete(self, ids: np.ndarray) -> dict[int, str]:
         """Why others than `ids` are missing: "unseen" in the newest frame, or "short" windows."""
-        return {
-            id: "short" if last == self.stamp else "unseen"
-            for id, last in zip(self._ids.tolist(), self._last().tolist())
-            if id not in ids
-        }
+        missing = ~np.isin(self._ids, ids)
+        why = np.where(self._last[missing] == self.stamp, "short", "unseen")
+        return dict(zip(self._ids[missing].tolist(), why.tolist()))
 
     def resampled(self, ids: ArrayLike, times: ArrayLike) -> np.ndarray:
         """[N, T, 2] where people were at `times` [T], NaN where that is not known."""
@@ -144,32 +144,31 @@ class Window:
         found[known] = self._at(people, np.broadcast_to(times, (len(people), len(times))))
         return found
 
-    def _last(self) -> np.ndarray:
-        """[P] stamps of the newest observations."""
-        seen = np.isfinite(self._places[::-1, :, 0])
-        return self._stamps[::-1][seen.argmax(axis=0)]
-
     def _at(self, people: np.ndarray, times: np.ndarray) -> np.ndarray:
         """[N, T, 2] positions of the columns `people` [N] at `times` [N, T]."""
-        count = len(self._stamps)
+        # Over the gap before it, nothing is bridged.
+        oldest = times.min(initial=self.stamp) - self.max_gap - 4 * SNAP
+        begin = np.searchsorted(self._stamps, oldest)
+        stamps, places = self._stamps[begin:], self._places[begin:, people]
+        count = len(stamps)
         frames = np.arange(count)[:, None]
-        seen = np.isfinite(self._places[:, people, 0])
+        seen = np.isfinite(places[..., 0])
         # For each frame, the last before it or itself in which a person was seen, and the next.
         last = np.maximum.accumulate(np.where(seen, frames, -1))
         coming = np.minimum.accumulate(np.where(seen, frames, count)[::-1])[::-1]
         each = np.arange(len(people))[:, None]
-        begun = np.searchsorted(self._stamps, times + SNAP, side="right")
+        begun = np.searchsorted(stamps, times + SNAP, side="right")
         before = np.where(begun > 0, last[begun - 1, each], -1)
         after = np.where(begun < count, coming[np.minimum(begun, count - 1), each], count)
         after = np.where(after < count, after, before)
-        since = times - self._stamps[before]
+        since = times - stamps[before]
         exact = np.abs(since) <= SNAP
-        gap = self._stamps[after] - self._stamps[before]
+        gap = stamps[after] - stamps[before]
         known = (before >= 0) & (exact | ((gap > 0) & (gap <= self.max_gap + 2 * SNAP)))
         weight = np.divide(since, gap, out=np.zeros_like(since), where=known & ~exact)[..., None]
-        first = self._places[before, people[:, None]]
+        first = places[before, each]
         # In this form a person who stands still stays exactly still, as in `resample`.
-        found = first + weight * (self._places[after, people[:, None]] - first)
+        found = first + weight * (places[after, each] - first)
         return np.where(known[..., None], found, np.nan)
 
     def _accept(self, stamp: float) -> bool:
@@ -212,22 +211,22 @@ class Window:
 
     def _append(self, ids: np.ndarray, xy: np.ndarray) -> None:
         """Add a frame; leave out frames that are too old."""
-        everybody = np.union1d(self._ids, ids)
-        places = np.full((len(self._stamps) + 1, len(everybody), 2), np.nan)
-        places[:-1, np.searchsorted(everybody, self._ids)] = self._places
-        here = np.searchsorted(everybody, ids)
-        seen = np.isfinite(places[-2::-1, here, 0])
-        last = len(self._stamps) - 1 - seen.argmax(axis=0)
-        gap = self.stamp - self._stamps[last]
-        # The distance is NaN for newcomers.
-        moved = np.linalg.norm(xy - places[last, here], axis=1)
+        begin = np.searchsorted(self._stamps, self.stamp - self._kept, side="right")
+        before, everybody = self._stamps[begin:], np.union1d(self._ids, ids)
+        known, here = (np.searchsorted(everybody, some) for some in (self._ids, ids))
+        places = np.full((len(before) + 1, len(everybody), 2), np.nan)
+        places[:-1, known] = self._places[begin:]
+        last = np.full(len(everybody), -np.inf)
+        last[known] = self._last
+        # Of newcomers the gap is infinite, and the distance that to anybody.
+        gap = self.stamp - last[here]
+        moved = np.linalg.norm(xy - places[np.searchsorted(before, last[here]), here], axis=1)
         jumped = (gap <= self.max_gap + 2 * SNAP) & is_jump(moved, gap)
         self.health["jumps"] += int(jumped.sum())
         places[:, here[jumped]] = np.nan
-        places[-1, here] = xy
-        stamps = np.append(self._stamps, self.stamp)
-        recent = stamps > self.stamp - self._kept
-        self._ids, self._stamps, self._places = everybody, stamps[recent], places[recent]
+        places[-1, here], last[here] = xy, self.stamp
+        self._ids, self._last, self._places = everybody, last, places
+        self._stamps = np.append(before, self.stamp)
 
 
 def nearest_first(xy: np.ndarray, focus: ArrayLike | None) -> np.ndarray:

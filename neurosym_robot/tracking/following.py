@@ -5,6 +5,7 @@ expected positions. Longer losses are for `stitching`.
 """
 
 import collections
+import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -92,11 +93,11 @@ class Track:
 
     def __init__(self, id: int, stamp: float, place: np.ndarray):
         """A new track with the tracker's `id`."""
-        self.id, self.born, self.first = id, stamp, place
+        self.born, self.first = stamp, place
         self.name: int | None = None  # the id that it is published under
         self.noted = False  # whether it is known to be brief or not
-        self.stamp, self.place, self.speed = stamp, place, np.zeros(2)
-        self.points = collections.deque([(stamp, *place)], maxlen=POINTS)
+        self.points: collections.deque[tuple[float, ...]] = collections.deque(maxlen=POINTS)
+        self.add(id, stamp, place)
 
     @property
     def age(self) -> float:
@@ -105,11 +106,8 @@ class Track:
 
     def add(self, id: int, stamp: float, place: np.ndarray) -> None:
         """Add an observation at `place` [2] metres."""
-        moved = (place - self.place) / (stamp - self.stamp)
-        keep = SMOOTH if len(self.points) > 1 else 0.0
-        self.speed = keep * self.speed + (1 - keep) * moved
         self.id, self.stamp, self.place = id, stamp, place
-        self.points.append((stamp, *place))
+        self.points.append((stamp, *place.tolist()))
 
     def velocity(self, memory: float, at_start: bool = False) -> np.ndarray:
         """[2] m/s, of the points within `memory` seconds of the newest or oldest."""
@@ -132,56 +130,72 @@ class Follower:
     def clear(self) -> None:
         """Forget all tracks."""
         self.tracks: list[Track] = []
+        # Of each track: seconds of its newest point, and metres; metres per second, NaN after one.
+        self._stamps, self._places, self._speeds = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))
         self.stamp = -np.inf
 
     def push(self, stamp: float, numbers: ArrayLike, xy: np.ndarray) -> list[Track | None]:
         """Tracks of the people of the next frame, [N] ids at `xy` [N, 2]; None if not followed."""
-        ids = np.asarray(numbers).tolist()
-        self.tracks = [each for each in self.tracks if stamp - each.stamp <= self.forget]
-        self.stamp = stamp
-        found: list[Track | None] = [None] * len(ids)
-        near = np.flatnonzero((np.abs(xy.reshape(-1, 2)) < FAR).all(axis=1)).tolist()
+        ids, xy, self.stamp = np.asarray(numbers), xy.reshape(-1, 2), stamp
+        self._keep(stamp - self._stamps <= self.forget)
+        near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
+        rows = np.full(len(ids), -1)  # in `tracks`
+        if self.tracks and len(near):
+            rows[near] = self._rows(ids[near], xy[near])
+        known, new = near[rows[near] >= 0], near[rows[near] < 0]
+        found, before = rows[known], self._speeds[rows[known]]
+        moved = (xy[known] - self._places[found]) / (stamp - self._stamps[found])[:, None]
+        mixed = SMOOTH * before + (1 - SMOOTH) * moved
+        self._speeds[found] = np.where(np.isnan(before), moved, mixed)
+        self._places[found], self._stamps[found] = xy[known], stamp
+        for n, row in zip(known.tolist(), found.tolist()):
+            self.tracks[row].add(int(ids[n]), stamp, xy[n])
+        new = new[: max(self.max_tracks - len(self.tracks), 0)]
+        rows[new] = len(self.tracks) + np.arange(len(new))
+        self.tracks += [Track(int(ids[n]), stamp, xy[n]) for n in new]
+        self._stamps = np.append(self._stamps, np.full(len(new), stamp))
+        self._places = np.append(self._places, xy[new], axis=0)
+        self._speeds = np.append(self._speeds, np.full((len(new), 2), np.nan), axis=0)
+        return [None if row < 0 else self.tracks[row] for row in rows.tolist()]
+
+    def _keep(self, kept: np.ndarray) -> None:
+        if not kept.all():
+            self.tracks = list(itertools.compress(self.tracks, kept))
+            self._stamps, self._places = self._stamps[kept], self._places[kept]
+            self._speeds = self._speeds[kept]
+
+    def _rows(self, ids: np.ndarray, xy: np.ndarray) -> np.ndarray:
+        """[N] rows of the tracks that people of a frame continue, or -1."""
+        gap = self.stamp - self._stamps
+        expected = self._places + gap[:, None] * np.nan_to_num(self._speeds)
         # The newer of two tracks with one id counts, and the first of two people with one id.
-        of_id = {track.id: track for track in self.tracks}
-        free = dict.fromkeys(self.tracks)
-        for n in near:
-            track = of_id.get(ids[n])
-            if track in free and np.hypot(*(xy[n] - self._expected(track))) <= CERTAIN:
-                found[n] = track
-                del free[track]
-        waiting = [n for n in near if found[n] is None]
-        recent = [each for each in free if stamp - each.stamp <= self.recent or each.id in ids]
-        for n, track in self._assign(waiting[: self.max_tracks], recent, ids, xy):
-            found[n] = track
-        for n in near:
-            track = found[n]
-            if track is not None:
-                track.add(ids[n], stamp, xy[n])
-            elif len(self.tracks) < self.max_tracks:
-                found[n] = track = Track(ids[n], stamp, xy[n])
-                self.tracks.append(track)
-        return found
+        numbers = [track.id for track in self.tracks]
+        of_id = {id: row for row, id in enumerate(numbers)}
+        own = np.array([of_id.get(id, -1) for id in ids.tolist()])
+        at_once = np.flatnonzero((own >= 0) & (_apart(xy, expected[own]) <= CERTAIN))
+        rows, taken = np.full(len(ids), -1), np.zeros(len(numbers), bool)
+        _, first = np.unique(own[at_once], return_index=True)
+        rows[at_once[first]] = own[at_once[first]]
+        taken[rows[rows >= 0]] = True
+        waiting = np.flatnonzero(rows < 0)[: self.max_tracks]
+        free = np.flatnonzero(~taken & ((gap <= self.recent) | np.isin(numbers, ids)))
+        off = _apart(xy[waiting], expected[free, None])
+        allowed, cost = (off <= REACH) & (gap[free, None] <= self.recent), off + OTHER_ID
+        same = np.array(numbers)[free, None] == ids[waiting]
+        track, person = np.nonzero(same)
+        moved = _apart(xy[waiting[person]], self._places[free[track]])
+        allowed[same] = ~is_jump(moved, gap[free[track]])
+        cost[same] = np.minimum(off[same], REACH + OTHER_ID)
+        track, person = linear_sum_assignment(np.where(allowed, cost, 1e6))
+        made = allowed[track, person]
+        rows[waiting[person[made]]] = free[track[made]]
+        return rows
 
-    def _expected(self, track: Track) -> np.ndarray:
-        return track.place + (self.stamp - track.stamp) * track.speed
 
-    def _assign(
-        self, waiting: list[int], tracks: list[Track], ids: list[int], xy: np.ndarray
-    ) -> Iterator[tuple[int, Track]]:
-        """Rows of the frame with the tracks that they continue."""
-        if not (waiting and tracks):
-            return
-        gap = np.array([[self.stamp - each.stamp] for each in tracks])
-        expected = np.array([[self._expected(each)] for each in tracks])
-        place = np.array([[each.place] for each in tracks])
-        off = np.linalg.norm(xy[waiting] - expected, axis=-1)
-        moved = np.linalg.norm(xy[waiting] - place, axis=-1)
-        same = np.array([[each.id] for each in tracks]) == np.array(ids)[waiting]
-        allowed = np.where(same, ~is_jump(moved, gap), (off <= REACH) & (gap <= self.recent))
-        cost = np.where(same, np.minimum(off, REACH + OTHER_ID), off + OTHER_ID)
-        for row, column in zip(*linear_sum_assignment(np.where(allowed, cost, 1e6))):
-            if allowed[row, column]:
-                yield waiting[column], tracks[row]
+def _apart(some: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """[...] metres between places [..., 2]."""
+    x, y = some[..., 0] - others[..., 0], some[..., 1] - others[..., 1]
+    return np.sqrt(x * x + y * y)
 
 
 class NearestIds:

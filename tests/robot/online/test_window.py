@@ -124,3 +124,10 @@ def test_who_was_lost_a_moment_ago_is_extrapolated_and_said_to_be():
     assert [steps[n].get(1) for n in (21, 22, 25, 26, 27, 28)] == [0, 1, 1, 2, 2, 0]
     assert [steps[n].get(1) for n in (44, 48, 54, 55)] == [0, 1, 3, None]
     assert all(each[2] == 0 for n, each in steps.items() if n >= 12)
+
+
+def test_the_past_is_kept_for_scores_and_no_longer():
+    window = Window(2, 0.4, memory=5.0, timeout=2.0, max_gap=1.0)
+    for stamp in np.arange(0, 30, 0.5):
+        window.push(stamp, [1], [[stamp, 0.0]])
+    assert_allclose(window.resampled([1], [24.7, 20.0])[0, :, 0], [24.7, np.nan])

@@ -10,7 +10,13 @@ from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation.scenarios import TrackerFaults, simulate_labelled
 from neurosym_robot.commands import stitch as command
-from neurosym_robot.tracking.following import CROWD, FORGET, NearestIds, frames_of_tracks
+from neurosym_robot.tracking.following import (
+    CROWD,
+    FORGET,
+    Follower,
+    NearestIds,
+    frames_of_tracks,
+)
 from neurosym_robot.tracking.stitching import (
     NOBODY,
     LinkOptions,
@@ -196,3 +202,25 @@ def test_people_without_ids_keep_those_that_they_are_given():
         ids = nearest.push(3.05 + n / 10, rng.uniform(0, 1000, (3000, 2)))
     assert len(nearest._follower.tracks) <= CROWD
     assert len(nearest.push(np.nan, [[0.0, 0.0]])) == 1
+
+
+@pytest.mark.parametrize(
+    ("frames", "wanted"),
+    [  # (seconds, ids, x): the last people's tracks, numbered in the order of their start
+        pytest.param([(0, [1], [0]), (1, [1], [1]), (2, [9], [2])], [0], id="speed of two points"),
+        pytest.param([(0, [1], [0]), (1, [1, 1], [0, 0.1])], [0, 1], id="one id twice"),
+        pytest.param([(0, [1], [0]), (0.8, [1, 9], [50, 0])], [1, 2], id="lost, and its id jumps"),
+        pytest.param([(0, [1], [0]), (0.1, [1], [1.5]), (1.1, [1], [16.8])], [1], id="too fast"),
+        pytest.param(
+            [(0, [1, 2], [0, 1.2]), (0.1, [1, 2], [0, 1.2]), (0.4, [1, 2], [0.5, -0.7])],
+            [0, 1],
+            id="an id is worth 0.2 m",
+        ),
+    ],
+)
+def test_tracks_from_frame_to_frame(frames, wanted):
+    follower, known = Follower(60.0, 9, recent=1.0 if wanted == [0] else 0.5), {}
+    for stamp, ids, x in frames:
+        tracks = follower.push(stamp, ids, np.stack([np.array(x, float), np.zeros(len(x))], axis=1))
+        found = [known.setdefault(id(track), len(known)) for track in tracks]
+    assert found == wanted
