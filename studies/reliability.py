@@ -144,7 +144,7 @@ def _content(path: Path) -> list[tuple[float, list, list]]:
 
 def _changed_bytes(folder: Path, kind: str) -> Counter:
     """How often a bag of 60 frames was read in which way, with one to three bytes changed."""
-    with BagWriter(folder / f"run.{kind}") as bag:
+    with BagWriter(folder / kind / f"run.{kind}") as bag:
         for frame in frames_of_tracks(simulate("cross-path", 1, 6.0, people=3)):
             frame = frame._replace(stamp=frame.stamp + 1.7e9)
             bag.write(PEOPLE_TOPICS[0], frame.stamp, make_people(bag.new, frame))

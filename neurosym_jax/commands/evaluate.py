@@ -32,12 +32,9 @@ __all__ = ["Options", "run"]
 class Protocol(NamedTuple):
     """What a published protocol of evaluation fixes."""
 
-    min_agents: int
-    """Scenes with fewer people are left out."""
-    by_scene: bool
-    """Whether means weigh each scene the same, instead of each person."""
-    lengths: dict[str, int]
-    """Observed and forecast steps, where it fixes them."""
+    min_agents: int  # scenes with fewer people are left out
+    by_scene: bool  # whether means weigh each scene the same, instead of each person
+    lengths: dict[str, int]  # observed and forecast steps, where it fixes them
 
 
 PROTOCOLS = {

@@ -20,6 +20,7 @@ APART = (0.2, 0.35)
 """Below these distances to the nearest person, metres, of a quarter of the points, a recording is
 refused and doubted, whatever its clock says. Those of ETH/UCY and THÖR are 0.46 to 2.23."""
 FEW, ENOUGH = 10, 100  # steps that say anything of a recording, and that may refuse one
+MANY = 20  # people of whom some share says something
 
 
 def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
@@ -58,13 +59,22 @@ def apart_of(tracks: Tracks) -> float:
     """
     from scipy.spatial import KDTree  # It takes a third of a second to import.
 
-    stamps, moment = np.unique(tracks.stamp, return_inverse=True)
-    some = moment % max(1, len(stamps) // 200) == 0
+    moment, position = _moments(tracks)
+    moments, moment = np.unique(moment, return_inverse=True)
+    some = moment % max(1, len(moments) // 200) == 0
     # Moments are further apart than any two people; of people at one place the tree would be slow.
-    points = np.unique(np.column_stack([tracks.position, 1e10 * moment])[some], axis=0)
+    points = np.unique(np.column_stack([position, 1e10 * moment])[some], axis=0)
     near = KDTree(points).query(points, 2, distance_upper_bound=1e9)[0][:, 1]
     near = near[np.isfinite(near)]
     return float(np.quantile(near, 0.25)) if len(near) >= ENOUGH else np.nan
+
+
+def _moments(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of moments, of 0.1 s or the usual step, and each person's first position in one:
+    the points of two trackers, or of each person, may have their own stamps."""
+    moment = np.rint(tracks.stamp / min(0.1, np.median(np.append(steps_of(tracks)[0], 0.1))))
+    new = np.append(True, (np.diff(moment) != 0) | (np.diff(tracks.id) != 0))
+    return moment[new], tracks.position[new]
 
 
 def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
@@ -94,12 +104,26 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
     whole = np.all(tracks.position == np.rint(tracks.position))
     if whole and options.unit is None and len(tracks.id) > 20 and np.ptp(tracks.position) > 20:
         yield enough, "all coordinates are whole numbers, as pixels are: say --unit m, cm, mm, .."
-    ids, first = np.unique(tracks.id, return_index=True)
-    together = np.mean(tracks.stamp[first] == tracks.stamp.min())
-    ends = len(np.unique(tracks.stamp[np.append(first[1:], len(tracks.id)) - 1]))
-    if len(ids) >= 20 and together > 0.9 and ends > len(ids) / 4:
-        yield enough, f"{together:.0%} of the people begin at one moment: has each an own clock?"
-    twins = pl.DataFrame([tracks.stamp, *tracks.position.T]).is_duplicated()
+    ids, first, count = np.unique(tracks.id, return_index=True, return_counts=True)
+    last = first + count - 1
+    around = np.pad(length, 3, constant_values=np.nan)
+    still = [around[at[:, None] + np.arange(3)].sum(axis=1) == 0 for at in (first + 3, last)]
+    went = np.linalg.norm(tracks.position[last] - tracks.position[first], axis=1) > 1
+    begun = np.unique(tracks.position[first], axis=0, return_counts=True)[1].max() / len(ids)
+    together = tracks.stamp[first] == tracks.stamp.min()
+    together &= len(np.unique(tracks.stamp[last])) > len(ids) / 4
+    for share, doubted, refused, line in (
+        (went & (still[0] | still[1]), 0.2, 0.5, "walk but stay at an end: are positions held?"),
+        (begun, 0.5, 0.5, "begin at one place: has each an own origin?"),
+        (together, 0.9, 0.9, "begin at one moment: has each an own clock?"),
+    ):
+        if len(ids) >= MANY and np.mean(share) > doubted:
+            yield enough and np.mean(share) > refused, f"{np.mean(share):.0%} of the people {line}"
+    across = np.sqrt(np.abs(np.linalg.eigvalsh(np.cov(tracks.position.T, bias=True))[0]))
+    if enough and len(ids) > 1 and across < 0.2:
+        yield False, f"all are within {across:.2f} m of a line: is x or y a height, or both alike?"
+    moment, position = _moments(tracks)
+    twins = pl.DataFrame([moment, *position.T]).is_duplicated()
     if twins.any():
         yield (
             enough and twins.sum() > 0.1 * len(twins),
@@ -110,7 +134,7 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
         yield (
             enough and apart < APART[0],
             f"a quarter of the people are within {apart:.2f} m of another, usually 0.5 m or more: "
-            "are coordinates more than metres (--unit)?",
+            "are coordinates more than metres (--unit), or is everybody there twice?",
         )
     step, speed = steps_of(tracks)
     fast = np.flatnonzero((speed > 10) & (step <= GAP * np.median(step))) if len(step) else []

@@ -59,9 +59,7 @@ class Table:
         """[R, columns] finite float64; if fields may be `missing`, empty ones and nan are NaN."""
         texts = self.fields.list.gather(list(places)).explode().str.strip_chars(BLANKS)
         found = texts.cast(pl.Float64, strict=False)
-        usable = found.is_finite().fill_null(False) | (
-            missing & texts.is_in(("", "nan", "NaN", "None", "<NA>"))
-        )
+        usable = found.is_finite().fill_null(False) | (missing & _missing(texts))
         wrong = ~usable.to_numpy().reshape(-1, len(places))
 
         def shown(at: int) -> str:
@@ -107,21 +105,22 @@ class Table:
         """[R] int64 ids without `prefix`: numbers if all are whole, else 0, 1, ... by text.
 
         Raises:
-            InputError: for a missing id, and where two texts are one number (1, 01, 1.0).
+            InputError: for a missing id, and two that are one number (1, 1.0) or word (P1, p01).
         """
         texts = self.column(place).str.strip_prefix(prefix)
         self.refuse(_missing(texts).to_numpy(), lambda at: f"the id is missing ({texts[at]!r})")
         unique = texts.unique(maintain_order=True)
         real = unique.cast(pl.Float64, strict=False)
         if ((real.round() == real) & (real.abs() < 2.0**53)).fill_null(False).all():
-            number = real.cast(pl.Int64)
+            number = alike = real.cast(pl.Int64)
         else:
             number = unique.rank("ordinal").cast(pl.Int64) - 1
-        if number.is_duplicated().any():
-            first, second, *_ = unique.filter(number == number.filter(number.is_duplicated())[0])
+            alike = unique.str.to_lowercase().str.replace_all(r"\s|(^|[^\d.])0+(\d)", "$1$2")
+        if (twice := alike.is_duplicated()).any():
+            first, second, *_ = unique.filter(alike == alike.filter(twice)[0])
             raise InputError(
-                f"{self.path}: the ids {first[:40]!r} and {second[:40]!r} are one number: one "
-                "person or two? Write them alike"
+                f"{self.path}: the ids {first[:40]!r} and {second[:40]!r} are one number or word: "
+                "one person or two? Write them alike"
             )
         return texts.replace_strict(unique, number, return_dtype=pl.Int64).to_numpy()
 

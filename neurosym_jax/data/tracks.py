@@ -160,8 +160,7 @@ def resample(
     ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
     reading = tracks.reading
     if reading is not None:
-        usual = max(float(np.median(np.diff(stamp)[same])), period) if same.any() else period
-        filled = int(np.sum(stamp[after] - stamp[row] > GAP * usual))
+        filled = int(np.sum(stamp[after] - stamp[row] > GAP * period))
         reading = dataclasses.replace(reading, filled=filled)
     return dataclasses.replace(
         tracks.take(row),

@@ -69,6 +69,11 @@ def where(chosen: np.ndarray, x: float, y: float) -> Crowd:
     return CROWD.but(x=np.where(chosen, x, CROWD.x), y=np.where(chosen, y, CROWD.y))
 
 
+def spelt(*prefixes: str) -> list[str]:
+    """Ids with one prefix after another."""
+    return [f"{prefixes[at % len(prefixes)]}{id}" for at, id in enumerate(CROWD.id)]
+
+
 def changed(old: str, new: str, of: str = "", count: int = 1) -> str:
     """A file with other characters."""
     return (of or text()).replace(old, new, count)
@@ -78,6 +83,11 @@ IDS = np.unique(CROWD.id)
 FEW = RNG.random(SIZE) < 0.05
 TENTH = RNG.random(SIZE) >= 0.1
 STILL = CROWD.but(x=0 * CROWD.x + CROWD.id, y=0 * CROWD.y)
+FIRST = np.searchsorted(CROWD.id, CROWD.id)
+TIMES = np.where(np.diff(CROWD.id, append=0) == 0, 1, 11)
+WAITED = np.concatenate([np.arange(n) for n in TIMES])
+HELD = CROWD.rows(np.repeat(np.arange(SIZE), TIMES))
+HELD = HELD.but(step=HELD.step + WAITED)
 FAST = make_crowd(rate=25)
 TRACKER = make_crowd(rate=10)
 ROBOT = np.where(CROWD.id == 5, "robot", "person")
@@ -133,7 +143,21 @@ MISTAKES = [
     read("a stamp moved by 1 ms", table(t=CROWD.t + 0.001 * (np.arange(SIZE) == 99))),
     *(
         read(f"two runs, column {name}", two_runs(name))
-        for name in ("scene", "run", "camera", "recording", "video", "Sequence")
+        for name in (
+            "scene",
+            "run",
+            "camera",
+            "recording",
+            "video",
+            "Sequence",
+            "recordingId",
+            "clip",
+        )
+    ),
+    warned(
+        "a person goes on in another camera",
+        "goes on in another",
+        table(camera=np.where(CROWD.x > 8, "b", "a")),
     ),
     refused(
         "two runs and no column",
@@ -151,6 +175,9 @@ MISTAKES = [
     ),
     warned(
         "label robot, named as an extra", "left out", table(kind=ROBOT), columns=("group=kind",)
+    ),
+    warned(
+        "tracks held where they end, lost 1", "lost True are left out", table(HELD, lost=WAITED > 0)
     ),
     warned("a column that somewhere says robot", "left out", table(role=ROBOT)),
     refused("class in numbers", "--keep", table(**{"class": CROWD.id % 2})),
@@ -197,11 +224,25 @@ MISTAKES = [
     ),
     refused("ped before frame", "too fast", text(CROWD.but(step=CROWD.id, id=CROWD.step), 1)),
     refused("ids 1 and 01", "one number", changed("\t1\t", "\t01\t")),
+    refused("ids P1 and p1", "one number or word", table(id=spelt("P", "p"))),
+    refused("ids P1 and P01", "one number or word", table(id=spelt("P", "P0"))),
     refused("an id missing", "missing", changed(",7,", ",,", of=table())),
     refused("an id with a fraction", "not a whole", changed("\t7\t", "\t7.5\t")),
     refused(
         "everybody twice, under other ids", "twice", text() + text(CROWD.but(id=CROWD.id + 500))
     ),
+    refused(
+        "everybody twice, by trackers 13 ms apart",
+        "everybody there twice",
+        table() + table(CROWD.but(id=CROWD.id + 500), t=CROWD.t + 0.013).split("\n", 1)[1],
+    ),
+    refused("tracks held where they end", "positions held", text(HELD)),
+    refused(
+        "positions from where each began",
+        "begin at one place",
+        text(CROWD.but(x=CROWD.x - CROWD.x[FIRST], y=CROWD.y - CROWD.y[FIRST])),
+    ),
+    warned("y is a height", "of a line", text(CROWD.but(y=1.7 + 0.1 * np.sin(CROWD.step)))),
     refused("a fifth of positions frozen", "held", text(frozen(0.2))),
     warned("a twentieth of positions frozen", "held", text(frozen(0.05))),
     refused("nobody moves", "too slow", text(STILL)),
@@ -240,6 +281,13 @@ MISTAKES = [
     refused("two columns x", "which column is x", changed("label", "x", of=table(label=CROWD.id))),
     refused("no ids", "which column is id", table(id=None)),
     refused("velocities without names", "columns", text(mark=" ").replace("\n", " 1.3 0.0\n")),
+    refused(
+        "TrajNet++ of two rates",
+        "differ in fps",
+        "".join(
+            f'{{"scene": {{"fps": {n}}}}}\n{{"track": {{"f": 1, "p": {n}}}}}\n' for n in (2, 3)
+        ),
+    ),
     refused("objects a line", "quotes", NDJSON),
     refused("compressed with gzip", "not text", gzip.compress(text().encode())),
 ]

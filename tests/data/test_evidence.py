@@ -70,6 +70,19 @@ def twins(count):
     return dataclasses.replace(tracks, position=position)
 
 
+def stayed(count, where):
+    """So many of 20 people stay for three steps where their tracks begin or end."""
+    return strides(((slice(count), where), 0), people=20)
+
+
+def from_own_origin(count):
+    """So many of 20 people, who come one after another, begin at 0, 0."""
+    tracks = strides(people=20)
+    start = [1.0, 0.7] * tracks.id[:, None] * (tracks.id < count)[:, None]
+    position = tracks.position + [[1.0, 0.0]] * tracks.id[:, None] - start
+    return dataclasses.replace(tracks, stamp=tracks.stamp + 0.4 * tracks.id, position=position)
+
+
 FINE, DOUBT, NO = [], [False], [True]
 
 
@@ -80,6 +93,8 @@ FINE, DOUBT, NO = [], [False], [True]
         *[(walk(2.49), FINE), (walk(2.51), DOUBT), (walk(4.49), DOUBT), (walk(4.51), NO)],
         *[(walk(apart=0.19), NO), (walk(apart=0.21), DOUBT), (walk(apart=0.34), DOUBT)],
         *[(walk(apart=0.36), FINE), (walk(apart=900), FINE)],
+        *[(walk(people=2, steps=60, apart=apart), DOUBT) for apart in (0.36, 0.39)],
+        *[(walk(people=2, steps=60, apart=0.41), FINE), (walk(people=1, steps=200), FINE)],
         # Few steps are no reason to refuse.
         *[(walk(9, steps=26), NO), (walk(9, steps=25), DOUBT)],
         # 160 points: one in a hundred and one in ten; a leap is 1.6 strides, or half a usual one.
@@ -92,6 +107,9 @@ FINE, DOUBT, NO = [], [False], [True]
         (strides(((0, slice(2)), 2), people=1, steps=19, usual=1.0, period=0.8), FINE),
         *[(together(), NO), (together(19), FINE), (together(ends=5), FINE)],
         *[(together(late=1), NO), (together(late=2), FINE)],
+        *[(stayed(4, slice(3)), FINE), (stayed(5, slice(3)), DOUBT), (stayed(5, slice(2)), FINE)],
+        *[(stayed(10, slice(-3, None)), DOUBT), (stayed(11, slice(-3, None)), NO)],
+        *[(from_own_origin(10), FINE), (from_own_origin(11), NO)],
         *[(twins(0), FINE), (twins(1), DOUBT), (twins(8), DOUBT), (twins(9), NO)],
         *[(strides(((0, 9), 3.9)), FINE), (strides(((0, 9), 4.1)), DOUBT)],
     ],

@@ -66,7 +66,8 @@ def test_a_selection_forgets_nothing():
     for name in ("stamp", "id", "position", "known", "foreseen"):
         assert_array_equal(getattr(part, name), getattr(grid, name)[mask])
     assert_array_equal(part.extras["group"], grid.extras["group"][mask])
-    assert (part.recording, part.period, part.reading) == ("r", 0.2, reading)
+    assert (part.recording, part.period) == ("r", 0.2)
+    assert part.reading == dataclasses.replace(reading, filled=4)
     swapped = grid.with_ids(3 - grid.id)
     assert_array_equal(swapped.id, np.sort(3 - grid.id))
     assert_array_equal(swapped.extras["group"], np.where(swapped.id == 1, 8, 7))

@@ -27,7 +27,9 @@ _USUAL = {
     "y": {"y", "py", "pos_y", "position_y", "y_est"},
 }
 _RECORDINGS = re.compile(
-    r"(scene|run|camera|recording|video|sequence|session)(_id)?", re.IGNORECASE
+    r"(scene|run|camera|cam|recording|video|sequence|session|clip|trial|take|episode|experiment|"
+    r"dataset|scenario|file|day)([ _-]?(id|name|number|no|nr))?",
+    re.IGNORECASE,
 )
 _KINDS = re.compile(
     r"((agent|actor|obj|object|track)[ _-]?)?(class|label|type|kind|category)([ _-]?(name|id))?",
@@ -41,6 +43,7 @@ _OTHERS = (
     "robot robots car vehicle truck bus cart bicycle bike biker cyclist bicyclist motorcycle "
     "motorcyclist scooter skater dog"
 )
+_FLAGS = {"lost": "0 0.0 false no", "outside": "0 0.0 false no", "valid": "1 1.0 true yes"}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
@@ -93,8 +96,17 @@ class Columns(Format):
             stamp = table.times(place[clock], options, period)
         position = table.numbers(place["x"], place["y"]) * options.metres
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
-        ids, parts = table.ids(place["id"]), (names, part)
-        return table.tracks(stamp, ids, position, extras, parts=parts, said=said)
+        ids = table.ids(place["id"])
+        order = np.lexsort((stamp, ids))
+        same = (np.diff(ids[order]) == 0) & (np.diff(stamp[order]) <= 1)
+        over = np.flatnonzero(same & (np.diff(part[order]) != 0))
+        moves = np.linalg.norm(position[order[over + 1]] - position[order[over]], axis=1)
+        if len(over) and np.median(moves) < 1:
+            said.append(
+                f"{len(over)} times a person goes on in another recording: is it one that a column "
+                "camera, scene, .. splits (--columns camera=camera does not split)?"
+            )
+        return table.tracks(stamp, ids, position, extras, parts=(names, part), said=said)
 
 
 def names_tracks(names: Sequence[str]) -> bool:
@@ -171,14 +183,18 @@ def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, l
         for at, name in enumerate(table.names)
         if at not in used
         # By its name or, of the first columns (there may be millions), by what it says.
-        and (_KINDS.fullmatch(name) or (at < 50 and _lower(table, at).is_in(_OTHERS.split()).any()))
+        and (
+            _KINDS.fullmatch(name)
+            or name.lower() in _FLAGS
+            or (at < 50 and _lower(table, at).is_in(_OTHERS.split()).any())
+        )
     ]
     wanted, said = [kind.lower() for kind in keep] or _PEOPLE.split(), []
-    if keep and not places:
+    if keep and all(table.names[at].lower() in _FLAGS for at in places):
         raise InputError(f"{table.path}: --keep: no column is a label, class, type or category")
     for at in places:
         name, kinds = table.names[at][:30], table.column(at)
-        mask = _lower(table, at).is_in(wanted).to_numpy()
+        mask = _lower(table, at).is_in(_FLAGS.get(name.lower(), "").split() or wanted).to_numpy()
         others = kinds.filter(~mask).unique(maintain_order=True)
         shown = printable(", ".join(kind[:30] or "nothing" for kind in others[:6]))
         if not mask.any():

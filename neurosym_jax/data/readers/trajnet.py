@@ -47,8 +47,9 @@ class Trajnet(Format):
             for at, kind, fields in found
             if kind == "track" and fields.get("prediction_number") is None
         }
-        if not points:
-            raise InputError(f"{path}: the file has no track rows")
+        if not points or len({*rates}) > 1:
+            why = "scenes differ in fps" if points else "the file has no track rows"
+            raise InputError(f"{path}: {why}")
         texts = pl.Series(points.values(), dtype=pl.List(pl.String))
         table = Table(path, _KEYS, texts, np.array(list(points)))
         stamp = table.times(0, options, 1 / (rates or [FPS])[-1], any_step=True)
