@@ -130,10 +130,18 @@ def _read(
         with AnyReader(paths, default_typestore=store) as reader:
             chosen = choose({each.topic: each.msgtype for each in reader.connections})
             connections = [each for each in reader.connections if each.topic in chosen]
+            # In ROS 1 another index finds the messages than counts them.
+            chunks = [info for each in reader.readers for info in getattr(each, "chunk_infos", ())]
+            said = sum(sum(info.connection_counts.values()) for info in chunks)
+            missing = sum(each.msgcount for each in connections)
+            missing += said - reader.message_count if chunks else 0
             for connection, at, data in reader.messages(connections=connections):
+                missing -= 1
                 message = reader.deserialize(data, connection.msgtype)
                 publisher = getattr(connection.ext, "callerid", None) or ""
                 yield connection.topic, message, publisher, 1e-9 * at
+            if missing:
+                raise ValueError(f"{missing} of its messages are missing")
     except InputError:
         raise
     except Exception as error:

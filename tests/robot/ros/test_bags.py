@@ -1,5 +1,8 @@
 """Bags of all three kinds give back what was written, and damaged ones say so in one line."""
 
+import contextlib
+import warnings
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -78,6 +81,17 @@ def test_a_bag_cut_short_is_refused_with_the_tool_that_mends_it(tmp_path, kind):
         with pytest.raises(InputError, match=cut) as error:
             list(read_people(path))
         assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_no_frame_is_lost_in_silence(tmp_path, kind):
+    path = write(tmp_path / f"run.{kind}", length=4)
+    file = path if path.is_file() else next(path.glob(f"*.{kind}"))
+    whole, wanted = file.read_bytes(), len(content(path))
+    for at in [whole.rindex(b"conn=") + 5] if kind == "bag" else range(90, 110):
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ 219]) + whole[at + 1 :])
+        with warnings.catch_warnings(record=True) as said, contextlib.suppress(InputError):
+            assert len(content(path)) == wanted or said, at
 
 
 def test_whatever_reads_tracks_reads_bags(tmp_path):
