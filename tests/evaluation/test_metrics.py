@@ -12,6 +12,7 @@ from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
 from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene
+from neurosym_jax.symbolic.events import EVENTS
 from tests.networks import random_model
 
 
@@ -83,14 +84,16 @@ def test_symbols_by_hand():
     paths = np.stack([step - [4, 0], [4, 0] - step, 0 * step + 100])
     observed, future = paths[:, :2], paths[:, 2:]
     standing = np.repeat(observed[:, -1:], 3, axis=1)
-    for right, wrong in ((3, 0), (0, 1)):
+    for right, wrong in ((3, 0), (0, 1), (2, 1)):
         forecast = np.stack([future] * right + [standing] * wrong)
         found = score(forecast, future, observed=observed, metrics=SYMBOLS)
         assert found["state_log"].count == 2  # Ordered pairs.
         wanted = -np.log((right + 1 / 81) / (right + wrong + 1))
         assert found["state_log"].mean == pytest.approx(wanted, rel=1e-5)
-    found = score(np.stack([future] * 3), future, observed=observed, metrics=SYMBOLS)
-    assert found["event_log"].mean == pytest.approx(-np.log(3.5 / 4), rel=1e-5)
+        # Approaching and meeting happen, at the last step, and none of the other events.
+        two, others = (-np.log((n + 0.5) / (right + wrong + 1)) for n in (right, right + wrong))
+        wanted = (2 * two + (len(EVENTS) - 2) * others) / len(EVENTS)
+        assert found["event_log"].mean == pytest.approx(wanted, rel=1e-5)
 
 
 SINGLE, TRUTH = scene(k=1, seed=1)

@@ -21,6 +21,8 @@ from neurosym_jax.evaluation.saved_forecasts import (
     to_xarray,
 )
 from neurosym_jax.evaluation.scoring import score, score_forecaster
+from neurosym_jax.models.anchors import AnchorConfig
+from tests.networks import random_model
 
 ORIGIN = np.array([5e5, 4e6])
 
@@ -59,6 +61,17 @@ def test_saved_forecasts_are_those_that_were_scored(test_set, tmp_path):
     np.testing.assert_allclose(saved["forecast"], found["forecast"], atol=1e-4)
 
 
+def test_forecasts_that_memory_cannot_hold_are_refused(test_set, monkeypatch):
+    """Three copies of two float64 of each position."""
+    needed = 24 * 2 * 3 * test_set.windows.agents * 6
+    free = "neurosym_jax.runtime.process.available_memory"
+    monkeypatch.setattr(free, lambda: needed)
+    forecasts_of(test_set.entries[1][1], test_set, 3, 0)
+    monkeypatch.setattr(free, lambda: needed - 1)
+    with pytest.raises(InputError, match=r"saving forecasts needs some .* ask for fewer samples"):
+        forecasts_of(test_set.entries[1][1], test_set, 3, 0)
+
+
 def test_xarray_labels_what_is_saved(test_set, tmp_path, monkeypatch):
     xarray = pytest.importorskip("xarray")
     wanted = forecasts_of(test_set.entries[1][1], test_set, 3, 0)
@@ -95,6 +108,19 @@ def test_trajnet_reads_what_happened_and_skips_forecasts(test_set, tmp_path):
     assert len(forecasts) == 3 * test_set.windows.agents * 6
     of_first = [track for track in forecasts if track["scene_id"] == 0]
     assert min(track["f"] for track in of_first) == scenes[0]["s"] + 4
+
+
+def test_trajnet_has_the_most_probable_forecast_first(tmp_path):
+    model = random_model(AnchorConfig(obs_len=4, pred_len=6, samples=4, hidden=8))
+    test = make_test(Case("walk", 4, 6), [("m", model)], [walk("a", 3)])
+    found = forecasts_of(model, test, 4, 0)
+    best = found["probability"].argmax(axis=0)
+    assert best.all()  # Not the first.
+    path = save_forecasts(tmp_path / "out.ndjson", [test], 4, 0)[0]
+    tracks = (json.loads(line).get("track", {}) for line in path.read_text().splitlines())
+    first = [[track["x"], track["y"]] for track in tracks if track.get("prediction_number") == 0]
+    wanted = found["forecast"][best, np.arange(len(best))]
+    np.testing.assert_allclose(np.reshape(first, wanted.shape), wanted, atol=1e-4)
 
 
 def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):

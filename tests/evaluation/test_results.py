@@ -1,0 +1,33 @@
+"""Rows over several seeds of the noise, and tests that run elsewhere."""
+
+import numpy as np
+import pytest
+
+from neurosym_jax.data.sources import Synthetic
+from neurosym_jax.evaluation.plan import load_tests, make_plan
+from neurosym_jax.evaluation.results import Settings, evaluate_tests
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    source, baselines = Synthetic(), ["constant_velocity_sampled"]
+    return load_tests(source, make_plan(source, [], dataset="cross-path", baselines=baselines))
+
+
+def rows(*how):
+    return [result.row for result in evaluate_tests(*how)]
+
+
+def test_the_mean_and_deviation_are_those_of_the_seeds(simulated):
+    (row,) = rows(simulated, Settings(samples=3, seed=5, seeds=3))
+    single = [rows(simulated, Settings(samples=3, seed=seed))[0] for seed in (5, 6, 7)]
+    for name in ("joint_ade", "marginal_fde"):
+        values = [each[name] for each in single]
+        assert len(set(values)) == 3
+        assert row[name] == pytest.approx(np.mean(values))
+        assert row[f"{name}_std"] == pytest.approx(np.std(values, ddof=1))
+
+
+def test_a_test_set_can_be_evaluated_elsewhere(simulated):
+    here, there = rows(simulated, Settings(samples=3)), rows(simulated, Settings(samples=3), map)
+    assert [row["joint_ade"] for row in here] == [row["joint_ade"] for row in there]
