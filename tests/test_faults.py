@@ -20,7 +20,7 @@ NETWORK = GeneratorConfig(obs_len=2, pred_len=1, pooling="none", embedding_dim=2
 
 
 class Disk:
-    """Of the operations that change it, number `at` fails; of a write half is done."""
+    """Operation number `at` of those that change the disk fails; half of a write is done."""
 
     def __init__(self, patch, at):
         self.at, self.count = at, 0

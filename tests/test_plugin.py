@@ -17,7 +17,7 @@ MISSING = "unknown weighting 'nearness'"
 
 
 def test_without_its_plugin_a_model_says_what_it_needs(tmp_path, capsys, monkeypatch):
-    """In every command that is told of it; nothing that a model's folder names is imported."""
+    """Every command says it; nothing that a model's folder names is imported."""
     model = tmp_path / "model"
     with mock.patch.dict(WEIGHTINGS):
         register_weighting("nearness", log_reach=0.0)(lambda positions, valid, log_reach: 0)

@@ -12,7 +12,7 @@ MODEL = ROOT / "checkpoints" / "neurosym_simulations_8"
 
 @pytest.fixture
 def recording(tmp_path):
-    """1 walks east past 2, who stands to the north; from the sixth step on 3 walks beside 1."""
+    """1 walks east past 2, which stands to the north; from the sixth step on 3 walks beside 1."""
     rows = []
     for step in range(20):
         people = {1: (0.4 * step, 0.0), 2: (1.1, 3.0), 3: (0.4 * step, -1.0)}

@@ -19,24 +19,12 @@ from neurosym_jax.evaluation.metrics import METRICS
 from neurosym_jax.evaluation.summary import rows_frame, summarise
 from neurosym_jax.evaluation.tables import format_table
 from tests.repository import ROOT
+from tests.rows import result_row
 
 
 def row(model, scene, ade, checkpoint=None):
-    facts = {
-        "checkpoint": checkpoint,
-        "model": model,
-        "dataset": scene,
-        "obs_len": 8,
-        "pred_len": 8,
-    }
-    counts = {"samples": 20, "seeds": 1, "scenes": 602, "agents": 2253, "blocks": 50}
-    values = {"latency": 0.001, "forecasts_per_second": 1000.0}
-    for name, mean in (("joint_ade", ade), ("collision_rate", 0.05), ("own", None)):
-        ends = (None, None) if mean is None else (mean - 0.01, mean + 0.01)
-        values |= dict(
-            zip((name, f"{name}_low", f"{name}_high", f"{name}_std"), (mean, *ends, None))
-        )
-    return facts | counts | values
+    means = {"joint_ade": ade, "collision_rate": 0.05, "own": None}
+    return result_row(model, scene, means, checkpoint)
 
 
 SCENES = ("eth", "zara1")
@@ -138,7 +126,7 @@ def test_latex_is_well_formed_and_names_are_short():
 
 
 def test_latex_fits_one_column_of_a_paper():
-    """By the widths of Computer Modern's letters: `\\footnotesize` are 8 points, a column 241."""
+    """Widths are of Computer Modern's letters: `\\footnotesize` are 8 points, a column 241."""
     font = FontProperties("cmr10")
 
     def points(text):
@@ -192,7 +180,7 @@ def test_a_table_fits_the_terminal():
 
 
 def test_columns_that_do_not_fit_are_in_further_tables():
-    """As many as fit, at least one: with names of 5 characters ADE and k take 5 + 13 + 4."""
+    """At least one, else as many as fit: with names of 5 characters ADE and k take 5 + 13 + 4."""
     rows = rows_frame([row("SGAN", "eth", 0.3)])
     ade, people, k, rate, delay = every = ["ADE", "in collision", "k", "a second", "in ms"]
     for width, tables in (

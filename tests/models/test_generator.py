@@ -64,15 +64,6 @@ def dense(x, layer):
     return x @ layer["kernel"] + layer["bias"]
 
 
-def lstm_step(lstm, state, x):
-    hidden, cell = state
-    gates = x @ lstm["input_kernel"] + lstm["input_bias"]
-    gates = gates + hidden @ lstm["recurrent_kernel"] + lstm["recurrent_bias"]
-    i, f, g, o = np.split(gates, 4, axis=1)
-    cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
-    return sigmoid(o) * np.tanh(cell), cell
-
-
 def stepped(part, state, x):
     """The state (hidden, cell) after a displacement x, in the encoder or decoder `part`."""
     embedded = dense(x, part["spatial_embedding"])
@@ -80,7 +71,13 @@ def stepped(part, state, x):
         rnn = part["rnn"]
         gate = embedded @ rnn["input_kernel"] + state[0] @ rnn["recurrent_kernel"] + rnn["bias"]
         return np.tanh(gate), state[1]
-    return lstm_step(part["lstm"], state, embedded)
+    hidden, cell = state
+    lstm = part["lstm"]
+    gates = embedded @ lstm["input_kernel"] + lstm["input_bias"]
+    gates = gates + hidden @ lstm["recurrent_kernel"] + lstm["recurrent_bias"]
+    i, f, g, o = np.split(gates, 4, axis=1)
+    cell = sigmoid(f) * cell + sigmoid(i) * np.tanh(g)
+    return sigmoid(o) * np.tanh(cell), cell
 
 
 def unfolded(config, params, scene, noise):

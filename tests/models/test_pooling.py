@@ -127,8 +127,8 @@ def test_only_valid_agents_count(module):
     alone = apply(params, HIDDEN[valid], POSITIONS[valid], np.ones(3, bool))
     assert_allclose(pooled[valid], alone, atol=1e-6)
     assert np.isfinite(pooled).all()
-    everybody = apply(params, HIDDEN, POSITIONS, ALL)
-    assert np.abs(everybody[valid] - alone).max() > 1e-3
+    whole = apply(params, HIDDEN, POSITIONS, ALL)
+    assert np.abs(whole[valid] - alone).max() > 1e-3
     assert np.isfinite(apply(params, HIDDEN, POSITIONS, ~ALL)).all()
 
 

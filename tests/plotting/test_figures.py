@@ -186,7 +186,7 @@ def test_checkpoints_where_they_tell_models_apart(paths, shown):
     assert labels(given) == ["cv", *(f"SGAN {name}".strip() for name in shown)]
 
 
-def test_occupancy_is_the_probability_that_somebody_is_near():
+def test_occupancy_is_the_probability_that_a_person_is_near():
     """Two people at two places each: certain where they stand in all samples."""
     samples = np.zeros((4, 2, 1, 2))
     samples[:, 0] = [2, 0]
@@ -229,7 +229,7 @@ def test_the_title_says_how_many_pairs_are_left_out(people, title):
     assert len(axes.get_yticks()) == min(12, people * (people - 1) // 2)
 
 
-def test_alpha_is_an_arrow_from_who_looks():
+def test_alpha_is_an_arrow_from_the_agent_that_weighs():
     observed = np.zeros((3, 4, 2)) + np.array([[0, 0], [4, 0], [0, 3]])[:, None]
     alpha = np.array([[9, 0.5, 0], [0, 9, 0.04], [0.25, 0, 9]])
     axes, bar = plotting.plot_alpha(observed, alpha).axes

@@ -5,6 +5,7 @@ import json
 import os
 import stat
 import sys
+from unittest import mock
 
 import jax
 import numpy as np
@@ -69,7 +70,7 @@ def test_a_folder_is_there_whole_or_not_at_all(tmp_path):
 
 
 @pytest.mark.parametrize("given", ["", "--xla_cpu_enable_fast_math=false"])
-def test_vectors_are_wide_unless_somebody_said_otherwise(monkeypatch, given):
+def test_vectors_are_wide_unless_the_user_said_otherwise(monkeypatch, given):
     monkeypatch.setenv("MALLOC_ARENA_MAX", "2")  # Leaves this process's memory alone.
     monkeypatch.setenv("XLA_FLAGS", given)
     tune()
@@ -86,11 +87,7 @@ def test_without_a_home_nothing_is_kept(monkeypatch, tmp_path):
     monkeypatch.delenv("XDG_CACHE_HOME")
     monkeypatch.setattr("pathlib.Path.home", lambda: tmp_path)
     assert cache_folder() == tmp_path / ".cache/neurosym_jax"
-
-    def nobody():
-        raise RuntimeError("Could not determine home directory.")
-
-    monkeypatch.setattr("pathlib.Path.home", nobody)
+    monkeypatch.setattr("pathlib.Path.home", mock.Mock(side_effect=RuntimeError))
     assert cache_folder() is None
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
@@ -135,9 +132,3 @@ def test_tasks_have_plugins_and_rows_are_the_same(tmp_path, monkeypatch):
     for result, other in zip(found, evaluate_tests(tests, settings), strict=True):
         for name in ("joint_ade", "joint_ade_low", "joint_ade_high"):
             assert result.row[name] == pytest.approx(other.row[name])
-
-
-def test_no_scheduler():
-    pytest.importorskip("distributed")
-    with pytest.raises(InputError, match="nowhere: no Dask scheduler"), cluster_map("nowhere"):
-        pass

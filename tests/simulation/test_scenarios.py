@@ -48,7 +48,7 @@ def test_people_walk_at_walking_speed_inside_the_room(scenario, people):
         speed = np.linalg.norm(np.diff(path, axis=1), axis=-1) * 10
         assert speed.max() < 1.8
         assert 0.8 < np.median(speed) < 1.35
-        # Turning and waiting is the rest; nobody just stands.
+        # The rest is turning and waiting; no person just stands.
         assert (speed > 0.3).mean() > 0.7
         # No jolts: a person changes velocity by less than 1 m/s within two tenths of a second.
         jolt = np.linalg.norm(path[:, 4:] - 2 * path[:, 2:-2] + path[:, :-4], axis=-1) / 0.2

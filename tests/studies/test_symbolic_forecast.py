@@ -36,10 +36,6 @@ def cases(walkers):
     return make_cases([walkers], 8, 4, SymbolSettings(), EVENTS, most=2000)
 
 
-def prior_of(cases, answer):
-    return {q: np.full(c.shape[1], 1 / c.shape[1]) for q, c, _ in questions(cases, answer)}
-
-
 def test_cases_are_pairs_of_one_window_within_reach(cases):
     assert 300 < len(cases.rows) <= 2400
     last = cases.windows.position[:, 7]
@@ -57,7 +53,8 @@ def test_straight_walkers_are_known_to_constant_velocity(cases):
     assert answer.count == 1
     assert (cases.states == answer.states.argmax(axis=2).T).mean() > 0.999
     np.testing.assert_array_equal(answer.events, cases.after)
-    found = score_answer(cases, answer, prior := prior_of(cases, answer), dict.fromkeys(prior, 1.0))
+    prior = {q: np.full(c.shape[1], 1 / c.shape[1]) for q, c, _ in questions(cases, answer)}
+    found = score_answer(cases, answer, prior, dict.fromkeys(prior, 1.0))
     means = dict(zip(found.scores, found.mean))
     # One sample, and the weight of another that is spread over 81 states.
     p = (1 + 1 / 81) / 2
@@ -81,7 +78,7 @@ def test_a_chain_is_of_probabilities(cases):
     np.testing.assert_allclose(events[:, state], happened, atol=1 / there.sum())
 
 
-def test_everybody_is_scored_on_the_same_questions(cases):
+def test_all_models_are_scored_on_the_same_questions(cases):
     models = {"straight on": baseline("constant_velocity", 8, 4)}
     found = evaluate_symbols(cases, cases, cases, models, samples=1, seed=0)
     metric = Question("state", 4).metric("log")

@@ -24,20 +24,20 @@ def _weightings_of_the_study():
 
 
 def missed(strength):
-    """Metres by which people miss a straight path: with somebody on their path, and without."""
+    """Metres by which people miss a straight path: with another on their path, and without."""
     windows = control(20, 0, strength)
     path = windows.position.reshape(20, PEOPLE, sum(LENGTHS), 2)
     right = make_weighting("on_ones_path")
     acts = np.stack([right(scene[:, : LENGTHS[0]])[..., -1] for scene in path])
-    someone = (acts * ~np.eye(PEOPLE, dtype=bool)).any(axis=2)
+    obstructed = (acts * ~np.eye(PEOPLE, dtype=bool)).any(axis=2)
     step = path[:, :, LENGTHS[0] - 1] - path[:, :, LENGTHS[0] - 2]
     straight = path[:, :, LENGTHS[0] - 1] + step * LENGTHS[1]
     metres = np.linalg.norm(path[:, :, -1] - straight, axis=-1)
-    assert 0.2 < someone.mean() < 0.95
-    return np.median(metres[someone]), np.median(metres[~someone])
+    assert 0.2 < obstructed.mean() < 0.95
+    return np.median(metres[obstructed]), np.median(metres[~obstructed])
 
 
-def test_in_the_control_people_give_way_to_those_who_are_weighed_and_to_nobody_else():
+def test_in_the_control_people_give_way_to_weighed_people_only():
     near, others = missed(1.0)
     weakly, still_others = missed(0.2)
     assert near > 5 * others
@@ -45,7 +45,7 @@ def test_in_the_control_people_give_way_to_those_who_are_weighed_and_to_nobody_e
     assert near / 10 < weakly < near / 2
 
 
-def test_who_interacts_has_somebody_near_who_comes_nearer():
+def test_people_interact_with_a_near_neighbour_that_comes_nearer():
     #          0 and 1 near each other, 2 goes away from 1, 3 is far, 4 is padding
     before = np.array([[0, 0], [1.5, 0], [2.5, 0], [9, 9], [0.5, 0]])
     last = np.array([[0.1, 0], [1.5, 0], [2.6, 0], [9, 9], [0.5, 0]])
@@ -63,14 +63,14 @@ def test_events_are_those_of_the_future():
     def groups(observed):
         scene = pad_scene(make_scene(path[:, :observed], path[:, observed:]), 6)
         found = groups_of(jax.tree.map(lambda leaf: leaf[None], scene))
-        return {name: who[0].tolist() for name, who in found.items()}
+        return {name: valid[0].tolist() for name, valid in found.items()}
 
-    nobody = [False] * 6
+    none = [False] * 6
     assert groups(2)["passing"] == [False, False, True, True, False, False]
-    # Those who passed each other before the future begins do not pass in it.
+    # People that passed each other before the future begins do not pass in it.
     late = groups(8)
     assert late["following"] == [True, True, False, False, False, False]
-    assert late["passing"] == late["overtaking"] == late["crossing"] == nobody
+    assert late["passing"] == late["overtaking"] == late["crossing"] == none
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_answers(tmp_path, mean, spread, says):
     assert found.seeds == 11
     assert found.percent == pytest.approx(100 * (mean / 0.5 - 1), abs=300 * spread)
     assert answer(adjusted([found])[0]) == says
-    assert runs.compare("zara2", "new", "nobody") is None
+    assert runs.compare("zara2", "new", "absent") is None
 
 
 def test_an_arm_with_too_many_dead_networks_answers_nothing(tmp_path):

@@ -29,7 +29,7 @@ def grid_walks(pairs, steps=7, unit=0.125, seed=0):
 
 
 def unit_steps():
-    """(k, l), each [81, 2, 2] lists: two who are 4 m apart take every step of a king in chess."""
+    """(k, l), each [81, 2, 2] lists: two people 4 m apart take every step of a king in chess."""
     steps = list(itertools.product((-1, 0, 1), repeat=2))
     pairs = [
         ([[0, 0], [vx, vy]], [[4, 0], [4 + wx, wy]])

@@ -60,7 +60,7 @@ def test_pairs_origin_and_compilation_change_nothing(crowd):
 
 def test_a_threshold_in_metres_per_second_holds_at_every_period():
     walk = np.zeros((1, 2, 40, 2))
-    walk[0, 0, :, 0] = 0.3 * 0.1 * np.arange(1, 41)  # 0.3 m/s at 10 Hz, towards somebody 9 m off.
+    walk[0, 0, :, 0] = 0.3 * 0.1 * np.arange(1, 41)  # 0.3 m/s at 10 Hz, towards a person 9 m off.
     walk[0, 1, :, 0] = 9
     observed = np.array([[[0.0, 0]], [[9, 0]]])
     for speed, towards in ((0.25, 1.0), (0.35, 0.0)):
@@ -72,14 +72,14 @@ def test_a_threshold_in_metres_per_second_holds_at_every_period():
 
 
 def both(k, l, steps=8):
-    """Samples [1, 2, T, 2] and observed [2, 1, 2] of two who walk straight, m and m/s."""
+    """Samples [1, 2, T, 2] and observed [2, 1, 2] of two people that walk straight, m and m/s."""
     t = STEP * np.arange(steps + 1)[:, None]
     paths = np.stack([np.array(at) + t * np.array(speed) for at, speed in (k, l)])
     return paths[None, :, 1:], paths[:, :1]
 
 
 CASES = {
-    # Of an event (k, l), and the seconds at which it happens: at the end of the first step on which
+    # An event (k, l), and the seconds at which it happens: at the end of the first step on which
     # the new symbol exceeds its threshold.
     "approaches": ((((0, 0), (1, 0)), ((9, 0), (0, 0))), 1.2),
     "passes_left": ((((0, 0), (1, 0)), ((1.5, 1), (0, 0))), 2.0),

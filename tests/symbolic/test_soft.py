@@ -72,7 +72,7 @@ def test_probabilities_fade_over_a_temperature_and_ties_are_half_and_half():
         np.testing.assert_allclose(towards[0], 1 / (1 + np.exp(-odds)), rtol=1e-9)
         np.testing.assert_allclose(towards[2], 1 / (1 + np.exp(10 + odds)), rtol=1e-9)
     np.testing.assert_allclose(soft(np.array([[0.0, 0], [0, 1]]), l, 0.01)[0, 3], [0.5, 0, 0.5])
-    stands = soft(l, l, 0.01, 0.05)[0]  # Two who stand on one spot.
+    stands = soft(l, l, 0.01, 0.05)[0]  # Two people on one spot.
     np.testing.assert_allclose(stands[:, 1], np.tanh(0.05 / 0.01 / 2))
 
 
@@ -99,7 +99,7 @@ def test_expected_weights_are_sums_over_all_states():
     np.testing.assert_allclose(soft_alpha(draw), of_state @ alpha_table(), rtol=1e-12)
     table = np.random.default_rng(1).normal(size=81)
     np.testing.assert_allclose(soft_alpha(draw, table), of_state @ table, rtol=1e-12)
-    # Of certain symbols what the table says, exactly.
+    # For certain symbols what the table says, exactly.
     states = np.random.default_rng(0).integers(-1, 2, (40, 4))
     certain = soft_alpha(np.eye(3)[states + 1], table)
     np.testing.assert_array_equal(certain, table[encode_state(states)])
@@ -116,7 +116,7 @@ def random_pairs(count, seed=0):
     l[kind == 3, 0] = k[kind == 3, 0]  # start on one spot,
     l[kind == 4] = k[kind == 4]  # are one and the same,
     l[kind == 5, 0] = k[kind == 5, 1]  # k steps onto l,
-    k[kind == 6] = l[kind == 6] = 0  # or nobody is anywhere.
+    k[kind == 6] = l[kind == 6] = 0  # all are at the origin.
     k[kind == 7, :, 1] = l[kind == 7, :, 1] = 1  # All on one line.
     k[kind == 8, 1] = k[kind == 8, 0] + [1e-9, 0]  # Hardly a step.
     return k, l
@@ -124,7 +124,7 @@ def random_pairs(count, seed=0):
 
 @pytest.mark.parametrize("convention", ["distance", "line"])
 def test_gradients_are_finite_differences(convention):
-    """Of alpha, in all coordinates, the temperature and the threshold, of 10,000 pairs."""
+    """Derivatives of alpha by all coordinates, the temperature and the threshold, 10,000 pairs."""
     pairs = np.stack(random_pairs(10_000), axis=1).reshape(-1, 8)
     settings = np.broadcast_to([0.1, 0.15], (len(pairs), 2))
     inputs = np.concatenate([pairs, settings], axis=1)

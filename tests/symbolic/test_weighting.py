@@ -85,7 +85,7 @@ def test_quantised_symbols_are_zero_up_to_five_centimetres():
 @example(seed=481, agents=2)
 @example(seed=0, agents=1)
 def test_neither_padding_nor_order_changes_a_weight(weighting, seed, agents):
-    """And an agent alone weighs nothing."""
+    """An agent alone weighs nothing."""
     draw = np.random.default_rng(seed)
     positions = walks(9, seed) + draw.normal(0, 0.1, (9, 8, 2)).astype(np.float32)
     slots = draw.permutation(9)[:agents]

@@ -15,6 +15,7 @@ from neurosym_jax.training.checkpoints import sole_writer
 from neurosym_jax.training.loop import train_run
 from neurosym_jax.training.run import model_card, start_of
 from neurosym_jax.training.stream import SceneStream
+from tests.rows import result_row
 
 
 @pytest.fixture
@@ -61,12 +62,11 @@ def test_what_a_run_leaves(run, done, tmp_path):
     known = "seed", "jax", "threads", "code", facts["data"]["training"][:16]
     assert all(name in text for name in (f"{best['val_ade']:.3f}", *known))
     metrics = {"joint_ade": 0.25, "collision_rate": 0.031, "of_a_plugin": 1.5}
-    row = {"checkpoint": "here", "model": "SGAN", "dataset": "zara1", "samples": 20, **metrics}
-    row |= {f"{name}_{of}": None for name in metrics for of in ("low", "high", "std")}
-    row |= {"obs_len": 4, "pred_len": 3, "seeds": 1, "scenes": 9, "agents": 20, "blocks": 3}
-    row |= {"latency": 0.001, "forecasts_per_second": 1000.0}
+    rows = [
+        result_row("SGAN", "zara1", metrics, "here", half=None),
+        result_row("constant velocity", "zara1", metrics | {"joint_ade": 0.5}, half=None),
+    ]
     folder = shutil.copytree(done / "model", tmp_path / "model")
-    rows = [row, {**row, "checkpoint": None, "model": "constant velocity", "joint_ade": 0.5}]
     replace_card(folder, model_card(facts, rows))
     text = (load_model(folder) and folder / "README.md").read_text()
     assert "| zara1 | SGAN | 20 | 0.250 | 3.1 % | 1.500 |" in text

@@ -19,6 +19,7 @@ from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.training.recipe import model_name
 from neurosym_jax.training.sweep import compare_sweep, unfinished, write_errors
+from tests.rows import result_row
 
 CHOSEN = sweep.Options(weighting=("cnd", "ones"), dataset=("cross-path",), seed=(0, 1))
 
@@ -53,41 +54,44 @@ def test_a_sweep_is_finished_once_and_reports_what_failed(files, tmp_path, monke
     how |= {"model": ("sgan",), "pooling": ("none",), "weighting": (), "pred_len": (4,)}
     how |= {"data": files, "dataset": ("check",), "out": tmp_path / "sweep"}
     monkeypatch.setattr("neurosym_jax.commands._options.loaded", list)  # Other tests' plugins.
-    # One job, so that the second run finds the first one's compiled programs.
     chosen = dataclasses.replace(CHOSEN, jobs=1, **how)
-    first, second = plan_runs(chosen)[1]
+    with monkeypatch.context() as patched:
+        patched.setattr("neurosym_jax.training.sweep._train", lambda run: "no memory")
+        with pytest.raises(InputError, match="no run was finished"):
+            run(chosen)
+    assert capsys.readouterr().err.count("_seed1: no memory\n") == 1
+
+    source, (first, second) = plan_runs(chosen)
     (deadly := tmp_path / "deadly.py").write_text("import os\nos.kill(os.getpid(), 9)")
     killed = first._replace(options=f"{first.options}plugin: {deadly}\n")
     with monkeypatch.context() as patched:
-        patched.setattr(sweep, "plan_runs", lambda _: (None, [killed]))
-        with pytest.raises(InputError, match="no run was finished"):
-            run(chosen)
-    assert capsys.readouterr().err.count("status -9") == 1
-
-    assert run(chosen) == 0
+        patched.setattr(sweep, "plan_runs", lambda _: (source, [killed, second]))
+        assert run(chosen) == 1
+    assert capsys.readouterr().err.count("_seed0: status -9") == 1
     assert (chosen.out / "sweep.yaml").read_text() == options_text(chosen)
     rows = json.loads((chosen.out / "sweep.json").read_text())["rows"]
-    trained = [row for row in rows if row["training_seed"] is not None]
-    assert [row["model"] for row in rows[:2]] == ["constant velocity", "constant velocity, sampled"]
-    assert [row["training_seed"] for row in trained] == [0, 1]
-    assert len({row["joint_ade"] for row in trained}) == 2
-    table = (chosen.out / "sweep.md").read_text()
-    assert "SGAN, no pooling (2 trainings) | 20 |" in table
+    assert [(row["model"], row["training_seed"]) for row in rows] == [
+        ("constant velocity", None),
+        ("constant velocity, sampled", None),
+        ("SGAN, no pooling", 1),
+    ]
+    assert "SGAN, no pooling | 20 |" in (chosen.out / "sweep.md").read_text()
     card = (second.folder / "model" / "README.md").read_text()
     assert "| check | SGAN, no pooling | 20 |" in card
     assert "threads | 1" in card
 
-    # Nothing is trained again.
-    monkeypatch.setattr("neurosym_jax.training.sweep.subprocess", None)
-    capsys.readouterr()
-    assert run(chosen) == 0
-    assert "2 runs, 2 of them finished before" in capsys.readouterr().out
-    run(dataclasses.replace(chosen, dry_run=True, seed=(1, 2)))
+    # The finished run is not trained again.
+    again = []
+    monkeypatch.setattr("neurosym_jax.training.sweep._train", again.append)
+    only = dataclasses.replace(chosen, seed=(1,))
+    assert (run(only), again) == (0, [])
+    assert "1 runs, 1 of them finished before" in capsys.readouterr().out
+    run(dataclasses.replace(only, dry_run=True, seed=(1, 2)))
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["finished", "left"]
     for changes in ({"steps": 50}, {"period": 0.5}):
         with pytest.raises(InputError, match="the run had other options: choose another --out"):
-            run(dataclasses.replace(chosen, **changes))
+            run(dataclasses.replace(only, **changes))
 
 
 METRICS = ("joint_ade", "joint_fde", "marginal_ade", "marginal_fde")
@@ -99,19 +103,14 @@ def folder(tmp_path):
     """A sweep of three models of which one is 9 cm better than the others, on two test sets."""
     draw = np.random.default_rng(0)
     rows, errors = [], []
-    about = {"blocks": 4, "obs_len": 8, "pred_len": 8, "samples": 20, "seeds": 1}
-    about |= {"latency": 0.001, "forecasts_per_second": 1000.0}
     cases = itertools.product(BETTER, (("eth", 70), ("zara1", 160)), range(3))
     for model, (scene, count), seed in cases:
         each = 0.5 - BETTER[model] + draw.normal(0, 0.02, (count, 4)) + draw.normal(0, 0.004)
         identity = np.stack([np.zeros(count), np.arange(count)], 1).astype(np.uint32)
         scores = {name: Score(3 * of, np.full(count, 3.0)) for name, of in zip(METRICS, each.T)}
         errors.append(ErrorsByScene(scores, identity, 16))
-        means = zip(METRICS, errors[-1].mean.tolist())
-        values = {f"{m}{of}": v for m, v in means for of in ("", "_low", "_high", "_std")}
-        row = {"model": model, "dataset": scene, "scenes": count, "agents": 3 * count}
-        name = {"checkpoint": f"{model}_{scene}_{seed}", "training_seed": seed}
-        rows.append({**about, **row, **values, **name})
+        means, name = dict(zip(METRICS, errors[-1].mean.tolist())), f"{model}_{scene}_{seed}"
+        rows.append(result_row(model, scene, means, name, training_seed=seed))
     constant = {"model": "constant velocity", "checkpoint": None, "training_seed": None}
     rows.insert(0, {**rows[0], **constant})
     errors.insert(0, errors[0])
