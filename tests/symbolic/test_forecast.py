@@ -9,9 +9,15 @@ import pytest
 
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.events import EVENTS, Event, register_event
-from neurosym_jax.symbolic.forecast import symbolic_events, symbolic_forecast
+from neurosym_jax.symbolic.forecast import (
+    SymbolSettings,
+    forecast_rows,
+    format_pairs,
+    symbolic_events,
+    symbolic_forecast,
+)
 from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import all_states
+from neurosym_jax.symbolic.states import all_states, state_texts
 
 STEP, OBSERVED = 0.4, 3
 
@@ -102,6 +108,39 @@ def test_an_event_happens_when_it_should_and_not_in_the_mirror(name):
     other = {"passes_left": "passes_right", "passes_right": "passes_left"}.get(name, name)
     again = symbolic_events(*both(*mirrored), events=(other,), smoothing=0.0)
     np.testing.assert_allclose(again.seconds[0, 0, 1], seconds, atol=1e-5)
+
+
+ALMOST = [
+    ("passes_left", ((0, 0), (1, 0)), ((1.5, 0), (0, 0))),  # Neither left nor right.
+    ("passes_right", ((0, 0), (1, 0)), ((1.5, 0), (0, 0))),
+    ("crosses_before", ((1, -0.3), (0.94, 0.34)), ((0, 0), (1, 0))),  # At 20 degrees.
+    ("follows", ((0, 0), (1, 0)), ((2, 0.2), (0.5, 0.87))),  # 60 degrees apart.
+    ("follows", ((0, 0), (1, 0)), ((2, 0.2), (0.1, 0))),  # Slower than 0.125 m/s: stands.
+]
+
+
+@pytest.mark.parametrize(("name", "k", "l"), ALMOST)
+def test_an_event_does_not_happen_where_a_condition_is_just_missed(name, k, l):
+    assert float(symbolic_events(*both(k, l), events=(name,), smoothing=0.0).probability.max()) == 0
+
+
+def test_tables_of_pairs(crowd):
+    people = np.array([7, 3, 9, 5])
+    rows = forecast_rows(*crowd, people, SymbolSettings())
+    shares = [[event["probability"] for event in row["events"].values()] for row in rows]
+    assert [max(each) for each in shares] == sorted(map(max, shares), reverse=True)
+    found = {(row["k"], row["l"]): each for row, each in zip(rows, shares)}
+    wanted = symbolic_events(*crowd).probability[:, 2, 1]
+    np.testing.assert_allclose(found[9, 3], wanted, atol=5.1e-5)
+    assert rows[0]["states"][0]["probability"] == round(rows[0]["states"][0]["probability"], 4)
+    codes = np.zeros((2, 2, 3), int)
+    codes[0, 1] = [1, 1, 2]
+    lines = format_pairs(codes, people[:2], 0.4).splitlines()
+    texts = state_texts()
+    assert [line.split() for line in lines] == [
+        ["pair", "(k,", "l)", "s", "0.4", "0.8", "1.2"],
+        ["(7,", "3)", texts[1], ".", texts[2]],
+    ]
 
 
 def test_what_does_not_happen_has_no_time():

@@ -149,6 +149,8 @@ def test_states_have_codes_rows_and_texts():
     for calculus in literal.CALCULI:
         rows = all_states(calculus)
         np.testing.assert_array_equal(state_index(calculus, jnp.asarray(rows)), range(len(rows)))
+        with pytest.raises(ValueError, match="read-only"):  # It is shared by all callers.
+            rows[0, 0] = 1
     assert format_state(np.array([-1, 0, 1, -1])) == "- 0 + -"
     assert format_state(np.array([-1, 0, ABSENT, ABSENT]), ",") == "-,0"
 

@@ -87,6 +87,10 @@ def test_straight_through_is_hard_with_soft_gradients():
     def total(k, factor, **kind):
         return (soft(k, l, **how | kind | {"factor": factor}) * weights[None, None]).sum()
 
+    # Any leading axes.
+    split = [each.reshape(20, 10, *each.shape[1:]) for each in (k, l)]
+    np.testing.assert_array_equal(soft(*split, **how).reshape(through.shape), soft(k, l, **how))
+
     gradient = jax.grad(total, argnums=(0, 1))
     for found, wanted in zip(gradient(k, 0.1, straight_through=True), gradient(k, 0.1)):
         np.testing.assert_allclose(found, wanted, rtol=1e-9)

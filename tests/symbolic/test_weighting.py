@@ -14,7 +14,7 @@ from neurosym_jax.configuration import Positive, component
 from neurosym_jax.errors import InputError
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import alpha_table, encode_state
-from neurosym_jax.symbolic.weighting import Weighting, initial_parameters
+from neurosym_jax.symbolic.weighting import Weighting, initial_parameters, is_constant
 from neurosym_jax.symbolic.weightings import (
     WEIGHTINGS,
     Cnd,
@@ -70,6 +70,15 @@ def test_ones_and_zeros():
     for name, pairs in (("ones", np.outer(valid, valid)), ("zeros", np.diag(valid))):
         wanted = pairs[..., None] * np.ones(8)
         np.testing.assert_array_equal(alpha_of(walks(3), valid, name), wanted)
+
+
+def test_what_is_constant():
+    alpha = np.ones((3, 3, 4))
+    alpha[..., 0], alpha[[0, 1, 2], [0, 1, 2]] = 0.5, 2
+    assert is_constant(alpha)
+    alpha[0, 2, 3] = 0.9
+    assert not is_constant(alpha)
+    assert not is_constant(alpha[:1, :1])
 
 
 def test_quantised_symbols_are_zero_up_to_five_centimetres():
