@@ -24,6 +24,7 @@ from neurosym_robot import (
     View,
     load_models,
 )
+from neurosym_robot.dashboard.dashboard import Newest
 from neurosym_robot.dashboard.foxglove_view import FoxgloveView
 from neurosym_robot.online.pairs import AT_LEAST
 from neurosym_robot.online.predictor import When
@@ -161,8 +162,11 @@ class NodeOptions(LiveOptions):
             signal.signal(number, lambda *_: node.stopped.set())
         with contextlib.ExitStack() as stack:
             stack.callback(node.close)
-            for view in self.views(node.predictor, self.name, node.source):
-                node.views.append(stack.enter_context(contextlib.closing(view)))
+            shown = self.views(node.predictor, self.name, node.source)
+            views = [stack.enter_context(contextlib.closing(view)) for view in shown]
+            if views:
+                node.views.append(stack.enter_context(contextlib.closing(Newest(views))))
+            for view in views:
                 node.report(f"{view.title} {view.where}")
             node.run()
             node.analytics.finish()

@@ -16,6 +16,7 @@ from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.errors import InputWarning
 from neurosym_robot import Analytics, Predictor, ReplayFile, Status, View, read_frames, replay
 from neurosym_robot.commands._live_options import LiveOptions
+from neurosym_robot.dashboard.dashboard import Newest
 from neurosym_robot.ros.definitions import is_bag
 from neurosym_robot.ros.forecasting_node import ForecastBag
 from neurosym_robot.ros.people import REACH, PeopleSource
@@ -79,6 +80,9 @@ def run(options: Options) -> None:
         written = [files.enter_context(closing(view)) for view in options.files(*what)]
         live = [stack.enter_context(closing(view)) for view in options.views(*what)]
         told = [f"{view.title} {view.where}" for view in live]
+        # In real time a page shows what is newest; a file, or a page that waits, has every frame.
+        if live and rate != "max" and not isinstance(options.foxglove, Path):
+            live = [stack.enter_context(closing(Newest(live)))]
         events = replay(
             frames,
             predictor,

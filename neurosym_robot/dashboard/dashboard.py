@@ -15,6 +15,7 @@ import os
 import secrets
 import socket
 import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
@@ -42,6 +43,7 @@ HEARTBEAT = 5.0  # seconds of silence after which a reader is written to, to see
 BUFFER = 2**18  # bytes on the way to a reader; by itself the system would let megabytes pile up
 BATCH = 64  # events that a reader takes at once, and so what it may hold that the stream has let go
 KEPT = 32 * 2**20  # bytes of the newest events
+SHOW = 0.02  # seconds at least between two moments of a live page
 TABS = 16  # connections of one address at once
 HEADERS = {
     "Cache-Control": "no-store",
@@ -177,6 +179,40 @@ class View:
 
     def close(self) -> None:
         """Stop showing."""
+
+
+class Newest(View):
+    """Shows what is newest in other views, in a thread of its own: they hold nothing up."""
+
+    def __init__(self, views: Sequence[View]):
+        """Begin the thread."""
+        self._views, self._ended = views, threading.Event()
+        self._shown: Any = None
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
+        """Show the frame soon, unless a newer one comes before."""
+        self._shown = event, now
+
+    def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
+        """Show the newest frame, and end the views."""
+        self.close()
+        for view in self._views:
+            view.end(score, scored)
+
+    def close(self) -> None:
+        """End the thread; the views stay open."""
+        self._ended.set()
+        self._thread.join()
+
+    def _work(self) -> None:
+        last, ended = None, False
+        while not ended:
+            ended, shown = self._ended.wait(SHOW), self._shown
+            for view in self._views if shown is not last else ():
+                view.show(*shown)
+            last = shown
 
 
 class Page(View):

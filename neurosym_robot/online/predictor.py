@@ -5,6 +5,7 @@ index of its first step, whether frames come live or from a file.
 """
 
 import dataclasses
+import gc
 import re
 import threading
 import time
@@ -28,7 +29,8 @@ GRACE = 1.0  # seconds waited for the end of a future, for people lost for a mom
 When = Literal["start", "needed", "meanwhile"]
 """When programs are compiled: at the start; or each when it is needed, for a recording, which
 waits; or, on a robot, meanwhile in a thread, first the one that the people present need. Until it
-is ready, fewer of them are forecast."""
+is ready, fewer of them are forecast. Streams do not wait for Python's garbage collector, either: it
+leaves out what there is after compiling, or its collections take 0.2 s at times."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -231,28 +233,35 @@ class Programs:
         self.add(self._note)
 
     def add(self, use: Use) -> None:
-        """Compile what computes something of a forecast by doing so, unless on need only."""
-        tasks = [(size, use) for size in self.sizes]
-        if self._when == "start":
-            for task in tasks:
-                self._compile(*task)
-        elif self._when == "meanwhile":
-            with self._lock:
-                self._tasks += tasks
-                begin, self.waiting = not self.waiting, True
-            if begin:
-                # Not a daemon: a process that ends while XLA compiles would crash.
-                threading.Thread(target=self._work).start()
+        """Compile what computes something of a forecast by doing so, or begin to."""
+        with self._lock:
+            self._tasks += [(size, use) for size in self.sizes]
+            begin = self._when == "meanwhile" and not self.waiting
+            self.waiting |= begin
+        if begin:
+            # Not a daemon: a process that ends while XLA compiles would crash.
+            threading.Thread(target=self._work).start()
+        elif self._when == "start":
+            for size in self.sizes:
+                self._compile_now(size)
 
     def fit(self, people: int) -> int:
         """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""
         wanted = next((size for size in self.sizes if size >= people), self.sizes[-1])
-        if self._when == "needed" and wanted not in self._ready:
-            self._compile(wanted, self._note)
+        if self._when == "needed" and self._compile_now(wanted):
+            _settle()
         with self._lock:
             self._wanted = wanted
             largest = max(self._ready, default=0)
             return min((size for size in self._ready if size >= wanted), default=largest)
+
+    def _compile_now(self, size: int) -> bool:
+        """Compile what is not compiled yet for so many people; whether there was anything."""
+        tasks = [task for task in self._tasks if task[0] == size]
+        for task in tasks:
+            self._tasks.remove(task)
+            self._compile(*task)
+        return bool(tasks)
 
     def _compile(self, size: int, use: Use) -> None:
         if size not in self._ready:
@@ -269,9 +278,15 @@ class Programs:
             with self._lock:
                 if not self._tasks:
                     self.waiting = False
+                    _settle()
                     self._report("everything is compiled")
                     return
                 first = self._wanted, self._note
                 task = min(self._tasks, key=lambda each: (each != first, each[1] != first[1]))
                 self._tasks.remove(task)
             self._compile(*task)
+
+
+def _settle() -> None:
+    gc.collect()
+    gc.freeze()

@@ -50,6 +50,7 @@ class Status:
         self._least = math.inf  # least age of a frame that arrived
         self._offset_said = self._alarmed = False
         self._ages: collections.deque[float] = collections.deque(maxlen=AGES)
+        self._oldest = -math.inf  # greatest age of a forecast
         self._arrivals: collections.deque[float] = collections.deque(maxlen=ARRIVALS)
         self.skipped = 0
         """Frames that were observed but not forecast, because a newer one waited."""
@@ -87,6 +88,7 @@ class Status:
     def published(self, age: float, skipped: int = 0) -> None:
         """Note the age of a forecast, and how many older frames it left without one."""
         self._ages.append(age)
+        self._oldest = max(self._oldest, age)
         self.skipped += skipped
 
     def look(self) -> None:
@@ -161,8 +163,8 @@ class Status:
 
     def _ages_in_words(self, now: Mapping[str, Any]) -> str:
         offset = f", of which {self.offset:.1f} s are a constant offset" if self.offset else ""
-        text = f"age of information p50 {now['p50']} ms, p99 {now['p99']} ms{offset}"
-        return text if self._ages else ""
+        most = f"{now['p50']} ms, p99 {now['p99']} ms, at most {1e3 * self._oldest:.1f} ms"
+        return f"age of information p50 {most}{offset}" if self._ages else ""
 
 
 def _listed(counts: Mapping[str, int], title: str = "") -> str:

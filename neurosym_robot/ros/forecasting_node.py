@@ -37,7 +37,6 @@ from neurosym_robot.tracking.following import Frame
 from neurosym_robot.tracking.stitching import OnlineStitcher
 
 DIAGNOSE = 1.0  # seconds between messages on /diagnostics
-SHOW = 0.02  # seconds at least between two moments of the page
 WAITING = 32  # messages of people that wait; of more the oldest are left out
 SPARSE = 0.1  # seconds between messages that wait once there are half as many
 LAST = 2.0**31 - 1000  # seconds: ROS counts in 32 bits, and forecasts lie ahead
@@ -143,13 +142,12 @@ class ForecastingNode(abc.ABC):
         )
         self.stopped = threading.Event()
         self.views: list[View] = []
-        """Show what is forecast, if set before `run`."""
+        """Show every forecast before the next; slow ones through `Newest`."""
         self.status = Status(
             predictor, self.analytics, report, status, stale_after, self._counts, self._now
         )
         self._waiting: collections.deque[Any] = collections.deque(maxlen=WAITING)
         self._changed = threading.Condition()
-        self._shown: Any = None  # what the page shows next
         self._diagnosed = 0.0
         self._forecasts = [
             (model, kind, make, self._advertise(topic, kind))
@@ -178,7 +176,6 @@ class ForecastingNode(abc.ABC):
 
     def run(self) -> None:
         """Forecast until the node is stopped."""
-        threading.Thread(target=self._show, daemon=True).start()
         while not self.stopped.is_set():
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting, 0.2)
@@ -206,8 +203,8 @@ class ForecastingNode(abc.ABC):
             self.status.published(self._now() - event.frame.stamp, event.skipped)
         for done in self.analytics.add(event.forecast):
             self._truth.publish(truth_message, self._new, done, *common)
-        if self.views:
-            self._shown = event, self.status.now()
+        for view in self.views:
+            view.show(event, self.status.now())
 
     def _read(self, kind: str, message: Any, publisher: str, received: float) -> Frame | None:
         """The frame of a message, with mended ids; None if it is left out."""
@@ -233,15 +230,6 @@ class ForecastingNode(abc.ABC):
         for person, id in zip(message.people, frame.ids.tolist()):
             person.name = str(id)
         return message
-
-    def _show(self) -> None:
-        """Show what is newest, in a thread of its own: the views hold nothing up."""
-        last = None
-        while not self.stopped.wait(SHOW):
-            shown = self._shown
-            for view in self.views if shown is not last else ():
-                view.show(*shown)
-            last = shown
 
     def _counts(self) -> dict[str, int]:
         """Counts of what was wrong with the stream, beside the predictor's health."""

@@ -108,10 +108,11 @@ def inner():
     made = mock.MagicMock()
     made.return_value.status.table.return_value = made.return_value.table.return_value = ""
     names = ("load_models", "Predictor", "PeopleSource", "OnlineStitcher")
-    views = ("Dashboard", "FoxgloveView", "Moments")
+    views = ("Dashboard", "FoxgloveView", "Moments", "Newest")
     shared: dict[str, Any] = {f"{C}._live_options.{name}": made for name in (*names, *views)}
     shared[f"{C}._live_options.signal.signal"] = None
-    of_replay = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "threading.Event")
+    of_replay = ("Analytics", "Status", "replay", "ForecastBag", "ReplayFile", "Newest")
+    of_replay += ("threading.Event",)
     of_ros2 = ("import_rclpy", "message_type", "ForecastNode")
     mended = SimpleNamespace(tracks=SimpleNamespace(id=np.ones(1)), before=1, joined=0, ghosts=0)
     return {

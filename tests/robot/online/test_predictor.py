@@ -108,12 +108,16 @@ def test_nothing_compiles_after_the_start_and_crowds_are_reported(model):
 def test_a_recording_waits_for_programs_that_it_needs(model):
     said: list[str] = []
     predictor = Predictor(model(), samples=2, max_people=40, compile="needed", report=said.append)
+    used, frozen = [], gc.get_freeze_count()
+    predictor.programs.add(lambda forecast: used.append(len(forecast.ids)))
     assert not said
     ids = np.arange(10)
     for n in range(4):
         forecast = predictor.push(n * 0.4, ids, np.stack([ids, ids + n * 0.4], 1))
     assert len(forecast.ids) == 10
     assert said == ["compiling for up to 16 people (3 of 5)"]
+    assert used == [16]
+    assert gc.get_freeze_count() > frozen + 1000
     assert forecast.latency < 0.5
     assert predictor.waited > forecast.latency
 
@@ -131,6 +135,7 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
                 event.set()
                 (hold if size == 4 else go).wait(20)
 
+    frozen = gc.get_freeze_count()
     predictor = Predictor(model(), samples=2, max_people=12, compile="meanwhile", report=report)
     ids = np.arange(10)
 
@@ -151,6 +156,7 @@ def test_a_robot_does_not_wait_and_says_who_does(model):
     assert set(forecast.dropped.values()) == {"compiling"}
     go.set()
     wait(lambda: said[-1] == "everything is compiled")
+    assert gc.get_freeze_count() > frozen + 1000
     forecast = push(5)
     assert len(forecast.ids) == 10
     (result,) = forecast.models.values()

@@ -5,10 +5,13 @@ import importlib.util
 import io
 import json
 import math
+import re
 import time
 from collections import defaultdict
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -17,6 +20,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation.scenarios import TrackerFaults, simulate
 from neurosym_robot.commands import replay as command
+from neurosym_robot.commands._live_options import NodeOptions
+from neurosym_robot.dashboard.dashboard import View
 from neurosym_robot.online.replay import replay
 from neurosym_robot.ros import messages
 from neurosym_robot.ros.bags import BagWriter, read_messages, read_people
@@ -128,6 +133,52 @@ def test_stitched_people_are_written_under_their_mended_ids(folder, tmp_path, ca
         with options["foxglove"].open("rb") as file:
             counts = reader.make_reader(file).get_summary().statistics.channel_message_counts
         assert list(counts.values()).count(141) == 2  # Scenes and numbers, beside events.
+
+
+class Slow(View):
+    """Takes long to show a frame."""
+
+    title = where = "slow"
+
+    def __init__(self, seconds: float):
+        self.seconds, self.stamps, self.ends = seconds, [], 0
+
+    def show(self, event, now):
+        time.sleep(self.seconds)
+        self.stamps.append(event.frame.stamp)
+
+    def end(self, score, scored=()):
+        self.ends += 1
+
+
+def test_a_slow_view_delays_no_frame_in_real_time_and_has_every_one_otherwise(
+    folder, monkeypatch, capsys
+):
+    frames = [frame.stamp for frame in read_people(folder / "run")]
+    for rate, seconds in ((40, 0.3), ("max", 0.0)):
+        slow = Slow(seconds)
+        monkeypatch.setattr(command.Options, "views", lambda *_, slow=slow: [slow])
+        began = time.monotonic()
+        run(recording=folder / "run", model=MODELS[:1], rate=rate)
+        assert rate == "max" or slow.seconds * len(frames) > time.monotonic() - began
+        assert (slow.stamps[-1], slow.ends) == (frames[-1], 1)
+        assert (slow.stamps == frames) == (rate == "max")
+        words = re.search(r"p99 ([\d.]+) ms, at most ([\d.]+) ms", capsys.readouterr().out)
+        assert words
+        assert 0 < float(words[1]) <= float(words[2]) < 4e3
+
+
+def test_slow_views_do_not_hold_a_node_up(monkeypatch):
+    slow, options = Slow(0.2), NodeOptions(model=MODELS)
+    monkeypatch.setattr(NodeOptions, "views", lambda *_: [slow])
+    monkeypatch.setattr("signal.signal", lambda *_: None)
+    node: Any = mock.MagicMock(views=[])
+    frames = [SimpleNamespace(frame=SimpleNamespace(stamp=n)) for n in range(50)]
+    node.run = lambda: [view.show(frame, {}) for frame in frames for view in node.views]
+    began = time.monotonic()
+    options.forecast(node)
+    assert time.monotonic() - began < 2
+    assert slow.stamps[-1] == 49
 
 
 @pytest.mark.parametrize("name", TOPICS)
