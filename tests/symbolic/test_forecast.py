@@ -104,6 +104,8 @@ def test_an_event_happens_when_it_should_and_not_in_the_mirror(name):
     found = symbolic_events(*both(*ways), events=(name,), smoothing=0.0)
     assert float(found.probability[0, 0, 1]) == 1
     np.testing.assert_allclose(found.seconds[0, 0, 1], seconds, atol=1e-5)
+    if name in ("follows", "overtakes"):  # Not the other way round.
+        assert float(found.probability[0, 1, 0]) == 0
     mirrored = [tuple((x, -y) for x, y in way) for way in ways]
     other = {"passes_left": "passes_right", "passes_right": "passes_left"}.get(name, name)
     again = symbolic_events(*both(*mirrored), events=(other,), smoothing=0.0)
@@ -152,12 +154,12 @@ def test_what_does_not_happen_has_no_time():
 
 
 def test_times_are_the_quartiles_over_the_samples_in_which_it_happens():
-    starts = [2.0, 2.4, 2.8, 3.2, 9.0]
-    parts = [both(((0, 0), (0, 0)), ((x + 0.1, 0), (-1, 0))) for x in starts]
+    starts = [2.0, 2.4, 2.8, 3.2, 3.6, 4.0, 4.4, 4.8, 9.0]
+    parts = [both(((0, 0), (0, 0)), ((x + 0.1, 0), (-1, 0)), steps=12) for x in starts]
     samples, observed = np.concatenate([p[0] for p in parts]), np.array([[[0.0, 0]], [[9, 0]]])
     found = symbolic_events(samples, observed, events=("meets",))
-    np.testing.assert_allclose(found.probability[0, 0, 1], (4 + 0.5) / 6)
-    np.testing.assert_allclose(found.seconds[0, 0, 1], [0.4 * 3, 0.4 * 4, 0.4 * 5], atol=1e-5)
+    np.testing.assert_allclose(found.probability[0, 0, 1], (8 + 0.5) / 10)
+    np.testing.assert_allclose(found.seconds[0, 0, 1], [0.4 * 4, 0.4 * 6, 0.4 * 8], atol=1e-5)
 
 
 @mock.patch.dict(EVENTS)
