@@ -181,7 +181,7 @@ def refuse_masked(arrays: Mapping[str, Any]) -> None:
         InputError: naming the first.
     """
     for name, values in arrays.items():
-        if np.ma.is_masked(values):
+        if any(map(np.ma.is_masked, values if isinstance(values, list | tuple) else (values,))):
             raise InputError(f"{name}: some values are masked; leave out these agents")
 
 

@@ -85,6 +85,7 @@ def test_refused(observed, future, message):
     "read",
     [
         lambda masked: make_scene(WORLD, extras={"group": masked[:, 0, 0]}),
+        lambda masked: make_scene(list(masked)),
         lambda masked: make_tracks("walk", [0, 1, 2], [1, 1, 1], masked[:, 0]),
         lambda masked: score(FUTURE[None], masked),
         lambda masked: symbolic_forecast(FUTURE[None], masked),

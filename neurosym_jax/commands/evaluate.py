@@ -13,7 +13,7 @@ from neurosym_jax.data.sources import EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import metrics, plan, report, saved_forecasts, tables
-from neurosym_jax.evaluation.results import Result, Row, Settings, evaluate_tests
+from neurosym_jax.evaluation.results import Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model
@@ -155,7 +155,17 @@ def run(options: Options) -> list[Row]:
     said = ["", *filter(None, [describe_readings(readings.values())]), *_assumptions(models)]
     if not paths:
         said += ["No model was given, or none matches: these are the baselines."]
-    said += [*_write_files(options, tests, results, together=not chosen), f"rows: {options.json}"]
+    if options.figures:
+        from neurosym_jax.plotting import use_style
+        from neurosym_jax.plotting.evaluation import draw_figures
+
+        use_style(options.style)
+        first, *more = draw_figures(options.plots, results, together=not chosen)
+        said += [f"figures: {1 + len(more)} in {first.parent}" if more else f"figure: {first}"]
+    if options.save_forecasts:
+        written = (options.save_forecasts, tests, options.samples, options.seed)
+        said += [f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*written)]
+    said += [f"rows: {options.json}"]
     if text and isinstance(source, Synthetic) and not chosen:
         said += [AFTER_THE_FIRST_RUN.format(options.samples)]
     print("\n".join(said), file=sys.stdout if text else sys.stderr)
@@ -227,24 +237,6 @@ def _assumptions(models: list[tuple[str, Model]]) -> list[str]:
         + "; ".join(words)
         for words, paths in said.items()
     ]
-
-
-def _write_files(
-    options: Options, tests: list[plan.Test], results: list[Result], *, together: bool
-) -> list[str]:
-    """Write figures and forecasts; returns a line for each kind of file."""
-    said = []
-    if options.figures:
-        from neurosym_jax.plotting import use_style
-        from neurosym_jax.plotting.evaluation import draw_figures
-
-        use_style(options.style)
-        first, *more = draw_figures(options.plots, results, together=together)
-        said += [f"figures: {1 + len(more)} in {first.parent}" if more else f"figure: {first}"]
-    if options.save_forecasts:
-        how = (options.save_forecasts, tests, options.samples, options.seed)
-        said += [f"forecasts: {path}" for path in saved_forecasts.save_forecasts(*how)]
-    return said
 
 
 def _validate(options: Options) -> None:

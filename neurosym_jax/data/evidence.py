@@ -136,12 +136,11 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
             f"a quarter of the people are within {apart:.2f} m of another, usually 0.5 m or more: "
             "are coordinates more than metres (--unit), or is everybody there twice?",
         )
-    step, speed = steps_of(tracks)
-    fast = np.flatnonzero((speed > 10) & (step <= GAP * np.median(step))) if len(step) else []
-    if len(step) >= FEW and 0 < len(fast) < len(step) / 2:
-        at = np.flatnonzero(np.diff(tracks.id) == 0)[fast[0]]
-        yield (
-            False,
-            f"{len(fast)} steps are faster than 10 m/s, the first by person {tracks.id[at]} at "
-            f"{tracks.stamp[at]:.2f} s: is a person two?",
-        )
+    step = np.where(np.isnan(length), np.nan, np.diff(tracks.stamp))
+    there = np.isfinite(step).sum()
+    fast = (
+        np.flatnonzero((length > 10 * step) & (step <= GAP * np.nanmedian(step))) if there else []
+    )
+    if there >= FEW and 0 < len(fast) < there / 2:
+        first = f"the first by person {tracks.id[fast[0]]} at {tracks.stamp[fast[0]]:.2f} s"
+        yield False, f"{len(fast)} steps are faster than 10 m/s, {first}: is a person two?"

@@ -158,13 +158,10 @@ def resample(
     # In this form a standing person stays exactly still, which QTC's zero symbols need.
     between = position[row] + weight * (position[after] - position[row])
     ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
-    reading = tracks.reading
-    if reading is not None:
-        filled = int(np.sum(stamp[after] - stamp[row] > GAP * period))
-        reading = dataclasses.replace(reading, filled=filled)
+    filled = int(np.sum(stamp[after] - stamp[row] > GAP * period))
     return dataclasses.replace(
         tracks.take(row),
-        reading=reading,
+        reading=tracks.reading and dataclasses.replace(tracks.reading, filled=filled),
         stamp=grid_stamp,
         position=np.where(exact[:, None], position[row], between),
         known=np.where(exact, grid_stamp, stamp[after]),

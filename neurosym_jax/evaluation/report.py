@@ -74,6 +74,6 @@ def _report(path: Path) -> dict[str, Any]:
     """The content of a report; nothing for anything else."""
     try:
         found = json.loads(path.read_text())
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) and {"format", "rows"} <= set(found) else {}

@@ -13,6 +13,7 @@ from neurosym_jax.evaluation.summary import labels
 from neurosym_jax.plotting import style
 from neurosym_jax.plotting.curves import draw_horizon
 from neurosym_jax.plotting.forecasts import draw_scene
+from neurosym_jax.runtime.files import refuse_unwritable
 from neurosym_jax.scene import to_world
 
 __all__ = ["check_figures", "draw_figures"]
@@ -53,13 +54,12 @@ def check_figures(where: Path) -> None:
     """Refuse, before the work, a place where `draw_figures` could not write.
 
     Raises:
-        InputError: for a file that is no folder, or a name with another ending than a figure's.
+        InputError: for what cannot be written, or a name with another ending than a figure's.
     """
-    if where.suffix not in style.ENDINGS and not where.is_dir():
-        if where.suffix:
-            raise InputError(f"{where}: a figure's name must end in {', '.join(style.ENDINGS)}")
-        if where.exists():
-            raise InputError(f"{where}: is not a folder, so no figures can be written into it")
+    prefix = where.suffix in style.ENDINGS
+    if where.suffix and not (prefix or where.is_dir()):
+        raise InputError(f"{where}: a figure's name must end in {', '.join(style.ENDINGS)}")
+    refuse_unwritable((where.parent if prefix else where) / "overview.png")
 
 
 def _drawn(members: Sequence[Result]) -> dict[str, Result]:

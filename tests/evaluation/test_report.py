@@ -139,7 +139,9 @@ def test_a_report_is_replaced_and_it_is_said(tmp_path, capsys):
     assert read_report(path).equals(wanted)
 
 
-@pytest.mark.parametrize("content", [b"thesis", b"[]", b'{"format": 1}', b"\xff\x00", b""])
+@pytest.mark.parametrize(
+    "content", [b"thesis", b"[]", b'{"format": 1}', b"\xff\x00", b"", b"[" * 9**5]
+)
 def test_nothing_else_is_overwritten(tmp_path, content):
     log = tmp_path / "rows.jsonl"
     log.write_bytes(content)

@@ -32,7 +32,8 @@ _RECORDINGS = re.compile(
     re.IGNORECASE,
 )
 _KINDS = re.compile(
-    r"((agent|actor|obj|object|track)[ _-]?)?(class|label|type|kind|category)([ _-]?(name|id))?",
+    r"((agent|actor|obj|object|track)[ _-]?)?(class|label|type|kind|category)([ _-]?(name|id))?"
+    r"|lost|outside|valid",
     re.IGNORECASE,
 )
 _PEOPLE = (
@@ -98,14 +99,12 @@ class Columns(Format):
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
         ids = table.ids(place["id"])
         order = np.lexsort((stamp, ids))
-        same = (np.diff(ids[order]) == 0) & (np.diff(stamp[order]) <= 1)
-        over = np.flatnonzero(same & (np.diff(part[order]) != 0))
-        moves = np.linalg.norm(position[order[over + 1]] - position[order[over]], axis=1)
-        if len(over) and np.median(moves) < 1:
-            said.append(
-                f"{len(over)} times a person goes on in another recording: is it one that a column "
-                "camera, scene, .. splits (--columns camera=camera does not split)?"
-            )
+        over = (np.diff(ids[order]) == 0) & (np.diff(stamp[order]) <= 1)
+        over &= np.diff(part[order]) != 0
+        moves = np.linalg.norm(np.diff(position[order], axis=0)[over], axis=1)
+        if len(moves) and np.median(moves) < 1:
+            went = f"{len(moves)} times a person goes on in another recording: is it one that a"
+            said.append(f"{went} column splits (--columns camera=camera does not split)?")
         return table.tracks(stamp, ids, position, extras, parts=(names, part), said=said)
 
 
@@ -183,11 +182,7 @@ def _people(table: Table, keep: Sequence[str], used: set[int]) -> tuple[Table, l
         for at, name in enumerate(table.names)
         if at not in used
         # By its name or, of the first columns (there may be millions), by what it says.
-        and (
-            _KINDS.fullmatch(name)
-            or name.lower() in _FLAGS
-            or (at < 50 and _lower(table, at).is_in(_OTHERS.split()).any())
-        )
+        and (_KINDS.fullmatch(name) or (at < 50 and _lower(table, at).is_in(_OTHERS.split()).any()))
     ]
     wanted, said = [kind.lower() for kind in keep] or _PEOPLE.split(), []
     if keep and all(table.names[at].lower() in _FLAGS for at in places):
