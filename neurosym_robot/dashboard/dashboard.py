@@ -7,10 +7,12 @@ name at this address ("DNS rebinding").
 """
 
 import base64
+import collections
 import contextlib
 import functools
 import hashlib
 import ipaddress
+import itertools
 import os
 import secrets
 import socket
@@ -187,13 +189,13 @@ class Newest(View):
     def __init__(self, views: Sequence[View]):
         """Begin the thread."""
         self._views, self._ended = views, threading.Event()
-        self._shown: Any = None
+        self._shown: collections.deque[Any] = collections.deque(maxlen=1)
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
     def show(self, event: ReplayEvent, now: Mapping[str, Any]) -> None:
         """Show the frame soon, unless a newer one comes before."""
-        self._shown = event, now
+        self._shown.append((event, now))
 
     def end(self, score: Mapping[str, Any], scored: Sequence[Forecast] = ()) -> None:
         """Show the newest frame, and end the views."""
@@ -207,12 +209,12 @@ class Newest(View):
         self._thread.join()
 
     def _work(self) -> None:
-        last, ended = None, False
+        ended = False
         while not ended:
-            ended, shown = self._ended.wait(SHOW), self._shown
-            for view in self._views if shown is not last else ():
+            ended = self._ended.wait(SHOW)
+            newest = [self._shown.pop()] if self._shown else []
+            for view, shown in itertools.product(self._views, newest):
                 view.show(*shown)
-            last = shown
 
 
 class Page(View):

@@ -241,9 +241,8 @@ class Programs:
         if begin:
             # Not a daemon: a process that ends while XLA compiles would crash.
             threading.Thread(target=self._work).start()
-        elif self._when == "start":
-            for size in self.sizes:
-                self._compile_now(size)
+        for size in self.sizes if self._when == "start" else ():
+            self._compile_now(size)
 
     def fit(self, people: int) -> int:
         """The size to forecast `people` with: a smaller one while none that fits is ready, or 0."""

@@ -6,6 +6,7 @@ to people is `people.py`.
 
 import copy
 import functools
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -28,8 +29,8 @@ from neurosym_robot.ros.definitions import (
 from neurosym_robot.tracking.following import Frame
 
 New = Callable[..., Any]
-# Colours of people's lines, after Okabe and Ito.
-COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0))
+# Red, green and blue of people's lines, after Okabe and Ito.
+COLOURS = [(0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0)]
 FAINT = 0.35  # opacity of the line of a person who is not seen at the moment
 UNITS = {"age": "ms", "p50": "ms", "p99": "ms", "offset": "s", "rate": "Hz", "skipped": "frames"}
 
@@ -102,18 +103,15 @@ def make_trajectories(
     spread[..., :2, :2] = covariance
     spread = spread.reshape(people, length, 36)
     sure = np.broadcast_to(confidence, people).tolist()
+    # Only what differs is made for each, because a message has thousands of positions.
     empty = new("darko_perception_msgs/msg/Human")
-    empty.centroid.pose.orientation.w = 1.0
+    centroid, turn = empty.centroid, filled(empty.centroid.pose.orientation, w=1.0)
+    place, pose, point = map(type, (centroid, centroid.pose, centroid.pose.position))
 
     def human(n: int, step: int) -> Any:
-        # Only what is written is copied, because a message has thousands of positions.
-        human, place = copy.copy(empty), copy.copy(empty.centroid)
-        place.pose = copy.copy(place.pose)
-        place.pose.position = point = copy.copy(place.pose.position)
-        point.x, point.y = positions[n, step].tolist()
-        place.covariance = spread[n, step]
-        human.id, human.confidence, human.centroid = int(ids[n]) % 2**64, sure[n], place
-        return human
+        there = place(pose(point(*positions[n, step].tolist(), 0.0), turn), spread[n, step])
+        id = int(ids[n]) % 2**64
+        return filled(copy.copy(empty), id=id, confidence=sure[n], centroid=there)
 
     def everybody(step: int) -> Any:
         return filled(
@@ -196,7 +194,7 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
     result, last = forecast.models[model], forecast.observed[:, -1:]
     paths = np.append(last, result.samples[result.central], axis=1)
     people, points = paths.shape[:2]
-    xyz = np.append(paths, np.zeros((people, points, 1)), axis=2).reshape(people, -1)
+    xyz = np.pad(paths, [(0, 0), (0, 0), (0, 1)]).reshape(people, -1)
     empty = new(MARKER, points)
     filled(
         empty,
@@ -208,16 +206,12 @@ def markers_message(new: New, forecast: Forecast, model: str, period: float, fra
         lifetime=_time(2 * period),
     )
     colour, line = type(empty.color), type(empty.points)
-    looks = [
-        [colour(*np.divide(each, 255).tolist(), opacity) for each in COLOURS]
-        for opacity in (1.0, FAINT)
+    opacity, colours = np.where(forecast.extrapolated, FAINT, 1.0), np.divide(COLOURS, 255).tolist()
+    looks = map(colour, *zip(*itertools.islice(itertools.cycle(colours), people)), opacity.tolist())
+    markers = [
+        filled(copy.copy(empty), ns=f"{model}/{id}", color=look, points=line(points, path))
+        for id, look, path in zip(forecast.ids.tolist(), looks, xyz)
     ]
-    markers = []
-    for n, (id, unseen) in enumerate(zip(forecast.ids.tolist(), forecast.extrapolated.tolist())):
-        marker = copy.copy(empty)
-        marker.ns, marker.color = f"{model}/{id}", looks[unseen > 0][n % len(COLOURS)]
-        marker.points = line(points, xyz[n])
-        markers.append(marker)
     return filled(new(MARKERS, points), markers=markers)
 
 

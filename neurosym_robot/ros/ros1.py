@@ -26,14 +26,13 @@ from neurosym_robot.tracking.stitching import OnlineStitcher
 
 
 class Decoder:
-    """Reads messages of ROS 1 of some types, each defined as its publisher defines it.
+    """Reads messages of people of ROS 1, of the `KINDS`, each defined as its publisher defines it.
 
     A type that we define is refused if its publisher's definition differs. Raises InputError if
     rosbags is not installed.
     """
 
-    def __init__(self, kinds: Mapping[str, Any]):
-        self._kinds = kinds
+    def __init__(self):
         self._learned: dict[tuple[str, str], Any] = {}
         self.store = typestore(1)
         self.error = importlib.import_module("rosbags.serde").SerdeError
@@ -42,8 +41,8 @@ class Decoder:
     def refuse(self, header: Mapping[str, str]) -> str | None:
         """Why messages of a publisher with this header cannot be read, or None."""
         kind, md5 = header.get("type", "").replace("/", "/msg/"), header.get("md5sum", "")
-        if kind not in self._kinds:
-            return f"none of {', '.join(map(ros1_name, self._kinds))}"
+        if kind not in KINDS:
+            return f"none of {', '.join(map(ros1_name, KINDS))}"
         if kind in definitions():
             ours = self.store.generate_msgdef(kind, ros_version=1)[1]
             return None if md5 == ours else f"not {ros1_name(kind)} with md5 {ours}"
@@ -92,7 +91,7 @@ class ForecastNode(ForecastingNode):
         filtered, raw = PEOPLE_TOPICS
         if stitcher is not None and topic == filtered:
             raise InputError(f"--stitch publishes {filtered}, so --topic must be another")
-        self._decoder = Decoder(KINDS)
+        self._decoder = Decoder()
         self._clock: float | None = None  # seconds of simulated time
         self.node = Node(name, master, report, remaps)
         options |= {"name": self.node.name, "stitcher": stitcher}

@@ -130,60 +130,53 @@ class Follower:
     def clear(self) -> None:
         """Forget all tracks."""
         self.tracks: list[Track] = []
-        # Of each track: seconds of its newest point, and metres; metres per second, NaN after one.
-        self._stamps, self._places, self._speeds = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2))
+        # [P, 5] of each track: seconds of its newest point, metres; metres per second, first NaN.
+        self._newest = np.zeros((0, 5))
         self.stamp = -np.inf
 
     def push(self, stamp: float, numbers: ArrayLike, xy: np.ndarray) -> list[Track | None]:
         """Tracks of the people of the next frame, [N] ids at `xy` [N, 2]; None if not followed."""
         ids, xy, self.stamp = np.asarray(numbers), xy.reshape(-1, 2), stamp
-        self._keep(stamp - self._stamps <= self.forget)
+        kept = stamp - self._newest[:, 0] <= self.forget
+        self.tracks, self._newest = list(itertools.compress(self.tracks, kept)), self._newest[kept]
         near = np.flatnonzero((np.abs(xy) < FAR).all(axis=1))
         rows = np.full(len(ids), -1)  # in `tracks`
         if self.tracks and len(near):
             rows[near] = self._rows(ids[near], xy[near])
         known, new = near[rows[near] >= 0], near[rows[near] < 0]
-        found, before = rows[known], self._speeds[rows[known]]
-        moved = (xy[known] - self._places[found]) / (stamp - self._stamps[found])[:, None]
-        mixed = SMOOTH * before + (1 - SMOOTH) * moved
-        self._speeds[found] = np.where(np.isnan(before), moved, mixed)
-        self._places[found], self._stamps[found] = xy[known], stamp
-        for n, row in zip(known.tolist(), found.tolist()):
-            self.tracks[row].add(int(ids[n]), stamp, xy[n])
         new = new[: max(self.max_tracks - len(self.tracks), 0)]
+        before = self._newest[rows[known]]
+        moved = (xy[known] - before[:, 1:3]) / (stamp - before[:, :1])
+        mixed = SMOOTH * before[:, 3:] + (1 - SMOOTH) * moved
+        now = np.column_stack([np.full(len(xy), stamp), xy, np.full(xy.shape, np.nan)])
+        now[known, 3:] = np.where(np.isnan(before[:, 3:]), moved, mixed)
+        self._newest[rows[known]] = now[known]
+        self._newest = np.append(self._newest, now[new], axis=0)
+        for n in known.tolist():
+            self.tracks[rows[n]].add(int(ids[n]), stamp, xy[n])
         rows[new] = len(self.tracks) + np.arange(len(new))
         self.tracks += [Track(int(ids[n]), stamp, xy[n]) for n in new]
-        self._stamps = np.append(self._stamps, np.full(len(new), stamp))
-        self._places = np.append(self._places, xy[new], axis=0)
-        self._speeds = np.append(self._speeds, np.full((len(new), 2), np.nan), axis=0)
         return [None if row < 0 else self.tracks[row] for row in rows.tolist()]
-
-    def _keep(self, kept: np.ndarray) -> None:
-        if not kept.all():
-            self.tracks = list(itertools.compress(self.tracks, kept))
-            self._stamps, self._places = self._stamps[kept], self._places[kept]
-            self._speeds = self._speeds[kept]
 
     def _rows(self, ids: np.ndarray, xy: np.ndarray) -> np.ndarray:
         """[N] rows of the tracks that people of a frame continue, or -1."""
-        gap = self.stamp - self._stamps
-        expected = self._places + gap[:, None] * np.nan_to_num(self._speeds)
+        gap, place = self.stamp - self._newest[:, 0], self._newest[:, 1:3]
+        expected = place + gap[:, None] * np.nan_to_num(self._newest[:, 3:])
         # The newer of two tracks with one id counts, and the first of two people with one id.
         numbers = [track.id for track in self.tracks]
         of_id = {id: row for row, id in enumerate(numbers)}
         own = np.array([of_id.get(id, -1) for id in ids.tolist()])
         at_once = np.flatnonzero((own >= 0) & (_apart(xy, expected[own]) <= CERTAIN))
-        rows, taken = np.full(len(ids), -1), np.zeros(len(numbers), bool)
-        _, first = np.unique(own[at_once], return_index=True)
-        rows[at_once[first]] = own[at_once[first]]
-        taken[rows[rows >= 0]] = True
+        rows, (taken, first) = np.full(len(ids), -1), np.unique(own[at_once], return_index=True)
+        rows[at_once[first]] = taken
         waiting = np.flatnonzero(rows < 0)[: self.max_tracks]
-        free = np.flatnonzero(~taken & ((gap <= self.recent) | np.isin(numbers, ids)))
+        free = np.flatnonzero((gap <= self.recent) | np.isin(numbers, ids))
+        free = np.setdiff1d(free, taken)
         off = _apart(xy[waiting], expected[free, None])
         allowed, cost = (off <= REACH) & (gap[free, None] <= self.recent), off + OTHER_ID
         same = np.array(numbers)[free, None] == ids[waiting]
         track, person = np.nonzero(same)
-        moved = _apart(xy[waiting[person]], self._places[free[track]])
+        moved = _apart(xy[waiting[person]], place[free[track]])
         allowed[same] = ~is_jump(moved, gap[free[track]])
         cost[same] = np.minimum(off[same], REACH + OTHER_ID)
         track, person = linear_sum_assignment(np.where(allowed, cost, 1e6))

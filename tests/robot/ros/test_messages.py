@@ -24,7 +24,7 @@ from neurosym_robot.ros.definitions import (
     seconds_of,
     typestore,
 )
-from neurosym_robot.ros.people import KINDS, id_of_name, see
+from neurosym_robot.ros.people import id_of_name, see
 from neurosym_robot.ros.ros1 import Decoder
 
 pytest.importorskip("rosbags", reason="rosbags is not installed")
@@ -194,7 +194,7 @@ def test_a_definition_is_learned_from_its_publisher():
     track.track_id, track.pose.pose.position.x, track.pose.pose.position.y = 9, 1.0, 2.0
     message.tracks.append(track)
     data, said = bytes(store.serialize_ros1(message, kind)), header(store, kind)
-    decoder = Decoder(KINDS)
+    decoder = Decoder()
     assert decoder.refuse(said) is None
     seen = see(*decoder.decode(data, said))
     assert_array_equal(seen.xyz[:, :2], [[1, 2]])
@@ -203,7 +203,7 @@ def test_a_definition_is_learned_from_its_publisher():
 
 
 def test_what_is_not_understood_is_refused_with_a_reason():
-    decoder = Decoder(KINDS)
+    decoder = Decoder()
     poses = header(decoder.store, "geometry_msgs/msg/PoseArray")
     assert decoder.refuse(poses) is None
     for change, reason in (
