@@ -74,7 +74,7 @@ def test_a_library_is_imported_in_its_packages(library):
     assert users or not LIBRARIES[library], "a rule about nothing"
 
 
-def test_what_is_heavy_or_optional_is_imported_on_demand():
+def test_heavy_and_optional_libraries_are_imported_on_demand():
     at_once = {
         (file, name)
         for file, names in FILES.items()

@@ -40,7 +40,7 @@ def test_the_format_of_the_page_reads_a_file(tmp_path):
     assert tracks.position.tolist() == [[11, 2], [11.5, 2]]
 
 
-def test_what_the_readme_points_to_is_there():
+def test_targets_of_the_readme_exist():
     for name in ("README.md", "CONTRIBUTING.md"):
         targets = re.findall(r"\]\(([^)#]+)", (ROOT / name).read_text())
         missing = [path for path in targets if "://" not in path and not (ROOT / path).exists()]

@@ -91,7 +91,7 @@ def test_refused(observed, future, message):
         lambda masked: symbolic_forecast(FUTURE[None], masked),
     ],
 )
-def test_what_is_masked_is_never_taken_for_data(read):
+def test_masked_arrays_are_refused(read):
     masked = np.ma.array(WORLD[:, : FUTURE.shape[1]], mask=False)
     masked[1] = np.ma.masked
     with pytest.raises(InputError, match="some values are masked"):

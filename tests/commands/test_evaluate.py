@@ -75,7 +75,7 @@ def test_a_table_for_a_paper_goes_alone_to_the_output(options, capsys, style):
     assert rows[1]["joint_ade_low"] < rows[1]["joint_ade"] < rows[1]["joint_ade_high"]
 
 
-def test_what_an_evaluation_leaves(options, tmp_path, capsys):
+def test_report_log_and_figures_of_an_evaluation(options, tmp_path, capsys):
     rows = run(
         options(samples=3, figures=True, plots=tmp_path / "figures", dataset="cross-path", all=True)
     )

@@ -37,7 +37,7 @@ def planned(*names, source=None, **asked):
     return {test: [path for path, _ in entries if path] for test, entries in plan.items()}
 
 
-def test_what_is_tested_on_what():
+def test_each_model_is_tested_on_the_set_that_it_left_out():
     names = ["eth", "hotel", "univ", "zara1", "zara2"]
     assert planned() == {Case(name, 8, 8): [] for name in names}
     assert planned(dataset="hotel", pred_len=12, obs_len=4) == {Case("hotel", 4, 12): []}
@@ -60,9 +60,7 @@ def test_what_is_tested_on_what():
         ({"pred_len": 8}, "zara1_12: has pred_len 12, but --pred-len 8 is asked for"),
         ({"obs_len": 4}, "zara1_12: has obs_len 8, but --obs-len 4 is asked for"),
         ({"dataset": "eth"}, "zara1_12: leaves zara1 out of its training, so --dataset eth would"),
-        ({"dataset": "bogus"}, "unknown dataset 'bogus': there are eth, hotel"),
         ({"dataset": "eth", "test_on": ("a",)}, "--dataset and --test-on"),
-        ({"baselines": ("nobody",)}, "unknown forecaster 'nobody'"),
         ({"baselines": ("generator",)}, "generator: cannot be a baseline, it has parameters"),
         ({"baselines": ("anchors",)}, "anchors: cannot be a baseline, it has parameters"),
     ],
@@ -72,7 +70,7 @@ def test_contradictions(asked, message):
         make_plan(EthUcy(), [("m/zara1_12", MODELS["zara1_12"])], **asked)
 
 
-def test_what_learned_from_all_is_tested_elsewhere():
+def test_models_of_all_data_are_tested_elsewhere():
     general = ("m/all", Model(GeneratorConfig(), {}, GENERAL))
     with pytest.raises(InputError, match="m/all: learned from all of ETH/UCY"):
         make_plan(EthUcy(), [general])
@@ -100,7 +98,7 @@ def test_only_matching():
     assert found() == [["m/eth_8"], ["m/zara1_12"]]
 
 
-def test_without_a_name_what_ships_for_these_people():
+def test_default_models_fit_the_data():
     assert default_models(Synthetic(), None, None) == (
         ["sgan_simulations_8", "neurosym_simulations_8"]
     )

@@ -119,7 +119,7 @@ def test_own_metrics():
         (lambda forecast, scene: forecast @ scene.valid, "TypeError"),
     ],
 )
-def test_what_is_no_metric_is_refused(compute, message):
+def test_functions_that_are_no_metric_are_refused(compute, message):
     with pytest.raises(InputError, match=f"metric own: .*{message}"):
         own(compute)
 

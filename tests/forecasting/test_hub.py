@@ -128,7 +128,7 @@ def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
     assert "damaged: its files do not match the digest" in again
 
 
-def test_what_is_uploaded_is_a_models_folder(model, monkeypatch):
+def test_an_upload_is_the_folder_of_a_model(model, monkeypatch):
     hub, uploaded = mock.Mock(), {}
     hub.upload_folder = lambda repo_id, folder_path: (
         uploaded.update(name=repo_id, kind=load_model(folder_path).kind)
@@ -139,7 +139,7 @@ def test_what_is_uploaded_is_a_models_folder(model, monkeypatch):
     assert uploaded == {"name": "me/walkers", "kind": "generator"}
 
 
-def test_what_is_nowhere_is_named_in_one_line(monkeypatch):
+def test_a_missing_model_is_named_in_one_line(monkeypatch):
     with pytest.raises(InputError, match="absent: no such checkpoint"):
         Model.from_pretrained("absent")
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)

@@ -94,6 +94,9 @@ def test_every_flipped_bit_is_refused(copy, tmp_path):
         assert "damaged" in refusal(path.parent)
         path.write_bytes(content)
         assert load_model(path.parent).dataset == "zara1"
+    for text in ("{}", "\x00", "[" * 100_000):
+        config.write_text(text)
+        assert "damaged" in refusal(config.parent)
 
 
 def header(**entries):
@@ -105,9 +108,6 @@ def header(**entries):
     ("change", "message"),
     [
         (lambda all: all["config"].update(embedding_dim=8), "describes another network"),
-        (lambda all: all["config"].update(noise_dim=99), "noise_dim must lie in"),
-        (lambda all: all["config"].update(pooling="mean"), "unknown pooling 'mean'"),
-        (lambda all: all["config"].update(obs_len=True), "obs_len must be a whole number"),
         (lambda all: all["config"].update(colour=1), "unknown field 'colour'"),
         (lambda all: all.update(config=[1]), "not a JSON object"),
         (lambda all: all.update(format=True), "format True is not the format 3"),
@@ -126,9 +126,6 @@ def header(**entries):
 def test_wrong_values_under_a_right_digest(copy, change, message):
     sign(copy, params=change) if isinstance(change, bytes) else sign(copy, change)
     assert message in refusal(copy)
-    for text in ("", "{}", "\x00", "[" * 100_000):
-        (copy / "config.json").write_text(text)
-        assert "damaged" in refusal(copy)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +175,7 @@ def test_parameters_that_are_not_finite(copy, tmp_path):
             flat_parameters(params)
 
 
-def test_what_is_no_model_and_nothing_is_overwritten(saved, tmp_path):
+def test_other_files_are_no_model_and_are_not_overwritten(saved, tmp_path):
     (tmp_path / "file").write_text("mine")
     for folder, message in (
         (saved, "already there, and nothing is overwritten"),

@@ -53,7 +53,7 @@ def test_folders_of_several(downloads):
     assert len(find_checkpoints([SHIPPED])) == len(shipped_models())
 
 
-def test_what_is_at_hand_is_listed(downloads, shared, capsys):
+def test_shipped_and_downloaded_models_are_listed(downloads, shared, capsys):
     shutil.copytree(shared / "checkpoints" / "sgan-p-models", downloads / "sgan-p-models")
     run()
     head, *lines = capsys.readouterr().out.splitlines()
@@ -79,7 +79,7 @@ def shipped(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_what_is_recommended_did_not_learn_from_the_data_set(shipped):
+def test_recommended_models_did_not_learn_from_the_data_set(shipped):
     assert find_model("recommended", "zara1", 12) == shipped / "anchors_zara1_12"
     assert find_model("recommended", "my_lobby") == shipped / "anchors_general_8"
     loaded = load_model("recommended", dataset="zara1", pred_len=12)

@@ -117,7 +117,7 @@ def test_tensors_and_arguments_that_do_not_fit(name, value, message):
 @pytest.mark.parametrize(
     ("contents", "part"), [({"g_state": {}}, "args"), ({"args": {}}, "g_state"), ([], "g_state")]
 )
-def test_what_is_no_checkpoint(contents, part):
+def test_contents_that_are_no_checkpoint(contents, part):
     with pytest.raises(InputError, match=f"has no {part}: not a checkpoint of SGAN"):
         model_from_torch(contents)
 
@@ -139,7 +139,7 @@ def test_dropout_takes_a_number_in_a_perceptron():
     assert_same(model_from_torch(contents).params, model.params)
 
 
-def test_what_is_assumed_is_said(tmp_path, torch):
+def test_assumptions_are_stated(tmp_path, torch):
     assert model_from_torch(contents_of()).assumed == ("forward as in the released code",)
     contents = contents_of(activation=DROP, heads=4)
     with pytest.raises(InputError, match=r"unknown argument 'heads'.*--ignore-arg heads"):

@@ -155,7 +155,7 @@ def test_one_element_decides_tolerance_is_inclusive_and_nothing_compared_is_no_p
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
-def test_what_is_not_finite_is_a_miss(tmp_path):
+def test_a_forecast_that_is_not_finite_is_a_miss(tmp_path):
     broken = replaced("g_state/decoder.hidden2pos.bias", lambda a: np.full_like(a, 3e38))
     copied(tmp_path, GOLDEN / "fresh", NONE, broken)
     with jax.debug_nans(False):

@@ -30,7 +30,7 @@ def run(*command):
     assert not end.value.code
 
 
-def test_they_are_trained_saved_loaded_and_evaluated(tmp_path, monkeypatch, capsys):
+def test_a_pooling_and_a_cell_are_trained_saved_loaded_and_evaluated(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     network = ("--network", "pooling=nearest", "pooling.temperature=0.5", "cell=rnn")
     how = ("--steps", "1", "--set", "batch_scenes=2", "best_k=1", "max_agents=4")

@@ -47,7 +47,7 @@ def test_a_file_is_replaced_whole(tmp_path):
     assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask
 
 
-def test_what_cannot_be_written_is_refused_before(tmp_path):
+def test_unwritable_paths_are_refused_beforehand(tmp_path):
     (tmp_path / "file").write_text("")
     for path in (tmp_path, tmp_path / "file/rows.json", tmp_path / ("x" * 300)):
         for refuse in (refuse_unwritable, lambda path: write_text(path, "text")):

@@ -134,7 +134,7 @@ def test_swaps_happen_between_people_who_are_close():
     assert (apart(path)[0, swapped] < 0.8).all()
 
 
-def test_what_is_out_of_range_is_refused():
+def test_values_out_of_range_are_refused():
     for change in ({"scenario": "sideways"}, {"seed": 2**32}, {"people": 0}, {"duration": np.inf}):
         with pytest.raises(InputError, match="must"):
             simulate(**{"scenario": "cross-path", **change})

@@ -80,7 +80,7 @@ def test_a_robot_goes_round_people_it_believes_in():
     assert time < 16
 
 
-def test_what_is_kept_back_is_not_read_and_tests_are_not_trained_on(tmp_path):
+def test_data_kept_back_is_not_read_and_test_data_not_trained_on(tmp_path):
     opentraj, out = tmp_path / "opentraj", tmp_path / "out"
     for folder in (STANFORD, HERMES):
         (opentraj / folder).mkdir(parents=True)

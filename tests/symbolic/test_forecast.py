@@ -145,7 +145,7 @@ def test_tables_of_pairs(crowd):
     ]
 
 
-def test_what_does_not_happen_has_no_time():
+def test_events_that_do_not_happen_have_no_time():
     apart, together = (((0, 0), (-1, 0)), ((5, 0), (1, 0))), (((0, 0), (1, 0)), ((0, 1), (1, 0)))
     for ways in (apart, together):
         found = symbolic_events(*both(*ways), events=tuple(CASES))

@@ -45,7 +45,7 @@ def done(run, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_what_a_run_leaves(run, done, tmp_path):
+def test_files_and_card_of_a_run(run, done, tmp_path):
     rows, facts = rows_of(done), json.loads((done / "run.json").read_text())
     assert (done / "curves.png").stat().st_size > 1000
     assert [row["step"] for row in rows] == [25, 50, 75]
@@ -96,7 +96,7 @@ def test_a_kill_between_the_last_files_is_mended(run, done, tmp_path, final):
         assert final(tmp_path / "run") == final(done)
 
 
-def test_what_cannot_be_resumed_or_written_is_refused(run, with_recipe, done, tmp_path):
+def test_runs_that_cannot_be_resumed_or_written_are_refused(run, with_recipe, done, tmp_path):
     before = (done / "metrics.jsonl").read_bytes()
     other = dataclasses.replace(run, network=dataclasses.replace(run.network, mlp_dim=4))
     for changed, resume, message in (

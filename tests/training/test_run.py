@@ -98,7 +98,7 @@ def test_one_recording_of_thor_left_out(shared):
     assert counts == [(2237, 7656), (496, 1699)]
 
 
-def test_recordings_besides_and_what_is_tested_on_is_not_learned(files, tmp_path):
+def test_further_recordings_are_learned_and_test_sets_never(files, tmp_path):
     """Whatever its file is called."""
     (more := tmp_path / "more").mkdir()
     rows = np.loadtxt(files / "walk.txt")

@@ -119,7 +119,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_what_is_better_is_called_so(folder):
+def test_a_significant_difference_is_bold(folder):
     compare_sweep(folder, "ones", out=folder / "ablation.md")
     text = (folder / "ablation.md").read_text()
     assert "Runs: 18. Seeds: 3." in text
@@ -161,7 +161,7 @@ def test_two_models_are_compared_and_few_seeds_find_nothing(folder, seeds):
     assert "| **−" not in text
 
 
-def test_what_cannot_be_compared_is_refused(folder, tmp_path_factory):
+def test_sweeps_that_cannot_be_compared_are_refused(folder, tmp_path_factory):
     empty = tmp_path_factory.mktemp("empty")
     for sweep_folder, how, message in (
         (folder, {}, r"--against names .* there are SGAN; NeuroSyM"),
