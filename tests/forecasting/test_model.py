@@ -17,7 +17,12 @@ from neurosym_jax.forecasting.batched import (
     predict_scenes,
     unpacked,
 )
-from neurosym_jax.forecasting.model import Model, predict, predict_distribution
+from neurosym_jax.forecasting.model import (
+    Model,
+    SceneForecaster,
+    predict,
+    predict_distribution,
+)
 from neurosym_jax.forecasting.model_folder import load_model, save_model
 from neurosym_jax.models.config import GeneratorConfig
 from neurosym_jax.scene import make_scene, pad_scene
@@ -75,6 +80,9 @@ def test_many_scenes_are_forecast_as_each_alone(name):
         assert alone.dtype == np.float64
         assert_allclose(found[number], alone, rtol=0, atol=1e-5)
         assert_allclose(predict(model, scenes[number] - UTM, **how) + UTM, alone, rtol=0, atol=1e-5)
+    scene = make_scene(scenes[number], recording="crowd", frame=frames[number])
+    forecaster = SceneForecaster(model.forecaster, model.params, samples=K, seed=5)
+    np.testing.assert_array_equal(forecaster(scene), alone)
     for change in ({"seed": 1}, {"recording": "a"}, {"frame": 1}):
         other = predict(model, scenes[-1], **{**how, **change})
         assert np.abs(other - alone).max() > 1e-3
