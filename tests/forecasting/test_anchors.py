@@ -47,6 +47,9 @@ def test_every_way_gives_the_same_samples_and_probabilities(model, windows):
         np.testing.assert_allclose(futures[:, windows.rows(np.array([number]))], alone, atol=1e-5)
         np.testing.assert_allclose(likely[:, number], probability, atol=1e-6)
         np.testing.assert_array_equal(predict(model, scene, samples=5), alone)
+    last = make_scene(scene)
+    raw = jax.jit(model.forecaster.forecast)(model.params, last.bare(), np.zeros((5, 0)))
+    np.testing.assert_allclose(raw, alone - last.origin, atol=1e-5)
     many = predict_scenes(model, observed, samples=5)
     np.testing.assert_allclose(np.concatenate(many, axis=1), futures, atol=1e-5)
 
@@ -129,6 +132,8 @@ def test_a_crowd_is_forecast_as_if_all_pairs_were_computed(monkeypatch, apart):
         found[crowd] = run(make_scene(walks))
     np.testing.assert_allclose(found[anchors.CROWD], found[1000], atol=1e-5)
     near = anchors.neighbours(make_scene(walks), model.config.radius)
+    np.testing.assert_array_equal(model.forecaster.prepared(make_scene(walks)).near, near)
+    assert model.forecaster.prepared(make_scene(walks[: anchors.CROWD])).near is None
     distance = np.linalg.norm(walks[:, None, -1] - walks[:, -1], axis=-1)
     for agent, slots in enumerate(near):  # An agent's own slot fills what is left.
         within = np.flatnonzero(distance[agent] <= model.config.radius)

@@ -11,6 +11,7 @@ from neurosym_jax.commands.evaluate import Options, run
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError
+from neurosym_jax.forecasting import batched
 from neurosym_jax.forecasting.batched import (
     batch_noise,
     forecast_batch,
@@ -91,6 +92,14 @@ def test_many_scenes_are_forecast_as_each_alone(name):
     found, alone = predict_scenes(model, scenes[:2], samples=K), scenes[1]
     assert_allclose(found[1], predict(model, alone, samples=K, frame=1), atol=1e-5)
     assert predict_scenes(model, []) == []
+
+
+def test_agents_are_decoded_in_parts(monkeypatch):
+    model, scenes = model_of("pool_net"), [np.zeros((5, 4, 2)), np.ones((6, 4, 2))]
+    whole = predict_scenes(model, scenes, samples=K)
+    monkeypatch.setattr(batched, "PART", 4)
+    for found, wanted in zip(predict_scenes(model, scenes, samples=K), whole):
+        assert_allclose(found, wanted, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", [name for name in CONFIGS if name != "uniform noise"])
