@@ -163,9 +163,9 @@ def replay(
         raise InputError(f"rate must be positive, not {rate}")
     due, last = time.monotonic(), math.inf
     for frame in frames:
-        if not math.isfinite(rate):
+        if math.isinf(last):  # Opening the recording takes time, too.
             due = time.monotonic()
-        elif math.isfinite(frame.stamp):
+        if math.isfinite(rate) and math.isfinite(frame.stamp):
             due += min(max(frame.stamp - last, 0.0), LONGEST) / rate
             time.sleep(max(0.0, due - time.monotonic()))
             last = frame.stamp

@@ -213,5 +213,9 @@ def test_the_rate_is_that_of_the_stamps():
         events = list(replay(frames, still, still, rate=rate))
         assert seconds - 1e-3 <= time.monotonic() - before < seconds + 0.2
         assert [event.frame for event in events] == frames
+    # The recording is opened, or without a rate read, in nobody's time.
+    for rate, slow in ((2.0, {0}), (math.inf, {0, 3})):
+        read = (time.sleep(0.2 * (n in slow)) or frame for n, frame in enumerate(frames))
+        assert all(-0.01 < event.age < 0.1 for event in replay(read, still, still, rate=rate))
     with pytest.raises(InputError, match="rate"):
         list(replay(frames, still, still, rate=math.nan))

@@ -94,6 +94,7 @@ def test_a_forecast_is_the_observed_and_the_most_central_future(store, new, fore
     covariance = message.trajs[6].humans[1].centroid.covariance.reshape(6, 6)
     assert_allclose(covariance[:2, :2], np.cov(samples[:, 1, 3].T, bias=True))
     assert [human.confidence for human in message.trajs[6].humans] == [1, pytest.approx(2 / 3)]
+    assert {human.centroid.pose.orientation.w for human in message.trajs[6].humans} == {1}
     assert not message.trajs[2].humans[1].centroid.covariance.any()
 
 
