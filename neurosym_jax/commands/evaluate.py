@@ -152,7 +152,12 @@ def run(options: Options) -> list[Row]:
     report.write_report(options.json, rows, facts)
     how = {"intervals": options.intervals, "whole": chosen or bool(further)}
     print(tables.format_table(rows_frame(rows), options.table, **how))
-    said = ["", *filter(None, [describe_readings(readings.values())]), *_assumptions(models)]
+    said = ["", *filter(None, [describe_readings(readings.values())])]
+    # What torch checkpoints do not say is said once for those that agree.
+    for assumed in dict.fromkeys(model.assumed for _, model in models if model.assumed):
+        named = [path for path, model in models if model.assumed == assumed]
+        of = named[0] if len(named) == 1 else f"{len(named)} torch checkpoints"
+        said.append(f"assumed of {of}: {'; '.join(assumed)}")
     if not paths:
         said += ["No model was given, or none matches: these are the baselines."]
     if options.figures:
@@ -224,19 +229,6 @@ def default_models(source: Source, dataset: str | None, pred_len: int | None) ->
     if isinstance(source, Synthetic):
         names = [f"{kind}_{source.name}_{pred_len or 8}" for kind in ("sgan", "neurosym")]
     return [name for name in dict.fromkeys(names) if find_model(name).is_dir()]
-
-
-def _assumptions(models: list[tuple[str, Model]]) -> list[str]:
-    """What the torch checkpoints among the models do not say, a line for those that agree."""
-    said: dict[tuple[str, ...], list[str]] = {}
-    for path, model in models:
-        if model.assumed:
-            said.setdefault(model.assumed, []).append(path)
-    return [
-        f"assumed of {paths[0] if len(paths) == 1 else f'{len(paths)} torch checkpoints'}: "
-        + "; ".join(words)
-        for words, paths in said.items()
-    ]
 
 
 def _validate(options: Options) -> None:

@@ -123,7 +123,12 @@ def _read(
         from rosbags.highlevel import AnyReader
 
         for file in files:
-            _refuse_damaged(file)
+            if file.suffix == ".db3":  # rosbags would read a part of a damaged one.
+                uri = f"{file.absolute().as_uri()}?mode=ro"
+                with contextlib.closing(sqlite3.connect(uri, uri=True)) as base:
+                    (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
+                if found != "ok":
+                    raise ValueError(f"its database is damaged: {found}")
         whole = path.is_file() or (path / "metadata.yaml").is_file()
         paths = [path] if whole else files
         refuse_bombs(path, paths)
@@ -149,16 +154,6 @@ def _read(
         reason = " ".join(str(error).split()) or type(error).__name__
         advice = f"; if it was cut short, `{TOOLS[files[0].suffix]}` may mend it" if files else ""
         raise InputError(f"{path}: cannot be read as a bag: {reason}{advice}") from None
-
-
-def _refuse_damaged(file: Path) -> None:
-    """ValueError for a database that is damaged, of which rosbags would read a part."""
-    if file.suffix == ".db3":
-        uri = f"{file.absolute().as_uri()}?mode=ro"
-        with contextlib.closing(sqlite3.connect(uri, uri=True)) as base:
-            (found,) = base.execute("PRAGMA quick_check(1)").fetchone()
-        if found != "ok":
-            raise ValueError(f"its database is damaged: {found}")
 
 
 def _choose(path: Path, topics: dict[str, str], asked: str | None) -> str:
