@@ -1,6 +1,7 @@
 import dataclasses
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 
@@ -13,7 +14,7 @@ from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Lengths
 from neurosym_jax.forecasting.model import Model
 from neurosym_jax.forecasting.model_folder import load_model, save_model
-from neurosym_jax.forecasting.parameters import flat_parameters
+from neurosym_jax.forecasting.parameters import flat_parameters, refuse_misfit
 from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from tests.networks import random_model
 
@@ -173,6 +174,13 @@ def test_parameters_that_are_not_finite(copy, tmp_path):
     for params in odd:
         with pytest.raises(InputError, match="parameter"):
             flat_parameters(params)
+
+
+def test_six_misfits_are_named_and_the_others_counted():
+    six, seven = ({name: np.zeros(2) for name in "abcdefg"[:count]} for count in (6, 7))
+    for arrays, end in ((six, "'f' is (2,), not expected"), (seven, "not expected and 1 more")):
+        with pytest.raises(InputError, match=f"{re.escape(end)}$"):
+            refuse_misfit(arrays, {}, "misfits")
 
 
 def test_other_files_are_no_model_and_are_not_overwritten(saved, tmp_path):
