@@ -14,10 +14,9 @@ HEAD = """# Benchmarks
 torch, and 11 times as fast as the released code; a training step is 1.6 and 6.8 times as fast.** A
 training step of `anchors` is hardly faster than its twin in torch, and forecasts of a single scene
 of 10 or 50 people are equally fast. A whole training of `anchors` takes 49 s. A thousand people are
-forecast in 38 ms, with 20 samples each. With 200 people at 30 Hz in a ROS 1 graph on this one
-machine and the live page open, forecasts of all are 19 ms old (median) when another process gets
-them, 99 % of them at most 57 ms. The ROS 2 node cannot keep up with so many: it answers 39 % of the
-frames, 96 ms late. No robot was involved.
+forecast in 38 ms, with 20 samples each. With 200 people at 30 Hz, all on this one machine and the
+live page open, forecasts of all of them are 15 ms old (median; 99 % at most 34 ms) when another
+process gets them in a ROS 1 graph, and 22 ms (42 ms) in a ROS 2 graph. No robot was involved.
 
 **No GPU was at hand.** `python -m benchmarks --gpu` waits for one: it runs the tests of numbers,
 crowds of 200 to 10,000 people, an iteration of each recipe, the evaluation, and notes peak memory.
