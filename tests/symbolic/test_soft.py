@@ -87,13 +87,17 @@ def test_straight_through_is_hard_with_soft_gradients():
     def total(k, factor, **kind):
         return (soft(k, l, **how | kind | {"factor": factor}) * weights[None, None]).sum()
 
-    # Any leading axes.
-    split = [each.reshape(20, 10, *each.shape[1:]) for each in (k, l)]
-    np.testing.assert_array_equal(soft(*split, **how).reshape(through.shape), soft(k, l, **how))
-
     gradient = jax.grad(total, argnums=(0, 1))
     for found, wanted in zip(gradient(k, 0.1, straight_through=True), gradient(k, 0.1)):
         np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_paths_have_any_leading_axes(convention):
+    paths = np.random.default_rng(5).normal(size=(2, 3, 5, 4, 2))
+    found = soft(*paths, 0.05, convention=convention)
+    wanted = soft(*paths.reshape(2, 15, 4, 2), 0.05, convention=convention)
+    np.testing.assert_array_equal(found, wanted.reshape(3, 5, 3, 4, 3))
 
 
 def test_expected_weights_are_sums_over_all_states():
