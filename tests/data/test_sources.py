@@ -7,12 +7,13 @@ import threading
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 from numpy.testing import assert_array_equal
 
 from neurosym_jax.commands.download import published_files, run
-from neurosym_jax.data.sources import EthUcy, Synthetic, find, open_source
+from neurosym_jax.data.sources import GENERAL, EthUcy, Synthetic, find, open_source
 from neurosym_jax.data.tracks import make_tracks
 from neurosym_jax.errors import InputError
 from neurosym_jax.simulation import scenarios
@@ -64,6 +65,14 @@ def test_simulations_of_each_split_have_their_own_seeds(monkeypatch):
         seen.clear()
         assert {len(tracks.id) for tracks in Synthetic().recordings("cross-path", split)} == {2}
         assert seen == [("cross-path", seed) for seed in wanted]
+
+
+def test_there_is_no_test_set_of_all():
+    for split, read in (("val", True), ("test", False)):
+        with mock.patch.object(Synthetic, "_read", return_value=[]) as reading:
+            with contextlib.suppress(InputError):
+                Synthetic().recordings(GENERAL, split)
+            assert reading.called == read
 
 
 @pytest.mark.parametrize(

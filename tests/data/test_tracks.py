@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks, resample
+from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks, on_grid, resample
 from neurosym_jax.errors import InputError
 
 
@@ -86,6 +86,17 @@ def test_decimal_and_accumulated_clocks_meet_the_grid():
     for arguments in ((0.0,), (0.4, -1.0), (0.4, 1.0, np.nan), (0.4, 1.0, 99.0)):
         with pytest.raises(InputError, match="r: "):
             resample(one([0, 1, 2]), *arguments)
+
+
+def test_tracks_on_the_grid_stay_as_they_are():
+    whole = one([0, 0.4, 0.8, 1.2, 1.6])
+    assert on_grid(whole).position is whole.position
+    assert on_grid(whole, 0.2).position is not whole.position
+
+
+def test_a_gap_of_one_second_is_bridged_by_default_and_no_longer_one():
+    for gap, steps in ((1.0, 5), (1.2, 3)):
+        assert len(on_grid(one([0, 0.2, 0.4, 0.4 + gap, 0.6 + gap])).id) == steps, gap
 
 
 @given(tracks(), st.floats(0.05, 1.0), st.floats(0.0, 1.5), st.floats(-0.5, 0.5))

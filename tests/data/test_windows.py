@@ -197,8 +197,9 @@ def windows() -> Windows:
 
 
 def test_buckets():
-    agents = np.array([1, 2, 4, 5, 8, 9, 17, 64, 65, 128, 129, 1000])
-    assert bucket_of(agents).tolist() == [4, 4, 4, 8, 8, 16, 32, 64, 128, 128, 256, 1024]
+    agents = np.array([1, 2, 4, 5, 8, 9, 17, 64, 65, 128, 129, 1024, 1025, 2049])
+    wanted = [4, 4, 4, 8, 8, 16, 32, 64, 128, 128, 256, 1024, 2048, 3072]
+    assert bucket_of(agents).tolist() == wanted
 
 
 @pytest.mark.parametrize("slots", [1, 16, 256])
