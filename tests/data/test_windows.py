@@ -170,11 +170,11 @@ def test_what_is_foreseen():
 
 def test_extras_of_all_recordings_or_of_none():
     one, other = (
-        make_tracks(name, np.arange(4) * 0.4, [1] * 4, np.zeros((4, 2)), extras)
-        for name, extras in (("one", {"group": [1, 2, 3, 4]}), ("other", {}))
+        make_tracks(name, np.arange(5) * 0.4, [1] * 5, np.zeros((5, 2)), extras)
+        for name, extras in (("one", {"group": [1, 2, 3, 4, 5]}), ("other", {}))
     )
     windows = cut_windows([one, one], 2, 1, min_agents=1)
-    assert windows.extras["group"].tolist() == [2, 3, 2, 3], "at the last observed step"
+    assert windows.extras["group"].tolist() == [2, 3, 4] * 2, "at the last observed step"
     with pytest.raises(InputError, match="one, other: their extras differ"):
         cut_windows([one, other], 2, 1, min_agents=1)
 
