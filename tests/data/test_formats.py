@@ -114,6 +114,7 @@ POINT = '{"track": {"f": 1, "p": 1, "x": 1, "y": 0}}\n'
 TABLE = "t,id,x,y\n"
 
 REFUSALS = [
+    ("text", f"{2**54} 1 2 3\n", "is not a whole number"),
     ("text", "", "the file has no rows"),
     ("text", "0 1 2 3\n1 1 2\n", r"row 2: 3 columns, not 4: '1 1 2'"),
     ("text", "0 1 2\n1 1 2\n", r"row 1: 3 columns, not 4: '0 1 2' \(--format, or --columns time=1"),
@@ -142,6 +143,12 @@ REFUSALS = [
     ("tracklets", "Time,x,y,ag_id\n1,2,3,Helmet_1\n", "the header has not one tracklet_id"),
     ("tracklets", f"{TRACKLETS}1,2,3,4,5\n1,9,3,4,5\n", "row 3: repeats"),
 ]
+
+
+def test_one_row_that_ends_in_a_separator(tmp_path):
+    (tmp_path / "a.csv").write_text(f"{TABLE}1.5,2,3,4,\n")
+    (tracks,) = read_any(tmp_path / "a.csv", ReadOptions())
+    assert tracks.position.tolist() == [[3, 4]]
 
 
 @pytest.mark.parametrize(("kind", "text", "message"), REFUSALS)
