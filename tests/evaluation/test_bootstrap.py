@@ -33,6 +33,8 @@ def test_a_difference_is_per_agent_and_found_where_it_is():
     assert difference.mean == pytest.approx(-0.05, abs=0.005)
     for low, high in filter(None, difference.intervals("joint_ade").values()):
         assert -0.06 < low < high < -0.04
+    again = paired_difference(*runs(better_by=0.05), seed=0)
+    np.testing.assert_array_equal(again.over_scenes, difference.over_scenes)
     # A single seed has the interval of the scenes.
     of_one = paired_difference(*runs(seeds=1)).intervals("joint_ade")
     assert (of_one["seeds"], of_one["both"]) == (None, of_one["scenes"])
