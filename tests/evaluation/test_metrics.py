@@ -1,5 +1,6 @@
 """Every metric by its formula, by hand or by what it must tell apart."""
 
+import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,7 +8,7 @@ from numpy.testing import assert_allclose
 from neurosym_jax.data.windows import Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import formulas
-from neurosym_jax.evaluation.formulas import COLLISION_DISTANCE, collisions
+from neurosym_jax.evaluation.formulas import COLLISION_DISTANCE, collision_rate, collisions
 from neurosym_jax.evaluation.metrics import METRICS, SYMBOLS, metric_names
 from neurosym_jax.evaluation.scoring import score, score_forecaster
 from neurosym_jax.models.config import GeneratorConfig
@@ -163,6 +164,16 @@ def test_collisions_between_steps(one, other, expected):
     forecast = np.stack([one, other, 0 * one, 0 * one])[None]
     hit = collisions(forecast, np.array([True, True, False, False]))
     assert hit.tolist() == [[expected, expected, False, False]]
+
+
+def test_collisions_of_a_batch_are_those_of_its_scenes():
+    valid = np.arange(4) < np.array([[2], [4], [3]])
+    forecast = np.random.default_rng(0).uniform(0, 1.5, (2, 3, 4, 3, 2))
+    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *[make_scene(forecast[0, 0])] * 3)
+    found = collision_rate(forecast, batch.replace(valid=valid))
+    alone = [collisions(forecast[:, at], valid[at]).mean(axis=0) for at in range(3)]
+    assert_allclose(found, alone)
+    assert 0 < found[valid].mean() < 1
 
 
 def test_collisions_against_dense_sampling():

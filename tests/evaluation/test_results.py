@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import neurosym_jax as nj
 from neurosym_jax.data.sources import Synthetic
 from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.results import Settings, evaluate_tests
@@ -10,7 +11,7 @@ from neurosym_jax.evaluation.results import Settings, evaluate_tests
 
 @pytest.fixture(scope="module")
 def simulated():
-    source, baselines = Synthetic(), ["constant_velocity_sampled"]
+    source, baselines = Synthetic(), ["constant_velocity_sampled", "constant_velocity"]
     return load_tests(source, make_plan(source, [], dataset="cross-path", baselines=baselines))
 
 
@@ -19,7 +20,8 @@ def rows(*how):
 
 
 def test_the_mean_and_deviation_are_those_of_the_seeds(simulated):
-    (row,) = rows(simulated, Settings(samples=3, seed=5, seeds=3))
+    row, one_guess = rows(simulated, Settings(samples=3, seed=5, seeds=3))
+    assert one_guess["joint_ade_std"] is None
     single = [rows(simulated, Settings(samples=3, seed=seed))[0] for seed in (5, 6, 7)]
     for name in ("joint_ade", "marginal_fde"):
         values = [each[name] for each in single]
@@ -31,3 +33,13 @@ def test_the_mean_and_deviation_are_those_of_the_seeds(simulated):
 def test_a_test_set_can_be_evaluated_elsewhere(simulated):
     here, there = rows(simulated, Settings(samples=3)), rows(simulated, Settings(samples=3), map)
     assert [row["joint_ade"] for row in here] == [row["joint_ade"] for row in there]
+
+
+def test_the_seed_is_0_by_default():
+    model, tracks = nj.load_model("sgan_simulations_8"), Synthetic().recordings("cross-path")
+    how = {"samples": 3, "metrics": ["joint_ade"], "baselines": []}
+    found, same, other = (
+        nj.evaluate(model, tracks, **how, **seed)["joint_ade"].item()
+        for seed in ({}, {"seed": 0}, {"seed": 1})
+    )
+    assert found == same != other

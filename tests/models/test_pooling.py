@@ -27,7 +27,7 @@ POSITIONS = RNG.uniform(-1.5, 1.5, (N, 2)).astype(np.float32)
 ALPHA = RNG.uniform(size=(N, N, T)).astype(np.float32)
 ALL = np.ones(N, bool)
 HIDDEN_POOLING = PoolNetwork(embedding_dim=E, h_dim=H, hidden_dim=9, bottleneck_dim=B)
-GRID = _GridNetwork(h_dim=H, grid_size=4, neighborhood_size=2.0)
+GRID = _GridNetwork(h_dim=H, grid_size=4, neighborhood_size=1.6)
 APART = OBSERVED + RNG.normal(0, 2, (N, 1, 2)).astype(np.float32)
 SOCIAL = 8
 ENCOUNTER = _EncounterNetwork(12, SOCIAL)
@@ -110,8 +110,8 @@ def test_social_pooling_sums_hidden_states_where_others_stand():
         grid = np.zeros((4, 4, H))
         for j in set(range(N)) - {i}:
             x, y = POSITIONS[j] - POSITIONS[i]
-            if abs(x) < 1 and abs(y) < 1:
-                grid[int(np.floor((1 - y) * 2)), int(np.floor((x + 1) * 2))] += HIDDEN[j]
+            if abs(x) < 0.8 and abs(y) < 0.8:  # Cells of 0.4 m.
+                grid[int((0.8 - y) / 0.4), int((x + 0.8) / 0.4)] += HIDDEN[j]
         rows.append(relu_layers(grid.reshape(-1), mlp))
     found = jax.jit(GRID.apply)(params, HIDDEN, POSITIONS, ALL)
     assert_allclose(found, np.array(rows), atol=1e-5)
