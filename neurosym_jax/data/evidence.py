@@ -20,7 +20,7 @@ APART = (0.2, 0.35)
 """Below these distances to the nearest person, metres, of a quarter of the points, a recording is
 refused and doubted, whatever its clock says. Those of ETH/UCY and THÖR are 0.46 to 2.23."""
 FEW, ENOUGH = 10, 100  # steps that say anything of a recording, and that may refuse one
-MANY = 20  # people of whom some share says something
+MANY = 20  # fewest people of whom a share is judged
 
 
 def steps_of(tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
@@ -107,13 +107,13 @@ def judge(tracks: Tracks, options: ReadOptions) -> Iterator[tuple[bool, str]]:
     ids, first, count = np.unique(tracks.id, return_index=True, return_counts=True)
     last = first + count - 1
     around = np.pad(length, 3, constant_values=np.nan)
-    still = [around[at[:, None] + np.arange(3)].sum(axis=1) == 0 for at in (first + 3, last)]
+    stays = [around[at[:, None] + np.arange(3)].sum(axis=1) == 0 for at in (first + 3, last)]
     went = np.linalg.norm(tracks.position[last] - tracks.position[first], axis=1) > 1
     begun = np.unique(tracks.position[first], axis=0, return_counts=True)[1].max() / len(ids)
     together = tracks.stamp[first] == tracks.stamp.min()
     together &= len(np.unique(tracks.stamp[last])) > len(ids) / 4
     for share, doubted, refused, line in (
-        (went & (still[0] | still[1]), 0.2, 0.5, "walk but stay at an end: are positions held?"),
+        (went & (stays[0] | stays[1]), 0.2, 0.5, "walk but stay at an end: are positions held?"),
         (begun, 0.5, 0.5, "begin at one place: has each an own origin?"),
         (together, 0.9, 0.9, "begin at one moment: has each an own clock?"),
     ):

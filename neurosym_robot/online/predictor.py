@@ -29,8 +29,7 @@ GRACE = 1.0  # seconds waited for the end of a future, for people lost for a mom
 When = Literal["start", "needed", "meanwhile"]
 """When programs are compiled: at the start; or each when it is needed, for a recording, which
 waits; or, on a robot, meanwhile in a thread, first the one that the people present need. Until it
-is ready, fewer of them are forecast. Streams do not wait for Python's garbage collector, either: it
-leaves out what there is after compiling, or its collections take 0.2 s at times."""
+is ready, fewer of them are forecast."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
