@@ -1,6 +1,7 @@
 """Bags of all three kinds give back what was written, and damaged ones say so in one line."""
 
 import contextlib
+import sqlite3
 import warnings
 
 import numpy as np
@@ -92,6 +93,16 @@ def test_no_frame_is_lost_in_silence(tmp_path, kind):
         file.write_bytes(whole[:at] + bytes([whole[at] ^ 219]) + whole[at + 1 :])
         with warnings.catch_warnings(record=True) as said, contextlib.suppress(InputError):
             assert len(content(path)) == wanted or said, at
+
+
+def test_one_message_less_than_the_metadata_say_is_refused(tmp_path):
+    path = write(tmp_path / "run.db3", length=4)
+    (file,) = path.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as base:
+        base.execute("DELETE FROM messages WHERE id = (SELECT MAX(id) FROM messages)")
+        base.commit()
+    with pytest.raises(InputError, match="1 of its messages are missing"):
+        content(path)
 
 
 def test_whatever_reads_tracks_reads_bags(tmp_path):
