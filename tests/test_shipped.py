@@ -10,7 +10,12 @@ from neurosym_jax.data.sources import open_source
 from neurosym_jax.data.windows import cut_windows, make_batches
 from neurosym_jax.evaluation.formulas import MOVED, NEAR
 from neurosym_jax.evaluation.scoring import chosen, score_scenes, without_neighbours
-from neurosym_jax.forecasting.batched import batch_noise, forecast_batch, unpacked
+from neurosym_jax.forecasting.batched import (
+    batch_noise,
+    forecast_batch,
+    predict_scenes,
+    unpacked,
+)
 from neurosym_jax.forecasting.model_folder import load_model
 from neurosym_jax.forecasting.model_places import shipped_models
 
@@ -122,3 +127,33 @@ def test_neighbours_do_not_raise_the_error(name, request):
         errors.append([score["joint_ade"].total.sum() for score in scores])
     company, alone = np.sum(errors, axis=0)
     assert company <= WORSE.get(name, 1) * alone
+
+
+def two_walks():
+    """Three people side by side, 1 m apart; and four whose paths cross."""
+    time = np.arange(8.0)[:, None]
+    beside = [[0.5, 0] * time + [0, metres] for metres in range(3)]
+    crossing = [[0.5, 0] * time, [5, 0.8] - [0.5, 0] * time, [3, 2] + 0 * time]
+    return np.array(beside), np.array([*crossing, [2, -3] + [0, 0.4] * time])
+
+
+@pytest.mark.filterwarnings("ignore::neurosym_jax.errors.InputWarning")
+@pytest.mark.parametrize("name", MODELS)
+def test_one_bad_position_has_a_bounded_effect(name):
+    """On the person's own forecast, and hardly any on the others'."""
+    model = MODELS[name]
+    reach = 3.0 * model.config.pred_len * model.config.period
+    for walks in two_walks():
+        wrong = [walks]
+        for size in (1.0, 2.0, 5.0, 15.0, 100.0, 1000.0):
+            for step in range(8):
+                walk = walks.copy()
+                walk[0, step] += size * np.array([np.sin(size), np.cos(size)])
+                wrong.append(walk)
+        usual, *forecasts = predict_scenes(model, wrong, frames=[0] * len(wrong))
+        for walk, forecast in zip(wrong[1:], forecasts):
+            assert np.isfinite(forecast).all()
+            ahead = np.linalg.norm(forecast - walk[:, -1:], axis=-1)
+            assert ahead[:, 0].max() < 25
+            assert ahead[:, 1:].max() < reach
+            assert np.abs(forecast[:, 1:] - usual[:, 1:]).max() < 0.5

@@ -17,7 +17,8 @@ from neurosym_jax.configuration import Count, refuse
 from neurosym_jax.data.windows import Batch, Windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.forecasting.forecaster import Forecaster, TwoStageForecaster, draw_noise
-from neurosym_jax.forecasting.model import Model, refuse_other_length
+from neurosym_jax.forecasting.model import Model, refuse_other_length, warn_of_tracking_errors
+from neurosym_jax.models.tracking_errors import repair_tracks
 from neurosym_jax.scene import Scene, checked_positions, scene_identity
 
 __all__ = ["batch_noise", "forecast_batch", "forecast_windows", "predict_scenes", "unpacked"]
@@ -61,9 +62,12 @@ def predict_scenes(
     bounds = np.cumsum([0, *map(len, scenes)])
     identity = scene_identity(recording, np.asarray(frames))
     agents = np.arange(bounds[-1])
-    windows = Windows(np.concatenate(scenes), agents, bounds, identity, model.config.obs_len)
+    tracks = np.concatenate(scenes)
+    warn_of_tracking_errors(tracks, model.config.period, "observed")
+    tracks, offset = repair_tracks(tracks, model.config.period)
+    windows = Windows(tracks, agents, bounds, identity, model.config.obs_len)
     futures, _ = forecast_windows(model, windows, make_batches(windows), samples, seed)
-    return np.split(futures, bounds[1:-1], axis=1)
+    return np.split(futures + offset[:, None], bounds[1:-1], axis=1)
 
 
 def forecast_windows(

@@ -1,12 +1,10 @@
-"""A trained model, on the Hub too, and its forecasts of single scenes, in the world's frame."""
+"""A trained model, and its forecasts of single scenes, in the world's frame."""
 
-import contextlib
 import dataclasses
 import functools
-import re
-import tempfile
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+import reprlib
+import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -18,17 +16,18 @@ from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import Count, Seed, differences, refuse
 from neurosym_jax.data.windows import bucket_of
-from neurosym_jax.errors import InputError, printable
+from neurosym_jax.errors import InputError, InputWarning
 from neurosym_jax.forecasting.anchors import apply_anchors
 from neurosym_jax.forecasting.forecaster import Distribution, Forecaster, scene_noise
 from neurosym_jax.forecasting.forecasters import FORECASTERS, decode_scene, encode_scene
 from neurosym_jax.models.config import GeneratorConfig
+from neurosym_jax.models.tracking_errors import TOP_CHANGE, TOP_SPEED, repair_tracks
 from neurosym_jax.runtime.process import COMPILED_QUICKLY
 from neurosym_jax.scene import AnyArray, Scene, make_scene, pad_scene, to_world
 from neurosym_jax.symbolic.weighting import Weighting
 
 __all__ = ["Model", "SceneForecaster", "forecast", "forecast_scene", "predict"]
-__all__ += ["predict_distribution", "refuse_other_length"]
+__all__ += ["predict_distribution", "refuse_other_length", "warn_of_tracking_errors"]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,41 +71,6 @@ class Model:
         weighting = getattr(self.config, "weighting", None)
         return weighting if isinstance(weighting, Weighting) else None
 
-    @staticmethod
-    def from_pretrained(name: Path | str, *, revision: str | None = None) -> "Model":
-        """The model of a path or shipped name, as `load_model`, else of the Hub's `owner/name`.
-
-        `revision` is a branch, tag or commit of the Hub's repository; default: its main branch.
-
-        Raises:
-            InputError: where nothing is found, huggingface_hub is absent, or as `load_model`.
-        """
-        from neurosym_jax.forecasting.model_folder import FILES, load_model
-        from neurosym_jax.forecasting.model_places import find_model
-
-        if find_model(name).exists() or not re.fullmatch(r"[\w.-]+/[\w.-]+", str(name)):
-            return load_model(name)
-        with _hub(str(name)) as hub:
-            folder = hub.snapshot_download(str(name), revision=revision, allow_patterns=[*FILES])
-        return load_model(folder)
-
-    def save_pretrained(self, folder: Path | str, card: str | None = None) -> None:
-        """See `save_model`."""
-        from neurosym_jax.forecasting.model_folder import save_model
-
-        save_model(folder, self, card)
-
-    def push_to_hub(self, name: str, *, private: bool = False, card: str | None = None) -> str:
-        """Upload to the Hub's `owner/name`, which is made if need be; returns the commit's URL.
-
-        Raises:
-            InputError: where huggingface_hub is absent or the Hub refuses, and as `save_model`.
-        """
-        with tempfile.TemporaryDirectory() as place, _hub(name) as hub:
-            self.save_pretrained(Path(place) / "model", card)
-            hub.create_repo(name, private=private, exist_ok=True)
-            return hub.upload_folder(repo_id=name, folder_path=Path(place) / "model").commit_url
-
     def __repr__(self) -> str:
         """Five lines, without the parameters' numbers and the config's defaults."""
         count = sum(map(np.size, jax.tree.leaves(self.params)))
@@ -117,22 +81,6 @@ class Model:
             f"  config: {type(self.config).__name__}({', '.join(differences(self.config))})\n"
             f"  params: {count:,} numbers"
         )
-
-
-@contextlib.contextmanager
-def _hub(name: str) -> Iterator[Any]:
-    """The module huggingface_hub, whose errors become one line that names the repository."""
-    try:
-        import huggingface_hub  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise InputError(f"{name}: the Hub needs pip install neurosym-jax[hub]") from None
-    try:
-        yield huggingface_hub
-    except InputError:
-        raise
-    except Exception as error:
-        # An error of httpx, of huggingface_hub or of the system, by version of these.
-        raise InputError(f"{name}: {printable(str(error))[:300]}") from None
 
 
 class SceneForecaster:
@@ -175,8 +123,17 @@ class SceneForecaster:
 
 @functools.partial(jax.jit, static_argnums=0)
 def forecast_scene(forecaster: Forecaster, params: Any, scene: Scene, noise: Any) -> Distribution:
-    """`forecaster.distribution`, compiled; equal forecasters share the program."""
-    return forecaster.distribution(params, scene, noise)
+    """`forecaster.distribution` of repaired tracks, compiled; equal forecasters share the program.
+
+    See `models.tracking_errors`. The forecast of an agent begins at its reported last position.
+    """
+    track, offset = repair_tracks(jnp.asarray(scene.observed), forecaster.config.period)
+    repaired = (track != scene.observed).any((1, 2))[:, None, None]
+    steps = jnp.diff(track, axis=1, prepend=track[:, :1])
+    steps = jnp.where(repaired, steps, scene.displacement)
+    scene = scene.replace(observed=track, displacement=steps)
+    samples, probability = forecaster.distribution(params, scene, noise)
+    return samples + offset[:, None], probability
 
 
 # Apart from the forecast, because threefry is slow to compile and this serves every bucket.
@@ -238,9 +195,24 @@ def predict_distribution(
         raise InputError("predict runs on the host; under jit, vmap and grad call nj.forecast")
     scene = make_scene(observed, recording=recording, frame=frame)
     refuse_other_length(model, scene.observed, "observed")
+    warn_of_tracking_errors(np.asarray(scene.observed), model.config.period, "observed")
     forecaster = SceneForecaster(model.forecaster, model.params, samples=samples, seed=seed)
     futures, probability = forecaster.finish(forecaster.start(scene), scene)
     return futures, np.full(len(futures), 1 / len(futures)) if probability is None else probability
+
+
+def warn_of_tracking_errors(observed: np.ndarray, period: float, name: str) -> None:
+    """Warn of positions in `observed [N, T, 2]`, called `name`, that no person can have reached.
+
+    Warns:
+        InputWarning: naming the agents.
+    """
+    track, offset = repair_tracks(observed, period)
+    agents = np.flatnonzero((track != observed).any((1, 2)) | offset.any(1)).tolist()
+    if agents:
+        text = f"{name}: agents {reprlib.repr(agents)[1:-1]} have steps beyond {TOP_SPEED:g} m/s, "
+        text += f"or changes beyond {TOP_CHANGE:g} m/s within a step: taken for tracking errors"
+        warnings.warn(text, InputWarning, stacklevel=3)
 
 
 def refuse_other_length(model: Model, observed: AnyArray, name: str) -> None:

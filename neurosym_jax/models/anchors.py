@@ -22,6 +22,7 @@ from neurosym_jax.configuration import Count, Positive, Rule
 from neurosym_jax.errors import InputError
 from neurosym_jax.models.config import Lengths
 from neurosym_jax.models.frames import SLOW, attend, heading_of, length, pair_features, turned
+from neurosym_jax.models.tracking_errors import limit_displacement, repair_tracks
 from neurosym_jax.symbolic.weighting import Weighting
 from neurosym_jax.symbolic.weightings import WEIGHTINGS
 
@@ -59,6 +60,7 @@ class AnchorTable(nn.Module):
         Only `observed [N, obs_len, 2]` is used, not the other arguments of `AnchorNetwork`.
         """
         config = self.config
+        observed, offset = repair_tracks(observed, config.period)
         mix = self.param("mix", nn.initializers.constant(0.8), ())
         mean = (observed[:, -1] - observed[:, -4]) / 3
         velocity = mix * (observed[:, -1] - observed[:, -2]) + (1 - mix) * mean
@@ -70,7 +72,9 @@ class AnchorTable(nn.Module):
         heading = heading_of(mean, SLOW * config.period)[:, None]
         residual = turned(moving * scale + still, heading, 1)
         likely = jnp.full(config.samples, -np.log(config.samples), observed.dtype)
-        return _straight_on(observed, velocity, config.pred_len) + residual, likely
+        forecast = _straight_on(observed, velocity, config.pred_len) + residual
+        forecast = limit_displacement(forecast, observed[:, -1], config.period)
+        return forecast + offset[:, None], likely
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,6 +125,7 @@ class AnchorNetwork(nn.Module):
         `near` a scene's; `company` is the number of further people in training, counted and unseen.
         """
         config = self.config
+        observed, offset = repair_tracks(observed, config.period)
         hertz, steps = 1 / config.period, jnp.diff(observed, axis=1)
         velocity, roughness = self.velocity(steps)
         speed, heading = length(velocity), heading_of(velocity, SLOW * config.period)
@@ -143,7 +148,8 @@ class AnchorNetwork(nn.Module):
         anchor = self.param("anchor", _anchors(0.25, BENDS, BASIS), shape)
         still = self.param("still", _anchors(0.1, BENDS, BASIS), shape)
         bend = _dense(int(np.prod(shape)), "bend", 0.01)(state).reshape(-1, *shape)
-        spread = jnp.exp(_dense(config.samples, "spread", 0.01)(state))[..., None, None]
+        spread = _dense(config.samples, "spread", 0.01)(state)
+        spread = jnp.exp(jnp.clip(spread, -4, 4))[..., None, None]
         scale = (speed * config.pred_len + 0.5)[:, None, None, None]
         residual = turned(scale * (bend + spread * anchor), heading[:, None, None], 1)
         # A person who stands is the less certain the longer the horizon: by 1 in 2.4 s.
@@ -155,7 +161,9 @@ class AnchorNetwork(nn.Module):
         score = jnp.where(valid[:, None], _dense(config.samples, "likely", 0.01)(state), 0)
         score = score.sum(0) / jnp.sqrt(jnp.maximum(valid.sum(), 1))
         score = self.param("prior", nn.initializers.zeros, (config.samples,)) + score
-        return _straight_on(observed, velocity, config.pred_len) + residual, nn.log_softmax(score)
+        forecast = _straight_on(observed, velocity, config.pred_len) + residual
+        forecast = limit_displacement(forecast, observed[:, -1], config.period)
+        return forecast + offset[:, None], nn.log_softmax(score)
 
     def velocity(self, steps: Array) -> tuple[Array, Array]:
         """Velocity `[N, 2]` in metres a step, and the log differences that it depends on `[N, F]`.

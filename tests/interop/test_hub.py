@@ -12,8 +12,9 @@ from unittest import mock
 import pytest
 import yaml
 
-from neurosym_jax import InputError, Model, load_model
+from neurosym_jax import InputError, load_model, save_model
 from neurosym_jax.data.sources import licences_of
+from neurosym_jax.interop import from_pretrained, push_to_hub
 from tests.repository import run_python
 
 COMMIT = "c" * 40
@@ -92,13 +93,13 @@ def test_folders_have_the_header_of_the_hub(model, tmp_path, data, licence):
         ("---\nlicense: mit\n---\n\n# Mine\n", ("mit", None, None)),
     ):
         folder = tmp_path / str(facts[2])
-        dataclasses.replace(model("none"), data=data).save_pretrained(folder, card)
+        save_model(folder, dataclasses.replace(model("none"), data=data), card)
         text = (folder / "README.md").read_text()
         (head,) = re.findall(r"\A---\n(.*?)---\n\n# ", text, re.DOTALL)
         header = yaml.safe_load(head)
         found = tuple(header.get(name) for name in ("license", "datasets", "library_name"))
         assert found == facts
-        assert Model.from_pretrained(folder).data == data
+        assert from_pretrained(folder).data == data
 
 
 def run(code, tmp_path, endpoint):
@@ -115,16 +116,17 @@ def run(code, tmp_path, endpoint):
 def test_a_model_goes_to_the_hub_and_comes_back(hub, tmp_path):
     endpoint, files = hub
     code = (
-        "model = nj.load_model('sgan_simulations_8'); print(model.push_to_hub('me/walkers'))\n"
-        f"nj.Model.from_pretrained('me/walkers').save_pretrained({str(tmp_path / 'back')!r})\n"
+        "model = nj.load_model('sgan_simulations_8')\n"
+        "print(nj.interop.push_to_hub(model, 'me/walkers'))\n"
+        f"nj.save_model({str(tmp_path / 'back')!r}, nj.interop.from_pretrained('me/walkers'))\n"
     )
     assert run(code, tmp_path, endpoint) == f"{endpoint}/me/walkers/commit/{COMMIT}"
     assert sorted(files) == ["README.md", "config.json", "params.safetensors"]
     for name, content in files.items():
         assert (tmp_path / "back" / name).read_bytes() == content
-    assert "me/nobody: " in run("nj.Model.from_pretrained('me/nobody')", tmp_path, endpoint)
+    assert "me/nobody: " in run("nj.interop.from_pretrained('me/nobody')", tmp_path, endpoint)
     files["README.md"] += b"edited in the browser"
-    again = run("nj.Model.from_pretrained('me/walkers')", tmp_path / "again", endpoint)
+    again = run("nj.interop.from_pretrained('me/walkers')", tmp_path / "again", endpoint)
     assert "damaged: its files do not match the digest" in again
 
 
@@ -135,15 +137,15 @@ def test_an_upload_is_the_folder_of_a_model(model, monkeypatch):
         or mock.Mock(commit_url="its page")
     )
     monkeypatch.setitem(sys.modules, "huggingface_hub", hub)
-    assert model("none").push_to_hub("me/walkers") == "its page"
+    assert push_to_hub(model("none"), "me/walkers") == "its page"
     assert uploaded == {"name": "me/walkers", "kind": "generator"}
 
 
 def test_a_missing_model_is_named_in_one_line(monkeypatch):
     with pytest.raises(InputError, match="absent: no such checkpoint"):
-        Model.from_pretrained("absent")
+        from_pretrained("absent")
     monkeypatch.setitem(sys.modules, "huggingface_hub", None)
     with pytest.raises(InputError, match=r"me/walkers: the Hub needs pip install .*\[hub\]"):
-        Model.from_pretrained("me/walkers")
+        from_pretrained("me/walkers")
     with pytest.raises(InputError, match="the Hub needs"):
-        load_model("sgan_simulations_8").push_to_hub("me/walkers")
+        push_to_hub(load_model("sgan_simulations_8"), "me/walkers")
