@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neurosym_jax.data.tracks import Tracks, resample
+from neurosym_jax.data.clock import resample
+from neurosym_jax.data.tracks import Tracks
 from neurosym_robot.online.predictor import Predictor, load_models
 from neurosym_robot.online.replay import straight
 from neurosym_robot.tracking.following import Frame, frames_of_tracks

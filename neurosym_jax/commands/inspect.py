@@ -8,10 +8,11 @@ import numpy as np
 import tyro
 
 from neurosym_jax.commands._options import Positional, Reading, refuse_given
+from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.evidence import pace_of, steps_of
 from neurosym_jax.data.formats import FORMATS, files_in, is_folder, read_any
 from neurosym_jax.data.reading import AS_IT_SAYS
-from neurosym_jax.data.tracks import GAP, Tracks, on_grid
+from neurosym_jax.data.tracks import GAP, Tracks
 from neurosym_jax.data.windows import cut_windows
 from neurosym_jax.errors import InputError, InputWarning, printable
 

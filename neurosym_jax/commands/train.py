@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from neurosym_jax.commands._options import Reading, open_data, options_text, refuse_unused
+from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.leakage import shared_shapes
 from neurosym_jax.data.reading import AS_IT_SAYS
 from neurosym_jax.data.sources import GENERAL, EthUcy, Source, Synthetic
-from neurosym_jax.data.tracks import Tracks, describe_readings, on_grid
+from neurosym_jax.data.tracks import Tracks, describe_readings
 from neurosym_jax.data.windows import Windows, cut_windows, make_batches
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.plan import baselines_of

@@ -1,3 +1,5 @@
+from .clock import on_grid as on_grid
+from .clock import resample as resample
 from .formats import read_any as read_any
 from .formats import register_format as register_format
 from .reading import Format as Format
@@ -12,8 +14,6 @@ from .sources import windows_from as windows_from
 from .tracks import Reading as Reading
 from .tracks import Tracks as Tracks
 from .tracks import make_tracks as make_tracks
-from .tracks import on_grid as on_grid
-from .tracks import resample as resample
 from .windows import Batch as Batch
 from .windows import Windows as Windows
 from .windows import cut_windows as cut_windows

@@ -13,9 +13,10 @@ from typing import Any, ClassVar, Literal, cast
 import numpy as np
 
 from neurosym_jax.data import formats
+from neurosym_jax.data.clock import on_grid, resample
 from neurosym_jax.data.readers import eth_ucy
 from neurosym_jax.data.reading import AS_IT_SAYS, ReadOptions
-from neurosym_jax.data.tracks import PERIOD, Tracks, on_grid, resample
+from neurosym_jax.data.tracks import PERIOD, Tracks
 from neurosym_jax.data.windows import Windows, cut_windows
 from neurosym_jax.errors import InputError, printable
 

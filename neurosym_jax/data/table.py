@@ -81,9 +81,15 @@ class Table:
         return values
 
     def times(
-        self, place: int, options: ReadOptions, period: float, any_step: bool = False
+        self,
+        place: int,
+        ids: np.ndarray,
+        options: ReadOptions,
+        period: float,
+        any_step: bool = False,
     ) -> np.ndarray:
-        """[R] seconds of frame numbers, whose most common step is `period` unless `options` say.
+        """[R] seconds of frame numbers. The most common step of people, `ids` [R], is `period`
+        unless `options` say.
 
         Raises:
             InputError: for a frame that is not a whole number, and where that step is unusual.
@@ -92,7 +98,9 @@ class Table:
         if options.eth_stride and self.path.stem.startswith("biwi_eth"):
             stride = options.eth_stride
         if stride is None:
-            steps = np.diff(np.unique(frame))
+            order = np.lexsort((frame, ids))
+            steps = np.diff(frame[order])[(np.diff(ids[order]) == 0) & (np.diff(frame[order]) > 0)]
+            steps = steps if len(steps) else np.diff(np.unique(frame))
             stride = common(steps) if len(steps) else 1.0
             if not any_step and stride not in STEPS:
                 raise InputError(

@@ -15,14 +15,13 @@ from neurosym_jax.errors import InputError, printable
 from neurosym_jax.scene import refuse_masked
 
 __all__ = ["GAP", "LATE", "PERIOD", "SNAP", "Reading", "Tracks", "describe_readings"]
-__all__ += ["make_tracks", "on_grid", "resample"]
+__all__ += ["common", "make_tracks"]
 
 PERIOD = 0.4  # seconds between the steps of the ETH/UCY benchmark and of every shipped model
 SNAP = 1e-6  # seconds within which a stamp counts as a grid point: clocks are rounded
 GAP = 1.5  # a step of a person longer than this many usual ones is a gap
 LATE = 1e11  # latest time accepted, seconds; a float64 of this size resolves 20 microseconds
 MAX_METRES = 1e8  # largest coordinate accepted; UTM and web maps stay below
-DENSE = 100  # largest ratio of grid points to source points; beyond, a mistyped period
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +33,7 @@ class Reading:
     format: str | None = None  # name of the file's format
     rows: int = 0  # points that were read
     filled: int = 0  # points that were interpolated in gaps of single people's tracks
+    interpolated: int = 0  # points of windows, once cut, that lie between two points of the file
     gaps: int = 0  # gaps in time, once windows are cut; windows do not cross them
     warnings: tuple[str, ...] = ()  # what looks wrong, a line each
 
@@ -50,9 +50,10 @@ class Tracks:
     """name: [R, ...] further numbers of each row, as a group, a class or a heading."""
     known: np.ndarray | None = None  # [R] seconds: last observation that the point depends on
     foreseen: np.ndarray | None = None  # [R, 2] metres: extrapolated from those before `known`
-    period: float | None = None  # seconds between points of the grid that all stamps lie on
+    period: float | None = None  # seconds between points of the grids that all stamps lie on
+    step: np.ndarray | None = None  # [R] int64 number on that grid; pieces of other phase are apart
     reading: Reading | None = None  # how the recording was read from a file
-    _columns: ClassVar = ("stamp", "id", "position", "known", "foreseen")
+    _columns: ClassVar = ("stamp", "id", "position", "known", "foreseen", "step")
 
     def take(self, rows: np.ndarray | slice) -> Self:
         """Select rows ([R] bool mask, [R'] ascending indices, or a slice) with all their fields."""
@@ -125,105 +126,6 @@ def _order(where: str, stamp: np.ndarray, id: np.ndarray, row: Any = None) -> np
     return order
 
 
-def resample(
-    tracks: Tracks, period: float, max_gap: float = 1.0, start: float | None = None
-) -> Tracks:
-    """Interpolate every track linearly onto the grid `start + n * period`, n = 0, 1, ...
-
-    A grid point within `SNAP` of a source point takes its position bit for bit. Any other lies
-    between two source points of the agent at most `max_gap` apart; a longer gap splits a track in
-    two under the same id. Extras are those of the last source point.
-
-    An interpolated point depends on the later source point (its stamp is `known`). `foreseen` is
-    extrapolated from the earlier ones alone, at their mean velocity over the last `period`;
-    `windows` uses it where `known` lies after the observation.
-
-    All times are in seconds; `start` is by default the recording's first stamp.
-
-    Raises:
-        InputError: for a period, gap or start that does not suit the recording.
-    """
-    start = float(tracks.stamp.min()) if start is None else float(start)
-    if not (np.isfinite([period, start]).all() and period > 2 * SNAP and max_gap >= 0):
-        said = f"period {period}, start {start}, longest gap {max_gap} s"
-        raise InputError(f"{tracks.recording}: no usable grid: {said}")
-    stamp, position = tracks.stamp, tracks.position
-    same = np.diff(tracks.id) == 0
-    joined = np.append(same & (np.diff(stamp) <= max_gap + 2 * SNAP), False)
-    row, grid, exact = _grid_points(tracks, period, start, joined)
-    grid_stamp = start + grid * period
-    after = np.where(exact, row, row + 1)
-    since = grid_stamp - stamp[row]
-    weight = np.clip(since / np.where(exact, 1.0, stamp[after] - stamp[row]), 0.0, 1.0)[:, None]
-    # In this form a standing person stays exactly still, which QTC's zero symbols need.
-    between = position[row] + weight * (position[after] - position[row])
-    ahead = position[row] + since[:, None] * _velocity(tracks, joined, period)[row]
-    filled = int(np.sum(stamp[after] - stamp[row] > GAP * period))
-    return dataclasses.replace(
-        tracks.take(row),
-        reading=tracks.reading and dataclasses.replace(tracks.reading, filled=filled),
-        stamp=grid_stamp,
-        position=np.where(exact[:, None], position[row], between),
-        known=np.where(exact, grid_stamp, stamp[after]),
-        foreseen=np.where(exact[:, None], position[row], ahead),
-        period=period,
-    )
-
-
-def _grid_points(
-    tracks: Tracks, period: float, start: float, joined: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For each of G grid points its source row, its number n, and whether it lies on that row.
-
-    A row serves the grid points before the next row's or, if it is not `joined` [R] to that, the
-    point that it lies on.
-    """
-    stamp = tracks.stamp
-    nearest = np.rint((stamp - start) / period)
-    snaps = np.abs(stamp - (start + nearest * period)) <= SNAP
-    place = np.where(snaps, nearest, (stamp - start) / period)
-    first = np.ceil(place)
-    last = np.where(joined, np.append(first[1:], 0.0), np.floor(place) + 1)
-    first, last = np.maximum(first, 0), np.maximum(last, 0)
-    wanted = float(np.sum(last - first))
-    if not 0 < wanted <= DENSE * len(stamp):
-        made = f"{wanted:,.0f} points of {len(stamp):,}"
-        raise InputError(f"{tracks.recording}: a period of {period:g} s makes {made}")
-    count = (last - first).astype(np.int64)
-    row = np.repeat(np.arange(len(stamp)), count)
-    before = np.cumsum(count) - count
-    grid = first[row] + (np.arange(len(row)) - before[row])
-    return row, grid, grid == place[row]
-
-
-def on_grid(tracks: Tracks, period: float = PERIOD, max_gap: float = 1.0) -> Tracks:
-    """`tracks` unchanged if they lie on one grid of `period` seconds without a gap, else resampled.
-
-    Raises:
-        InputError: for a period or gap that is not a usable number, see `resample`.
-    """
-    if not 0 < period < np.inf:
-        raise InputError(f"{tracks.recording}: the period must be positive, not {period}")
-    place = (tracks.stamp - tracks.stamp.min()) / period
-    steps = np.diff(np.rint(place))[np.diff(tracks.id) == 0]
-    if np.all(steps == 1) and np.all(np.abs(place - np.rint(place)) <= SNAP / period):
-        return dataclasses.replace(tracks, period=period)
-    return resample(tracks, period, max_gap)
-
-
-def _velocity(tracks: Tracks, joined: np.ndarray, period: float) -> np.ndarray:
-    """[R, 2] m/s: mean velocity over the last `period` seconds before each row, since the last gap
-    (`joined [R]`: the next row continues this one); zero at the first row."""
-    step = np.where(joined[:-1], np.diff(tracks.stamp), 2 * period)
-    clock = np.concatenate([[0.0], np.cumsum(step)])  # ascending over all agents
-    first = np.maximum.accumulate(np.where(np.append(True, ~joined[:-1]), np.arange(len(clock)), 0))
-    since = np.searchsorted(clock, clock - period + SNAP, side="right") - 1
-    since = np.maximum(since, first)
-    span = (tracks.stamp - tracks.stamp[since])[:, None]
-    moved = tracks.position - tracks.position[since]
-    return np.divide(moved, span, out=np.zeros_like(moved), where=span > 0)
-
-
 def common(values: np.ndarray) -> float:
     """The most common of [R] numbers, R > 0; the smallest of several."""
     kinds, counts = np.unique(values, return_counts=True)
@@ -231,9 +133,10 @@ def common(values: np.ndarray) -> float:
 
 
 def describe_readings(readings: Iterable[Reading]) -> str:
-    """A line for each recording read from a file: format, rows, gaps and what was filled."""
+    """A line for each recording read from a file: format, rows, gaps and what is interpolated."""
     return "\n".join(
         f"read {printable(how.recording)}: {how.format}, {how.rows} rows"
+        + f", {how.interpolated} points of windows interpolated" * (how.interpolated > 0)
         + f", {how.filled} points filled in gaps" * (how.filled > 0)
         + f", {how.gaps} gaps in time" * (how.gaps > 0)
         for how in {(how.file, how.recording): how for how in readings if how.file}.values()

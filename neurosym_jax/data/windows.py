@@ -122,8 +122,9 @@ def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
     """The windows of one recording, possibly none."""
     length = obs_len + pred_len
     exact = (tracks.stamp - tracks.stamp.min()) / _period(tracks)
-    place = np.rint(exact)  # Two agents' stamps may be rounded differently on one grid.
-    if np.any(np.abs(exact - place) > 0.05):
+    # Two agents' stamps may be rounded differently on one grid.
+    place = np.rint(exact) if tracks.step is None else tracks.step
+    if tracks.step is None and np.any(np.abs(exact - place) > 0.05):
         raise InputError(f"{tracks.recording}: its stamps are on no one grid: use data.on_grid")
     places, step = np.unique(place, return_inverse=True)
     # Rows are sorted by (id, stamp) without duplicates, so `length` rows of one id that span
@@ -139,19 +140,23 @@ def _cut(tracks: Tracks, obs_len: int, pred_len: int, skip: int, min_agents: int
     first = first[np.repeat(enough, sizes)]
     rows = first[:, None] + np.arange(length)
     position = tracks.position[rows]
+    interpolated = 0
     if tracks.known is not None and tracks.foreseen is not None:
+        used = np.unique(rows)
+        interpolated = int(np.sum(tracks.known[used] > tracks.stamp[used]))
         # Observed points that depend on later observations become what was foreseen.
         seen = rows[:, :obs_len]
         late = tracks.known[seen] > tracks.stamp[seen[:, -1:]] + 2 * SNAP
         position[:, :obs_len][late] = tracks.foreseen[seen[late]]
     reading = tracks.reading or Reading(tracks.recording, rows=len(tracks.id))
+    gaps = int(np.sum(np.diff(places) > 1))
     return Windows(
         position=position,
         agent=tracks.id[first],
         bounds=np.append(0, np.cumsum(sizes[enough])),
         identity=scene_identity(tracks.recording, starts[enough]),
         obs_len=obs_len,
-        reading=(dataclasses.replace(reading, gaps=int(np.sum(np.diff(places) > 1))),),
+        reading=(dataclasses.replace(reading, gaps=gaps, interpolated=interpolated),),
         extras={name: values[first + obs_len - 1] for name, values in tracks.extras.items()},
     )
 

@@ -16,9 +16,9 @@ import numpy as np
 import polars as pl
 
 from neurosym_jax.configuration import Count, refuse
+from neurosym_jax.data.clock import on_grid
 from neurosym_jax.data.formats import recordings_in
 from neurosym_jax.data.reading import ReadOptions
-from neurosym_jax.data.tracks import on_grid
 from neurosym_jax.data.windows import single_scene
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation.bootstrap import ErrorsByScene

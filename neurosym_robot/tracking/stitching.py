@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from scipy.optimize import linear_sum_assignment
 
 from neurosym_jax.configuration import Checked, NotNegative
-from neurosym_jax.data.tracks import SNAP, Tracks, resample
+from neurosym_jax.data.clock import resample
+from neurosym_jax.data.tracks import SNAP, Tracks
 from neurosym_jax.errors import InputError
 from neurosym_robot.tracking.following import (
     RECENT,

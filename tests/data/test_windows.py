@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+from neurosym_jax.data.clock import resample
 from neurosym_jax.data.sources import open_source
-from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks, resample
+from neurosym_jax.data.tracks import SNAP, Reading, Tracks, make_tracks
 from neurosym_jax.data.windows import (
     Windows,
     bucket_of,
@@ -161,10 +162,10 @@ def test_what_is_foreseen():
     """At 0.4 s a walker was last seen at 0.3 s, at 1 m/s; he then turned round."""
     stamp = [0, 0.1, 0.3, 0.5, 0.9]
     walk = make_tracks("r", stamp, [1] * 5, np.stack([[0, 0.1, 0.3, 0.1, 0.1], [0] * 5], 1))
-    windows = cut_windows([resample(walk, 0.4)], 2, 1, min_agents=1)
+    windows = cut_windows([resample(walk, 0.4, start=0)], 2, 1, min_agents=1)
     np.testing.assert_allclose(windows.position[0, :, 0], [0, 0.4, 0.1], atol=1e-12)
     # As a step of the future the same point lies between what was seen before and after it.
-    windows = cut_windows([resample(walk, 0.4)], 1, 2, min_agents=1)
+    windows = cut_windows([resample(walk, 0.4, start=0)], 1, 2, min_agents=1)
     np.testing.assert_allclose(windows.position[0, :, 0], [0, 0.2, 0.1], atol=1e-12)
 
 

@@ -94,7 +94,7 @@ class Columns(Format):
         elif options.time_unit:
             raise InputError(f"{table.path}: --time-unit is of no use: the column counts frames")
         else:
-            stamp = table.times(place[clock], options, period)
+            stamp = table.times(place[clock], table.ids(place["id"]), options, period)
         position = table.numbers(place["x"], place["y"]) * options.metres
         extras = {key: table.extra(at) for key, at in place.items() if key not in _USUAL}
         ids = table.ids(place["id"])

@@ -41,7 +41,9 @@ class Text(Format):
         values = table.numbers(*range(len(self.names)))
         metres = values[:, [self.names.index("x"), self.names.index("y")]] * options.metres
         table.whole_numbers(1)
-        return table.tracks(table.times(0, options, period), table.ids(1), np.round(metres, 4))
+        ids = table.ids(1)
+        stamp = table.times(0, ids, options, period)
+        return table.tracks(stamp, ids, np.round(metres, 4))
 
 
 class Obsmat(Text):

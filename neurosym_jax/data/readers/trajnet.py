@@ -52,8 +52,9 @@ class Trajnet(Format):
             raise InputError(f"{path}: {why}")
         texts = pl.Series(points.values(), dtype=pl.List(pl.String))
         table = Table(path, _KEYS, texts, np.array(list(points)))
-        stamp = table.times(0, options, 1 / (rates or [FPS])[-1], any_step=True)
-        return table.tracks(stamp, table.ids(1), table.numbers(2, 3))
+        ids = table.ids(1)
+        stamp = table.times(0, ids, options, 1 / (rates or [FPS])[-1], any_step=True)
+        return table.tracks(stamp, ids, table.numbers(2, 3))
 
 
 def _content(path: Path, at: int, line: str) -> tuple[str, dict[str, Any]]:
