@@ -140,7 +140,7 @@ def _walk_frames(key: jax.Array, scenario: str, people: int, frames: int, rate: 
     chance = jax.random.uniform(key, (plans + steps * 2 * people,), jnp.float32)
     kicks = float(np.sqrt(12)) * (chance[plans:].reshape(steps, 2, people) - 0.5)
     plan = _PLANS[scenario](chance[:plans].reshape(legs, people, 8))
-    plan = Plan(*(each.astype(jnp.float32) for each in plan))
+    plan = Plan(*(values.astype(jnp.float32) for values in plan))
     return walk(plan, kicks, 1 / (rate * substeps), ROOM, scenario == "all-forward")[::substeps]
 
 
@@ -170,6 +170,6 @@ def _identities(
     between = np.linalg.norm(path[:, :, None] - path[:, None], axis=-1)
     close = (between < SWAP_DISTANCE) & ~lost[:, :, None] & ~lost[:, None]
     swaps = np.triu(close & (chance[..., 3:] < faults.id_swap), 1)
-    for at, one, two in np.argwhere(swaps):
-        label[at:, [one, two]] = label[at:, [two, one]]
+    for at, first, second in np.argwhere(swaps):
+        label[at:, [first, second]] = label[at:, [second, first]]
     return lost, label

@@ -88,8 +88,8 @@ def _step(
 
     # Partners turn around together: stand until both have arrived, then pause.
     goal = plan.goal[state.leg, everyone]
-    there = _length(goal - state.position) < ARRIVED
-    arrived = state.arrived | there | (state.since > PATIENCE)
+    at_goal = _length(goal - state.position) < ARRIVED
+    arrived = state.arrived | at_goal | (state.since > PATIENCE)
     ready = arrived & (arrived[partner] | (state.leg[partner] > state.leg))
     pause = jnp.where(ready, state.pause - dt, state.pause)
     depart = ready & (pause <= 0)
@@ -115,16 +115,16 @@ def _step(
 
     force = (desired - state.velocity) / RELAXATION + _walls(state.position, room)
     others = ~np.eye(len(everyone), dtype=bool)
-    apart = state.position[:, None] - state.position[None]
-    near = _length(apart)[..., None]
-    force = force + jnp.sum(CONTACT * jnp.maximum(TOUCH - near, 0.0) * apart / near, axis=1)
+    offset = state.position[:, None] - state.position[None]
+    near = _length(offset)[..., None]
+    force = force + jnp.sum(CONTACT * jnp.maximum(TOUCH - near, 0.0) * offset / near, axis=1)
     if abreast:
         others[everyone, partner] = False
         rank = ABREAST * np.stack([everyone - partner, 0 * everyone], -1).astype(np.float32)
-        gap, drift = (each - each[partner] for each in (state.position, state.velocity))
+        gap, drift = (motion - motion[partner] for motion in (state.position, state.velocity))
         force = force + SPRING / 2 * (rank - gap) - DAMPING / 2 * drift
-    of_all = jax.vmap(jax.vmap(_repulsion, (None, 0, None, None, 0)), (0, None, 0, 0, None))
-    push = of_all(state.position, state.position, heading, state.velocity, state.velocity)
+    repulsions = jax.vmap(jax.vmap(_repulsion, (None, 0, None, None, 0)), (0, None, 0, 0, None))
+    push = repulsions(state.position, state.position, heading, state.velocity, state.velocity)
     force = force + jnp.sum(jnp.where(others[..., None], push, 0.0), axis=1)
 
     velocity = state.velocity + dt * force

@@ -92,11 +92,11 @@ class PairFuture:
         least, most = jnp.cos(jnp.radians(high)), jnp.cos(jnp.radians(low))
         return (cosine >= least * lengths) & (cosine <= most * lengths) & (lengths > 0)
 
-    def lasting(self, what: Array, seconds: float) -> Array:
+    def lasting(self, condition: Array, seconds: float) -> Array:
         """[..., T] bool: `what` [..., T] holds and has held for this long."""
-        held = what
+        held = condition
         for steps in range(1, round(seconds / self.period)):
-            held = held & _shifted(what, steps)
+            held = held & _shifted(condition, steps)
         return held
 
     @staticmethod

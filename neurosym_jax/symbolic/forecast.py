@@ -95,8 +95,8 @@ def symbolic_events(
 
     `events` are names, None for all of `EVENTS`; see `symbolic_forecast` for the other arguments.
     """
-    how, *paths = _checked(samples, observed, pairs, settings)
-    return _events(how, tuple(EVENTS) if events is None else tuple(events), *paths)
+    settings, *paths = _checked(samples, observed, pairs, settings)
+    return _events(settings, tuple(EVENTS) if events is None else tuple(events), *paths)
 
 
 def state_steps(settings: SymbolSettings, k: Array, l: Array) -> Array:
@@ -165,29 +165,29 @@ def _ends(paths: Array, pairs: Array | None) -> tuple[Array, Array, Array]:
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _forecast(how: SymbolSettings, paths: Array, pairs: Array | None) -> Array:
+def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Array:
     k, l, others = _ends(paths, pairs)
-    rows = state_steps(how, k, l)
-    count, size = rows[0].size, len(all_states(how.calculus))
+    rows = state_steps(settings, k, l)
+    count, size = rows[0].size, len(all_states(settings.calculus))
     first = size * jnp.arange(count).reshape(1, *rows.shape[1:])
     counts = jnp.zeros(count * size).at[(first + rows).ravel()].add(1)
-    seen = counts.reshape(count, size) + how.smoothing * (1 / size)
-    shares = (seen / (len(rows) + how.smoothing)).reshape(*rows.shape[1:], size)
+    seen = counts.reshape(count, size) + settings.smoothing * (1 / size)
+    shares = (seen / (len(rows) + settings.smoothing)).reshape(*rows.shape[1:], size)
     return jnp.where(others[..., None, None], shares, 0)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _events(
-    how: SymbolSettings, names: tuple[str, ...], paths: Array, pairs: Array | None
+    settings: SymbolSettings, names: tuple[str, ...], paths: Array, pairs: Array | None
 ) -> EventForecast:
     k, l, others = _ends(paths, pairs)
-    first = jnp.sort(event_steps(how, names, k, l), axis=1)
+    first = jnp.sort(event_steps(settings, names, k, l), axis=1)
     count = (first < paths.shape[2] - 1).sum(axis=1)
-    share = (count + how.smoothing / 2) / (len(paths) + how.smoothing)
+    share = (count + settings.smoothing / 2) / (len(paths) + settings.smoothing)
     # The time of rank ceil(q n) among n: an observed time, not one between two.
     ranks = [jnp.maximum(-(-quarter * count // 4) - 1, 0) for quarter in (1, 2, 3)]
     times = [jnp.take_along_axis(first, rank[:, None], axis=1)[:, 0] for rank in ranks]
-    seconds = how.period * (jnp.stack(times, axis=-1) + 1.0)
+    seconds = settings.period * (jnp.stack(times, axis=-1) + 1.0)
     happens = others[None] & (count > 0)
     return EventForecast(
         jnp.where(others[None], share, 0), jnp.where(happens[..., None], seconds, jnp.inf)
@@ -218,9 +218,9 @@ def forecast_rows(
     The pair with the most probable event comes first. See `symbolic_forecast` for `samples
     [k, N, T, 2]` and `observed [N, obs_len, 2]`.
     """
-    how = dataclasses.asdict(settings)
-    states = np.asarray(symbolic_forecast(samples, observed, **how))
-    events = jax.tree.map(np.asarray, symbolic_events(samples, observed, **how))
+    fields = dataclasses.asdict(settings)
+    states = np.asarray(symbolic_forecast(samples, observed, **fields))
+    events = jax.tree.map(np.asarray, symbolic_events(samples, observed, **fields))
     texts, surest = state_texts(settings.calculus), events.probability.max(axis=0)
     rows = []
     for k, l in sorted(itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]):
@@ -243,13 +243,13 @@ def format_forecast(rows: list[dict[str, Any]], at_least: float = 0.3) -> str:
     A time is the median of the first happening, with its quartiles.
     """
     lines = ["event                                    probability  in s (quartiles)"]
-    found = [
+    events = [
         (event["probability"], EVENTS[name].in_short(name).format(**row), event["seconds"])
         for row in rows
         for name, event in row["events"].items()
         if event["probability"] >= at_least
     ]
-    for share, words, seconds in sorted(found, key=lambda each: -each[0]):
+    for share, words, seconds in sorted(events, key=lambda event: -event[0]):
         times = "{1:.1f} ({0:.1f} to {2:.1f})".format(*seconds) if seconds else "-"
         lines.append(f"{words:40} {share:11.2f}  {times}")
-    return "\n".join(lines if found else [*lines, f"none is as probable as {at_least:g}"])
+    return "\n".join(lines if events else [*lines, f"none is as probable as {at_least:g}"])

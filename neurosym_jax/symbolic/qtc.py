@@ -71,16 +71,17 @@ def observe(
         InputError: for an unknown calculus or convention.
     """
     refuse(Calculus, {"calculus": calculus})
-    of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
+    side = side_factor(quantisation_factor, convention, side_quantisation_factor)
     compared = comparisons(k, l, convention, _length)
-    towards = [_compare(*each, quantisation_factor) for each in compared[:2]]
-    sides = [_compare(*each, of_sides) for each in compared[2:]] if calculus != "b1" else []
+    towards = [_compare(*comparison, quantisation_factor) for comparison in compared[:2]]
+    compared = compared[2:] if calculus != "b1" else []
+    sides = [_compare(*comparison, side) for comparison in compared]
     if convention == "as_published":
         sides = [abs(side) for side in sides]
     if calculus == "bc1":
         (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
-        apart = _length(x - other_x, y - other_y) > near
-        sides = [jnp.where(apart, ABSENT, side) for side in sides]
+        far = _length(x - other_x, y - other_y) > near
+        sides = [jnp.where(far, ABSENT, side) for side in sides]
     return jnp.moveaxis(jnp.stack(towards + sides), (0, 1), (-1, -2))
 
 
@@ -91,16 +92,16 @@ def other_pairs(valid: ArrayLike) -> Array:
 
 
 def side_factor(
-    quantisation_factor: ArrayLike, convention: str, given: ArrayLike | None
+    quantisation_factor: ArrayLike, convention: str, side: ArrayLike | None
 ) -> ArrayLike:
-    """The quantisation factor [] of q3 and q4, `given` or by convention.
+    """The quantisation factor [] of q3 and q4, `side` or by convention.
 
     Raises:
         InputError: for an unknown convention.
     """
     refuse(Convention, {"convention": convention})
-    by_default = quantisation_factor if convention == "line" else 0.0
-    return by_default if given is None else given
+    default = quantisation_factor if convention == "line" else 0.0
+    return default if side is None else side
 
 
 def comparisons(
@@ -110,7 +111,7 @@ def comparisons(
 
     Without a scale a and b are metres. Positions are those of `observe`, and `length` is of (x, y).
     """
-    found = []
+    pairs = []
     for (x0, y0), (x1, y1), (x, y) in _ways(k, l):
         line = x - x0, y - y0
         if convention == "line":
@@ -118,8 +119,8 @@ def comparisons(
         else:
             towards = length(x1 - x, y1 - y), length(x0 - x, y0 - y), None
         side = (x1 - x0) * line[1], (y1 - y0) * line[0], length(*line)
-        found.append((towards, side))
-    return [towards for towards, _ in found] + [side for _, side in found]
+        pairs.append((towards, side))
+    return [towards for towards, _ in pairs] + [side for _, side in pairs]
 
 
 def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
@@ -128,10 +129,10 @@ def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     Each is (x, y) of [T-1, ...]: with steps first, all pairs of a scene are computed along agents
     and not along the few steps, which vectorises and takes a quarter of the time.
     """
-    points = [jnp.asarray(each, jnp.result_type(each, 0.0)) for each in (k, l)]
-    axes = max(each.ndim for each in points)
-    points = [each.reshape((1,) * (axes - each.ndim) + each.shape) for each in points]
-    (kx, ky), (lx, ly) = (jnp.moveaxis(each, (-1, -2), (0, 1)) for each in points)
+    points = [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
+    axes = max(point.ndim for point in points)
+    points = [point.reshape((1,) * (axes - point.ndim) + point.shape) for point in points]
+    (kx, ky), (lx, ly) = (jnp.moveaxis(point, (-1, -2), (0, 1)) for point in points)
     k0, l0 = (kx[:-1], ky[:-1]), (lx[:-1], ly[:-1])
     return [(k0, (kx[1:], ky[1:]), l0), (l0, (lx[1:], ly[1:]), k0)]
 

@@ -42,8 +42,8 @@ def soft_symbols(
     metres per step, > 0. The probabilities are differentiable in every array. `straight_through`
     gives the hard symbols probability 1, with the gradients of the soft ones.
     """
-    of_sides = side_factor(quantisation_factor, convention, side_quantisation_factor)
-    thresholds = [quantisation_factor] * 2 + [of_sides] * 2
+    side = side_factor(quantisation_factor, convention, side_quantisation_factor)
+    thresholds = [quantisation_factor] * 2 + [side] * 2
     symbols = []
     compared = comparisons(k, l, convention, lambda x, y: safe_root(x * x + y * y))
     for (a, b, scale), threshold in zip(compared, thresholds):
@@ -56,7 +56,10 @@ def soft_symbols(
         soft = jnp.concatenate([soft[..., :2, :], folded], axis=-2)
     if not straight_through:
         return soft
-    factors = {"quantisation_factor": quantisation_factor, "side_quantisation_factor": of_sides}
+    factors = {
+        "quantisation_factor": quantisation_factor,
+        "side_quantisation_factor": side,
+    }
     hard = observe(k, l, "c1", convention=convention, **factors)
     return jax.nn.one_hot(hard + 1, 3, dtype=soft.dtype) + (soft - jax.lax.stop_gradient(soft))
 
@@ -86,9 +89,10 @@ def _expected_by_zeros(zero: Array) -> Array:
     count = [jnp.ones_like(zero[..., 0])]
     for symbol in range(4):
         p = zero[..., symbol]
-        stay, more = [of * (1 - p) for of in count], [of * p for of in count]
-        count = [stay[0], *(a + b for a, b in zip(stay[1:], more)), more[-1]]
-    return sum((of / (3**z + 2 ** (4 - z) - 2) for z, of in enumerate(count)), jnp.zeros(()))
+        others, zeros = [share * (1 - p) for share in count], [share * p for share in count]
+        count = [others[0], *(a + b for a, b in zip(others[1:], zeros)), zeros[-1]]
+    terms = (share / (3**z + 2 ** (4 - z) - 2) for z, share in enumerate(count))
+    return sum(terms, jnp.zeros(()))
 
 
 def _probabilities(margin: Array, factor: ArrayLike, temperature: ArrayLike) -> Array:

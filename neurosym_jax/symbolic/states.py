@@ -44,8 +44,8 @@ def all_states(calculus: Calculus = "c1") -> np.ndarray:
     states = np.indices([3] * (2 if calculus == "b1" else 4)).astype(np.int8) - 1
     states = states.reshape(len(states), -1).T
     if calculus == "bc1":
-        apart = np.pad(all_states("b1"), [(0, 0), (0, 2)], constant_values=ABSENT)
-        states = np.concatenate([apart, states])
+        far_states = np.pad(all_states("b1"), [(0, 0), (0, 2)], constant_values=ABSENT)
+        states = np.concatenate([far_states, states])
     states.flags.writeable = False
     return states
 
@@ -94,11 +94,11 @@ def validate(states: ArrayLike) -> np.ndarray:
     """
     states = np.asarray(states)
     before, after = states[:-1], states[1:]
-    both = (before != ABSENT) & (after != ABSENT)
-    p, c = np.where(both, before, 0), np.where(both, after, 0)
+    shared = (before != ABSENT) & (after != ABSENT)
+    p, c = np.where(shared, before, 0), np.where(shared, after, 0)
     middle = np.where(p * c == -1, 0, c)
     leaving = ((p != 0) & (middle == 0)).any(axis=1, keepdims=True)
-    middle = np.where(both, np.where(leaving & (p == 0), 0, middle), after).astype(states.dtype)
+    middle = np.where(shared, np.where(leaving & (p == 0), 0, middle), after).astype(states.dtype)
     at = np.flatnonzero((middle != after).any(axis=1))
     return np.insert(states, at + 1, middle[at], axis=0)
 

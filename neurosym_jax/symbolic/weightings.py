@@ -179,11 +179,11 @@ def to_wrong_pairs(observed: Array, last: Array, valid: Array) -> Array:
     rotation nor padding nor the order of the agents changes it.
     """
     others = other_pairs(valid)
-    apart = jnp.square(last[:, None] - last[None]).sum(axis=-1)
-    by_distance = jnp.argsort(jnp.where(others, apart, jnp.inf), axis=1)
-    rank = jnp.argsort(by_distance, axis=1)
-    of_others = jnp.maximum(others.sum(axis=1, keepdims=True), 1)
-    source = jnp.take_along_axis(by_distance, (rank - 1) % of_others, axis=1)
+    square_distance = jnp.square(last[:, None] - last[None]).sum(axis=-1)
+    order = jnp.argsort(jnp.where(others, square_distance, jnp.inf), axis=1)
+    rank = jnp.argsort(order, axis=1)
+    count = jnp.maximum(others.sum(axis=1, keepdims=True), 1)
+    source = jnp.take_along_axis(order, (rank - 1) % count, axis=1)
     return jnp.take_along_axis(observed[..., ::-1], source[..., None], axis=1)
 
 
@@ -214,8 +214,8 @@ class Zeros(Ones):
 WEIGHTINGS: Registry[type[Weighting]] = Registry(
     "weighting",
     {
-        each.title: each
-        for each in (Cnd, CndShipped, Quantised, Soft, Learned, Ones, Zeros, Shuffled)
+        weighting.title: weighting
+        for weighting in (Cnd, CndShipped, Quantised, Soft, Learned, Ones, Zeros, Shuffled)
     },
 )
 
@@ -257,9 +257,9 @@ def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Cal
         made = isinstance(weighting, type)
         if made and start:
             raise InputError(f"{name}: initial values of a class are its fields' defaults")
-        found: Any = weighting if made else type(name, (FunctionWeighting,), own)
-        WEIGHTINGS.register(name, found, replace=replace)
-        found.title = name
+        cls: Any = weighting if made else type(name, (FunctionWeighting,), own)
+        WEIGHTINGS.register(name, cls, replace=replace)
+        cls.title = name
         return weighting
 
     return register
@@ -273,7 +273,7 @@ def make_weighting(
     `weighting` is an instance, or text such as `soft,temperature=0.05`; `parameters` are trained
     ones, by default the initial ones.
     """
-    named = isinstance(weighting, str)
-    chosen = component(weighting, WEIGHTINGS, "weighting") if named else weighting
-    given = initial_parameters(chosen) if parameters is None else parameters
-    return functools.partial(chosen.alpha, given)
+    is_text = isinstance(weighting, str)
+    chosen = component(weighting, WEIGHTINGS, "weighting") if is_text else weighting
+    values = initial_parameters(chosen) if parameters is None else parameters
+    return functools.partial(chosen.alpha, values)

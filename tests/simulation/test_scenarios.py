@@ -23,18 +23,18 @@ def exact(scenario, seed, people=2):
 
 def apart(path):
     """[pairs, F] metres between every two people at each frame."""
-    one, two = np.triu_indices(len(path), 1)
-    return np.linalg.norm(path[one] - path[two], axis=-1)
+    first, second = np.triu_indices(len(path), 1)
+    return np.linalg.norm(path[first] - path[second], axis=-1)
 
 
-def crossings(one, two):
+def crossings(first, second):
     """How often two polylines [F, 2] cross each other."""
 
     def side(origin, end, point):
         a, b = end - origin, point - origin
         return np.sign(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
-    p, q, r, s = one[:-1, None], one[1:, None], two[None, :-1], two[None, 1:]
+    p, q, r, s = first[:-1, None], first[1:, None], second[None, :-1], second[None, 1:]
     return int(((side(p, q, r) != side(p, q, s)) & (side(r, s, p) != side(r, s, q))).sum())
 
 

@@ -50,32 +50,31 @@ def away_and_aside(k0, k1, l0, convention):
     """Metres that the step from k0 to k1 leads away from l0 (q1), and right of the line (q3)."""
     k0, k1, l0 = (complex(*at) for at in (k0, k1, l0))
     step, line = k1 - k0, l0 - k0
-    apart, turned = norm(line), step.conjugate() * line  # Their dot and cross products.
-    along, aside = (-turned.real / apart, turned.imag / apart) if apart else (0, 0)
+    distance, turned = norm(line), step.conjugate() * line  # Their dot and cross products.
+    along, aside = (-turned.real / distance, turned.imag / distance) if distance else (0, 0)
     # The component along the line through both, or by how much the distance grows.
-    return along if convention == "line" else norm(k1 - l0) - apart, aside
+    return along if convention == "line" else norm(k1 - l0) - distance, aside
 
 
 def margins(k, l, convention="distance"):
     """[T-1, 4] metres of every step of k and l [T, 2], whose signs are q1 to q4."""
-    found = []
+    rows = []
     for (k0, k1), (l0, l1) in zip(itertools.pairwise(k), itertools.pairwise(l)):
-        of_k, of_l = (away_and_aside(*way, convention) for way in ((k0, k1, l0), (l0, l1, k0)))
-        found.append([value for pair in zip(of_k, of_l) for value in pair])
-    return found
+        ways = (k0, k1, l0), (l0, l1, k0)
+        k_margins, l_margins = (away_and_aside(*way, convention) for way in ways)
+        rows.append([value for pair in zip(k_margins, l_margins) for value in pair])
+    return rows
 
 
 def symbols(k, l, convention="distance", factor=0.0, side_factor=None):
     """[T-1, 4]: q1 to q4 of every step of k and l [T, 2]; thresholds in metres per step."""
     if side_factor is None:
         side_factor = factor if convention == "line" else 0.0
-    found = [
-        [sign(value, of) for value, of in zip(step, (factor, factor, side_factor, side_factor))]
-        for step in margins(k, l, convention)
-    ]
+    factors = factor, factor, side_factor, side_factor
+    states = [list(map(sign, step, factors)) for step in margins(k, l, convention)]
     if convention == "as_published":  # The norm of the cross product is never negative.
-        return [[q1, q2, abs(q3), abs(q4)] for q1, q2, q3, q4 in found]
-    return found
+        return [[q1, q2, abs(q3), abs(q4)] for q1, q2, q3, q4 in states]
+    return states
 
 
 def converse(states):

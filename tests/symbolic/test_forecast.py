@@ -34,34 +34,34 @@ def crowd():
 @pytest.mark.parametrize("calculus", ["b1", "c1", "bc1"])
 def test_probabilities_are_smoothed_shares_of_the_samples(crowd, calculus):
     samples, observed = crowd
-    found = symbolic_forecast(samples, observed, calculus=calculus, smoothing=2.0)
+    shares = symbolic_forecast(samples, observed, calculus=calculus, smoothing=2.0)
     table = all_states(calculus)
     expected = np.zeros((4, 4, 5, len(table)))
     for sample in samples:
         path = np.concatenate([observed[:, -1:], sample], axis=1)
-        how = {"quantisation_factor": 0.05, "side_quantisation_factor": 0.05}
-        seen = np.asarray(observe(path[:, None], path, calculus, **how))
+        thresholds = {"quantisation_factor": 0.05, "side_quantisation_factor": 0.05}
+        seen = np.asarray(observe(path[:, None], path, calculus, **thresholds))
         expected += (seen[..., None, :] == table).all(axis=-1)
     expected = (expected + 2 / len(table)) / (len(samples) + 2)
     expected[np.arange(4), np.arange(4)] = 0
-    np.testing.assert_allclose(found, expected, atol=1e-6)
+    np.testing.assert_allclose(shares, expected, atol=1e-6)
 
 
 def test_pairs_origin_and_compilation_change_nothing(crowd):
     samples, observed = crowd
-    every = symbolic_forecast(samples, observed)
+    all_shares = symbolic_forecast(samples, observed)
     events = symbolic_events(samples, observed)
     k, l = pairs = np.array([[2, 1], [0, 3]])
-    some = symbolic_forecast(samples, observed, pairs=pairs.T)
-    np.testing.assert_allclose(some, every[k, l], atol=1e-6)
-    of_some = symbolic_events(samples, observed, pairs=pairs.T)
-    np.testing.assert_allclose(of_some.probability, events.probability[:, k, l], atol=1e-6)
+    pair_shares = symbolic_forecast(samples, observed, pairs=pairs.T)
+    np.testing.assert_allclose(pair_shares, all_shares[k, l], atol=1e-6)
+    pair_events = symbolic_events(samples, observed, pairs=pairs.T)
+    np.testing.assert_allclose(pair_events.probability, events.probability[:, k, l], atol=1e-6)
     far = np.array([4.5e6, -3e6])
     for same in (
         symbolic_forecast(samples + far, observed + far),
         jax.jit(symbolic_forecast)(*map(jnp.asarray, crowd)),
     ):
-        np.testing.assert_allclose(same, every, atol=1e-6)
+        np.testing.assert_allclose(same, all_shares, atol=1e-6)
 
 
 def test_a_threshold_in_metres_per_second_holds_at_every_period():
@@ -70,10 +70,10 @@ def test_a_threshold_in_metres_per_second_holds_at_every_period():
     walk[0, 1, :, 0] = 9
     observed = np.array([[[0.0, 0]], [[9, 0]]])
     for speed, towards in ((0.25, 1.0), (0.35, 0.0)):
-        for every in (1, 4):
-            slower = walk[:, :, every - 1 :: every]
-            how = {"period": 0.1 * every, "speed": speed, "smoothing": 0.0}
-            states = symbolic_forecast(slower, observed, calculus="b1", **how)[0, 1]
+        for stride in (1, 4):
+            slower = walk[:, :, stride - 1 :: stride]
+            settings = {"period": 0.1 * stride, "speed": speed, "smoothing": 0.0}
+            states = symbolic_forecast(slower, observed, calculus="b1", **settings)[0, 1]
             np.testing.assert_allclose(states[:, :3].sum(axis=-1), towards, atol=1e-6)
 
 
@@ -101,11 +101,11 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_an_event_happens_when_it_should_and_not_in_the_mirror(name):
     ways, seconds = CASES[name]
-    found = symbolic_events(*both(*ways), events=(name,), smoothing=0.0)
-    assert float(found.probability[0, 0, 1]) == 1
-    np.testing.assert_allclose(found.seconds[0, 0, 1], seconds, atol=1e-5)
+    forecast = symbolic_events(*both(*ways), events=(name,), smoothing=0.0)
+    assert float(forecast.probability[0, 0, 1]) == 1
+    np.testing.assert_allclose(forecast.seconds[0, 0, 1], seconds, atol=1e-5)
     if name in ("follows", "overtakes"):  # Not the other way round.
-        assert float(found.probability[0, 1, 0]) == 0
+        assert float(forecast.probability[0, 1, 0]) == 0
     mirrored = [tuple((x, -y) for x, y in way) for way in ways]
     other = {"passes_left": "passes_right", "passes_right": "passes_left"}.get(name, name)
     again = symbolic_events(*both(*mirrored), events=(other,), smoothing=0.0)
@@ -130,10 +130,10 @@ def test_tables_of_pairs(crowd):
     people = np.array([7, 3, 9, 5])
     rows = forecast_rows(*crowd, people, SymbolSettings())
     shares = [[event["probability"] for event in row["events"].values()] for row in rows]
-    assert [max(each) for each in shares] == sorted(map(max, shares), reverse=True)
-    found = {(row["k"], row["l"]): each for row, each in zip(rows, shares)}
-    wanted = symbolic_events(*crowd).probability[:, 2, 1]
-    np.testing.assert_allclose(found[9, 3], wanted, atol=5.1e-5)
+    assert [max(row_shares) for row_shares in shares] == sorted(map(max, shares), reverse=True)
+    pair_shares = {(row["k"], row["l"]): row_shares for row, row_shares in zip(rows, shares)}
+    expected = symbolic_events(*crowd).probability[:, 2, 1]
+    np.testing.assert_allclose(pair_shares[9, 3], expected, atol=5.1e-5)
     assert rows[0]["states"][0]["probability"] == round(rows[0]["states"][0]["probability"], 4)
     codes = np.zeros((2, 2, 3), int)
     codes[0, 1] = [1, 1, 2]
@@ -146,27 +146,27 @@ def test_tables_of_pairs(crowd):
 
 
 def test_events_that_do_not_happen_have_no_time():
-    apart, together = (((0, 0), (-1, 0)), ((5, 0), (1, 0))), (((0, 0), (1, 0)), ((0, 1), (1, 0)))
-    for ways in (apart, together):
-        found = symbolic_events(*both(*ways), events=tuple(CASES))
-        np.testing.assert_allclose(found.probability[:, 0, 1], 0.25)  # (0 + 1/2) / (1 + 1)
-        assert np.isinf(found.seconds[:, 0, 1]).all()
+    parting, together = (((0, 0), (-1, 0)), ((5, 0), (1, 0))), (((0, 0), (1, 0)), ((0, 1), (1, 0)))
+    for ways in (parting, together):
+        forecast = symbolic_events(*both(*ways), events=tuple(CASES))
+        np.testing.assert_allclose(forecast.probability[:, 0, 1], 0.25)  # (0 + 1/2) / (1 + 1)
+        assert np.isinf(forecast.seconds[:, 0, 1]).all()
 
 
 def test_times_are_the_quartiles_over_the_samples_in_which_it_happens():
     starts = [2.0, 2.4, 2.8, 3.2, 3.6, 4.0, 4.4, 4.8, 9.0]
     parts = [both(((0, 0), (0, 0)), ((x + 0.1, 0), (-1, 0)), steps=12) for x in starts]
     samples, observed = np.concatenate([p[0] for p in parts]), np.array([[[0.0, 0]], [[9, 0]]])
-    found = symbolic_events(samples, observed, events=("meets",))
-    np.testing.assert_allclose(found.probability[0, 0, 1], (8 + 0.5) / 10)
-    np.testing.assert_allclose(found.seconds[0, 0, 1], [0.4 * 4, 0.4 * 6, 0.4 * 8], atol=1e-5)
+    forecast = symbolic_events(samples, observed, events=("meets",))
+    np.testing.assert_allclose(forecast.probability[0, 0, 1], (8 + 0.5) / 10)
+    np.testing.assert_allclose(forecast.seconds[0, 0, 1], [0.4 * 4, 0.4 * 6, 0.4 * 8], atol=1e-5)
 
 
 @mock.patch.dict(EVENTS)
 def test_a_registered_event_is_forecast_like_the_others():
-    name, still = "stands_near", both(((0, 0), (0, 0)), ((0.5, 0), (0, 0)))
+    name, standing = "stands_near", both(((0, 0), (0, 0)), ((0.5, 0), (0, 0)))
     register_event(name, Event("both stand", lambda e: (e.states == 0).all(axis=-1) & e.within(1)))
-    assert float(symbolic_events(*still, events=(name,)).probability[0, 0, 1]) == 0.75
+    assert float(symbolic_events(*standing, events=(name,)).probability[0, 0, 1]) == 0.75
     register_event("wrong", Event("gives no steps", lambda e: e.distance < 1))
     with pytest.raises(InputError, match=r"event wrong: bool \[..., 8\] is wanted"):
-        symbolic_events(*still)
+        symbolic_events(*standing)

@@ -54,14 +54,14 @@ def pairs(positions, convention="distance"):
 @pytest.mark.parametrize("convention", CONVENTIONS)
 def test_every_symbol_is_that_of_the_definition(convention, thresholds, x64):
     factor, side = thresholds
-    given = {"quantisation_factor": factor, "side_quantisation_factor": side}
+    factors = {"quantisation_factor": factor, "side_quantisation_factor": side}
     # One shape, to be compiled once: after their step kings stand.
     kings = [[path + path[-1:] * 6 for path in side] for side in literal.unit_steps()]
-    walks = [one + other for one, other in zip(kings, literal.grid_walks(200))]
+    walks = [king + walk for king, walk in zip(kings, literal.grid_walks(200))]
     expected = [literal.symbols(*pair, convention, factor, side) for pair in zip(*walks)]
     with jax.enable_x64(x64):
-        found = c1(*map(np.array, walks), convention=convention, **given)
-    np.testing.assert_array_equal(found, expected)
+        states = c1(*map(np.array, walks), convention=convention, **factors)
+    np.testing.assert_array_equal(states, expected)
     assert (np.array(expected)[81:] == 0).mean(axis=(0, 1)).min() > 0.1
 
 
@@ -87,11 +87,11 @@ def test_real_windows_are_exact_in_both_precisions(real_windows, x64):
         for positions, valid, expected in real_windows:
             released = expected["legacy_qtc"]
             released = np.where(released == 99, 0, released)  # the diagonal
-            wanted = {"distance": expected["signed_qtc"], "as_published": released}
-            for convention, states in wanted.items():
-                found = np.asarray(pairs(positions, convention))[np.ix_(valid, valid)]
-                found[np.arange(valid.sum()), np.arange(valid.sum())] = 0
-                np.testing.assert_array_equal(found, states)
+            conventions = {"distance": expected["signed_qtc"], "as_published": released}
+            for convention, expected_states in conventions.items():
+                states = np.asarray(pairs(positions, convention))[np.ix_(valid, valid)]
+                states[np.arange(valid.sum()), np.arange(valid.sum())] = 0
+                np.testing.assert_array_equal(states, expected_states)
 
 
 @pytest.mark.usefixtures("double")
@@ -105,11 +105,11 @@ def test_qsrlibs_own_cases(qsrlib, calculus):
     for case in cases:
         people = stored["recordings"][case["recording"]]
         k, l = (np.array(people[case[name]]) for name in "kl")
-        given = {"quantisation_factor": case["quantisation_factor"]}
-        found = c1(k, l, "line", calculus, near=case["distance_threshold"], **given)
-        found = np.asarray(found) if case["no_collapse"] else collapse(found)
-        found = validate(found) if case["validate"] else found
-        assert [format_state(state, ",") for state in found] == case["expected"].split(), case
+        factors = {"quantisation_factor": case["quantisation_factor"]}
+        states = c1(k, l, "line", calculus, near=case["distance_threshold"], **factors)
+        states = np.asarray(states) if case["no_collapse"] else collapse(states)
+        states = validate(states) if case["validate"] else states
+        assert [format_state(state, ",") for state in states] == case["expected"].split(), case
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
@@ -122,8 +122,8 @@ def test_qsrlibs_own_cases(qsrlib, calculus):
 def test_symmetries(convention, pair, turns, shift, angle):
     states = np.asarray(c1(*pair, convention))
     for calculus in literal.CALCULI:
-        one, other = (c1(*way, convention, calculus, near=9.0) for way in (pair, pair[::-1]))
-        np.testing.assert_array_equal(other, literal.converse(one))
+        direct, swapped = (c1(*way, convention, calculus, near=9.0) for way in (pair, pair[::-1]))
+        np.testing.assert_array_equal(swapped, literal.converse(direct))
     if convention != "as_published":  # Its sides have no sign.
         mirrored = c1(*(pair * np.array([1, -1], np.float32)), convention)
         np.testing.assert_array_equal(mirrored, states * np.array([[1, 1, -1, -1]]))
@@ -171,10 +171,10 @@ def test_states_and_edges_are_those_of_the_theory(calculus, edges):
 def test_a_diagram_of_pairs_near_and_apart():
     """Apart and near each as the calculus they are of; across, by the symbols that both have."""
     rows, table = all_states("bc1"), adjacency("bc1")
-    apart = rows[:, 2] == ABSENT
-    np.testing.assert_array_equal(table[np.ix_(apart, apart)], adjacency("b1"))
-    np.testing.assert_array_equal(table[np.ix_(~apart, ~apart)], adjacency("c1"))
-    for i, j in itertools.product(np.flatnonzero(apart), np.flatnonzero(~apart)):
+    far = rows[:, 2] == ABSENT
+    np.testing.assert_array_equal(table[np.ix_(far, far)], adjacency("b1"))
+    np.testing.assert_array_equal(table[np.ix_(~far, ~far)], adjacency("c1"))
+    for i, j in itertools.product(np.flatnonzero(far), np.flatnonzero(~far)):
         same = (rows[i, :2] == rows[j, :2]).all()
         assert table[i, j] == (same or literal.may_follow(rows[i, :2], rows[j, :2]))
     assert (len(rows), table.sum()) == (90, 2 * 929)
@@ -190,12 +190,12 @@ def test_alphas():
 
 
 def forecast(**change):
-    given = {"samples": np.zeros((6, 4, 5, 2)), "observed": np.zeros((4, 3, 2))}
-    return symbolic_forecast(**(given | change))
+    arguments = {"samples": np.zeros((6, 4, 5, 2)), "observed": np.zeros((4, 3, 2))}
+    return symbolic_forecast(**(arguments | change))
 
 
 @pytest.mark.parametrize(
-    ("call", "given", "message"),
+    ("call", "arguments", "message"),
     [
         (observe, [[[0, 0]], [[0, 0]], "c3"], "calculus must be one of b1, c1, bc1"),
         (observe, {"k": [[0, 0]], "l": [[0, 0]], "convention": "lines"}, "convention must be one"),
@@ -219,6 +219,6 @@ def forecast(**change):
         (forecast, {"observed": np.zeros((2, 3, 2))}, r"not \[6, 4, 5, 2\] and \[2, 3, 2\]"),
     ],
 )
-def test_refusals(call, given, message):
+def test_refusals(call, arguments, message):
     with pytest.raises(InputError, match=message):
-        call(**given) if isinstance(given, dict) else call(*given)
+        call(**arguments) if isinstance(arguments, dict) else call(*arguments)

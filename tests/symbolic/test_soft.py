@@ -48,17 +48,17 @@ def test_hard_symbols_wherever_the_margin_exceeds_ten_temperatures():
     temperature = 1e-6
     compared = ties = 0
     for k, l, convention, factor in chains():
-        found = np.asarray(soft(k, l, temperature, factor, convention))
-        np.testing.assert_allclose(found.sum(axis=-1), 1, atol=1e-12)
+        probabilities = np.asarray(soft(k, l, temperature, factor, convention))
+        np.testing.assert_allclose(probabilities.sum(axis=-1), 1, atol=1e-12)
         states = np.asarray(hard(k, l, factor, convention))
         margin = np.array([literal.margins(*pair, convention) for pair in zip(k, l)])
-        apart = np.linalg.norm(l - k, axis=-1)[:, :-1, None]
+        distance = np.linalg.norm(l - k, axis=-1)[:, :-1, None]
         decided = abs(abs(margin) - factor) > 10 * temperature
-        decided[..., 2:] &= apart > temperature
-        certain = np.take_along_axis(found, (states + 1)[..., None], axis=-1)[..., 0]
+        decided[..., 2:] &= distance > temperature
+        certain = np.take_along_axis(probabilities, (states + 1)[..., None], axis=-1)[..., 0]
         assert (certain[decided] > 0.9999).all()
         tied = (margin == 0) & (factor > 0)
-        assert (found[..., 1][tied] == 1).all()
+        assert (probabilities[..., 1][tied] == 1).all()
         compared, ties = compared + decided.sum(), ties + tied.sum()
     assert compared > 30_000
     assert ties > 5_000
@@ -78,35 +78,37 @@ def test_probabilities_fade_over_a_temperature_and_ties_are_half_and_half():
 
 def test_straight_through_is_hard_with_soft_gradients():
     k, l = random_pairs(200)
-    how = {"temperature": 0.05, "factor": 0.1, "convention": "as_published"}
-    through = soft(k, l, **how, straight_through=True)
+    options = {"temperature": 0.05, "factor": 0.1, "convention": "as_published"}
+    through = soft(k, l, **options, straight_through=True)
     states = np.asarray(hard(k, l, 0.1, "as_published"))
     np.testing.assert_array_equal(through, np.eye(3)[states + 1])
     weights = np.random.default_rng(1).normal(size=(4, 3))
 
     def total(k, factor, **kind):
-        return (soft(k, l, **how | kind | {"factor": factor}) * weights[None, None]).sum()
+        return (soft(k, l, **options | kind | {"factor": factor}) * weights[None, None]).sum()
 
     gradient = jax.grad(total, argnums=(0, 1))
-    for found, wanted in zip(gradient(k, 0.1, straight_through=True), gradient(k, 0.1)):
-        np.testing.assert_allclose(found, wanted, rtol=1e-9)
+    for through_gradient, soft_gradient in zip(
+        gradient(k, 0.1, straight_through=True), gradient(k, 0.1)
+    ):
+        np.testing.assert_allclose(through_gradient, soft_gradient, rtol=1e-9)
 
 
 @pytest.mark.parametrize("convention", CONVENTIONS)
 def test_paths_have_any_leading_axes(convention):
     paths = np.random.default_rng(5).normal(size=(2, 3, 5, 4, 2))
-    found = soft(*paths, 0.05, convention=convention)
-    wanted = soft(*paths.reshape(2, 15, 4, 2), 0.05, convention=convention)
-    np.testing.assert_array_equal(found, wanted.reshape(3, 5, 3, 4, 3))
+    probabilities = soft(*paths, 0.05, convention=convention)
+    flat = soft(*paths.reshape(2, 15, 4, 2), 0.05, convention=convention)
+    np.testing.assert_array_equal(probabilities, flat.reshape(3, 5, 3, 4, 3))
 
 
 def test_expected_weights_are_sums_over_all_states():
     draw = np.random.default_rng(0).dirichlet([0.5] * 3, (50, 4))
     states = np.indices((3,) * 4).reshape(4, 81)
-    of_state = np.prod([draw[:, q, states[q]] for q in range(4)], axis=0)
-    np.testing.assert_allclose(soft_alpha(draw), of_state @ alpha_table(), rtol=1e-12)
+    joint = np.prod([draw[:, q, states[q]] for q in range(4)], axis=0)
+    np.testing.assert_allclose(soft_alpha(draw), joint @ alpha_table(), rtol=1e-12)
     table = np.random.default_rng(1).normal(size=81)
-    np.testing.assert_allclose(soft_alpha(draw, table), of_state @ table, rtol=1e-12)
+    np.testing.assert_allclose(soft_alpha(draw, table), joint @ table, rtol=1e-12)
     # For certain symbols what the table says, exactly.
     states = np.random.default_rng(0).integers(-1, 2, (40, 4))
     certain = soft_alpha(np.eye(3)[states + 1], table)

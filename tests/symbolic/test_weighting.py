@@ -68,8 +68,8 @@ def test_the_state_up_to_a_step_weights_that_step():
 def test_ones_and_zeros():
     valid = np.array([True, False, True])
     for name, pairs in (("ones", np.outer(valid, valid)), ("zeros", np.diag(valid))):
-        wanted = pairs[..., None] * np.ones(8)
-        np.testing.assert_array_equal(alpha_of(walks(3), valid, name), wanted)
+        expected = pairs[..., None] * np.ones(8)
+        np.testing.assert_array_equal(alpha_of(walks(3), valid, name), expected)
 
 
 def test_what_is_constant():
@@ -123,8 +123,8 @@ def test_the_wrong_pairs_get_the_same_weights():
     quantised = np.asarray(alpha_of(positions, valid, "quantised"))
     shuffled = np.asarray(alpha_of(positions, valid, "shuffled"))
     np.testing.assert_array_equal(np.sort(shuffled, axis=None), np.sort(quantised, axis=None))
-    apart = np.linalg.norm(positions[:, -1] - positions[0, -1], axis=-1)
-    order = sorted((1, 3, 4), key=lambda j: apart[j])
+    distance = np.linalg.norm(positions[:, -1] - positions[0, -1], axis=-1)
+    order = sorted((1, 3, 4), key=lambda j: distance[j])
     # Each has the weights of the next nearer one, the nearest those of the farthest.
     for j, source in zip(order, np.roll(order, 1)):
         np.testing.assert_array_equal(shuffled[0, j, 1:], quantised[0, source, :0:-1])
@@ -138,9 +138,9 @@ def test_learned_parameters_have_gradients(text):
     positions[3] = positions[2]  # Two at the same place.
     parameters = initial_parameters(weighting)
     weights = np.random.default_rng(1).normal(size=(4, 4, 8))
-    gradient = jax.jit(jax.grad(lambda given: (weighting.alpha(given, positions) * weights).sum()))(
-        parameters
-    )
+    gradient = jax.jit(
+        jax.grad(lambda learned: (weighting.alpha(learned, positions) * weights).sum())
+    )(parameters)
     assert gradient.keys() == parameters.keys() != set()
     for name, value in gradient.items():
         assert np.isfinite(value).all()
