@@ -229,6 +229,11 @@ def _misfit(value: Any, hint: Any) -> str:
     if origin in (typing.Union, types.UnionType):
         wanted = [_misfit(value, option) for option in of]
         return " or ".join(wanted) if all(wanted) else ""
+    if origin is tuple and of[-1] is ...:
+        kinds = (
+            (_misfit(part, of[0]) for part in value) if isinstance(value, tuple) else ["be numbers"]
+        )
+        return next(filter(None, kinds), "")
     if origin is tuple:
         fits = isinstance(value, tuple) and len(value) == len(of)
         fits = fits and not any(_misfit(part, kind) for part, kind in zip(value, of))

@@ -54,6 +54,8 @@ class Scene(struct.PyTreeNode):
     near: AnyArray | None = None
     """[N, C] slots of the neighbours that a forecaster sees, and an agent's own in what is left;
     None for all. See `Forecaster.prepared`."""
+    period: float = struct.field(pytree_node=False, default=0.4)
+    """Seconds between steps; static, so programs are compiled for one period."""
     extras: Mapping[str, AnyArray] = struct.field(default_factory=dict)
     """name: [N, ...] further numbers of each agent, zero in padding; for metrics, not models."""
 
@@ -84,19 +86,22 @@ def make_scene(
     *,
     recording: str = "",
     frame: int = 0,
+    period: float = 0.4,
     extras: Mapping[str, ArrayLike] = MappingProxyType({}),
 ) -> Scene:
     """A scene from world positions [N, obs_len, 2] and, where known, [N, pred_len, 2], metres.
 
     Under `jax.jit`, `jax.vmap` or `jax.grad` nothing is checked or rounded, and the precision is
     that of `observed`: subtract an origin from map coordinates first. The name of the `recording`
-    and the index `frame` of the first step in it are the scene's identity.
+    and the index `frame` of the first step in it are the scene's identity. Steps are `period`
+    seconds apart.
 
     Raises:
         InputError: for a wrong shape or a coordinate that is not finite.
     """
     if isinstance(observed, Tracer) or isinstance(future, Tracer):
-        return _traced_scene(observed, future, scene_identity(recording, frame), extras)
+        scene = _traced_scene(observed, future, scene_identity(recording, frame), extras)
+        return scene.replace(period=period)
     observed = checked_positions("observed", observed)
     origin = centre(observed[:, -1])
     dtype = model_dtype()
@@ -117,6 +122,7 @@ def make_scene(
         identity=scene_identity(recording, frame),
         origin=origin,
         future=future,
+        period=period,
         extras=others,
     )
 

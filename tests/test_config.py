@@ -37,9 +37,9 @@ def test_json_round_trip(config):
 
 def test_a_component_can_be_given_by_its_text():
     assert GeneratorConfig(pooling="pool_net,hidden_dim=3").pooling == PoolNet(hidden_dim=3)
-    text: Any = "soft,temperature=0.05"
+    text: Any = "soft,temperature=0.1"
     own = GeneratorConfig(pooling="as_described", weighting=text)
-    assert own.weighting == Soft(temperature=0.05)
+    assert own.weighting == Soft(temperature=0.1)
 
 
 def network(change):
@@ -138,10 +138,10 @@ def test_recipes():
 def test_networks():
     assert named_network(pred_len=12).pred_len == 12
     assert named_network(pooling="social").pooling == Social()
-    symbolic = named_network("neurosym", weighting="learned,quantisation_factor=0.1")
+    symbolic = named_network("neurosym", weighting="learned,speed=0.1")
     assert (symbolic.pooling, symbolic.weighting) == (
         AsDescribed(),
-        Learned(quantisation_factor=0.1),
+        Learned(speed=0.1),
     )
     changed = named_network("neurosym", changes=["noise_type=uniform", "encoder_h_dim=48"])
     assert (changed.noise_type, changed.encoder_h_dim) == ("uniform", 48)
@@ -150,7 +150,7 @@ def test_networks():
 
 def test_names():
     assert model_name(named_network(pooling="none")) == "sgan_none"
-    coarse = named_network("neurosym", weighting="quantised,quantisation_factor=0.05")
+    coarse = named_network("neurosym", weighting="quantised,speed=0.125")
     assert model_name(coarse) == "neurosym_as_described_quantised"
     assert model_name(named_network("neurosym", pooling="neurosym_ros")) == "neurosym_ros_cnd"
     anchors = named_network("anchors", changes=["hidden=32"], pred_len=12)

@@ -123,7 +123,8 @@ def _show_weights(
         parameters = initial_parameters(weighting)
     observed = make_scene(shown.position).observed
     codes, alpha = (
-        np.asarray(of(parameters, observed)) for of in (weighting.codes, weighting.alpha)
+        np.asarray(values(parameters, observed, period=shown.period))
+        for values in (weighting.codes, weighting.alpha)
     )
     hint = " is constant here; try --weighting quantised" if is_constant(alpha) else ""
     print(f"{title}: {len(shown.agent)} people, weighting {weighting.name}{hint}\n")

@@ -229,5 +229,6 @@ def gather_scenes(
         identity=identity,
         origin=origin,
         future=padded(position[:, windows.obs_len :], model_dtype()),
+        period=round(float(windows.period), 6),
         extras={name: padded(of[rows]) for name, of in windows.extras.items()},
     )

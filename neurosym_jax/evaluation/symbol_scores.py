@@ -3,10 +3,11 @@
 Scored are ordered pairs within 8 m of each other at the last observation. Counts of samples become
 probabilities as in `symbolic.forecast`, smoothed by one sample spread uniformly. The score is
 -ln p_c, in nats, for the class c that came true (Good, "Rational decisions", 1952); it is proper. A
-movement below 5 cm a step, 0.125 m/s at steps of 0.4 s, counts as standing.
+movement below 0.125 m/s counts as standing, and events are timed in seconds, at any period.
 `studies.symbolic_forecast` compares with a Markov chain.
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import jax
@@ -29,8 +30,10 @@ NEAR = 8.0
 def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean log score of the QTC_C1 state at each step, nats, and [] the number of pairs."""
 
+    settings = dataclasses.replace(SETTINGS, period=scene.period)
+
     def states(*paths: Array) -> Array:
-        return state_steps(SETTINGS, *paths).astype(jnp.int16)
+        return state_steps(settings, *paths).astype(jnp.int16)
 
     return _log_score(states, len(all_states("c1")), forecast, scene)
 
@@ -38,8 +41,10 @@ def state_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
 def event_log(forecast: Array, scene: Scene) -> tuple[Array, Array]:
     """[] mean log score of the events, nats, and [] the number of pairs."""
 
+    settings = dataclasses.replace(SETTINGS, period=scene.period)
+
     def happens(*paths: Array) -> Array:
-        first = event_steps(SETTINGS, tuple(EVENTS), *paths)
+        first = event_steps(settings, tuple(EVENTS), *paths)
         return jnp.moveaxis(first < forecast.shape[2], 0, -1)
 
     return _log_score(happens, 2, forecast, scene)
@@ -60,7 +65,7 @@ def _log_score(
     hits = jax.lax.map(lambda future: of(future) == true, forecast).sum(axis=0)
     smoothing = SETTINGS.smoothing
     scores = -jnp.log((hits + smoothing / classes) / (len(forecast) + smoothing))
-    near = jnp.square(last[:, None] - last).sum(axis=-1) <= NEAR**2
+    near = jnp.square(last[:, None] - last[None]).sum(axis=-1) <= NEAR**2
     pairs = near & other_pairs(scene.valid)
     count = pairs.sum()
     each = jnp.where(pairs, scores.reshape(*pairs.shape, -1).mean(axis=-1), 0)

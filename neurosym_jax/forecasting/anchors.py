@@ -140,7 +140,8 @@ def apply_anchors(
     """
     weighting = getattr(config, "weighting", None)
     if alpha is None and weighting is not None:
-        alpha = weighting.alpha(params.get("weighting", {}), observed, valid)
+        learned = params.get("weighting", {})
+        alpha = weighting.alpha(learned, observed, valid, period=config.period)
     last = None if alpha is None else alpha[..., -1]
     return _network(config).apply(
         {"params": params["params"]}, observed, valid, last, company, near

@@ -148,8 +148,10 @@ def decode_scene(
 
 def _weighting(config: GeneratorConfig, params: Any) -> Weigh | None:
     """The config's weighting with its trained parameters; None for a model without symbols."""
-    of = config.weighting
-    return None if of is None else functools.partial(of.alpha, params.get("weighting", {}))
+    if config.weighting is None:
+        return None
+    learned = params.get("weighting", {})
+    return functools.partial(config.weighting.alpha, learned, period=config.period)
 
 
 @dataclasses.dataclass(frozen=True)

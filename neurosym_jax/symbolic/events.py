@@ -6,12 +6,14 @@ steps it happens; `forecast` says how probable it is in sampled futures, and whe
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable
 
 import jax.numpy as jnp
 from jax import Array
 
 from neurosym_jax.plugins import Registry
+from neurosym_jax.symbolic.states import ABSENT
 
 __all__ = ["EVENTS", "Event", "PairFuture", "register_event"]
 
@@ -24,7 +26,7 @@ class PairFuture:
     """
 
     states: Array
-    """[..., T, 4] int8 of QTC_C1, in {-1, 0, 1}."""
+    """[..., T, 4] int8 of QTC_C1, in {-1, 0, 1}, or `ABSENT`: no event happens then."""
     k: Array
     """[..., T + 1, 2] metres, the last position observed first."""
     l: Array
@@ -36,21 +38,23 @@ class PairFuture:
 
     def towards(self, who: str) -> Array:
         """[..., T] bool: `who` moves towards the other."""
-        return self.states[..., "kl".index(who)] < 0
+        return self.states[..., "kl".index(who)] == -1
 
     def away(self, who: str) -> Array:
         """[..., T] bool: `who` moves away from the other."""
-        return self.states[..., "kl".index(who)] > 0
+        return self.states[..., "kl".index(who)] == 1
 
     def side(self, who: str) -> Array:
         """[..., T] side of `who`'s way on which the other is: -1 right, 1 left, 0 straight on."""
         # `who` moves to the right (q3 is +) of the line to someone on the left.
-        return self.states[..., 2 + "kl".index(who)]
+        side = self.states[..., 2 + "kl".index(who)]
+        return jnp.where(side == ABSENT, 0, side)
 
     @property
     def passes(self) -> Array:
         """[..., T] bool: k, who walked towards l, walks away, within 3 m."""
-        return self.turns(self.states[..., 0]) & self.away("k") & self.within(3)
+        approach = self.away("k").astype(jnp.int8) - self.towards("k").astype(jnp.int8)
+        return self.turns(approach) & self.away("k") & self.within(3)
 
     @property
     def order(self) -> Array:
@@ -93,9 +97,9 @@ class PairFuture:
         return (cosine >= least * lengths) & (cosine <= most * lengths) & (lengths > 0)
 
     def lasting(self, condition: Array, seconds: float) -> Array:
-        """[..., T] bool: `what` [..., T] holds and has held for this long."""
+        """[..., T] bool: `condition` [..., T] holds and has held for at least this long."""
         held = condition
-        for steps in range(1, round(seconds / self.period)):
+        for steps in range(1, math.ceil(seconds / self.period - 1e-6)):
             held = held & _shifted(condition, steps)
         return held
 

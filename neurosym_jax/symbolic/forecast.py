@@ -8,7 +8,8 @@ of k samples is not impossible: of C classes the one counted n times gets
 
 the mean of a Dirichlet distribution with a uniform prior of weight w: as if w more samples had been
 seen. The default w = 1 is Perks' prior (1947, "Some observations on inverse probability including a
-new indifference rule"), and for an event, which has two classes, Jeffreys'.
+new indifference rule"), and for an event, which has two classes, Jeffreys'. Samples in which a
+person is not there (NaN) are not among the k; where there is none the probabilities are 0.
 """
 
 import dataclasses
@@ -26,8 +27,16 @@ from neurosym_jax.configuration import Checked, NotNegative, Positive, from_json
 from neurosym_jax.errors import InputError
 from neurosym_jax.scene import refuse_masked
 from neurosym_jax.symbolic.events import EVENTS, PairFuture
-from neurosym_jax.symbolic.qtc import observe
-from neurosym_jax.symbolic.states import Calculus, all_states, state_index, state_texts
+from neurosym_jax.symbolic.qtc import absent_steps, observe
+from neurosym_jax.symbolic.states import (
+    ABSENT,
+    DISTANCES,
+    Calculus,
+    Distances,
+    all_states,
+    state_index,
+    state_texts,
+)
 
 __all__ = ["EventForecast", "SymbolSettings", "event_steps", "forecast_rows", "format_forecast"]
 __all__ += ["format_pairs", "state_steps", "symbolic_events", "symbolic_forecast"]
@@ -46,11 +55,19 @@ class SymbolSettings(Checked):
     it means the same at every period."""
     smoothing: NotNegative = 1.0
     """Weight of the prior in samples; 0 leaves shares as they are counted."""
+    distances: Distances = DISTANCES
+    """Distances of `argd`, metres, increasing."""
+
+    @property
+    def states(self) -> np.ndarray:
+        """[S, m] the states of the calculus, see `all_states`."""
+        return all_states(self.calculus, self.distances)
 
     def observe(self, k: Array, l: Array, calculus: Calculus) -> Array:
         """`qtc.observe` of paths [..., T + 1, 2] with the threshold in metres per step."""
         step = self.speed * self.period
-        return observe(k, l, calculus, quantisation_factor=step, side_quantisation_factor=step)
+        factors = {"quantisation_factor": step, "side_quantisation_factor": step}
+        return observe(k, l, calculus, distances=self.distances, **factors)
 
 
 class EventForecast(NamedTuple):
@@ -68,7 +85,8 @@ def symbolic_forecast(
 ) -> Array:
     """Probabilities [N, N, T, S] of the states of pairs at every future step, or [P, T, S].
 
-    They are in the order of `all_states(calculus)`, and 0 for an agent with itself.
+    They are in the order of `all_states(calculus)`, and 0 for an agent with itself and where a
+    person is not there.
 
     Args:
         samples: [k, N, T, 2] metres, futures of the scene, see `predict`.
@@ -100,11 +118,12 @@ def symbolic_events(
 
 
 def state_steps(settings: SymbolSettings, k: Array, l: Array) -> Array:
-    """[..., T] rows of the pairs' states in `all_states`.
+    """[..., T] rows of the pairs' states in `all_states`, S where a person is not there.
 
     Paths `k` and `l` [..., T + 1, 2] begin with the last position observed, and broadcast.
     """
-    return state_index(settings.calculus, settings.observe(k, l, settings.calculus))
+    states = settings.observe(k, l, settings.calculus)
+    return state_index(settings.calculus, states, settings.distances)
 
 
 def event_steps(settings: SymbolSettings, names: tuple[str, ...], k: Array, l: Array) -> Array:
@@ -127,6 +146,7 @@ def event_steps(settings: SymbolSettings, names: tuple[str, ...], k: Array, l: A
                 f"event {name}: bool [..., {steps}] is wanted, not {happens.dtype} "
                 f"{list(happens.shape)}"
             )
+        happens &= states[..., 0] != ABSENT
         first.append(jnp.where(happens.any(axis=-1), happens.argmax(axis=-1), steps))
     return jnp.stack(first).astype(jnp.int32)
 
@@ -145,7 +165,7 @@ def _checked(
     last = (observed if isinstance(observed, jax.Array) else np.asarray(observed))[:, -1]
     if isinstance(last, np.ndarray):
         # Far from the origin float32 would lose the differences.
-        origin = last.astype(np.float64).mean(axis=0)
+        origin = last.astype(np.float64).mean(axis=0, where=~np.isnan(last))
         samples, last = samples - origin, last - origin
     start = jnp.broadcast_to(jnp.asarray(last, float)[:, None], (*shape[:2], 1, 2))
     if pairs is not None:
@@ -168,12 +188,19 @@ def _ends(paths: Array, pairs: Array | None) -> tuple[Array, Array, Array]:
 def _forecast(settings: SymbolSettings, paths: Array, pairs: Array | None) -> Array:
     k, l, others = _ends(paths, pairs)
     rows = state_steps(settings, k, l)
-    count, size = rows[0].size, len(all_states(settings.calculus))
-    first = size * jnp.arange(count).reshape(1, *rows.shape[1:])
-    counts = jnp.zeros(count * size).at[(first + rows).ravel()].add(1)
-    seen = counts.reshape(count, size) + settings.smoothing * (1 / size)
-    shares = (seen / (len(rows) + settings.smoothing)).reshape(*rows.shape[1:], size)
+    count, size = rows[0].size, len(settings.states)
+    first = (size + 1) * jnp.arange(count).reshape(1, *rows.shape[1:])
+    counts = jnp.zeros(count * (size + 1)).at[(first + rows).ravel()].add(1)
+    counts = counts.reshape(*rows.shape[1:], size + 1)  # The last: samples without a state.
+    present = len(rows) - counts[..., -1:]
+    shares = _smoothed(counts[..., :-1], present, size, settings.smoothing)
     return jnp.where(others[..., None, None], shares, 0)
+
+
+def _smoothed(counts: Array, samples: Array, classes: int, smoothing: float) -> Array:
+    """Probabilities by the module's formula from counts in `samples [...]`; else 0."""
+    shares = (counts + smoothing * (1 / classes)) / jnp.where(samples > 0, samples + smoothing, 1)
+    return jnp.where(samples > 0, shares, 0)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
@@ -183,7 +210,8 @@ def _events(
     k, l, others = _ends(paths, pairs)
     first = jnp.sort(event_steps(settings, names, k, l), axis=1)
     count = (first < paths.shape[2] - 1).sum(axis=1)
-    share = (count + settings.smoothing / 2) / (len(paths) + settings.smoothing)
+    present = (~absent_steps(k, l)).any(axis=-1).sum(axis=0)
+    share = _smoothed(count, present[None], 2, settings.smoothing)
     # The time of rank ceil(q n) among n: an observed time, not one between two.
     ranks = [jnp.maximum(-(-quarter * count // 4) - 1, 0) for quarter in (1, 2, 3)]
     times = [jnp.take_along_axis(first, rank[:, None], axis=1)[:, 0] for rank in ranks]
@@ -197,9 +225,10 @@ def _events(
 def format_pairs(codes: np.ndarray, people: np.ndarray, period: float) -> str:
     """A line for every unordered pair of `people [N]`: its state at each step, `.` if unchanged.
 
-    `codes [N, N, T - 1]` are those of QTC_C1, a step every `period` seconds.
+    `codes [N, N, T - 1]` are those of QTC_C1, a step every `period` seconds; an absent state is
+    blank.
     """
-    texts = state_texts()
+    texts = [*state_texts(), ""]
     head = [f"{period * (step + 1):>5.1f}" for step in range(codes.shape[-1])]
     lines = ["pair (k, l)     s " + " ".join(head)]
     for i, j in zip(*np.triu_indices(len(people), 1)):
@@ -215,13 +244,15 @@ def forecast_rows(
 ) -> list[dict[str, Any]]:
     """A row for each ordered pair of `people [N]`: its events, and its likeliest state by step.
 
+    The state is None where a person is not there.
     The pair with the most probable event comes first. See `symbolic_forecast` for `samples
     [k, N, T, 2]` and `observed [N, obs_len, 2]`.
     """
     fields = dataclasses.asdict(settings)
     states = np.asarray(symbolic_forecast(samples, observed, **fields))
     events = jax.tree.map(np.asarray, symbolic_events(samples, observed, **fields))
-    texts, surest = state_texts(settings.calculus), events.probability.max(axis=0)
+    texts = state_texts(settings.calculus, settings.distances)
+    surest = events.probability.max(axis=0)
     rows = []
     for k, l in sorted(itertools.permutations(range(len(people)), 2), key=lambda at: -surest[at]):
         happens = {}
@@ -229,7 +260,10 @@ def forecast_rows(
             seconds = np.round(times.astype(float), 3).tolist() if np.isfinite(times[0]) else None
             happens[name] = {"probability": round(float(share), 4), "seconds": seconds}
         likely = [
-            {"state": texts[share.argmax()], "probability": round(float(share.max()), 4)}
+            {
+                "state": texts[share.argmax()] if share.any() else None,
+                "probability": round(float(share.max()), 4),
+            }
             for share in states[k, l]
         ]
         pair = {"k": people[k].item(), "l": people[l].item(), "period": settings.period}

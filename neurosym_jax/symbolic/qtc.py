@@ -1,4 +1,4 @@
-"""Qualitative Trajectory Calculus (QTC): the signs of how two points move relative to each other.
+"""What two points do relative to each other, as signs: the Qualitative Trajectory Calculus (QTC).
 
 A state of the pair (k, l) describes one step, from one frame to the next, by four symbols:
 
@@ -9,7 +9,13 @@ A state of the pair (k, l) describes one step, from one frame to the next, by fo
 
 Three calculi of the family can be observed: `b1`, QTC_B1, is q1 and q2; `c1`, QTC_C1, all four;
 `bc1`, QTC_BC1 (Bellotto, Hanheide, Van de Weghe, 2013), is `c1` for pairs that are near each other
-and `b1` for others, whose q3 and q4 are `ABSENT`.
+and `b1` for others, whose q3 and q4 are `ABSENT`. So can two calculi that QSRlib has beside QTC:
+
+- `argd`, argument distance: minus the number of distances within which the pair is after a step;
+- `mos`, moving or stationary: 1 for a point that moves and 0 for one that stands, of k and of l.
+
+A state needs both points before and after the step. Where a coordinate is NaN all its symbols are
+`ABSENT`.
 
 Van de Weghe, "Representing and Reasoning about Moving Objects: A Qualitative Approach" (2004);
 Delafontaine, Cohn, Van de Weghe, "Implementing a qualitative calculus to analyse moving point
@@ -35,9 +41,9 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from neurosym_jax.configuration import refuse
-from neurosym_jax.symbolic.states import ABSENT, Calculus
+from neurosym_jax.symbolic.states import ABSENT, DISTANCES, Calculus, Distances
 
-__all__ = ["Convention", "comparisons", "observe", "other_pairs", "side_factor"]
+__all__ = ["Convention", "absent_steps", "comparisons", "observe", "other_pairs", "side_factor"]
 
 Convention = Literal["distance", "line", "as_published"]
 
@@ -51,8 +57,9 @@ def observe(
     quantisation_factor: ArrayLike = 0.0,
     side_quantisation_factor: ArrayLike | None = None,
     near: ArrayLike = 1.22,
+    distances: tuple[float, ...] = DISTANCES,
 ) -> Array:
-    """States [..., T-1, m] int8 of the pair (k, l) at every step, in {-1, 0, 1} or `ABSENT`.
+    """States [..., T-1, m] int8 of the pair (k, l) at every step; QTC's in {-1, 0, 1} or `ABSENT`.
 
     All ordered pairs of a scene of positions [N, T, 2] are `observe(positions[:, None], positions)`
     [N, N, T-1, m], with agent i as k and agent j as l in entry (i, j). Thresholds are inclusive,
@@ -60,17 +67,40 @@ def observe(
 
     Args:
         k, l: [..., T, 2] positions in metres; leading axes broadcast.
-        calculus: `b1`, `c1` or `bc1`.
+        calculus: `b1`, `c1`, `bc1`, `argd` or `mos`, see the module.
         convention: see the module.
-        quantisation_factor: metres per step up to which q1 and q2 are 0.
+        quantisation_factor: metres per step up to which q1 and q2, or a symbol of `mos`, are 0.
         side_quantisation_factor: metres per step across the line up to which q3 and q4 are 0; None
             is `quantisation_factor` in the `line` convention and 0 in the others.
         near: metres between k and l, at the end of a step, up to which `bc1` has sides.
+        distances: metres, increasing, at which `argd` passes from one state to the next.
 
     Raises:
-        InputError: for an unknown calculus or convention.
+        InputError: for an unknown calculus or convention, and for distances that do not increase.
     """
     refuse(Calculus, {"calculus": calculus})
+    refuse(Distances, {"distances": distances})
+    if calculus == "argd":
+        symbols = [_distance_symbol(k, l, distances)]
+    elif calculus == "mos":
+        symbols = [moves.astype(jnp.int8) for moves in _moving(k, l, quantisation_factor)]
+    else:
+        factors = quantisation_factor, side_quantisation_factor
+        symbols = _qtc_symbols(k, l, calculus, convention, factors, near)
+    states = jnp.moveaxis(jnp.stack(symbols), (0, 1), (-1, -2))
+    return jnp.where(absent_steps(k, l)[..., None], ABSENT, states)
+
+
+def _qtc_symbols(
+    k: ArrayLike,
+    l: ArrayLike,
+    calculus: Calculus,
+    convention: Convention,
+    factors: tuple[ArrayLike, ArrayLike | None],
+    near: ArrayLike,
+) -> list[Array]:
+    """Each symbol of a QTC calculus [T-1, ...]; `factors` are the two quantisation factors."""
+    quantisation_factor, side_quantisation_factor = factors
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
     compared = comparisons(k, l, convention, _length)
     towards = [_compare(*comparison, quantisation_factor) for comparison in compared[:2]]
@@ -82,7 +112,27 @@ def observe(
         (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
         far = _length(x - other_x, y - other_y) > near
         sides = [jnp.where(far, ABSENT, side) for side in sides]
-    return jnp.moveaxis(jnp.stack(towards + sides), (0, 1), (-1, -2))
+    return towards + sides
+
+
+def _distance_symbol(k: ArrayLike, l: ArrayLike, distances: tuple[float, ...]) -> Array:
+    """[T-1, ...] int8: minus the number of distances that the pair is within after each step."""
+    (_, (x, y), _), (_, (other_x, other_y), _) = _ways(k, l)
+    length = _length(x - other_x, y - other_y)
+    return -sum(((length <= distance).astype(jnp.int8) for distance in distances), jnp.int8(0))
+
+
+def _moving(k: ArrayLike, l: ArrayLike, quantisation_factor: ArrayLike) -> tuple[Array, ...]:
+    """[T-1, ...] bool of k and of l: whether it moves farther than the factor, metres per step."""
+    lengths = (_length(x1 - x0, y1 - y0) for (x0, y0), (x1, y1), _ in _ways(k, l))
+    return jnp.broadcast_arrays(*(length > quantisation_factor for length in lengths))
+
+
+def absent_steps(k: ArrayLike, l: ArrayLike) -> Array:
+    """[..., T-1] bool: a point of the pair is not there before or after a step."""
+    missing = [jnp.isnan(point).any(axis=-1) for point in _same_rank(k, l)]
+    before_or_after = [point[..., :-1] | point[..., 1:] for point in missing]
+    return before_or_after[0] | before_or_after[1]
 
 
 def other_pairs(valid: ArrayLike) -> Array:
@@ -129,12 +179,16 @@ def _ways(k: ArrayLike, l: ArrayLike) -> list[tuple[Any, Any, Any]]:
     Each is (x, y) of [T-1, ...]: with steps first, all pairs of a scene are computed along agents
     and not along the few steps, which vectorises and takes a quarter of the time.
     """
-    points = [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
-    axes = max(point.ndim for point in points)
-    points = [point.reshape((1,) * (axes - point.ndim) + point.shape) for point in points]
-    (kx, ky), (lx, ly) = (jnp.moveaxis(point, (-1, -2), (0, 1)) for point in points)
+    (kx, ky), (lx, ly) = (jnp.moveaxis(point, (-1, -2), (0, 1)) for point in _same_rank(k, l))
     k0, l0 = (kx[:-1], ky[:-1]), (lx[:-1], ly[:-1])
     return [(k0, (kx[1:], ky[1:]), l0), (l0, (lx[1:], ly[1:]), k0)]
+
+
+def _same_rank(k: ArrayLike, l: ArrayLike) -> list[Array]:
+    """k and l [..., T, 2] as arrays of numbers with equally many axes."""
+    points = [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
+    axes = max(point.ndim for point in points)
+    return [point.reshape((1,) * (axes - point.ndim) + point.shape) for point in points]
 
 
 def _compare(a: Array, b: Array, scale: Array | None, factor: ArrayLike) -> Array:

@@ -13,7 +13,8 @@ so that nothing jumps where two agents meet. Norms have gradient 0 where they ar
 gradients are finite everywhere, and outside of that distance each symbol is the hard one wherever
 its margin lies ten temperatures from the threshold (probability > 0.9999).
 
-Symbols are taken as independent.
+Symbols are taken as independent. Where a position is not there (NaN) no symbol has a probability,
+so the expected alpha is 0, and gradients through it are 0.
 """
 
 import jax
@@ -21,7 +22,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from neurosym_jax.symbolic.qtc import Convention, comparisons, observe, side_factor
+from neurosym_jax.symbolic.qtc import Convention, absent_steps, comparisons, observe, side_factor
 
 __all__ = ["safe_root", "soft_alpha", "soft_symbols"]
 
@@ -44,8 +45,10 @@ def soft_symbols(
     """
     side = side_factor(quantisation_factor, convention, side_quantisation_factor)
     thresholds = [quantisation_factor] * 2 + [side] * 2
-    symbols = []
-    compared = comparisons(k, l, convention, lambda x, y: safe_root(x * x + y * y))
+    symbols, points = [], [jnp.asarray(point, jnp.result_type(point, 0.0)) for point in (k, l)]
+    # Filled, so that gradients of what is absent are 0.
+    filled = [jnp.where(jnp.isnan(point), 0, point) for point in points]
+    compared = comparisons(*filled, convention, lambda x, y: safe_root(x * x + y * y))
     for (a, b, scale), threshold in zip(compared, thresholds):
         margin = a - b if scale is None else (a - b) / jnp.maximum(scale, temperature)
         symbols.append(_probabilities(margin, threshold, temperature))
@@ -54,6 +57,7 @@ def soft_symbols(
         minus, zero, plus = jnp.moveaxis(soft[..., 2:, :], -1, 0)
         folded = jnp.stack([jnp.zeros_like(minus), zero, minus + plus], axis=-1)
         soft = jnp.concatenate([soft[..., :2, :], folded], axis=-2)
+    soft = jnp.where(absent_steps(k, l)[..., None, None], 0, soft)
     if not straight_through:
         return soft
     factors = {
@@ -72,7 +76,8 @@ def soft_alpha(probabilities: ArrayLike, table: ArrayLike | None = None) -> Arra
     """
     probabilities = jnp.asarray(probabilities)
     if table is None:
-        return _expected_by_zeros(probabilities[..., 1])
+        present = (probabilities > 0).any(axis=(-1, -2))
+        return jnp.where(present, _expected_by_zeros(probabilities[..., 1]), 0)
     weights = jnp.asarray(table, probabilities.dtype)
     q1, q2, q3, q4 = jnp.moveaxis(probabilities, -2, 0)
     return (_both(q1, q2) @ weights.reshape(9, 9) * _both(q3, q4)).sum(axis=-1)

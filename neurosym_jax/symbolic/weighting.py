@@ -34,45 +34,60 @@ class Weighting(Checked, abc.ABC):
     """The name by which it is registered, in text forms and tables."""
 
     @abc.abstractmethod
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
-        """[N, N, T] weights of all ordered pairs of one scene, see `alpha` for the arguments."""
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
+        """[N, N, T] weights of all ordered pairs of one scene, see `alpha` for the arguments.
+
+        Positions that are not there are zeros here; `alpha` takes the weights of their pairs away.
+        """
 
     def start(self) -> Parameters:
         """Parameters before training."""
         return {}
 
-    def thresholds(self, parameters: Parameters) -> dict[str, Any]:
-        """Arguments of `qtc.observe` with which it observes states."""
+    def thresholds(self, parameters: Parameters, period: float) -> dict[str, Any]:
+        """Arguments of `qtc.observe` at steps of `period` seconds."""
         return {}
 
-    def codes(self, parameters: Parameters, positions: ArrayLike) -> Array:
+    def codes(self, parameters: Parameters, positions: ArrayLike, *, period: float = 0.4) -> Array:
         """[N, N, T-1] codes of the QTC_C1 states of all ordered pairs of `positions [N, T, 2]`."""
-        positions = jnp.asarray(positions)
-        return encode_state(observe(positions[:, None], positions, **self.thresholds(parameters)))
+        positions, thresholds = jnp.asarray(positions), self.thresholds(parameters, period)
+        return encode_state(observe(positions[:, None], positions, **thresholds))
 
     def alpha(
-        self, parameters: Parameters, positions: ArrayLike, valid: ArrayLike | None = None
+        self,
+        parameters: Parameters,
+        positions: ArrayLike,
+        valid: ArrayLike | None = None,
+        *,
+        period: float = 0.4,
     ) -> Array:
         """Weights of the interactions of every ordered pair of one scene.
 
         The state observed from t-1 to t weights the interaction at t, so t = 0 has no state and
         weighs 0 unless a weighting defines it. An agent weighs 1 for itself; pairs with padding
-        weigh 0, and so does a single valid agent, whatever the padded size.
+        weigh 0, and so does a single valid agent, whatever the padded size. Where a position is not
+        there (NaN), now or at the step before, the pair has no state and weighs 0; gradients
+        through it are 0.
 
         Args:
             parameters: as `start()`, or trained.
             positions: [N, T, 2] metres, T >= 1.
             valid: [N] bool, False for padding; None for no padding.
+            period: seconds between steps, by which thresholds in m/s become metres.
 
         Returns:
             [N, N, T]; (i, j) is how much j matters to i.
         """
         positions = jnp.asarray(positions, jnp.result_type(positions, 0.0))
         present = jnp.ones(positions.shape[0], bool) if valid is None else jnp.asarray(valid)
-        alpha = self.weigh(parameters, positions, present).astype(positions.dtype)
+        missing = jnp.isnan(positions).any(axis=-1)
+        filled = jnp.where(missing[..., None], 0, positions)
+        alpha = self.weigh(parameters, filled, present, period).astype(positions.dtype)
         alpha = jnp.where(jnp.eye(positions.shape[0], dtype=bool)[..., None], 1, alpha)
-        pairs = present[:, None] & present[None] & (present.sum() != 1)
-        return jnp.where(pairs[..., None], alpha, 0)
+        missing |= jnp.pad(missing[:, :-1], [(0, 0), (1, 0)])
+        steps = present[:, None] & ~missing
+        pairs = steps[:, None] & steps[None] & (present.sum() != 1)
+        return jnp.where(pairs, alpha, 0)
 
     @property
     def name(self) -> str:

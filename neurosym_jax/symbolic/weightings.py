@@ -8,6 +8,7 @@ are 0 below a threshold, `soft` the expectation over symbols that fade into each
 
 import dataclasses
 import functools
+import inspect
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -32,18 +33,20 @@ class Cnd(Weighting):
     """The papers' 1 / N_Tr, N_Tr the number of neighbours of the state in the theory's diagram."""
 
     title = "cnd"
-    quantisation_factor: NotNegative = 0.0
-    """Metres a step up to which a movement counts as none, see `qtc.observe`."""
-    side_quantisation_factor: NotNegative | None = None
+    speed: NotNegative = 0.0
+    """Metres per second up to which a movement counts as none: `quantisation_factor` of
+    `qtc.observe` in a unit that means the same at every period."""
+    side_speed: NotNegative | None = None
     """The same for q3 and q4, see `qtc.observe`."""
     convention: Convention = "distance"
     """Definition of the symbols, see `qtc`."""
 
-    def thresholds(self, parameters: Parameters) -> dict[str, Any]:
-        """See `Weighting.thresholds`; a learned quantisation factor replaces the option."""
+    def thresholds(self, parameters: Parameters, period: float) -> dict[str, Any]:
+        """See `Weighting.thresholds`; a learned speed replaces the option."""
+        side = self.side_speed
         return {
-            "quantisation_factor": value_of(parameters, self, "quantisation_factor"),
-            "side_quantisation_factor": self.side_quantisation_factor,
+            "quantisation_factor": period * value_of(parameters, self, "speed"),
+            "side_quantisation_factor": None if side is None else period * side,
             "convention": self.convention,
         }
 
@@ -51,17 +54,19 @@ class Cnd(Weighting):
         """[81] weights of the QTC_C1 states by code, before training."""
         return alpha_table("c1")
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
         """See `Weighting.weigh`; at the first step no state has been observed."""
-        observed = self.observed(parameters, positions, valid)
+        observed = self.observed(parameters, positions, valid, period)
         unobserved = parameters.get("unobserved", 0.0)
         first = jnp.full((*observed.shape[:2], 1), unobserved, observed.dtype)
         return jnp.concatenate([first, observed], axis=-1)
 
-    def observed(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
+    def observed(
+        self, parameters: Parameters, positions: Array, valid: Array, period: float
+    ) -> Array:
         """[N, N, T-1] weights of the states observed in positions [N, T, 2] of `valid [N]`."""
         table = jnp.asarray(parameters.get("table", self.state_weights()), positions.dtype)
-        return table.at[self.codes(parameters, positions)].get(mode="clip")
+        return table.at[self.codes(parameters, positions, period=period)].get(mode="clip")
 
 
 def value_of(parameters: Parameters, weighting: Weighting, option: str) -> Any:
@@ -100,16 +105,16 @@ class Learned(Cnd):
 
 @dataclasses.dataclass(frozen=True)
 class Quantised(Cnd):
-    """`cnd` of symbols that are 0 below 5 cm a step.
+    """`cnd` of symbols that are 0 below 0.125 m/s, 5 cm in 0.4 s.
 
     A learned threshold has straight-through gradients: symbols are hard, their gradients those of
     soft ones.
     """
 
     title = "quantised"
-    quantisation_factor: NotNegative = 0.05
-    temperature: Positive = 0.02
-    """Metres a step over which a symbol fades into the next, in gradients of the threshold."""
+    speed: NotNegative = 0.125
+    temperature: Positive = 0.05
+    """Metres per second over which a symbol fades into the next, in gradients of the threshold."""
     learned: bool = False
     """Whether training changes the threshold."""
     fades: ClassVar[bool] = False
@@ -118,23 +123,25 @@ class Quantised(Cnd):
     def __post_init__(self):
         """Refuse a threshold that cannot be learned."""
         super().__post_init__()
-        if self.learned and not self.quantisation_factor:
-            raise InputError("a quantisation_factor of 0 cannot be learned: its logarithm is")
+        if self.learned and not self.speed:
+            raise InputError("a speed of 0 cannot be learned: its logarithm is")
 
     def start(self) -> Parameters:
-        """`log_quantisation_factor` [] if learned."""
-        return {"log_quantisation_factor": np.log(self.quantisation_factor)} if self.learned else {}
+        """`log_speed` [] if learned."""
+        return {"log_speed": np.log(self.speed)} if self.learned else {}
 
-    def observed(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
+    def observed(
+        self, parameters: Parameters, positions: Array, valid: Array, period: float
+    ) -> Array:
         """See `Cnd.observed`."""
         if not (self.learned or self.fades):
-            return super().observed(parameters, positions, valid)
+            return super().observed(parameters, positions, valid, period)
         probabilities = soft_symbols(
             positions[:, None],
             positions,
-            temperature=value_of(parameters, self, "temperature"),
+            temperature=period * value_of(parameters, self, "temperature"),
             straight_through=not self.fades,
-            **self.thresholds(parameters),
+            **self.thresholds(parameters, period),
         )
         return soft_alpha(probabilities, parameters.get("table"))
 
@@ -150,7 +157,7 @@ class Soft(Quantised):
     fades: ClassVar[bool] = True
 
     def start(self) -> Parameters:
-        """`log_quantisation_factor` [], `log_temperature` [], `table` [81], `unobserved` []."""
+        """`log_speed` [], `log_temperature` [], `table` [81], `unobserved` []."""
         own = {"log_temperature": np.log(self.temperature), "table": self.state_weights()}
         return {**super().start(), **own, "unobserved": 0.0} if self.learned else {}
 
@@ -164,11 +171,13 @@ class Shuffled(Cnd):
     """
 
     title = "shuffled"
-    quantisation_factor: NotNegative = 0.05
+    speed: NotNegative = 0.125
 
-    def observed(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
+    def observed(
+        self, parameters: Parameters, positions: Array, valid: Array, period: float
+    ) -> Array:
         """See `Cnd.observed`."""
-        observed = super().observed(parameters, positions, valid)
+        observed = super().observed(parameters, positions, valid, period)
         return to_wrong_pairs(observed, positions[:, -1], valid)
 
 
@@ -194,7 +203,7 @@ class Ones(Weighting):
     title = "ones"
     value: ClassVar[float] = 1.0
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
         """See `Weighting.weigh`."""
         return jnp.full((len(positions), *positions.shape[:2]), self.value, positions.dtype)
 
@@ -224,10 +233,13 @@ class FunctionWeighting(Weighting):
     """A weighting by a function `(positions [N, T, 2], valid [N], **parameters) -> [N, N, T]`."""
 
     function: ClassVar[Callable[..., Array]]
+    takes_period: ClassVar[bool]
+    """Whether the function has an argument `period`, seconds."""
 
-    def weigh(self, parameters: Parameters, positions: Array, valid: Array) -> Array:
+    def weigh(self, parameters: Parameters, positions: Array, valid: Array, period: float) -> Array:
         """See `Weighting.weigh`."""
-        return type(self).function(positions, valid, **parameters)
+        seconds = {"period": period} if self.takes_period else {}
+        return type(self).function(positions, valid, **seconds, **parameters)
 
     def __reduce__(self):
         # Its class is in no module: another process finds it by its name.
@@ -241,9 +253,10 @@ def _registered(name: str) -> Weighting:
 def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Callable[[Any], Any]:
     """Register the decorated function or class as a weighting.
 
-    A function is `(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`; a class is a
-    `Weighting`, a frozen dataclass whose fields are its options. Weights of an agent for itself, in
-    padding and alone are set afterwards (`Weighting.alpha`).
+    A function is `(positions [N, T, 2], valid [N], **parameters) -> alpha [N, N, T]`, and gets the
+    seconds between steps where it has an argument `period`. A class is a `Weighting`, a frozen
+    dataclass whose fields are its options. Weights of an agent for itself, in padding, alone and
+    where a position is not there are set afterwards (`Weighting.alpha`).
 
     `start` are initial values of a function's learnable parameters; `replace` replaces another
     weighting of this name.
@@ -253,8 +266,9 @@ def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Cal
     """
 
     def register(weighting: Any) -> Any:
-        own = {"function": staticmethod(weighting), "start": lambda _: start}
         made = isinstance(weighting, type)
+        own: dict[str, Any] = {"function": staticmethod(weighting), "start": lambda _: start}
+        own["takes_period"] = "period" in inspect.signature(weighting).parameters
         if made and start:
             raise InputError(f"{name}: initial values of a class are its fields' defaults")
         cls: Any = weighting if made else type(name, (FunctionWeighting,), own)
@@ -266,14 +280,17 @@ def register_weighting(name: str, *, replace: bool = False, **start: Any) -> Cal
 
 
 def make_weighting(
-    weighting: Weighting | str = "cnd", parameters: Parameters | None = None
+    weighting: Weighting | str = "cnd",
+    parameters: Parameters | None = None,
+    *,
+    period: float = 0.4,
 ) -> Callable[..., Array]:
     """A function `(positions [N, T, 2], valid [N] or None) -> alpha [N, N, T]`, see `alpha`.
 
-    `weighting` is an instance, or text such as `soft,temperature=0.05`; `parameters` are trained
-    ones, by default the initial ones.
+    `weighting` is an instance, or text such as `soft,temperature=0.1`; `parameters` are trained
+    ones, by default the initial ones; `period` is in seconds.
     """
     is_text = isinstance(weighting, str)
     chosen = component(weighting, WEIGHTINGS, "weighting") if is_text else weighting
     values = initial_parameters(chosen) if parameters is None else parameters
-    return functools.partial(chosen.alpha, values)
+    return functools.partial(chosen.alpha, values, period=period)

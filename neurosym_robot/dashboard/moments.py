@@ -54,17 +54,22 @@ LARGEST = 4096  # pixels along a side; larger maps are shown coarser
 UNKNOWN = 48  # opacity of cells of which nothing is known, of 255
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@functools.partial(jax.jit, static_argnums=(0, 4))
 def newest_symbols(
-    weighting: Weighting, parameters: Parameters, positions: jax.Array, valid: jax.Array
+    weighting: Weighting,
+    parameters: Parameters,
+    positions: jax.Array,
+    valid: jax.Array,
+    period: float,
 ) -> tuple[jax.Array, jax.Array]:
     """The newest state of every pair of people, and its weight, from `positions` [N, T, 2].
 
     [N, N] codes as of `states.encode_state`, (i, j) with i as k and j as l; and [N, N] alpha. Where
     `valid` [N] is False there is nobody.
     """
-    codes = weighting.codes(parameters, positions[:, -2:])
-    return codes[:, :, -1], weighting.alpha(parameters, positions, valid)[:, :, -1]
+    codes = weighting.codes(parameters, positions[:, -2:], period=period)
+    alpha = weighting.alpha(parameters, positions, valid, period=period)
+    return codes[:, :, -1], alpha[:, :, -1]
 
 
 class Moments:
@@ -140,8 +145,9 @@ class Moments:
         """`newest_symbols` of people `observed` [N, T, 2]; no alpha where no model has any."""
         people = len(observed)
         scene = pad_scene(make_scene(observed), int(bucket_of(people)))
-        found = newest_symbols(self._weighting, self._parameters, scene.observed, scene.valid)
-        codes, alpha = (np.asarray(each)[:people, :people] for each in found)
+        arrays = scene.observed, scene.valid
+        newest = newest_symbols(self._weighting, self._parameters, *arrays, self._window.period)
+        codes, alpha = (np.asarray(values)[:people, :people] for values in newest)
         return codes, alpha if self._weighted else None
 
     def _accept(self, stamp: float) -> bool:

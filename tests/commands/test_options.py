@@ -250,7 +250,7 @@ REFUSED = {
     "sweep --dataset moon": "unknown dataset 'moon': there are all-forward, cross-path",
     "sweep --set emma=1": "--set emma=1",
     "sweep --network emma=1": "--network emma=1",
-    "sweep --weighting quantised quantised,quantisation_factor=0.05": "two runs of the sweep have",
+    "sweep --weighting quantised quantised,speed=0.125": "two runs of the sweep have",
     "sweep --recipe anchors": "the recipe does not fit the network: --recipe ours, sgan",
     "evaluate --max-gap 2": "--max-gap: has no effect on simulations",
     "evaluate --all --checkpoint a": "--checkpoint: has no effect with --all",

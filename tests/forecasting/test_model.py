@@ -123,15 +123,15 @@ def test_padding_and_permutation(name):
 
 
 def test_a_model_shows_itself_in_five_lines():
-    weighting = Quantised(quantisation_factor=0.1)
+    weighting = Quantised(speed=0.25)
     config = GeneratorConfig(pooling="as_described", weighting=weighting, pred_len=12)
     model = Model(config, {"layer": {"kernel": np.zeros((40, 50)), "bias": np.zeros(50)}}, "zara1")
     assert repr(model).splitlines() == [
-        "Model NeuroSyM, quantised,quantisation_factor=0.1",
+        "Model NeuroSyM, quantised,speed=0.25",
         "  kind: generator",
         "  to be tested on: zara1",
         "  config: GeneratorConfig(pred_len=12, pooling=as_described, "
-        "weighting=quantised,quantisation_factor=0.1)",
+        "weighting=quantised,speed=0.25)",
         "  params: 2,050 numbers",
     ]
 

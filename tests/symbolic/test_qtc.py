@@ -25,6 +25,7 @@ from neurosym_jax.symbolic.states import (
     encode_state,
     format_state,
     state_index,
+    state_texts,
     validate,
 )
 from neurosym_jax.symbolic.weightings import CndShipped, make_weighting
@@ -112,6 +113,40 @@ def test_qsrlibs_own_cases(qsrlib, calculus):
         assert [format_state(state, ",") for state in states] == case["expected"].split(), case
 
 
+@pytest.mark.usefixtures("double")
+def test_qsrlibs_argument_distance_and_moving_or_stationary():
+    stored = json.loads((GOLDEN / "qsrlib.json").read_text())
+    cases = [case for case in stored["cases"] if case["calculus"] in ("argd", "mos")]
+    assert len(cases) == 7
+    for case in cases:
+        people = stored["recordings"][case["recording"]]
+        k, l = (np.array(people[case[name]]) for name in "kl")
+        if case["calculus"] == "mos":
+            states = observe(k, l, "mos", quantisation_factor=case["quantisation_factor"])
+            texts = ["".join("sm"[symbol] for symbol in state) for state in states]
+        else:
+            # Its first state is that of the first positions, before any step.
+            k, l = (np.concatenate([path[:1], path]) for path in (k, l))
+            states = observe(k, l, "argd", distances=tuple(case["distances"]))
+            names = {-3: "close", -2: "near", -1: "far", 0: "veryfar"}
+            texts = [names[symbol] for symbol in np.asarray(states)[:, 0].tolist()]
+        assert texts == case["expected"].split(), case
+
+
+def test_argument_distance_has_rows_texts_a_diagram_and_inclusive_thresholds():
+    k, l = np.zeros((5, 2)), np.array([[0, 0], [1, 0], [1.5, 0], [2, 0], [2.5, 0]])
+    distances = (1.0, 2.0)
+    states = np.asarray(observe(k, l, "argd", distances=distances))
+    np.testing.assert_array_equal(states[:, 0], [-2, -1, -1, 0])
+    np.testing.assert_array_equal(state_index("argd", states, distances), [0, 1, 1, 2])
+    np.testing.assert_array_equal(all_states("argd", distances)[:, 0], [-2, -1, 0])
+    assert state_texts("argd", distances) == ["<= 1 m", "<= 2 m", "> 2 m"]
+    assert state_texts("mos") == ["s s", "s m", "m s", "m m"]
+    # A distance passes through all between: neighbours are one apart.
+    table = adjacency("argd")
+    assert [list(np.flatnonzero(row)) for row in table] == [[1], [0, 2], [1, 3], [2, 4], [3]]
+
+
 @pytest.mark.parametrize("convention", CONVENTIONS)
 @given(
     pair=GRID,
@@ -146,7 +181,7 @@ def test_mirrored_distances_tie_even_where_a_compiler_fuses_a_product_and_a_sum(
 
 def test_states_have_codes_rows_and_texts():
     assert int(encode_state(np.array([1, -1, -1, -1]))) == 54
-    for calculus in literal.CALCULI:
+    for calculus in (*literal.CALCULI, "argd", "mos"):
         rows = all_states(calculus)
         np.testing.assert_array_equal(state_index(calculus, jnp.asarray(rows)), range(len(rows)))
         with pytest.raises(ValueError, match="read-only"):  # It is shared by all callers.
@@ -197,22 +232,29 @@ def forecast(**change):
 @pytest.mark.parametrize(
     ("call", "arguments", "message"),
     [
-        (observe, [[[0, 0]], [[0, 0]], "c3"], "calculus must be one of b1, c1, bc1"),
+        (observe, [[[0, 0]], [[0, 0]], "c3"], "calculus must be one of b1, c1, bc1, argd, mos"),
         (observe, {"k": [[0, 0]], "l": [[0, 0]], "convention": "lines"}, "convention must be one"),
+        (
+            observe,
+            {"k": [[0, 0]], "l": [[0, 0]], "calculus": "argd", "distances": (2.0, 1.0)},
+            "distances must be positive and increase",
+        ),
+        (forecast, {"calculus": "argd", "distances": (0.0,)}, "distances must be"),
+        (adjacency, ["mos"], "mos has no published neighbourhood diagram"),
         (adjacency, ["c1", "any"], "rule must be one of dominance, continuity"),
         (make_weighting, ["cdn"], r"unknown weighting 'cdn': did you mean 'cnd'\? .*shuffled"),
         (make_weighting, ["ones,learned=true"], "unknown field 'learned' for Ones"),
         (make_weighting, ["soft,temprature=0.05"], "weighting: unknown field 'temprature'"),
         (
             make_weighting,
-            ["cnd,quantisation_factor=-0.1"],
-            "quantisation_factor must be at least 0",
+            ["cnd,speed=-0.1"],
+            "speed must be at least 0",
         ),
-        (make_weighting, ["cnd,side_quantisation_factor=NaN"], "_factor must be a finite"),
+        (make_weighting, ["cnd,side_speed=NaN"], "_speed must be a finite"),
         (make_weighting, ["soft,temperature=0"], "temperature must be positive"),
         (make_weighting, ["cnd,convention=lines"], "convention must be one of distance, line, as"),
-        (make_weighting, ["quantised,quantisation_factor=0,learned=true"], "cannot be learned"),
-        (forecast, {"calculus": "z9"}, "calculus must be one of b1, c1, bc1"),
+        (make_weighting, ["quantised,speed=0,learned=true"], "cannot be learned"),
+        (forecast, {"calculus": "z9"}, "calculus must be one of b1, c1, bc1, argd, mos"),
         (forecast, {"speed": -1.0}, "speed must"),
         (forecast, {"sped": 1.0}, "unknown field 'sped'"),
         (forecast, {"pairs": [[0, 9]]}, "pairs must name people by 0 to 3"),

@@ -182,7 +182,7 @@ def test_a_class_as_a_weighting_has_options():
     class Constant(Weighting):
         value: Positive = 0.5
 
-        def weigh(self, parameters, positions, valid):
+        def weigh(self, parameters, positions, valid, period):
             return jnp.full((len(positions), *positions.shape[:2]), self.value)
 
     assert from_text("constant,value=0.25") == Constant(0.25)
@@ -192,9 +192,9 @@ def test_a_class_as_a_weighting_has_options():
 
 
 def test_the_name_is_the_text_form():
-    assert from_text("soft,temperature=0.05") == Soft(temperature=0.05)
-    alphas = [alpha_of(walks(3), weighting=Soft(temperature=t)) for t in (0.05, 5.0)]
+    assert from_text("soft,temperature=0.125") == Soft(temperature=0.125)
+    alphas = [alpha_of(walks(3), weighting=Soft(temperature=t)) for t in (0.125, 12.5)]
     assert np.abs(alphas[0] - alphas[1]).max() > 1e-4
-    assert Soft(temperature=0.05, learned=True).name == "soft,temperature=0.05,learned=true"
+    assert Soft(temperature=0.1, learned=True).name == "soft,temperature=0.1,learned=true"
     for name, weighting in WEIGHTINGS.items():
         assert weighting().name == name

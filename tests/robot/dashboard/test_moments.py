@@ -56,7 +56,7 @@ def test_the_first_events_of_all_kinds_come_before_the_second_of_any(moments, st
 def test_symbols_and_weights_are_the_models_own():
     path = np.random.default_rng(0).normal(0, 0.2, (5, 8, 2)).cumsum(axis=1)
     config = Soft(learned=True)
-    parameters = initial_parameters(config) | {"log_quantisation_factor": np.float32(np.log(0.2))}
+    parameters = initial_parameters(config) | {"log_speed": np.float32(np.log(0.5))}
     generator = GeneratorConfig(pooling="as_described", weighting=config)
     one, other = predictor(), predictor()
     one.models = {"SGAN": Model(GeneratorConfig(), {})}
