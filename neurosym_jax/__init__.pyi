@@ -11,8 +11,8 @@ from . import training as training
 from .data.formats import register_format as register_format
 from .data.sources import windows_from as windows_from
 from .errors import InputError as InputError
+from .evaluation.comparison import evaluate as evaluate
 from .evaluation.metrics import register_metric as register_metric
-from .evaluation.results import evaluate as evaluate
 from .forecasting.batched import predict_scenes as predict_scenes
 from .forecasting.forecasters import register_forecaster as register_forecaster
 from .forecasting.model import Model as Model

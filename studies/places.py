@@ -19,7 +19,7 @@ from pathlib import Path
 
 import polars as pl
 
-from neurosym_jax.evaluation.bootstrap import student_half
+from neurosym_jax.evaluation.intervals import student_half
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.report import read_report
 

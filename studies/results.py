@@ -102,8 +102,8 @@ All numbers with half of their 95 % intervals are in [`results.csv`](results.csv
 <summary>How this was measured</summary>
 
 - Means over {seeds} seeds of the noise. Each row is of one training unless it says how many.
-- Intervals are over test windows, by [bootstrap](evaluate.md#read-the-table); where there are
-  several trainings, over these (Student's t). A mean over data sets takes them as independent.
+- Intervals are over test windows, by [Student's t over blocks](evaluate.md#read-the-table), or over
+  trainings where there are several. A mean over data sets takes them as independent.
 - Scenes / people at 8 + 8: {sizes_8}. At 8 + 12: {sizes_12}.
 - "Windows of one person too" is the protocol of Joint Metrics Matter (Weng et al., ICCV 2023), with
   means over scenes. Numbers of AgentFormer are quoted second hand.

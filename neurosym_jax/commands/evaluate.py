@@ -13,6 +13,7 @@ from neurosym_jax.data.sources import EthUcy, Source, Synthetic
 from neurosym_jax.data.tracks import describe_readings
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import metrics, plan, report, saved_forecasts, tables
+from neurosym_jax.evaluation.comparison import with_tests
 from neurosym_jax.evaluation.results import Row, Settings, evaluate_tests
 from neurosym_jax.evaluation.summary import rows_frame
 from neurosym_jax.forecasting.model import Model
@@ -141,7 +142,7 @@ def run(options: Options) -> list[Row]:
         if text and not chosen and source.about:
             print(f"{source.about}\n")
         results = list(report.logged(options.json, evaluate_tests(tests, settings, run_on_cluster)))
-    rows = [result.row for result in results]
+    rows = with_tests(results)
     readings = {how.recording: how for test in tests for how in test.windows.reading}
     paths = [find_model(path) for test in tests for path, _ in test.entries if path]
     facts = {

@@ -1,9 +1,11 @@
-from .bootstrap import Difference as Difference
-from .bootstrap import ErrorsByScene as ErrorsByScene
-from .bootstrap import holm as holm
-from .bootstrap import mean_difference as mean_difference
-from .bootstrap import paired_difference as paired_difference
+from .comparison import evaluate as evaluate
+from .comparison import with_tests as with_tests
 from .formulas import collisions as collisions
+from .intervals import Difference as Difference
+from .intervals import ErrorsByScene as ErrorsByScene
+from .intervals import holm as holm
+from .intervals import mean_difference as mean_difference
+from .intervals import paired_difference as paired_difference
 from .metrics import METRICS as METRICS
 from .metrics import Metric as Metric
 from .metrics import metric_names as metric_names
@@ -14,7 +16,6 @@ from .plan import make_plan as make_plan
 from .plan import make_test as make_test
 from .report import read_report as read_report
 from .results import Settings as Settings
-from .results import evaluate as evaluate
 from .results import evaluate_tests as evaluate_tests
 from .saved_forecasts import forecasts_of as forecasts_of
 from .saved_forecasts import save_forecasts as save_forecasts

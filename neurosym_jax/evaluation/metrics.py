@@ -34,7 +34,8 @@ class Metric:
     """`m`, ...; `share` is shown in per cent; empty for a plain number."""
     about: str = ""
     """A line of explanation below tables; metrics with the same line share it."""
-    higher_is_better: bool = False
+    higher_is_better: bool | None = False
+    """None where neither is better; no model is marked as the best then."""
     by_default: bool = True
     """Whether it is computed without being named (`--metrics`)."""
     moves: bool = False
@@ -75,13 +76,14 @@ _SYMBOLS = "states, events: log scores of those of ordered pairs within 8 m; les
 _further = functools.partial(Metric, by_default=False)
 _on_host = functools.partial(_further, unit="share", on_host=True)
 _weighted = functools.partial(_further, weighted=True)
-_moves = functools.partial(_further, about=_NEIGHBOURS, moves=True)
+_moves = functools.partial(_further, about=_NEIGHBOURS, moves=True, higher_is_better=None)
 _symbols = functools.partial(_further, unit="nats", about=_SYMBOLS)
 
 
 def _covered(level: float) -> Metric:
     compute = functools.partial(formulas.coverage, level)
-    return _weighted(f"covered at {100 * level:.0f} %", compute, "share", _COVERED)
+    title = f"covered at {100 * level:.0f} %"
+    return _weighted(title, compute, "share", _COVERED, higher_is_better=None)
 
 
 METRICS: Registry[Metric] = Registry(
@@ -95,7 +97,9 @@ METRICS: Registry[Metric] = Registry(
         "collision_rate": Metric(
             "people in collision", formulas.collision_rate, "share", on_host=True
         ),
-        "truth_collision_rate": _on_host("truth's collisions", formulas.truth_collision_rate),
+        "truth_collision_rate": _on_host(
+            "truth's collisions", formulas.truth_collision_rate, higher_is_better=None
+        ),
         "excess_collisions": _on_host("collisions beyond truth's", formulas.excess_collisions),
         "miss_rate": _further("missed by 2 m", formulas.missed, "share", _MISS),
         "energy_score": _weighted("energy score", formulas.energy_score, "m", _PROPER),
@@ -151,4 +155,8 @@ def metric_names(further: Sequence[str] = (), *, collisions: bool = True) -> tup
 
 def known_metric(name: str) -> Metric:
     """Return the metric of this name; for one that only a report knows, a title alone."""
-    return METRICS[name] if name in METRICS else Metric(name, METRICS.__getitem__, "")
+    return (
+        METRICS[name]
+        if name in METRICS
+        else Metric(name, METRICS.__getitem__, "", higher_is_better=None)
+    )

@@ -13,16 +13,11 @@ from typing import Any
 
 import jax
 import numpy as np
-import polars as pl
 
-from neurosym_jax.configuration import Count, refuse
-from neurosym_jax.data.clock import on_grid
-from neurosym_jax.data.formats import recordings_in
-from neurosym_jax.data.reading import ReadOptions
 from neurosym_jax.data.windows import single_scene
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.bootstrap import ErrorsByScene
-from neurosym_jax.evaluation.plan import Entries, Test, TestSet, baselines_of, make_test
+from neurosym_jax.evaluation.intervals import ErrorsByScene
+from neurosym_jax.evaluation.plan import Test, TestSet
 from neurosym_jax.evaluation.scoring import (
     Evaluation,
     Score,
@@ -36,7 +31,7 @@ from neurosym_jax.forecasting.model import Model, SceneForecaster
 from neurosym_jax.runtime.process import cpu_cores, progress_of
 from neurosym_jax.scene import Scene, make_scene, pad_scene
 
-__all__ = ["Result", "Row", "Settings", "evaluate", "evaluate_tests"]
+__all__ = ["Result", "Row", "Settings", "evaluate_tests"]
 
 EXAMPLE = 8
 """Number of people that a figure can show."""
@@ -45,8 +40,8 @@ Row = dict[str, Any]
 """Plain numbers and texts of a model on a test set, by column.
 
 A metric has its mean under its name, the bounds of the 95 % interval under `NAME_low` and
-`NAME_high`, and under `NAME_std` the standard deviation between seeds of the noise; None where
-there is none."""
+`NAME_high` (None for too few blocks), and under `NAME_std` the standard deviation between seeds of
+the noise. `comparison.with_tests` adds `NAME_p`. None where there is none."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,8 +72,8 @@ class Result:
     forecast: np.ndarray
     """[k, N, pred_len, 2] world metres, of the example."""
     horizons: dict[str, np.ndarray]
-    """[3, pred_len] mean over the test set and the bounds of its 95 % interval, of the metrics with
-    a value for each step."""
+    """[3, pred_len] mean over the test set and the bounds of its 95 % interval (NaN for too few
+    blocks), of the metrics with a value for each step."""
     period: float
     """Seconds between steps."""
 
@@ -86,59 +81,6 @@ class Result:
     def name(self) -> str:
         """The model's name."""
         return self.row["model"]
-
-
-def evaluate(
-    models: Model | Sequence[Model],
-    recordings: Any,
-    *,
-    samples: int = 20,
-    seed: int = 0,
-    min_agents: int = 2,
-    metrics: Sequence[str] | None = None,
-    baselines: Sequence[str] | None = None,
-    **read: Any,
-) -> pl.DataFrame:
-    """Test models on recordings: a row for each model, beside the baselines; see `format_table`.
-
-    Recordings are resampled to the steps that a model was trained on.
-
-    Args:
-        models: one or several, see `load_model`.
-        recordings: a file, folder, dataframe of pandas or polars, `Tracks`, or several of these.
-        samples: number of forecasts of each scene, k.
-        seed: random seed of the noise.
-        min_agents: scenes with fewer people are left out.
-        metrics: names; default: those of every table, see `metric_names`.
-        baselines: forecasters by name, see `baselines_of`.
-        read: how files and dataframes are read, by the fields of `ReadOptions`: `unit="cm"`, ...
-
-    Returns:
-        Columns `model`, `dataset`, `scenes`, ...; for each metric its mean under its name, and the
-        bounds of its 95 % interval under `NAME_low` and `NAME_high`.
-    """
-    refuse(Count, {"samples": samples, "min_agents": min_agents})
-    models = [models] if isinstance(models, Model) else models
-    options = ReadOptions(**read)
-    recordings = recordings_in(recordings, options)
-    name = "+".join(dict.fromkeys(tracks.recording for tracks in recordings))
-    tested: dict[tuple[int, int, float], Entries] = {}
-    for model in models:
-        config = model.config
-        key = (config.obs_len, config.pred_len, config.period)
-        tested.setdefault(key, []).append((None, model))
-    tests = [
-        make_test(
-            TestSet(name, obs_len, pred_len),
-            [*baselines_of(baselines, obs_len, pred_len, samples=samples), *entries],
-            [on_grid(tracks, period, options.max_gap) for tracks in recordings],
-            min_agents,
-        )
-        for (obs_len, pred_len, period), entries in tested.items()
-    ]
-    settings = Settings(samples, seed, None if metrics is None else tuple(metrics))
-    rows = [result.row for result in evaluate_tests(tests, settings)]
-    return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def evaluate_tests(
@@ -219,7 +161,7 @@ def _evaluate_test(
             "seeds": settings.seeds,
             "scenes": windows.scenes,
             "agents": found.agents,
-            "blocks": int(errors.blocks.max()) + 1,
+            "blocks": len(errors.block_sums[0]),
             **_columns(errors, spread, f"{model.name} on {test_set.dataset}"),
             "seconds_compiling": compiling,
             "seconds_evaluating": found.seconds,
@@ -262,8 +204,9 @@ def _columns(errors: ErrorsByScene, spread: dict[str, float], of: str) -> Row:
             raise InputError(f"metric {name}: is not finite for {of}")
     for name, (low, high) in errors.intervals().items():
         mean = float(errors.scores[name].mean)
-        found = (None, None, None) if np.isnan(mean) else (mean, low, high)
-        columns[name], columns[f"{name}_low"], columns[f"{name}_high"] = found
+        bounds = (low, high) if np.isfinite([mean, low, high]).all() else (None, None)
+        columns[name] = None if np.isnan(mean) else mean
+        columns[f"{name}_low"], columns[f"{name}_high"] = bounds
         columns[f"{name}_std"] = spread.get(name)
     return columns
 
@@ -272,7 +215,7 @@ def _band(score: Score, errors: ErrorsByScene) -> np.ndarray:
     """[3, T] mean, low and high of a score with a value for each step, on the same scenes."""
     each = {str(step): Score(total, score.count) for step, total in enumerate(score.total.T)}
     bounds = dataclasses.replace(errors, scores=each).intervals().values()
-    return np.vstack([score.mean, *zip(*bounds)])
+    return np.where(np.isfinite(curves := np.vstack([score.mean, *zip(*bounds)])), curves, np.nan)
 
 
 def _telling(test: Test, found: Evaluation) -> int:

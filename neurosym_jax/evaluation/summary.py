@@ -2,10 +2,13 @@
 
 The 95 % interval of a line is
 
-- of one training: over the scenes of the test set, in blocks (see `bootstrap`);
+- of one training: over the scenes of the test set, in blocks (see `intervals`);
 - of several that differ in their seed: Student's t of the trainings' mean;
 - of a mean over test sets: Student's t of the means of each seed where there are several trainings,
   else of independent test sets.
+
+A line is the best of its test set where the paired test against each other line, adjusted for their
+number, is significant at 5 %; for means over test sets the test is Student's of the sets' means.
 """
 
 import re
@@ -16,7 +19,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from neurosym_jax.evaluation.bootstrap import student_half
+from neurosym_jax.evaluation.intervals import against_best, student_half, student_p
 from neurosym_jax.evaluation.metrics import known_metric
 
 __all__ = ["labels", "rows_frame", "short_names", "summarise"]
@@ -43,12 +46,17 @@ def summarise(rows: pl.DataFrame) -> pl.DataFrame:
         A row for each line and metric, with `line` (a number), the columns of `FACTS`,
         `checkpoint` (of several trainings without the seed), `trainings`, `sets` (number of test
         sets), `metric`, its `mean` (None where nothing was counted), the bounds `low` and `high` of
-        its 95 % interval, `std` (between trainings or, of one, between seeds of the noise) and
-        `best`, whether the interval lies beyond those of all other models on the test set.
+        its 95 % interval, `std` (between trainings or, of one, between seeds of the noise), `p`
+        (of the test against the best, adjusted; None for the best itself) and `best`, whether `p`
+        of all other lines of the test set is below 5 %.
     """
     lines = _lines(rows)
-    means = pl.DataFrame(list(_means(lines)), schema=lines.schema)
-    return _marked(pl.concat([lines, means])).drop("each", "trained")
+    means = pl.DataFrame(_tested(list(_means(lines))), schema=lines.schema)
+    lines = pl.concat([lines, means]).drop("each", "trained")
+    group, p = ("dataset", *HORIZON, "metric"), pl.col("p")
+    first = pl.col("mean").is_not_null() & p.is_null()
+    beyond = (first.sum().over(group) == 1) & (p.max().over(group) < 0.05)
+    return lines.with_columns(best=(first & beyond).fill_null(False))
 
 
 def labels(models: Sequence[tuple[str, str | None]]) -> list[str]:
@@ -83,14 +91,14 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     # Without a seed in its path each is a model of its own.
     alone = pl.when(pl.col("seed").is_null()).then(pl.col("row"))
     line = pl.col("row").first().over("dataset", *HORIZON, "model", family, alone)
-    ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std"}
+    ends = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
     long = pl.concat(
         rows.select(
             pl.col("seed", "checkpoint", "latency", "forecasts_per_second", *FACTS),
             family=family,
             line=line,
             metric=pl.lit(name),
-            **{value: pl.col(f"{name}{end}").cast(pl.Float64) for value, end in ends.items()},
+            **{value: _column(rows, f"{name}{end}") for value, end in ends.items()},
         )
         for name in rows.columns
         if f"{name}_low" in rows.columns
@@ -107,6 +115,11 @@ def _lines(rows: pl.DataFrame) -> pl.DataFrame:
     )
     found = [_of_trainings(of) if of["trainings"] > 1 else of for of in lines.to_dicts()]
     return pl.DataFrame(found, schema=lines.schema).sort("line", maintain_order=True)
+
+
+def _column(rows: pl.DataFrame, name: str) -> pl.Expr:
+    """The numbers of a column; nulls for one that an older report does not have."""
+    return (pl.col(name) if name in rows.columns else pl.lit(None)).cast(pl.Float64)
 
 
 def _of_trainings(of: dict[str, Any]) -> dict[str, Any]:
@@ -134,13 +147,15 @@ def _mean(of: pl.DataFrame) -> dict[str, Any]:
     """The mean of one metric over test sets."""
     found = of.row(0, named=True)
     path, trainings, means = found.pop("family") or None, found["trainings"], of["mean"].to_list()
-    found |= dict.fromkeys(("mean", "low", "high", "std", "scenes", "agents", "blocks"))
+    found |= dict.fromkeys(("mean", "low", "high", "std", "p", "scenes", "agents", "blocks"))
     found |= {"sets": len(of), "checkpoint": path, "trainings": 1, "latency": of["latency"].max()}
     found["forecasts_per_second"] = of["forecasts_per_second"].min()
     if trainings > 1 and all(seeds == found["trained"] for seeds in of["trained"].to_list()):
         # Trainings of one seed are not independent of each other, so they are averaged first.
         each = [] if None in means else np.mean(of["each"].to_list(), axis=0).tolist()
-        return _of_trainings(found | {"each": each, "trainings": trainings})
+        found = _of_trainings(found | {"each": each, "trainings": trainings})
+        return found | {"each": means}
+    found["each"] = means
     if None not in means:
         found["mean"] = mean = float(np.mean(means))
         if of["low"].null_count() == 0:
@@ -149,14 +164,20 @@ def _mean(of: pl.DataFrame) -> dict[str, Any]:
     return found
 
 
-def _marked(lines: pl.DataFrame) -> pl.DataFrame:
-    """`lines` with `best`: beyond the nearest bound of all other lines of the test set."""
-    group = ("dataset", *HORIZON, "metric")
-    names = [name for name in lines["metric"].unique() if known_metric(name).higher_is_better]
-    # A line's own bound comes first where it is beyond all others.
-    low = pl.col("low").sort().slice(1, 1).first().over(group)
-    high = pl.col("high").sort(descending=True).slice(1, 1).first().over(group)
-    rise = pl.col("metric").is_in(names)
-    beyond = pl.when(rise).then(pl.col("low") > high).otherwise(pl.col("high") < low)
-    known = pl.col("low").is_not_null().all().over(group)
-    return lines.with_columns(best=(beyond & known).fill_null(False))
+def _tested(means: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Lines of means over test sets, with the p values of their paired tests over the sets."""
+    groups: dict[Any, list[dict[str, Any]]] = {}
+    for line in means:
+        groups.setdefault((line["dataset"], *map(line.get, HORIZON), line["metric"]), []).append(
+            line
+        )
+    for (*_, metric), group in groups.items():
+
+        def p_value(best: int, other: int, group: Any = group) -> float:
+            return student_p(np.subtract(group[best]["each"], group[other]["each"]))
+
+        higher = known_metric(metric).higher_is_better
+        p_values = against_best([line["mean"] for line in group], higher, p_value)
+        for line, p in zip(group, p_values):
+            line["p"] = p
+    return means

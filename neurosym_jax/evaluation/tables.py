@@ -7,16 +7,20 @@ from typing import Any, Literal, NamedTuple
 
 import polars as pl
 
-from neurosym_jax.evaluation.markdown import aligned_table, markdown_table
+from neurosym_jax.errors import printable
+from neurosym_jax.evaluation.intervals import FEWEST
+from neurosym_jax.evaluation.markdown import (
+    aligned_table,
+    latex_text,
+    markdown_table,
+    markdown_text,
+)
 from neurosym_jax.evaluation.metrics import Metric, known_metric
 from neurosym_jax.evaluation.summary import labels, short_names, summarise
 
 __all__ = ["Style", "format_table"]
 
 Style = Literal["text", "csv", "markdown", "latex"]
-
-LATEX = {**{sign: f"\\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}"}
-LATEX |= {"~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$"}
 
 
 class Cell(NamedTuple):
@@ -57,7 +61,9 @@ def format_table(
         intervals: whether latex has intervals, too, which is too wide for one column of a paper.
         whole: whether text has columns that do not fit in further tables, and a table of means.
     """
-    lines = summarise(rows)
+    lines = summarise(rows).with_columns(
+        pl.col("dataset", "model", "checkpoint").map_elements(printable, pl.String)
+    )
     if style == "text":
         shown = lines if whole else lines.filter(pl.col("sets") == 1)
         return "\n".join([_text_tables(shown, width, whole), *_notes(lines)])
@@ -111,10 +117,11 @@ def _columns(metrics: Mapping[str, Metric], members: Sequence[Line]) -> list[lis
 
 
 def _csv_table(lines: pl.DataFrame) -> str:
-    """A line each, with unrounded numbers; `_low` and `_high` bound the 95 % interval."""
+    """A line each, with unrounded numbers; `_low` and `_high` bound the 95 % interval, `_p` is of
+    the paired test against the best."""
     facts = ["dataset", "obs_len", "pred_len", "model", "checkpoint", "trainings", "samples"]
     facts += ["seeds", "scenes", "agents", "blocks"]
-    values = {"mean": "", "low": "_low", "high": "_high", "std": "_std"}
+    values = {"mean": "", "low": "_low", "high": "_high", "std": "_std", "p": "_p"}
     wide = lines.pivot("metric", index=["line", *facts], values=list(values), maintain_order=True)
     columns = [
         pl.col(f"{value}_{metric}").alias(f"{metric}{ending}")
@@ -129,9 +136,13 @@ def _markdown_table(lines: pl.DataFrame) -> str:
     metrics = _metrics(lines)
     heads = [each.title if each.unit == "share" else each.label for each in metrics.values()]
     body = [
-        [of["dataset"], label, str(of["samples"]), *(_bold(cells[name]) for name in metrics)]
+        [
+            *map(markdown_text, (facts["dataset"], label)),
+            str(facts["samples"]),
+            *(_bold(cells[name]) for name in metrics),
+        ]
         for _, members in _by_test_set(lines)
-        for label, of, cells in members
+        for label, facts, cells in members
     ]
     return markdown_table(["", "", "k", *heads], body, right=len(heads) + 1)
 
@@ -148,18 +159,18 @@ def _latex_table(lines: pl.DataFrame, intervals: bool) -> str:
     above, below = ["", ""], ["", "$k$"]
     for first, parts in itertools.groupby(titles, lambda title: title[0] if title[2] else ""):
         rests = [rest or word for word, _, rest in parts]
-        above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{_escaped(first)}}}")
-        below += map(_escaped, rests)
+        above.append(rf"\multicolumn{{{len(rests)}}}{{c}}{{{latex_text(first)}}}")
+        below += map(latex_text, rests)
     short = short_names(line.label for of_test in tests for line in of_test)
     rows = []
     for of_test in tests:
         of = of_test[0].facts
-        title = _escaped(f"{of['dataset']}, {of['obs_len']} + {of['pred_len']} steps")
+        title = latex_text(f"{of['dataset']}, {of['obs_len']} + {of['pred_len']} steps")
         rows += [r"\midrule", rf"\multicolumn{{{len(below)}}}{{l}}{{\emph{{{title}}}}} \\"]
         for label, of, found in of_test:
-            cells = [_escaped(short[label]), str(of["samples"])]
+            cells = [latex_text(short[label]), str(of["samples"])]
             for mean, interval, _, best in map(found.__getitem__, metrics):
-                text = rf"\textbf{{{_escaped(mean)}}}" if best else _escaped(mean)
+                text = rf"\textbf{{{latex_text(mean)}}}" if best else latex_text(mean)
                 cells.append(text + rf"{{\scriptsize{interval}}}" * (intervals and bool(interval)))
             rows.append(" & ".join(cells) + r" \\")
     named = [f"{brief}: {name}" for name, brief in short.items() if brief != name]
@@ -186,7 +197,8 @@ def _cell(metric: Metric, value: Mapping[str, Any]) -> Cell:
         return Cell()
     mean = metric.text(value["mean"])
     if value["low"] is None:
-        return Cell(mean)
+        few = value["sets"] == 1 and value["blocks"] < FEWEST
+        return Cell(mean, " [too few blocks]" * few)
     low, high = (metric.text(value[end]).split(" ")[0] for end in ("low", "high"))
     half = f" ±{(value['high'] - value['low']) / 2:.3f}".replace("±0.", "±.")
     return Cell(mean, f" [{low}, {high}]", half * (metric.unit in ("", "m")), value["best"])
@@ -199,14 +211,16 @@ def _notes(lines: pl.DataFrame, intervals: bool | None = None) -> list[str]:
     if single and intervals is not False:
         interval = "[ ]: 95 % interval" if intervals else "±: half of a 95 % interval"
         number = f"{single[0]}" if len(single) == 1 else f"{single[0]} to {single[-1]}"
-        found.append(f"{interval} by bootstrap over {number} blocks of scenes")
+        found.append(f"{interval} by Student's t over {number} blocks of scenes")
+        if single[0] < FEWEST:
+            found.append(f"fewer than {FEWEST} blocks say nothing: no interval, no test")
     if several := lines.filter(pl.col("trainings") > 1)["trainings"].unique().sort().to_list():
         number = ", ".join(map(str, several))
         found.append(f"{number} trainings: Student's interval of their mean instead")
     if lines["best"].any():
         mark = "*" if intervals is None else "bold"
-        found.append(f"{mark}: significantly better than all others (95 % intervals are apart)")
-    return [note for note in dict.fromkeys(found) if note]
+        found.append(f"{mark}: significantly better than every other (paired tests, 5 %, Holm)")
+    return [printable(note) for note in dict.fromkeys(found) if note]
 
 
 def _by_test_set(lines: pl.DataFrame) -> Iterator[tuple[dict[str, Metric], list[Line]]]:
@@ -227,7 +241,3 @@ def _metrics(lines: pl.DataFrame) -> dict[str, Metric]:
     """The metrics of which some line has a value."""
     known = lines.filter(pl.col("mean").is_not_null())["metric"].unique(maintain_order=True)
     return {name: known_metric(name) for name in known}
-
-
-def _escaped(text: str) -> str:
-    return "".join(LATEX.get(letter, letter) for letter in text)

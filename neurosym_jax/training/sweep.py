@@ -19,7 +19,7 @@ import polars as pl
 from neurosym_jax.data.sources import Source
 from neurosym_jax.errors import InputError
 from neurosym_jax.evaluation import plan, report, results
-from neurosym_jax.evaluation.bootstrap import ErrorsByScene, mean_difference, paired_difference
+from neurosym_jax.evaluation.intervals import ErrorsByScene, mean_difference, paired_difference
 from neurosym_jax.evaluation.markdown import markdown_table
 from neurosym_jax.evaluation.metrics import known_metric
 from neurosym_jax.evaluation.scoring import Score
@@ -44,9 +44,8 @@ TOO_FEW = """\
 finding:** train three or more."""
 INTERVALS = """\
 Differences are the model's metric less the reference's, on the same scenes with the same noise and
-seed: for errors, below 0 is better. In brackets is the 95 % interval: test scenes resampled in
-stretches of blocks, and the mean over seeds drawn from Student's t. Bold where it leaves out 0. The
-mean weighs the test sets equally."""
+seed: for errors, below 0 is better. In brackets is the 95 % interval: Student's t over blocks of
+test scenes and over seeds. Bold where it leaves out 0. The mean weighs the test sets equally."""
 
 Runs = dict[tuple[str, str], dict[int, ErrorsByScene]]
 """By model and test set, then by training seed."""
@@ -280,5 +279,7 @@ def _compare(runs: Runs, model: str, reference: str) -> Iterator[dict[str, Any]]
 
 def _cell(row: dict[str, Any]) -> str:
     low, high = row["low_95"], row["high_95"]
+    if not np.isfinite(low):
+        return f"{row['difference']:+.3f} (too few blocks of scenes)".replace("-", "−")
     text = f"{row['difference']:+.3f} ({low:+.3f} to {high:+.3f})".replace("-", "−")
     return f"**{text}**" if row["seeds"] >= ENOUGH and (low > 0 or high < 0) else text

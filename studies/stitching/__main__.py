@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from neurosym_jax.data.tracks import Tracks
-from neurosym_jax.evaluation.bootstrap import student_half
+from neurosym_jax.evaluation.intervals import student_half
 from neurosym_robot.tracking.following import frames_of_tracks, velocity
 from neurosym_robot.tracking.stitching import (
     NOBODY,

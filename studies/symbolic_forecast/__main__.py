@@ -20,7 +20,7 @@ import numpy as np
 from neurosym_jax.data.sources import Source, Split, open_source
 from neurosym_jax.data.tracks import Tracks
 from neurosym_jax.errors import InputWarning
-from neurosym_jax.evaluation.bootstrap import (
+from neurosym_jax.evaluation.intervals import (
     Difference,
     ErrorsByScene,
     mean_difference,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.forecasting.model import Model
 from studies.symbolic_forecast.cases import Answer, Cases, counted, markov_chain, model_answer

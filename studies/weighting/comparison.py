@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from neurosym_jax.evaluation.bootstrap import holm
+from neurosym_jax.evaluation.intervals import holm
 
 __all__ = ["INTERACTING", "LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
 

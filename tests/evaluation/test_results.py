@@ -1,10 +1,14 @@
 """Rows over several seeds of the noise, and tests that run elsewhere."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import neurosym_jax as nj
 from neurosym_jax.data.sources import Synthetic
+from neurosym_jax.evaluation.comparison import with_tests
+from neurosym_jax.evaluation.intervals import paired_difference
 from neurosym_jax.evaluation.plan import load_tests, make_plan
 from neurosym_jax.evaluation.results import Settings, evaluate_tests
 
@@ -33,6 +37,26 @@ def test_the_mean_and_deviation_are_those_of_the_seeds(simulated):
 def test_a_test_set_can_be_evaluated_elsewhere(simulated):
     here, there = rows(simulated, Settings(samples=3)), rows(simulated, Settings(samples=3), map)
     assert [row["joint_ade"] for row in here] == [row["joint_ade"] for row in there]
+
+
+def test_models_are_compared_with_the_best_of_their_test_set(simulated):
+    """By hand: the difference of both on the same scenes, and trainings as one model."""
+    results = list(evaluate_tests(simulated, Settings(samples=3)))
+    first, second = with_tests(results)
+    assert first["joint_ade"] < second["joint_ade"]
+    assert first["joint_ade_p"] is None
+    difference = paired_difference([results[0].errors], [results[1].errors])
+    assert second["joint_ade_p"] == pytest.approx(difference.over_both.p_value(0))
+    assert 0 < second["joint_ade_p"] < 1
+
+    paths = ("a_seed0", "a_seed1", "b")
+    runs = [
+        dataclasses.replace(results[0], row=results[0].row | {"checkpoint": path, "joint_ade": ade})
+        for path, ade in zip(paths, (0.1, 0.5, 0.4))
+    ]
+    one, two, other = with_tests([*runs, results[1]])[:3]
+    assert (one["joint_ade_p"], two["joint_ade_p"]) == (None, None)
+    assert other["joint_ade_p"] == 1  # The errors of all three are the same.
 
 
 def test_the_seed_is_0_by_default():

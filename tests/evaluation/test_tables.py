@@ -22,9 +22,9 @@ from tests.repository import ROOT
 from tests.rows import result_row
 
 
-def row(model, scene, ade, checkpoint=None):
+def row(model, scene, ade, checkpoint=None, **how):
     means = {"joint_ade": ade, "collision_rate": 0.05, "own": None}
-    return result_row(model, scene, means, checkpoint)
+    return result_row(model, scene, means, checkpoint, **how)
 
 
 SCENES = ("eth", "zara1")
@@ -33,7 +33,7 @@ TRAININGS = [
     for at, scene in enumerate(SCENES)
     for seed in range(3)
 ]
-ROWS = [row("constant velocity", scene, 0.5) for scene in SCENES] + TRAININGS
+ROWS = [row("constant velocity", scene, 0.5, p=0.001) for scene in SCENES] + TRAININGS
 
 
 def lines_of(rows, metric="joint_ade"):
@@ -71,18 +71,77 @@ def test_means_are_of_models_that_were_tested_everywhere():
     assert lines_of(ROWS[:1])[1] == []
 
 
-def test_bold_only_where_the_interval_says_so():
-    def best(*errors):
-        rows = [row(f"model {at}", "eth", error) for at, error in enumerate(errors)]
+def test_bold_only_where_the_paired_tests_say_so():
+    def best(*p_values):
+        rows = [row(f"model {at}", "eth", 0.2, p=p) for at, p in enumerate(p_values)]
         return [line["best"] for line in lines_of(rows)[0]]
 
-    assert best(0.20, 0.23) == [True, False]
+    assert best(None, 0.049) == [True, False]
+    assert best(0.01, None, 0.04) == [False, True, False]
+    assert best(None, 0.051) == [False, False]
+    assert best(None, 0.01, 0.9) == [False, False, False]
+    assert best(None) == [False]
+    # Rows of two evaluations were not compared, nor those of an older report.
+    assert best(None, 0.01, None) == [False, False, False]
+    rows = [row("a", "eth", 0.2), row("b", "eth", 0.9)]
+    for report_row in rows:
+        del report_row["joint_ade_p"]
+    assert [line["best"] for line in lines_of(rows)[0]] == [False, False]
+
+
+def test_means_over_test_sets_are_compared_set_by_set():
+    """A model that is 2 to 4 cm better on each of five sets, which differ by more."""
+    lead = [0.02, 0.03, 0.04, 0.03, 0.03]
+    errors = {"ours": np.arange(1, 6) / 10 - lead, "theirs": np.arange(1, 6) / 10}
+    rows = [
+        row(model, f"set {number}", error)
+        for model, values in errors.items()
+        for number, error in enumerate(values)
+    ]
+    _, (ours, theirs) = lines_of(rows)
+    assert (ours["p"], ours["best"], theirs["best"]) == (None, True, False)
+    assert theirs["p"] == pytest.approx(2 * t.sf(0.03 / (0.005**0.5 / 10 / 5**0.5), 4))
     with mock.patch.dict(METRICS):
         METRICS["joint_ade"] = dataclasses.replace(METRICS["joint_ade"], higher_is_better=True)
-        assert best(0.20, 0.23) == [False, True]
-    assert best(0.20, 0.21) == [False, False]
-    assert best(0.20, 0.23, 0.21) == [False, False, False]
-    assert best(0.20) == [False]
+        assert [line["best"] for line in lines_of(rows)[1]] == [False, True]
+        METRICS["joint_ade"] = dataclasses.replace(METRICS["joint_ade"], higher_is_better=None)
+        assert [line["best"] for line in lines_of(rows)[1]] == [False, False]
+
+
+HOSTILE = "\\input{x}\n\x1b[31m$&%#_|`<b>*"
+
+
+@pytest.mark.parametrize("style", ["text", "csv", "markdown", "latex"])
+def test_hostile_names_stay_text(style):
+    rows = [row(HOSTILE, f"{HOSTILE}{number}", 0.3, f"{HOSTILE}/{number}") for number in range(2)]
+    text = format_table(rows_frame(rows), style, width=500)
+    assert "\x1b" not in text
+    plain = format_table(rows_frame([row("a", "b", 0.3, "c")] * 2), style, width=500)
+    if style == "text":
+        assert len(text.splitlines()) < 2 * len(plain.splitlines()) + 6
+    if style == "csv":
+        assert {line["model"] for line in csv.DictReader(io.StringIO(text))} == {
+            "\\input{x}\\n\\x1b[31m$&%#_|`<b>*"
+        }
+    if style == "markdown":
+        assert all(line.startswith("|") and line.endswith("|") for line in text.splitlines())
+        assert "<b>" not in text
+    if style == "latex":
+        assert "\\input" not in re.sub(r"(?m)^%.*$", "", text)
+        assert all(
+            line.startswith(("%", "\\", " &", r"\textbackslash{}")) for line in text.splitlines()
+        )
+
+
+def test_too_few_blocks_are_said():
+    rows = [
+        row("SGAN", "eth", 0.3, half=None, blocks=2),
+        row("CV", "eth", 0.9, half=None, blocks=2),
+    ]
+    text = format_table(rows_frame(rows))
+    assert "fewer than 3 blocks say nothing: no interval, no test" in text
+    assert "0.300 ±" not in text
+    assert "| 0.300 [too few blocks] |" in format_table(rows_frame(rows), "markdown")
 
 
 def test_csv_has_the_numbers_as_they_are():
@@ -97,7 +156,9 @@ def test_csv_has_the_numbers_as_they_are():
 
 def test_latex_is_well_formed_and_names_are_short():
     names = ("A&B_50%", "constant velocity, sampled", "NeuroSyM, soft,factor=0.1")
-    rows = [row(name, "zara_1", 0.5 - 0.1 * at) for at, name in enumerate(names)]
+    rows = [
+        row(name, "zara_1", 0.5 - 0.1 * at, p=(0, 0, None)[at]) for at, name in enumerate(names)
+    ]
     rows.append(row(names[2], "eth", 0.2))
     text = format_table(rows_frame(rows), "latex")
     assert text.startswith("% \\usepackage{booktabs}\n")
@@ -119,7 +180,7 @@ def test_latex_is_well_formed_and_names_are_short():
     assert "[" not in body
     with_intervals = format_table(rows_frame(rows), "latex", intervals=True)
     assert r"\textbf{0.300}{\scriptsize [0.290, 0.310]}" in with_intervals
-    assert "95 % interval by bootstrap" in with_intervals
+    assert "95 % interval by Student's t" in with_intervals
     # Names that would be the same without their options keep them.
     same = [row(f"NeuroSyM, quantised,factor={each}", "zara1", 0.4) for each in (1, 2)]
     assert "factor=1" in format_table(rows_frame(same), "latex")
@@ -135,9 +196,10 @@ def test_latex_fits_one_column_of_a_paper():
 
     names = ("constant velocity", "constant velocity, sampled", "NeuroSyM, quantised,factor=0.1")
     rows = [row(name, "zara1", 1.2) for name in names]
-    for of in rows:
+    for report_row in rows:
         for name in ("joint_fde", "marginal_ade", "marginal_fde"):
-            of |= {f"{name}{end}": of[f"joint_ade{end}"] for end in ("", "_low", "_high", "_std")}
+            ends = ("", "_low", "_high", "_std", "_p")
+            report_row |= {f"{name}{end}": report_row[f"joint_ade{end}"] for end in ends}
     lines = [line.split("&") for line in format_table(rows_frame(rows), "latex").splitlines()]
     widths = [max(map(points, column)) for column in zip(*(of for of in lines if len(of) == 7))]
     assert len(widths) == 7
@@ -165,7 +227,9 @@ def test_from_a_pandas_frame_to_a_latex_table_in_five_lines(tmp_path, monkeypatc
 
 
 def test_a_table_fits_the_terminal():
-    rows = rows_frame([row("constant velocity", "eth", 0.431), row("SGAN", "eth", 0.3, "a.pt")])
+    rows = rows_frame(
+        [row("constant velocity", "eth", 0.431, p=0.01), row("SGAN", "eth", 0.3, "a.pt")]
+    )
     for width in (60, 80):
         lines = [line.rstrip() for line in format_table(rows, width=width).splitlines()]
         note = next(at for at, line in enumerate(lines) if line.startswith("joint: "))
@@ -175,8 +239,8 @@ def test_a_table_fits_the_terminal():
         assert lines[at + 3].startswith("constant velocity  0.431 ±.010  ")
         assert lines[at + 4].startswith("SGAN               0.300 ±.010*")
         assert "own" not in "".join(lines)  # It has no value anywhere.
-    assert "by bootstrap over 50 blocks of scenes" in lines[-2]
-    assert lines[-1].startswith("*: significantly better than all others")
+    assert "by Student's t over 50 blocks of scenes" in lines[-2]
+    assert lines[-1].startswith("*: significantly better than every other")
 
 
 def test_columns_that_do_not_fit_are_in_further_tables():
@@ -198,7 +262,7 @@ def test_columns_that_do_not_fit_are_in_further_tables():
 def test_markdown_marks_the_best_and_keeps_its_cells_apart():
     text = format_table(rows_frame(ROWS), "markdown")
     assert "| eth | SGAN (3 trainings) | 20 | **0.210** [0.185, 0.235] |" in text
-    assert text.count("**") == 6
+    assert text.count("**") == 4
     rows = [["a|b", "1"], ["two\nlines", "2"]]
     assert markdown_table(["name", ""], rows, right=1).splitlines() == [
         "| name | |",

@@ -14,7 +14,7 @@ from neurosym_jax.commands._options import options_text, with_file
 from neurosym_jax.commands._running import load_plugins
 from neurosym_jax.commands.sweep import plan_runs, run
 from neurosym_jax.errors import InputError
-from neurosym_jax.evaluation.bootstrap import ErrorsByScene
+from neurosym_jax.evaluation.intervals import ErrorsByScene
 from neurosym_jax.evaluation.report import write_report
 from neurosym_jax.evaluation.scoring import Score
 from neurosym_jax.training.recipe import model_name

@@ -1,0 +1,271 @@
+"""95 % intervals and paired tests of mean scores, over test scenes and over training seeds.
+
+Other test scenes would have given other scores. Neighbouring windows share most of their steps, so
+scenes are summed in blocks of as many start frames as a window has steps. Each mean is a ratio of
+sums over blocks, and its variance that of the jackknife, which leaves out one block at a time and
+so weighs unequal blocks. Windows at the border of two blocks share steps too: where errors of steps
+are independent, neighbouring block means correlate by 1/4. So the variance of the mean of n blocks
+is (3 n - 1) / (2 n - 1) times, for many 1.5 times, what the spread of the blocks says, and their
+spread has 8/9 of n - 1 degrees of freedom (Satterthwaite's). n is the effective number of blocks,
+(sum of weights)^2 / sum of squares.
+
+Models forecast the same scenes with the same noise, so a difference is of the same blocks.
+
+Other training seeds would have given other models. Runs of one seed on several test sets are good
+or bad together, so they are averaged over test sets first, and Student's t is of the seeds' means.
+Both variances add; degrees of freedom are Welch's and Satterthwaite's.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from neurosym_jax.errors import InputError
+from neurosym_jax.evaluation.scoring import Scores
+
+__all__ = ["FEWEST", "Difference", "ErrorsByScene", "Estimate", "against_best", "holm"]
+__all__ += ["mean_difference", "paired_difference", "student_half", "student_p"]
+
+FEWEST = 3
+"""Blocks below which an interval is infinite and no difference is significant."""
+ROUNDING = 1e-9
+"""Difference of means, in the metric's unit, that is rounding; a constant one has no variance."""
+Interval = tuple[float, float]
+"""95 % interval, in the metric's unit."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Estimate:
+    """Means or differences of M metrics, whose errors follow Student's t."""
+
+    value: np.ndarray
+    """[M]."""
+    variance: np.ndarray
+    """[M] of `value`; infinite where too few blocks tell."""
+    freedom: np.ndarray
+    """[M] degrees of freedom."""
+
+    def interval(self, column: int) -> Interval:
+        """95 % interval of one metric."""
+        from scipy.special import stdtrit
+
+        half = stdtrit(self.freedom[column], 0.975) * self.variance[column] ** 0.5
+        return float(self.value[column] - half), float(self.value[column] + half)
+
+    def p_value(self, column: int) -> float:
+        """Two-sided p value of one metric against 0."""
+        from scipy.special import stdtr
+
+        if abs(self.value[column]) < ROUNDING:
+            return 1.0
+        with np.errstate(divide="ignore"):
+            t = np.abs(self.value[column]) / self.variance[column] ** 0.5
+        return float(2 * stdtr(self.freedom[column], -t))
+
+
+def _sum(value: np.ndarray, parts: Sequence[Estimate]) -> Estimate:
+    """An estimate whose variance is the sum of independent ones."""
+    variance = sum(part.variance for part in parts)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = [np.square(part.variance / variance) / part.freedom for part in parts]
+        freedom = 1 / np.sum(shares, axis=0)
+    # Without variance every freedom is right.
+    return Estimate(value, np.asarray(variance), np.where(np.isfinite(freedom), freedom, 1))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ErrorsByScene:
+    """Scores of a model on the S scenes of a test set, and where in the recordings these are."""
+
+    scores: Scores
+    """Scores [S] by metric, of the M metrics with one value."""
+    identity: np.ndarray
+    """[S, 2] (recording, start frame)."""
+    steps: int
+    """Steps of a window, observed and forecast."""
+
+    @functools.cached_property
+    def blocks(self) -> np.ndarray:
+        """[S] the block of each scene, of as many start frames as a window has steps."""
+        start = self.identity.astype(np.int64) // np.array([1, self.steps])
+        return np.unique(start, axis=0, return_inverse=True)[1].ravel()
+
+    @functools.cached_property
+    def block_sums(self) -> tuple[np.ndarray, np.ndarray]:
+        """[blocks, M] totals and counts, see `Score`."""
+        blocks = self.blocks
+        totals, counts = np.zeros((2, blocks.max() + 1, len(self.scores)))
+        for column, (total, count) in enumerate(self.scores.values()):
+            np.add.at(totals[:, column], blocks, total)
+            np.add.at(counts[:, column], blocks, count)
+        return totals, counts
+
+    @property
+    def mean(self) -> np.ndarray:
+        """[M] means over the test set; 0 where nothing was counted."""
+        totals, counts = self.block_sums
+        return _ratio(totals.sum(axis=0), counts.sum(axis=0))
+
+    def intervals(self) -> dict[str, Interval]:
+        """95 % interval of each metric's mean over other test scenes."""
+        estimate = _over_blocks(self.mean, self.jackknife(), self.effective_blocks())
+        return {name: estimate.interval(column) for column, name in enumerate(self.scores)}
+
+    def jackknife(self) -> np.ndarray:
+        """[blocks, M] how much the mean falls when a block is left out."""
+        totals, counts = self.block_sums
+        rest = counts.sum(axis=0) - counts
+        return _ratio(totals - self.mean * counts, rest)
+
+    def effective_blocks(self) -> np.ndarray:
+        """[M] number of equal blocks that would weigh as these do; 0 for fewer than `FEWEST`."""
+        _, counts = self.block_sums
+        number = _ratio(np.square(counts.sum(axis=0)), np.square(counts).sum(axis=0))
+        return np.where((counts > 0).sum(axis=0) < FEWEST, 0, number)
+
+
+def _over_blocks(value: np.ndarray, changes: np.ndarray, effective: np.ndarray) -> Estimate:
+    """An estimate from its `changes [blocks, M]` when a block is left out."""
+    # The jackknife's factor, and that of blocks that share steps.
+    share = (1 - 1 / len(changes)) * (3 * effective - 1) / (2 * effective - 1)
+    variance, enough = share * np.square(changes).sum(axis=0), effective > 1
+    freedom = np.where(enough, 8 / 9 * (effective - 1), 1)
+    return Estimate(value, np.where(enough, variance, np.inf), freedom)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Difference:
+    """Scores of one model less those of another, [M] metrics on the last axis."""
+
+    metrics: tuple[str, ...]
+    """Names."""
+    numbers: tuple[int, ...]
+    """The n training seeds."""
+    seeds: np.ndarray
+    """[n, M] difference of the two runs of each seed, averaged over test sets if several."""
+    over_scenes: Estimate
+    """The difference over other test scenes, by the same trainings."""
+
+    @property
+    def mean(self) -> np.ndarray:
+        """[M]."""
+        return self.seeds.mean(axis=0)
+
+    @property
+    def over_seeds(self) -> Estimate | None:
+        """The difference of other trainings, on the same scenes; None for a single seed."""
+        n = len(self.seeds)
+        if n == 1:
+            return None
+        return Estimate(
+            self.mean, self.seeds.var(axis=0, ddof=1) / n, np.full(len(self.mean), n - 1)
+        )
+
+    @property
+    def over_both(self) -> Estimate:
+        """The difference of other trainings on other test scenes."""
+        return _sum(self.mean, [part for part in (self.over_scenes, self.over_seeds) if part])
+
+    def intervals(self, metric: str) -> dict[str, Interval | None]:
+        """`scenes`, `seeds` and `both`, see the module; `seeds` is None for a single seed."""
+        column, seeds = self.metrics.index(metric), self.over_seeds
+        return {
+            "scenes": self.over_scenes.interval(column),
+            "seeds": seeds and seeds.interval(column),
+            "both": self.over_both.interval(column),
+        }
+
+
+def paired_difference(
+    ours: Sequence[ErrorsByScene],
+    theirs: Sequence[ErrorsByScene],
+    numbers: Sequence[int] | None = None,
+) -> Difference:
+    """`ours` less `theirs` on the same scenes: n runs each, of the training seeds `numbers`.
+
+    The training seeds are 0 to n - 1 by default.
+    """
+    pairs = list(zip(ours, theirs))
+    seeds = np.stack([first.mean - second.mean for first, second in pairs])
+    changes = np.mean([first.jackknife() - second.jackknife() for first, second in pairs], axis=0)
+    effective = np.min([run.effective_blocks() for pair in pairs for run in pair], axis=0)
+    over_scenes = _over_blocks(seeds.mean(axis=0), changes, effective)
+    return Difference(
+        tuple(ours[0].scores), tuple(numbers or range(len(pairs))), seeds, over_scenes
+    )
+
+
+def mean_difference(parts: Sequence[Difference]) -> Difference:
+    """Mean over independent test sets with equal weights, of the seeds that all of them have.
+
+    Raises:
+        InputError: where there is no such seed.
+    """
+    common = sorted(set.intersection(*(set(part.numbers) for part in parts)))
+    if not common:
+        raise InputError("no training seed was tested on every test set, so there is no mean")
+    seeds = np.mean(
+        [part.seeds[[part.numbers.index(number) for number in common]] for part in parts], axis=0
+    )
+    shrunk = [
+        dataclasses.replace(part.over_scenes, variance=part.over_scenes.variance / len(parts) ** 2)
+        for part in parts
+    ]
+    return Difference(parts[0].metrics, tuple(common), seeds, _sum(seeds.mean(axis=0), shrunk))
+
+
+def holm(p_values: Sequence[float]) -> np.ndarray:
+    """Adjust the p values of m comparisons for all of them: below .05 is a finding.
+
+    Holm (Scand. J. Statist. 1979): the family-wise error is kept however they depend on each other.
+    """
+    p = np.asarray(p_values, float)
+    order = np.argsort(p)
+    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    return np.minimum(stepped, 1)[np.argsort(order)]
+
+
+def against_best(
+    means: Sequence[float | None], higher: bool | None, p_value: Callable[[int, int], float]
+) -> list[float | None]:
+    """Holm-adjusted p values of n models against the one of best mean, which itself has None.
+
+    Args:
+        means: [n], None for a model without a value, which is left out.
+        higher: whether a higher mean is better; None if neither is, and nothing is tested.
+        p_value: of the paired test of two models, called with the index of the best first.
+    """
+    adjusted: list[float | None] = [None] * len(means)
+    known = {at: mean for at, mean in enumerate(means) if mean is not None}
+    if higher is None or len(known) < 2:
+        return adjusted
+    best = (max if higher else min)(known, key=known.__getitem__)
+    others = [at for at in known if at != best]
+    for at, p in zip(others, holm([p_value(best, at) for at in others])):
+        adjusted[at] = float(p)
+    return adjusted
+
+
+def student_half(values: Sequence[float]) -> float:
+    """Half of Student's 95 % interval of the mean of `values` [n], n > 1."""
+    low, high = _of_sample(values).interval(0)
+    return (high - low) / 2
+
+
+def student_p(values: Sequence[float]) -> float:
+    """Two-sided p value of Student's test that the mean of `values` [n], n > 1, is 0."""
+    return _of_sample(values).p_value(0)
+
+
+def _of_sample(values: Sequence[float]) -> Estimate:
+    """The mean of independent `values` [n]."""
+    sample = np.asarray(values, float)[:, None]
+    n = len(sample)
+    return Estimate(sample.mean(axis=0), sample.var(axis=0, ddof=1) / n, np.array([n - 1]))
+
+
+def _ratio(totals: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Means; 0 where nothing was counted."""
+    return totals / np.where(counts > 0, counts, 1)
