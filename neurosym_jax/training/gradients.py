@@ -96,8 +96,8 @@ def generator_gradient(
             # The discriminator scores the last sample, as SGAN's generator step does.
             chosen = [jnp.concatenate([some, all_[-1:]]) for some, all_ in zip(chosen, noises)]
         futures = decode(params, contexts, groups, chosen)
-        total = variety_loss(recipe, groups, [future[:best] for future in futures])
-        terms = {"g_variety": total}
+        variety = variety_loss(recipe, groups, [future[:best] for future in futures])
+        terms, total = {"g_variety": variety}, recipe.variety_weight * variety
         if recipe.adversarial_weight:
             last = [future[-1] for future in futures]
             scores = merge(_scores(recipe, discriminator, groups, last))

@@ -76,6 +76,8 @@ class TrainConfig(Recipe):
     """Larger scenes are cropped to a random agent and its nearest neighbours, drawn each time."""
     best_k: Count = 20
     """Samples of the variety loss, which learns from the best one."""
+    variety_weight: NotNegative = 1.0
+    """Weight of the variety loss; 0 leaves the adversarial loss only."""
     criterion: Literal["squared_displacement", "distance"] = "distance"
     """The variety loss and what is best by it: SGAN's squared displacements, a sum over scenes; or
     ADE and FDE, each with its own best, a mean over people as in the test."""
@@ -87,6 +89,8 @@ class TrainConfig(Recipe):
     """Range of the label of forecasts, drawn once a step."""
     d_learning_rate: Positive = 1e-3
     """Learning rate of the discriminator."""
+    discriminator_steps: Count = 1
+    """Steps of the discriminator before each step of the generator, each on a batch of its own."""
     gentle_pooling: bool = False
     """Train the pooling slowly, from a small start, so that its units do not die: see
     `training.step`."""

@@ -113,7 +113,8 @@ def rounds_of(run: Run) -> Advance:
 
         return advance
     stream = SceneStream(run.training, recipe.batch_scenes, recipe.seed, recipe.max_agents)
-    each = 2 if recipe.adversarial_weight else 1  # Each network has a batch of its own.
+    # Each step of a network has a batch of its own.
+    each = 1 + recipe.discriminator_steps if recipe.adversarial_weight else 1
 
     def advance_generator(state: TrainState, done: int, count: int):
         groups = jax.tree.map(

@@ -110,12 +110,12 @@ def train_step(
     batches: Groups,
     key: Array,
 ) -> tuple[TrainState, Scalars]:
-    """A discriminator step on one batch (where there is one), a generator step on the next.
+    """Discriminator steps (where there is one), then a generator step, each on the next batch.
 
-    `batches` are groups with a leading axis of 2 batches, or of 1 without adversarial term. `key`
-    is consumed.
+    `batches` are groups with a leading axis: a batch for each step. `key` is consumed.
     """
-    keys = jax.random.split(key, 7)
+    earlier = recipe.discriminator_steps - 1 if recipe.adversarial_weight else 0
+    keys = jax.random.split(key, 7 + 4 * earlier)
 
     def drawn(batch: int, keys: Array, samples: int) -> Drawn:
         groups = augment(jax.tree.map(lambda leaf: leaf[batch], batches), keys[0], recipe)
@@ -124,11 +124,16 @@ def train_step(
     def label(key: Array, between: tuple[float, float]) -> Array:
         return jax.random.uniform(key, (), minval=between[0], maxval=between[1])
 
+    for batch, own in enumerate(keys[7:].reshape(earlier, 4)):
+        labels = label(own[2], recipe.label_real), label(own[3], recipe.label_fake)
+        state, *_ = learn_discriminator(
+            generator_config, recipe, state, drawn(batch, own[:2], 1), *labels
+        )
     state, metrics, _ = learn(
         generator_config,
         recipe,
         state,
-        drawn(0, keys[:2], 1) if recipe.adversarial_weight else None,
+        drawn(-2, keys[:2], 1) if recipe.adversarial_weight else None,
         drawn(-1, keys[3:5], recipe.best_k),
         real=(label(keys[2], recipe.label_real), label(keys[5], recipe.label_real)),
         fake=label(keys[6], recipe.label_fake),
@@ -154,24 +159,39 @@ def learn(
     """
     of_discriminator, metrics = (), {}
     if first is not None:
-        of_discriminator, metrics = discriminator_gradient(
-            generator_config,
-            recipe,
-            state.params,
-            state.discriminator,
-            *first,
-            label_real=real[0],
-            label_fake=fake,
+        state, metrics, of_discriminator = learn_discriminator(
+            generator_config, recipe, state, first, real[0], fake
         )
-        moves, optimizer = optax.adam(recipe.d_learning_rate).update(
-            of_discriminator, state.discriminator_optimizer, state.discriminator
-        )
-        params = optax.apply_updates(state.discriminator, moves)
-        state = state._replace(discriminator=params, discriminator_optimizer=optimizer)
     gradient, more = generator_gradient(
         generator_config, recipe, state.params, state.discriminator, *second, label=real[1]
     )
     return update(recipe, state, gradient), metrics | more, (of_discriminator, gradient)
+
+
+def learn_discriminator(
+    generator_config: GeneratorConfig,
+    recipe: TrainConfig,
+    state: TrainState,
+    batch: Drawn,
+    label_real: Array | float,
+    label_fake: Array | float,
+) -> tuple[TrainState, Scalars, Any]:
+    """An Adam step of the discriminator; the last value is its gradient."""
+    gradient, metrics = discriminator_gradient(
+        generator_config,
+        recipe,
+        state.params,
+        state.discriminator,
+        *batch,
+        label_real=label_real,
+        label_fake=label_fake,
+    )
+    moves, optimizer = optax.adam(recipe.d_learning_rate).update(
+        gradient, state.discriminator_optimizer, state.discriminator
+    )
+    params = optax.apply_updates(state.discriminator, moves)
+    state = state._replace(discriminator=params, discriminator_optimizer=optimizer)
+    return state, metrics, gradient
 
 
 def update(recipe: Recipe, state: TrainState, gradient: Any) -> TrainState:

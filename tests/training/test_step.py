@@ -208,6 +208,51 @@ def test_a_step_trains_both_networks_and_leaves_randomness_to_the_key(run, make_
         assert any((a != b).any() for a, b in zip(after, else_))
 
 
+@pytest.mark.slow
+def test_each_discriminator_step_has_a_batch_of_its_own(run, make_windows):
+    batches = SceneStream(make_windows([3] * 6), 6, seed=0).steps(0, 3)
+    groups = jax.tree.map(lambda leaf: leaf[0], batches)
+    changes = {"jitter": 0.0, "discriminator_steps": 2, **ALL_TERMS}
+    config, state, _ = start(run, groups, **changes)
+    state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
+    step = jax.jit(lambda batches: train_step(run.network, config, state, batches, key)[0])
+    key = jax.random.key(1)
+
+    def trained(number=None):
+        """The discriminator's parameters after a step, the scenes of one batch stretched."""
+        moved = [
+            scene.replace(observed=factor * scene.observed, future=factor * scene.known_future)
+            for scene in batches
+            for factor in [np.where(np.arange(3) == number, 1.5, 1.0)[:, None, None, None, None]]
+        ]
+        return step(tuple(moved))
+
+    usual = trained()
+    assert int(usual.step) == 1
+    assert int(usual.discriminator_optimizer[0].count) == 2
+    others = [trained(number).discriminator for number in range(3)]
+    equal = [
+        all(map(np.array_equal, *map(jax.tree.leaves, (usual.discriminator, other))))
+        for other in others
+    ]
+    assert equal == [False, False, True]
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0])
+def test_without_the_variety_loss_the_true_future_changes_no_gradient(run, groups, weight):
+    config, state, noises = start(run, groups, variety_weight=weight, **ALL_TERMS)
+    state.discriminator["params"]["classifier"]["layer_1"]["bias"] += 0.5
+    gradient = jax.jit(
+        lambda groups: generator_gradient(
+            run.network, config, state.params, state.discriminator, groups, noises, label=1.0
+        )[0]
+    )
+    other = tuple(scene.replace(future=2 * scene.known_future) for scene in groups)
+    leaves, others = (jax.tree.leaves(gradient(scenes)) for scenes in (groups, other))
+    assert any(leaf.any() for leaf in leaves)
+    assert all(map(np.array_equal, leaves, others)) == (weight == 0)
+
+
 def generator_params(layers=2):
     mlp = {f"layer_{i}": {"kernel": jnp.ones((3, 2)), "bias": jnp.zeros(2)} for i in range(layers)}
     decoder = {"pooling": {"mlp": mlp}, "mlp": {"kernel": jnp.ones(4)}}

@@ -1,0 +1,143 @@
+"""SGAN and NeuroSyM trained with the same loss: the release's comparison, repeated fairly.
+
+NPROC=1 python -m studies.same_loss DATA docs/same_loss.csv
+
+DATA is ETH/UCY. What is asked was written before the first run: docs/weighting_protocol.md. The
+table has a row for each run, step and metric. Runs that it has are not done again, so an
+interrupted command continues, and a run whose rows are deleted repeats to the bit.
+"""
+
+import csv
+import dataclasses
+import itertools
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from neurosym_jax.data.sources import Source, open_source
+from neurosym_jax.data.windows import Batch, cut_windows, make_batches
+from neurosym_jax.errors import InputWarning
+from neurosym_jax.evaluation.scoring import score_forecaster
+from neurosym_jax.forecasting.forecasters import FORECASTERS
+from neurosym_jax.models.config import GeneratorConfig, register_pooling
+from neurosym_jax.models.neurosym import AsDescribed, NeurosymIjcnn, NeurosymRos
+from neurosym_jax.runtime import enable_compilation_cache, tune
+from neurosym_jax.symbolic.weightings import Cnd, CndShipped
+from neurosym_jax.training.recipe import RECIPES, TrainConfig
+from neurosym_jax.training.run import ROUND, Run, rounds_of, start_of
+
+__all__ = ["LOSSES", "NETWORKS", "Zeros", "run_all"]
+
+TESTED = (1000, 2000, 3000)
+"""Generator steps after which a run is tested, to see whether more of them would matter."""
+SEEDS = range(6)
+PLACES = ("zara1", "hotel")
+METRICS = ("joint_ade", "joint_fde", "energy_score", "neighbour_near")
+HEAD = ("place", "loss", "network", "seed", "step", "split", "metric", "value")
+
+SGAN = RECIPES["sgan"]
+assert isinstance(SGAN, TrainConfig)
+VARIETY = dataclasses.replace(SGAN, steps=TESTED[-1], batch_scenes=10)
+LOSSES = {
+    "variety": VARIETY,
+    "adversarial": dataclasses.replace(
+        VARIETY,
+        variety_weight=0.0,
+        best_k=1,
+        discriminator_steps=2,
+        clip_norm=0.0,
+        discriminator=dataclasses.replace(VARIETY.discriminator, kind="local"),
+    ),
+}
+"""The arguments of the released NeuroSyM networks, and of the release's "no alpha" baselines."""
+
+
+class _ZerosNetwork(NeurosymIjcnn.variant):
+    """The earlier release's pooling, served rows of pairs of different people."""
+
+    def __call__(self, hidden: Array, valid: Array) -> Array:
+        """[N, bottleneck_dim], all rows equal."""
+        rows = jnp.zeros((hidden.shape[0], self.obs_len))
+        return super().__call__(hidden=hidden, valid=valid, alpha_rows=rows)
+
+
+@register_pooling("neurosym_ijcnn_zeros", replace=True)
+@dataclasses.dataclass(frozen=True)
+class Zeros(NeurosymIjcnn):
+    """The earlier release with the weights that its reader makes of the CND's table: all 0."""
+
+    title = "NeuroSyM (IJCNN release), weights 0"
+    inputs = frozenset({"hidden"})
+    variant = _ZerosNetwork
+
+
+NETWORKS = {
+    "sgan": GeneratorConfig(),
+    "ijcnn": GeneratorConfig(pooling=Zeros()),
+    "ros": GeneratorConfig(pooling=NeurosymRos(), weighting=CndShipped()),
+    "described": GeneratorConfig(pooling=AsDescribed(), weighting=Cnd()),
+}
+
+
+def train_and_test(
+    run: Run, splits: dict[str, list[Batch]]
+) -> Iterator[tuple[int, str, str, float]]:
+    """Rows of step, split, metric and value; the last state is tested, not the best.
+
+    A `d_loss` of 2 log 2 is that of a discriminator whose last ReLU is shut: it teaches nothing.
+    """
+    state, advance = start_of(run), rounds_of(run)
+    forecaster = FORECASTERS["generator"](run.network)
+    for done in range(0, run.recipe.steps, ROUND):
+        state, metrics = advance(state, done, ROUND)
+        if (step := done + ROUND) not in TESTED:
+            continue
+        yield step, "train", "d_loss", float(metrics["d_loss"].mean())
+        params = jax.tree.map(jnp.copy, state.params)
+        for split, batches in splits.items():
+            scores = score_forecaster(
+                forecaster, params, batches, samples=20, seed=0, metrics=METRICS
+            ).scores
+            for metric, score in scores.items():
+                yield step, split, metric, float(score.mean)
+
+
+def run_all(source: Source, table: Path) -> None:
+    """Do the runs that `table` lacks: all arms of a seed before the next seed."""
+    finished = set()
+    if table.is_file():
+        with table.open() as file:
+            rows = [*csv.DictReader(file)]
+        finished = {(row["place"], row["loss"], row["network"], int(row["seed"])) for row in rows}
+    else:
+        table.write_text(",".join(HEAD) + "\n")
+    arms = [*itertools.product(NETWORKS, PLACES, LOSSES)]
+    for seed in SEEDS:
+        for name, place, loss in arms:
+            if (place, loss, name, seed) in finished:
+                continue
+            network = NETWORKS[name]
+            training, validation, test = (
+                cut_windows(source.recordings(place, split), network.obs_len, network.pred_len)
+                for split in ("train", "val", "test")
+            )
+            recipe = dataclasses.replace(LOSSES[loss], seed=seed)
+            splits = {"val": make_batches(validation), "test": make_batches(test)}
+            rows = [*train_and_test(Run(network, recipe, training, validation), splits)]
+            # All rows of a run at once: a table never holds a part of one.
+            lines = [(place, loss, name, seed, *row[:3], f"{row[3]:.6f}") for row in rows]
+            with table.open("a", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerows(lines)
+            print(*lines[-4:], sep="\n", flush=True)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", InputWarning)
+    enable_compilation_cache()
+    tune()
+    run_all(open_source(Path(sys.argv[1])), Path(sys.argv[2]))
