@@ -14,6 +14,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -57,7 +58,10 @@ LOSSES = {
 """The arguments of the released NeuroSyM networks, and of the release's "no alpha" baselines."""
 
 
-class _ZerosNetwork(NeurosymIjcnn.variant):
+IJCNN: Any = NeurosymIjcnn.variant
+
+
+class _ZerosNetwork(IJCNN):
     """The earlier release's pooling, served rows of pairs of different people."""
 
     def __call__(self, hidden: Array, valid: Array) -> Array:

@@ -35,25 +35,25 @@ def run_all(data: Path, table: Path, names: Sequence[str]) -> None:
     if table.is_file():
         with table.open() as file:
             done = {(int(row["seed"]), row["set"], row["arm"]) for row in csv.DictReader(file)}
-    every = [
-        (seed, name, arm)
+    planned = {
+        (seed, name, title)
         for name in names
-        for arm, how in ARMS.items()
-        for seed in range(how.seeds.get(name, 0))
-    ]
+        for title, arm in ARMS.items()
+        for seed in range(arm.seeds.get(name, 0))
+    }
     sets = {}
-    for seed, name, arm in tqdm(sorted(set(every) - done), unit="run"):
+    for seed, name, title in tqdm(sorted(planned - done), unit="run"):
         if name not in sets:
             sets[name] = load(name, data)
-        learned, tested = sets[name]
-        how = ARMS[arm]
-        params = jax.block_until_ready(train(how.network, how.recipe, learned, seed))
+        training, test = sets[name]
+        arm = ARMS[title]
+        params = jax.block_until_ready(train(arm.network, arm.recipe, training, seed))
         with table.open("a", newline="") as file:
             rows = csv.writer(file, lineterminator="\n")
             if not file.tell():
                 rows.writerow(HEAD)
-            for metric, (value, count) in score(how.network, params, tested).items():
-                rows.writerow([name, arm, seed, metric, f"{value:.6f}", f"{count:.0f}"])
+            for metric, (value, count) in score(arm.network, params, test).items():
+                rows.writerow([name, title, seed, metric, f"{value:.6f}", f"{count:.0f}"])
 
 
 if __name__ == "__main__":

@@ -10,21 +10,21 @@ from neurosym_jax.models.anchors import AnchorConfig
 from neurosym_jax.models.config import POOLINGS, GeneratorConfig
 from neurosym_jax.symbolic.qtc import observe
 from neurosym_jax.symbolic.states import encode_state
-from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting, to_wrong_pairs
+from neurosym_jax.symbolic.weightings import WEIGHTINGS, register_weighting
 from neurosym_jax.training.recipe import RECIPES, AnchorRecipe, Recipe, TrainConfig
 from studies.weighting.control import LENGTHS, ON_ONES_PATH
 
 __all__ = ["ARMS", "SETS", "Arm", "register"]
 
-ours, anchors = RECIPES["ours"], RECIPES["anchors"]
-assert isinstance(ours, TrainConfig)
-assert isinstance(anchors, AnchorRecipe)
+generator_recipe, anchor_recipe = RECIPES["ours"], RECIPES["anchors"]
+assert isinstance(generator_recipe, TrainConfig)
+assert isinstance(anchor_recipe, AnchorRecipe)
 # No errors are added to positions: they would blur the symbols of what is learned from.
 SHORT = dataclasses.replace(
-    ours, steps=600, batch_scenes=8, max_agents=16, best_k=10, rotate=0.5, jitter=0.0
+    generator_recipe, steps=600, batch_scenes=8, max_agents=16, best_k=10, rotate=0.5, jitter=0.0
 )
 WHOLE = dataclasses.replace(SHORT, steps=1500, batch_scenes=16, max_agents=None)
-OF_ANCHORS = dataclasses.replace(anchors, steps=600, jitter=0.0, min_agents=2)
+ANCHORS = dataclasses.replace(anchor_recipe, steps=600, jitter=0.0, min_agents=2)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,32 +38,20 @@ class Arm:
 
 def _right(positions: Array, valid: Array) -> Array:
     """[N, N, T] 1 for who was last seen on one's path (see `control`), else 0."""
-    return _from_first(_observed(positions))
-
-
-def _wrong(positions: Array, valid: Array) -> Array:
-    """[N, N, T] the weights of `_right` with the wrong pairs, as `shuffled` has those of `cnd`."""
-    return _from_first(to_wrong_pairs(_observed(positions), positions[:, -1], valid))
-
-
-def _observed(positions: Array) -> Array:
-    return jnp.asarray(ON_ONES_PATH)[encode_state(observe(positions[:, None], positions))]
-
-
-def _from_first(observed: Array) -> Array:
-    return jnp.concatenate([jnp.zeros_like(observed[..., :1]), observed], axis=-1)
+    codes = encode_state(observe(positions[:, None], positions))
+    weights = jnp.asarray(ON_ONES_PATH)[codes]
+    return jnp.concatenate([jnp.zeros_like(weights[..., :1]), weights], axis=-1)
 
 
 def register() -> None:
-    """Make the weightings of this study known by name; done again, they replace themselves."""
+    """Make the weighting of this study known by name; done again, it replaces itself."""
     register_weighting("on_ones_path", replace=True)(_right)
-    register_weighting("on_ones_path_wrong_pairs", replace=True)(_wrong)
 
 
 register()
 
-CONTROLS = {"control": 1.0, "control_20": 0.2, "control_10": 0.1, "control_05": 0.05}
-"""Simulations, and the strength of the reaction to others, of the full one."""
+CONTROLS = {"control_20": 0.2, "control_10": 0.1, "control_05": 0.05}
+"""Simulations, and the strength of the reaction to others, of `control`'s full one."""
 REAL = ("corridors", "zara2")
 TENTHS = ("corridors_tenth", "zara2_tenth")
 SETS = (*CONTROLS, *REAL, *TENTHS)
@@ -96,23 +84,17 @@ def _anchors(geometry: bool, symbols: bool, tenths: int = 0) -> Arm:
         obs_len=LENGTHS[0], pred_len=LENGTHS[1], geometry=geometry, symbols=symbols
     )
     seeds = dict.fromkeys(REAL, 24) | dict.fromkeys(TENTHS, tenths)
-    return Arm(network, OF_ANCHORS, seeds)
+    return Arm(network, ANCHORS, seeds)
 
 
-WEAK = {name: 12 for name in CONTROLS if name != "control"}
+WEAK = dict.fromkeys(CONTROLS, 12)
 
 ARMS = {
-    "encounter": _generator("encounter", "ones", SHORT, control=4, corridors=24, zara2=24, **WEAK),
+    "encounter": _generator("encounter", "ones", SHORT, corridors=24, zara2=24, **WEAK),
     "encounter, quantised": _generator("encounter", "quantised", SHORT, corridors=24, zara2=24),
-    "encounter, shuffled": _generator("encounter", "shuffled", SHORT, corridors=24, zara2=24),
-    "encounter, learned": _generator(
-        "encounter", "learned", SHORT, control=4, corridors=4, zara2=4
-    ),
-    "encounter, right": _generator("encounter", "on_ones_path", SHORT, control=4, **WEAK),
-    "encounter, wrong": _generator("encounter", "on_ones_path_wrong_pairs", SHORT, control=4),
+    "encounter, right": _generator("encounter", "on_ones_path", SHORT, **WEAK),
     "encounter, every step": _every_step("ones"),
     "encounter, every step, quantised": _every_step("quantised"),
-    "no pooling": _generator("none", None, SHORT, control=4, corridors=4, zara2=12),
     "papers": _papers("ones", 24),
     "papers, quantised": _papers("quantised", 24),
     "papers, none": _papers(None, 8, "none"),

@@ -13,10 +13,12 @@ import polars as pl
 
 from neurosym_jax.evaluation.intervals import holm
 
-__all__ = ["INTERACTING", "LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
+__all__ = ["ENERGY", "INTERACTING", "LEVEL", "MARGIN", "Comparison", "Runs", "adjusted", "answer"]
 
 INTERACTING = "interacting joint_ade"
 """The primary metric."""
+ENERGY = "interacting energy_score"
+"""The metric by which models are ranked elsewhere; secondary in this study."""
 MARGIN = 2.0
 """Per cent: the smallest difference of interest."""
 LEVEL = 0.05
@@ -57,7 +59,7 @@ class Runs:
     def __init__(self, table: Path):
         """Read `table`, see `__main__`."""
         rows = pl.read_csv(table)
-        of_run = ["set", "arm", "seed"]
+        run_columns = ["set", "arm", "seed"]
         # `right` weights almost all pairs 0, so most neighbours must change nobody.
         near = rows.filter(pl.col("arm") != "encounter, right", metric="neighbour_near")
         dead = pl.col("value") < ALIVE
@@ -66,18 +68,17 @@ class Runs:
         """Rows of set, arm, value (runs that are left out) and runs."""
         silent = self.dead.filter(pl.col("value") > DEAD * pl.col("runs"))
         self._silent = set(silent.select("set", "arm").iter_rows())
-        rows = rows.join(near.filter(dead), on=of_run, how="anti")
+        rows = rows.join(near.filter(dead), on=run_columns, how="anti")
         errors = rows.filter(pl.col("arm").str.contains("every step"), metric=INTERACTING)
         median = pl.col("value").median().over("set", "arm")
         self.diverged = errors.filter(pl.col("value") > DIVERGED * median)
         """Rows of runs that are left out."""
-        self.rows = rows.join(self.diverged, on=of_run, how="anti")
+        self.rows = rows.join(self.diverged, on=run_columns, how="anti")
 
     def values(self, dataset: str, arm: str, metric: str) -> dict[int, float]:
         """The metric of each seed."""
-        wanted = {"set": dataset, "arm": arm, "metric": metric}
-        found = self.rows.filter(**wanted).select("seed", "value")
-        return dict(found.iter_rows())
+        columns = {"set": dataset, "arm": arm, "metric": metric}
+        return dict(self.rows.filter(**columns).select("seed", "value").iter_rows())
 
     def compare(
         self, dataset: str, arm: str, reference: str, metric: str = INTERACTING
@@ -85,24 +86,24 @@ class Runs:
         """The comparison over the seeds that both arms have; None for fewer than three."""
         from scipy.stats import t, ttest_1samp  # They take half a second to import.
 
-        ours, theirs = (self.values(dataset, name, metric) for name in (arm, reference))
-        common = sorted(set(ours) & set(theirs))
+        first, second = (self.values(dataset, name, metric) for name in (arm, reference))
+        common = sorted(set(first) & set(second))
         if (n := len(common)) < 3:
             return None
-        each = np.array([ours[seed] - theirs[seed] for seed in common])
-        each *= 100 / np.mean([theirs[seed] for seed in common])
-        error = each.std(ddof=1) / np.sqrt(n)
-        below = ttest_1samp(each, MARGIN, alternative="less").pvalue
-        above = ttest_1samp(each, -MARGIN, alternative="greater").pvalue
+        percent = np.array([first[seed] - second[seed] for seed in common])
+        percent *= 100 / np.mean([second[seed] for seed in common])
+        error = percent.std(ddof=1) / np.sqrt(n)
+        below = ttest_1samp(percent, MARGIN, alternative="less").pvalue
+        above = ttest_1samp(percent, -MARGIN, alternative="greater").pvalue
         return Comparison(
             dataset,
             arm,
             reference,
             metric,
             n,
-            float(each.mean()),
+            float(percent.mean()),
             float(t.ppf(0.975, n - 1) * error),
-            float(ttest_1samp(each, 0).pvalue),
+            float(ttest_1samp(percent, 0).pvalue),
             float(max(below, above)),
             # Both one-sided tests have to succeed: each may fail in one of twenty.
             float(2 * t.ppf(0.95, n - 1) * error),
@@ -112,11 +113,11 @@ class Runs:
 
 def adjusted(comparisons: Sequence[Comparison]) -> list[Comparison]:
     """The primary comparisons with p values corrected together by Holm's method."""
-    p = holm([each.p for each in comparisons])
-    equivalent = holm([each.p_equivalent for each in comparisons])
+    different = holm([comparison.p for comparison in comparisons])
+    equivalent = holm([comparison.p_equivalent for comparison in comparisons])
     return [
-        dataclasses.replace(each, p=float(different), p_equivalent=float(same))
-        for each, different, same in zip(comparisons, p, equivalent)
+        dataclasses.replace(comparison, p=float(p), p_equivalent=float(p_equivalent))
+        for comparison, p, p_equivalent in zip(comparisons, different, equivalent)
     ]
 
 

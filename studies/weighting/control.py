@@ -5,8 +5,7 @@ from then on give way, to the right and slower, to the nearest of those on their
 nearer. On one's path is whose pair with one is in one of two states: both approach, and both drift
 to the same side of the floor, so that the bearing stays what it is. Who passes, follows or leaves
 does not matter, however near. So a weighting that is 1 for these states and 0 for all others is
-right, and the same weights with the wrong pairs are wrong. A study that cannot tell one from the
-other here may not say "no" of real people.
+right. A study that does not see its effect here may not say "no" of real people.
 """
 
 import numpy as np
@@ -49,13 +48,13 @@ def control(scenes: int, seed: int, strength: float = 1.0) -> Windows:
     observed, forecast = LENGTHS
     angle = draw.uniform(0, 2 * np.pi, (scenes, PEOPLE))
     pace = draw.uniform(*PACE, (scenes, PEOPLE))
-    wanted = pace[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    velocity = wanted.copy()
-    last = draw.uniform(-WIDTH / 2, WIDTH / 2, wanted.shape)
-    path = [last - wanted * PERIOD * (observed - 1)]
+    preferred = pace[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    velocity = preferred.copy()
+    last = draw.uniform(-WIDTH / 2, WIDTH / 2, preferred.shape)
+    path = [last - preferred * PERIOD * (observed - 1)]
     force = np.zeros_like(last)
     for step in range(1, observed + forecast):
-        velocity = velocity + PERIOD * ((wanted - velocity) / RELAXATION + force)
+        velocity = velocity + PERIOD * ((preferred - velocity) / RELAXATION + force)
         velocity = velocity + draw.normal(0, WOBBLE, velocity.shape)
         path.append(path[-1] + PERIOD * velocity)
         if step == observed - 1:

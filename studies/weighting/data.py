@@ -1,6 +1,6 @@
 """The data sets of the study: what is learned from, and what is tested on.
 
-- `control`: simulated, see `control`.
+- `control_20`, `_10`, `_05`: simulated, see `control`.
 - `corridors`: HERMES (Jülich 2009; `datasets/HERMES/Corridor-2D` of the public repository
   crowdbotp/OpenTraj): people in corridors from both ends, 16 frames a second, centimetres.
 - `zara2`: ETH/UCY's, left out as everywhere else.
@@ -52,18 +52,18 @@ def load(name: str, data: Path) -> tuple[Windows, Windows]:
             control(scenes, seed, CONTROLS[name]) for scenes, seed in ((1500, 1), (200, 2))
         )
     if name.endswith("_tenth"):
-        learned, tested = load(name.removesuffix("_tenth"), data)
-        some = np.random.default_rng(0).permutation(learned.scenes)[: learned.scenes // 10]
-        return learned.take(np.sort(some)), tested
+        training, test = load(name.removesuffix("_tenth"), data)
+        tenth = np.random.default_rng(0).permutation(training.scenes)[: training.scenes // 10]
+        return training.take(np.sort(tenth)), test
     if name == "corridors":
-        learned, tested = (
+        training, test = (
             [read_corridor(data / "hermes" / f"{run}.txt") for run in runs]
             for runs in (LEARNED, TESTED)
         )
     else:
         source = open_source(data / "eth_ucy")
-        learned, tested = source.recordings(name, "train"), source.recordings(name)
-    return cut_windows(learned, *LENGTHS), cut_windows(tested, *LENGTHS, skip=SKIP)
+        training, test = source.recordings(name, "train"), source.recordings(name)
+    return cut_windows(training, *LENGTHS), cut_windows(test, *LENGTHS, skip=SKIP)
 
 
 def read_corridor(path: Path) -> Tracks:

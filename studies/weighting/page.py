@@ -12,6 +12,7 @@ from neurosym_jax.plotting.style import INK, LABEL, SMALL, WIDTH, dress, new_fig
 from neurosym_jax.runtime.files import write_text
 from studies.weighting.arms import CONTROLS, REAL, TENTHS
 from studies.weighting.comparison import (
+    ENERGY,
     INTERACTING,
     LEVEL,
     MARGIN,
@@ -51,17 +52,18 @@ INPUTS = (
 def write(table: Path) -> None:
     """Write `weighting.md` and its three figures beside `table`."""
     runs = Runs(table)
-    primary = adjusted([each for pair in QUESTIONS for each in _on(runs, REAL, pair)])
-    further = [each for pair in FURTHER for each in _on(runs, REAL, pair)]
+    primary = adjusted(_on(runs, REAL, QUESTIONS))
+    further = _on(runs, REAL, FURTHER)
+    energy = _on(runs, REAL, (*QUESTIONS, *FURTHER), ENERGY)
     strata = [
-        each
+        comparison
         for pair in QUESTIONS[1:]
         for event in EVENTS
-        for each in _on(runs, REAL, pair, f"{event} joint_ade")
+        for comparison in _on(runs, REAL, [pair], f"{event} joint_ade")
     ]
-    every = [each for pair in EVERY_STEP for each in _on(runs, REAL, pair)]
-    tenths = list(_on(runs, TENTHS, QUESTIONS[2]))
-    weak = list(_on(runs, list(CONTROLS)[1:], ("encounter, right", "encounter")))
+    every_step = _on(runs, REAL, EVERY_STEP)
+    tenths = _on(runs, TENTHS, QUESTIONS[2:])
+    weak = _on(runs, CONTROLS, [("encounter, right", "encounter")])
     save_figure(_forest([*primary, *further], "interacting people"), table.with_suffix(".png"))
     save_figure(_inputs(runs), table.with_name("weighting_inputs.png"))
     save_figure(_forest(strata, "people of an event"), table.with_name("weighting_events.png"))
@@ -69,7 +71,8 @@ def write(table: Path) -> None:
         answer=ANSWER,
         primary=_questions(primary),
         further=_table(further),
-        every=_table(every),
+        energy=_table(energy),
+        every=_table(every_step),
         tenths=_table(tenths),
         weak=_table(weak),
         dead="; ".join(
@@ -87,26 +90,30 @@ def write(table: Path) -> None:
 
 
 def _on(
-    runs: Runs, sets: Iterable[str], pair: tuple[str, str], metric: str = INTERACTING
+    runs: Runs,
+    sets: Iterable[str],
+    pairs: Iterable[tuple[str, str]],
+    metric: str = INTERACTING,
 ) -> list[Comparison]:
-    found = (runs.compare(name, *pair, metric) for name in sets)
-    return [each for each in found if each is not None]
+    """The comparison of each pair of arms on each data set that has enough runs of both."""
+    comparisons = (runs.compare(name, *pair, metric) for pair in pairs for name in sets)
+    return [comparison for comparison in comparisons if comparison is not None]
 
 
 def _questions(comparisons: Sequence[Comparison]) -> str:
     """A row for each primary comparison, with its answer."""
     rows = [
         [
-            each.dataset,
-            f"{each.arm} − {each.reference}",
-            str(each.seeds),
-            _percent(each),
-            _p(each.p),
-            _p(each.p_equivalent),
-            f"{each.reach:.1f}",
-            f"**{answer(each)}**",
+            comparison.dataset,
+            f"{comparison.arm} − {comparison.reference}",
+            str(comparison.seeds),
+            _percent(comparison),
+            _p(comparison.p),
+            _p(comparison.p_equivalent),
+            f"{comparison.reach:.1f}",
+            f"**{answer(comparison)}**",
         ]
-        for each in comparisons
+        for comparison in comparisons
     ]
     head = ["data", "arms", "seeds", "difference, %", "p, different", f"p, within {MARGIN:g} %"]
     return markdown_table([*head, "margin in reach, %", "answer"], rows, right=6)
@@ -114,22 +121,24 @@ def _questions(comparisons: Sequence[Comparison]) -> str:
 
 def _table(comparisons: Sequence[Comparison]) -> str:
     """A row for each pair of arms, a column for each data set; bold: within the margin."""
-    sets = list(dict.fromkeys(each.dataset for each in comparisons))
+    sets = list(dict.fromkeys(comparison.dataset for comparison in comparisons))
     rows: dict[tuple[str, str], dict[str, Comparison]] = {}
-    for each in comparisons:
-        rows.setdefault((each.arm, each.reference), {})[each.dataset] = each
+    for comparison in comparisons:
+        pair = comparison.arm, comparison.reference
+        rows.setdefault(pair, {})[comparison.dataset] = comparison
     lines = []
-    for pair, found in rows.items():
-        texts = {
-            name: f"**{_percent(each)}**" if each.p_equivalent < LEVEL else _percent(each)
-            for name, each in found.items()
-        }
-        seeds = dict.fromkeys(str(each.seeds) for each in found.values())
-        cells = (texts.get(name, "") for name in sets)
+    for pair, row in rows.items():
+        seeds = dict.fromkeys(str(comparison.seeds) for comparison in row.values())
+        cells = (_cell(row[name]) if name in row else "" for name in sets)
         lines.append([" − ".join(pair), ", ".join(seeds), *cells])
     return markdown_table(
         ["arms", "seeds", *(f"{name}, %" for name in sets)], lines, right=len(sets)
     )
+
+
+def _cell(comparison: Comparison) -> str:
+    text = _percent(comparison)
+    return f"**{text}**" if comparison.p_equivalent < LEVEL else text
 
 
 def _percent(comparison: Comparison) -> str:
@@ -147,9 +156,9 @@ def _inputs(runs: Runs) -> Figure:
         dress(axes)
         axes.set_title(name, fontsize=LABEL, color=INK, loc="left")
         for shift, (label, arms) in enumerate(INPUTS):
-            found = [list(runs.values(name, arm, INTERACTING).values()) for arm in arms]
-            means = [np.mean(each) for each in found]
-            halves = [t.ppf(0.975, len(each) - 1) * sem(each) for each in found]
+            errors = [list(runs.values(name, arm, INTERACTING).values()) for arm in arms]
+            means = list(map(np.mean, errors))
+            halves = [t.ppf(0.975, len(values) - 1) * sem(values) for values in errors]
             places = np.arange(2) + 0.04 * shift
             axes.errorbar(places, means, halves, label=label, marker="D", ms=4, capsize=3)
         axes.set_xticks([0, 1], ["no geometry", "geometry"], fontsize=SMALL, color=INK)
@@ -161,24 +170,26 @@ def _inputs(runs: Runs) -> Figure:
 
 def _forest(comparisons: Sequence[Comparison], people: str) -> Figure:
     """Differences in per cent with their intervals, a panel a data set, and the margin's band."""
-    rows = list(dict.fromkeys((each.arm, each.reference, each.metric) for each in comparisons))
+    rows = list(dict.fromkeys(map(_row, comparisons)))
     figure, grid = new_figure(WIDTH, 0.9 + 0.22 * len(rows), 1, len(REAL), sharey=True, sharex=True)
     for axes, name in zip(grid[0], REAL):
         dress(axes)
         axes.set_title(name, fontsize=LABEL, color=INK, loc="left")
         axes.axvspan(-MARGIN, MARGIN, color="#EEEEEE", lw=0, zorder=0)
         axes.axvline(0, color="#888888", lw=0.8, zorder=1)
-        for each in (each for each in comparisons if each.dataset == name):
-            place = rows.index((each.arm, each.reference, each.metric))
-            ends = [each.percent - each.half, each.percent + each.half]
-            color = "#0072B2" if each.answered else "#AAAAAA"
+        for comparison in comparisons:
+            if comparison.dataset != name:
+                continue
+            place, percent, half = rows.index(_row(comparison)), comparison.percent, comparison.half
+            ends = [percent - half, percent + half]
+            color = "#0072B2" if comparison.answered else "#AAAAAA"
             axes.plot(ends, [place, place], color=color, lw=1.8, solid_capstyle="butt")
-            axes.plot(each.percent, place, color=color, marker="D", ms=2.5, ls="none")
+            axes.plot(percent, place, color=color, marker="D", ms=2.5, ls="none")
         axes.grid(visible=False, axis="y")
         axes.locator_params(axis="x", nbins=6)
-    several = len({metric for *_, metric in rows}) > 1
+    many_metrics = len({metric for *_, metric in rows}) > 1
     labels = [
-        f"{arm} − {reference}" + f" ({metric.split()[0]})" * several
+        f"{arm} − {reference}" + f" ({metric.split()[0]})" * many_metrics
         for arm, reference, metric in rows
     ]
     grid[0, 0].set_yticks(range(len(rows)), labels, fontsize=SMALL, color=INK)
@@ -186,3 +197,7 @@ def _forest(comparisons: Sequence[Comparison], people: str) -> Figure:
     words = f"difference in joint ADE of {people}, %; left: better"
     figure.supxlabel(words, fontsize=LABEL, color=INK)
     return figure
+
+
+def _row(comparison: Comparison) -> tuple[str, str, str]:
+    return comparison.arm, comparison.reference, comparison.metric

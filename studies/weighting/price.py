@@ -30,15 +30,13 @@ STEPS, ROUNDS = 5, 6
 
 
 def steps_of(
-    learned: Windows, pooling: str, weighting: str, every_step: bool
+    training: Windows, pooling: str, weighting: str, every_step: bool
 ) -> Callable[[], float]:
     """A function that trains some steps and returns CPU milliseconds a step."""
     obs_len, pred_len = LENGTHS
-    pooled, weighed = POOLINGS[pooling](), WEIGHTINGS[weighting]()
-    network = GeneratorConfig(
-        obs_len, pred_len, pooling=pooled, weighting=weighed, pool_every_timestep=every_step
-    )
-    stream = SceneStream(learned, SHORT.batch_scenes, 0, SHORT.max_agents)
+    parts = {"pooling": POOLINGS[pooling](), "weighting": WEIGHTINGS[weighting]()}
+    network = GeneratorConfig(obs_len, pred_len, **parts, pool_every_timestep=every_step)
+    stream = SceneStream(training, SHORT.batch_scenes, 0, SHORT.max_agents)
     groups = jax.tree.map(lambda leaf: leaf[:, None], stream.steps(0, STEPS))
     state = [initial_state(network, SHORT, jax.random.key(0))]
 
@@ -54,9 +52,9 @@ def steps_of(
 if __name__ == "__main__":
     enable_compilation_cache()
     tune()
-    learned, _ = load("zara2", Path(sys.argv[1]))
+    training, _ = load("zara2", Path(sys.argv[1]))
     for pooling in ("as_described", "encounter"):
-        runs = {name: steps_of(learned, pooling, *case) for name, case in CASES.items()}
+        runs = {name: steps_of(training, pooling, *case) for name, case in CASES.items()}
         rounds = [[run() for run in runs.values()] for _ in range(ROUNDS + 1)]
         for name, times in zip(runs, zip(*rounds[1:])):
             print(f"{pooling}, {name}: {statistics.median(times):.1f} ms")

@@ -6,6 +6,7 @@ those to whom an event happens in the true future.
 """
 
 import functools
+import itertools
 from collections import defaultdict
 from typing import Any
 
@@ -55,18 +56,18 @@ def interacting(observed: np.ndarray, valid: np.ndarray) -> np.ndarray:
 def _happening(scenes: Scene) -> jax.Array:
     """[E, B, N] bool: who takes part in each group's events, of scenes `[B, N, ...]`."""
 
-    def of_scene(scene: Scene) -> jax.Array:
+    def participants(scene: Scene) -> jax.Array:
         path = jnp.concatenate([scene.observed[:, -1:], scene.known_future], axis=1)
         others = scene.valid[:, None] & scene.valid & ~jnp.eye(len(scene.valid), dtype=bool)
-        names = tuple(name for some in EVENTS.values() for name in some)
+        names = tuple(itertools.chain(*EVENTS.values()))
         first = event_steps(SymbolSettings(), names, path[:, None], path)
         happens = dict(zip(names, (first < path.shape[1] - 1) & others))
         pairs = [
-            functools.reduce(jnp.logical_or, map(happens.get, some)) for some in EVENTS.values()
+            functools.reduce(jnp.logical_or, map(happens.get, events)) for events in EVENTS.values()
         ]
         return jnp.stack([pair.any(axis=0) | pair.any(axis=1) for pair in pairs])
 
-    return jax.vmap(of_scene, out_axes=1)(scenes)
+    return jax.vmap(participants, out_axes=1)(scenes)
 
 
 def groups_of(scenes: Scene) -> dict[str, np.ndarray]:
@@ -104,8 +105,8 @@ def score(
         places = unpacked(futures, np.asarray(batch.scene.valid))
         for group, who in groups_of(batch.scene).items():
             counted = batch.scene.replace(valid=who & (batch.index >= 0)[:, None])
-            found = score_scenes(chosen(METRICS[group]), places, counted, probability=likely)
-            for name, (total, count) in found.items():
+            totals = score_scenes(chosen(METRICS[group]), places, counted, probability=likely)
+            for name, (total, count) in totals.items():
                 sums[f"{group} {name}"] += total.sum(), count.sum()
     scores = {name: (float(total / count), float(count)) for name, (total, count) in sums.items()}
     if forecaster.sees_neighbours:
